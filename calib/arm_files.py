@@ -296,8 +296,7 @@ def _of_rows(
     if reach < _LONGEST and np.abs(table[:, _LENGTHS]).max() > _DETOUR * reach:
         notes.append(
             f"{file.name}: along nearly parallel axes d up to {np.abs(table[:, 1]).max():.4g} m "
-            "cancel, the arm "
-            f"reaches {reach:.3g} m: the same arm with frames near it is used"
+            f"cancel, the arm reaches {reach:.3g} m: the same arm with frames near it is used"
         )
         arm = _near_frames(SerialArm(table=readonly(table), joint_types=letters))
     else:

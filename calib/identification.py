@@ -562,16 +562,14 @@ def _assemble(
     if data.degrees - fit.effective < LEAST_FREEDOM:
         warnings.append(
             f"{len(data.q)} touches leave {data.degrees - fit.effective:.2g} degrees of freedom: "
-            "the fit proves "
-            f"nothing, and a noise of {1e3 * fit.noise:.2g} mm is taken"
+            f"the fit cannot be validated, and a noise of {1e3 * fit.noise:.2g} mm is assumed"
         )
-    warnings += [f"left out, for it does not belong: {outlier}" for outlier in outliers]
+    warnings += [f"left out as an outlier: {outlier}" for outlier in outliers]
 
     if fit.noise > _FAR_OFF:
         warnings.append(
             f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not "
-            "of this arm, or its "
-            "table, joint signs or zeros are wrong"
+            "of this arm, or its table, joint signs or zeros are wrong"
         )
 
     moved = np.abs(fit.full - mean)[dh_numbers.index[:-3]]
@@ -582,9 +580,8 @@ def _assemble(
         k = int(shares.argmax())
         amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
         warnings.append(
-            f"the arm found is far from the nominal one ({dh_numbers.names[k]} by {amount}): are "
-            "the table, the joint "
-            "signs and the joint zeros right?"
+            f"the identified arm is far from the nominal one ({dh_numbers.names[k]} by {amount}): "
+            "are the table, the joint signs and the joint zeros right?"
         )
 
     warnings += _at_the_bound(arm, parameters, fit)
@@ -638,10 +635,9 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
     )
 
     return [
-        f"the arm found is far from the nominal one: its {', '.join(bounds)} and more, beyond "
-        "which arms are not made "
-        "and the prior is held; are the table, the joint signs and the joint zeros right? (a "
-        "prior may be stated)"
+        f"the identified arm is far from the nominal one: its {', '.join(bounds)} and more, "
+        "beyond manufacturing tolerances, where the prior holds; are the table, the joint signs "
+        "and the joint zeros right? (a prior may be stated)"
     ]
 
 

@@ -94,10 +94,10 @@ class RankReport:
 
     def __str__(self) -> str:
         lines = [
-            f"{self.rank} of {self.total} directions are seen "
-            f"(condition {self.condition:.3g}, O1 {self.observability:.3g} m)"
+            f"{self.rank} of {self.total} directions are observable (condition "
+            f"{self.condition:.3g}, O1 {self.observability:.3g} m)"
         ]
-        lines += [f"not seen: {group}" for group in self.hidden]
+        lines += [f"not observable: {group}" for group in self.hidden]
 
         for word in ("known", "in combination", "unknowable"):
             named = [
@@ -249,7 +249,7 @@ def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[Hid
             HiddenGroup(
                 names=tuple(inside),
                 count=len(new),
-                reason="these poses do not tell them apart",
+                reason="these poses do not separate them",
                 handle="touch in more varied poses or at more points",
             )
         )
@@ -271,7 +271,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
         (
             ["theta1", "d1"],
             "base gauge: turns about and shifts along the first axis move all points alike",
-            "touching is blind to where the base frame is; nothing is lost",
+            "touching cannot observe the base frame; nothing is lost",
         ),
         (
             [f"c{k + 1}" for k in range(n)],
@@ -290,7 +290,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
         suspects.append(
             (
                 names,
-                "parallel axes: only the sum of the shifts along them is seen",
+                "parallel axes: only the sum of the shifts along them is observable",
                 "nothing is lost: use the sum",
             )
         )
@@ -299,11 +299,11 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
         (
             lengths,
             "scale: coincidence is the same in an arm of any size",
-            "one known distance between points tells it",
+            "one known distance between points determines it",
         ),
         (
             [*before, *last],
-            f"straight pin: the tip lies on axis {n}, whose direction is then not seen",
+            f"straight pin: the tip lies on axis {n}, whose direction is then not observable",
             "use a tip 50 to 100 mm off the last axis",
         ),
     ]
@@ -314,7 +314,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
             (
                 [*lengths, *compliant],
                 "scale: the compliances shrink as the arm grows",
-                "a known distance tells it",
+                "a known distance determines it",
             )
         )
 

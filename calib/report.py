@@ -17,7 +17,7 @@ _SHOWN = {"rad": (1.0e3, "mrad"), "m": (1.0e3, "mm"), "rad/(N m)": (1.0e6, "µra
 _MEANING = {
     "known": "known",
     "in combination": "in combination: changes with others, held by the prior",
-    "unknowable": "unknowable: stays at nominal",
+    "unknowable": "not observable: stays at nominal",
 }
 _LEAST_OBSERVABLE = 3  # combinations of parameters that are listed
 
@@ -64,7 +64,7 @@ def report_page(
     parts = [
         page.heading(statement.title, statement.accepted, notes=notes),
         page.section("Figures", page.table((), statement.figures_of_merit)),
-        page.section("What touching told, and what it cannot", *_rank(calibration)),
+        page.section("Observability of the parameters", *_rank(calibration)),
         page.section("Compliance of the joints", *_compliances(calibration, series, rigid)),
         *(page.figure(*picture) for picture in pictures),
         page.section("Parameters", _parameters(calibration)),
@@ -84,7 +84,7 @@ def _rank(calibration: Calibration) -> list[Html]:
         f"index O1 {rank.observability:.3g} m."
     )
 
-    columns = ("directions", "in", "why they are not seen", "what helps")
+    columns = ("directions", "in", "why they are not observable", "what helps")
     rows = [
         (group.count, ", ".join(group.names), group.reason, group.handle) for group in rank.hidden
     ]
@@ -94,7 +94,8 @@ def _rank(calibration: Calibration) -> list[Html]:
         page.paragraph(Html(sentence)),
         page.table(columns, rows, texts=(1, 2, 3)) if rows else Html(),
         page.caption(
-            "Least seen of the seen, in shares of like errors: more touches help here most."
+            "Least observable of the identified directions, in shares of comparable errors: more "
+            "touches help here most."
         ),
         page.items((rank.combination(i) for i in least), "caption"),
     ]
@@ -148,7 +149,7 @@ def _compliance(calibration: Calibration, name: str) -> tuple[str, str, str, str
     if any(name in group.names for group in calibration.rank_free.hidden):
         return *cells, "not identified", ""
     if not value > half:
-        return *cells, "not told from zero", ""
+        return *cells, "not significantly different from zero", ""
     return *cells, f"{100.0 * half / value:.1f} %", f"{1.0 / value:.0f}"
 
 

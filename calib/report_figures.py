@@ -43,8 +43,7 @@ def figures(
     yield (
         "Distances between the touches of a point",
         "Every pair of touches of one point, by the nominal arm (grey) and by the identified one "
-        "(blue), point "
-        "after point [Yukhimets 2023, fig. 4].",
+        "(blue), point after point [Yukhimets 2023, fig. 4].",
         _pairs(calibration, series, point_names),
     )
 
@@ -76,7 +75,7 @@ def figures(
             yield title, caption, _clouds({name: stage(cloud) for name, cloud in clouds.items()})
 
         yield (
-            "What is left between model and tracker",
+            "Residuals between model and tracker",
             "Distance of every flange point from the tracker's, after alignment (figure 8)."
             + (
                 " The controller's table is that of a maker, simulated."
@@ -88,17 +87,15 @@ def figures(
 
     yield (
         "Touches about their points",
-        "Distance of every touch from its point under the identified arm; crosses were left out "
-        "as not "
-        "belonging, open circles have a reduced weight.",
+        "Distance of every touch from its point under the identified arm; crosses are outliers, "
+        "open circles have a reduced weight.",
         _residuals(calibration, point_names),
     )
 
     yield (
         "Changes of the parameters",
         "Identified minus nominal in deviations of the prior, with 95 % intervals: a bar as wide "
-        "as the band is what "
-        "was believed before, a short one is what touching told.",
+        "as the band shows that the touches added nothing, a short one an identified parameter.",
         _changes(calibration),
     )
 

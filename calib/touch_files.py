@@ -110,7 +110,7 @@ def read_touches(
 
         if several:
             notes.append(
-                f"{file.name}: {len({row.point for row in rows})} points, told apart by {several}"
+                f"{file.name}: {len({row.point for row in rows})} points, separated by {several}"
             )
         if unit is not None:
             stated.add(unit)
@@ -224,8 +224,7 @@ def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
     if np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1.0).max() < _UNIT:
         raise ConfigurationError(
             f"{file}: holds poses (x y z and a unit quaternion in every row), not joint values; "
-            "name the files of "
-            "joint values themselves, or move this one out of the folder"
+            "name the files of joint values themselves, or move this one out of the folder"
         )
 
 
@@ -287,15 +286,14 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
     if large and len(large) < len(largest):
         raise ConfigurationError(
             f"touches: {', '.join(large[:3])} {'looks' if len(large) == 1 else 'look'} like "
-            "degrees (up to "
-            f"{max(largest.values()):.4g}), the rest like radians; say --units rad or --units deg"
+            f"degrees (up to {max(largest.values()):.4g}), the rest like radians; say --units rad "
+            "or --units deg"
         )
 
     if large:
         notes.append(
             f"touches: look like degrees (the largest angle is {max(largest.values()):.4g}), "
-            "turned into radians; "
-            "--units rad if they are not"
+            "turned into radians; --units rad if they are not"
         )
 
     return bool(large)

@@ -60,8 +60,8 @@ def usable(
         )
     if not any(moved(q, arm).any() for q in used):
         raise ConfigurationError(
-            "series: no joint moves by a degree about any point; touches of one posture tell "
-            "nothing of an arm"
+            "series: no joint moves by a degree about any point; touches in one posture do not "
+            "identify an arm"
         )
     start = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
     return UsableTouches(series=series, kept=kept, live=live, tcp=start, warnings=tuple(warnings))
@@ -139,9 +139,8 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
     if as_degrees < as_radians / _FIT_BETTER:
         raise ConfigurationError(
             f"{said}; the touches of a point lie {1e3 * as_degrees:.3g} mm about it if read as "
-            "degrees and "
-            f"{1e3 * as_radians:.3g} mm as radians: they look like degrees, radians are needed "
-            "(numpy.deg2rad)"
+            f"degrees and {1e3 * as_radians:.3g} mm as radians: they look like degrees, radians "
+            "are needed (numpy.deg2rad)"
         )
 
 
@@ -215,7 +214,7 @@ def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str
             )
         if len(places) < 2:
             lines.append(
-                f"series {i + 1}: one touch of a point says nothing about the arm, left out"
+                f"series {i + 1}: a single touch of a point does not constrain the arm, left out"
             )
             places = places[:0]
         kept.append(places)

@@ -43,8 +43,7 @@ _MODELS = {
     "bluerov2_heavy_wu2018": _Entry(
         build="uuv.models.vehicles.bluerov2_heavy:wu_2018",
         source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2 (for fresh water, here "
-        "ballasted for "
-        "1025 kg/m^3); T200 at 16 V",
+        "ballasted for 1025 kg/m^3); T200 at 16 V",
     ),
     "bluerov2_heavy_alpha5": _Entry(
         build="uuv.models.vehicles.bluerov2_heavy:with_alpha_5",
@@ -53,8 +52,7 @@ _MODELS = {
     "phoenix_smart3s": _Entry(
         build="uuv.models.vehicles.phoenix_smart3s:build",
         source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh "
-        "water, here "
-        "ballasted for 1025 kg/m^3)",
+        "water, here ballasted for 1025 kg/m^3)",
     ),
     "rexrov2_arm7": _Entry(
         build="uuv.models.vehicles.rexrov2:with_arm_7",

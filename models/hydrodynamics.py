@@ -764,7 +764,7 @@ def _targets_of(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics]) ->
             )
     for body in [spec.worldbody, *targets.values()]:
         if len(body.userdata) and not carries(body.userdata):
-            raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
+            raise ConfigurationError(f"body {body.name}: its user data is already in use")
     return targets
 
 

@@ -164,13 +164,13 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         )
         raise HydrodynamicsError(
             f"the inertia with the added mass was not positive definite near t = {data.time:g} "
-            f"s{at}; "
-            "call uuv.sim.hydrodynamics.set_constants() after changing coefficients: it checks them"
+            f"s{at}; call uuv.sim.hydrodynamics.set_constants() after changing coefficients: it "
+            "checks them"
         )
     if new & NO_CURRENT:
         first = int(water[LAYOUT.flow]) - 1
         raise HydrodynamicsError(
-            f"data.userdata holds no current from index {first} on; use set_current()"
+            f"data.userdata has no current from index {first} on; use set_current()"
         )
     for kind, what in (
         (kinds.mjWARN_BADQPOS, "qpos"),
@@ -194,8 +194,8 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         limit = (1.0 / model.opt.timestep - water[LAYOUT.drag_rate]) / water[LAYOUT.drag_rate + 1]
         warnings.warn(
             f"a body moved through the water faster than {max(limit, 0.0):.3g} m/s or rad/s, up "
-            "to which a timestep of "
-            f"{model.opt.timestep:g} s can follow the drag: the motion may overshoot or blow up",
+            f"to which a timestep of {model.opt.timestep:g} s can follow the drag: the motion may "
+            "overshoot or blow up",
             PhysicsWarning,
             2,
         )
@@ -268,8 +268,7 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
             found.append(
                 f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} "
-                "kg/m^3, outside "
-                f"{DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
+                f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
             )
         gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]
         for name, (power, most) in _LEVERS.items():
@@ -280,15 +279,15 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
             if lever > most * gyration**power:
                 found.append(
                     f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the "
-                    "body's radius of "
-                    f"gyration is {gyration:.3g} m; six-vectors are (linear; angular)"
+                    f"body's radius of gyration is {gyration:.3g} m; six-vectors are (linear; "
+                    "angular)"
                 )
         if fed := energy.largest_power(body):
             power, twist = fed[0], ", ".join(f"{x:.2g}" for x in fed[1])
             found.append(
                 f"{names[i]}: its cross terms feed in {power:.3g} W at the twist ({twist}) m/s, "
-                "rad/s through the "
-                "water, more than its other damping takes: a motion may grow without bound"
+                "rad/s through the water, more than its other damping takes: a motion may grow "
+                "without bound"
             )
     kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
     holding = _with_ancestors(model, wet)
@@ -538,8 +537,7 @@ def _refuse_unread_elements(model: mujoco.MjModel) -> None:
         if name.startswith(ELEMENTS):
             raise ConfigurationError(
                 f"the custom element {shown(name)} holds water or thrusters that MuJoCo alone "
-                "does not read; read the "
-                "file by uuv.own_vehicle.vehicle_spec"
+                "does not read; read the file by uuv.own_vehicle.vehicle_spec"
             )
 
 
@@ -577,8 +575,8 @@ def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _At
     if not model.opt.timestep * rate <= 1.0:
         raise HydrodynamicsError(
             f"timestep {model.opt.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, "
-            f"{rate:.4g} 1/s, is "
-            f"{model.opt.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
+            f"{rate:.4g} 1/s, is {model.opt.timestep * rate:.4g}, more than 1; use at most "
+            f"{1.0 / rate:.3g} s"
         )
 
     lift = water_density(model) * model.opt.gravity
@@ -591,8 +589,8 @@ def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _At
     if not start * model.opt.timestep < LARGEST_START:
         raise HydrodynamicsError(
             f"buoyancy alone would bring this model to {start * model.opt.timestep:.3g} m/s or "
-            "rad/s in one step, more "
-            f"than {LARGEST_START:g}: mass and volume cannot belong together"
+            f"rad/s in one step, more than {LARGEST_START:g}: mass and volume cannot belong "
+            "together"
         )
     return _AtRest(inertia, rate)
 

@@ -63,7 +63,7 @@ class Assembly:
         """
         if (time := float(self.plant.truth.time)) > 0.0:
             raise ConfigurationError(
-                f"run: this assembly is at {time:.3f} s; make a new one for each"
+                f"run: this assembly is at {time:.3f} s already; assemble a new one for each run"
             )
 
 
@@ -97,7 +97,7 @@ def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) 
             if all(flow is not kept for kept in changed.flows):
                 hook = f"{type(perturbation).__name__}.on_water"
                 field = type(flow).__name__
-                lost = f"returns a current without the flow field {field} of the one that it got"
+                lost = f"returns a current without the flow field {field} of its argument"
                 raise ConfigurationError(f"{hook}: {lost}; `with_flow` keeps it")
         current = changed
     return current
@@ -187,9 +187,8 @@ def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:
     model = hydrodynamics.compile(scene)
     if np.any(model.opt.wind):
         raise ConfigurationError(
-            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s; a run overwrites it: "
-            "its "
-            "water is site.current, site.flow, and what `on_water` of a perturbation makes of it"
+            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s; a run overwrites it; "
+            "the water is set by site.current, site.flow and `on_water` of a perturbation"
         )
     return model
 

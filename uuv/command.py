@@ -153,7 +153,7 @@ def command(
         why = result.last.reference.note or f"not within {longest:.0f} s"
         met = f"; before that {result.recording.collided}" if result.recording.collided else ""
         raise ConfigurationError(
-            f"the work could not begin: {why}{met} (uuv check {scenario.vehicle.vehicle})"
+            f"the work could not start: {why}{met} (uuv check {scenario.vehicle.vehicle})"
         )
 
     return 0 if assessment.accepted else NOT_ACCEPTED
@@ -202,10 +202,10 @@ def _say_what_is_slow(result: RunResult, console: Console) -> None:
     """What of the loop ran in plain Python at every tick."""
     notes = []
     if result.part_by_part:
-        notes.append(f"no compiled ticks, which are faster: {result.part_by_part}")
+        notes.append(f"slower without compiled ticks: {result.part_by_part}")
     if result.slow_parts:
         parts = ", ".join(result.slow_parts)
-        notes.append(f"in Python at every tick, where a kernel is faster: {parts}")
+        notes.append(f"in Python at every tick (a compiled kernel is faster): {parts}")
 
     for note in notes:
         console.print(note, highlight=False)
@@ -260,7 +260,7 @@ class ProgressPrinter:
 
         if moment.tick % self.slow_ticks[0] == 0:
             felt = moment.command.contact.normal
-            said = f"{felt:5.1f} N felt" if reference.set_force and math.isfinite(felt) else ""
+            said = f"{felt:5.1f} N estimated" if reference.set_force and math.isfinite(felt) else ""
             self._progress.update(
                 self._bar, description=str(reference.state), completed=reference.path_s, note=said
             )

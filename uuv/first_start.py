@@ -261,7 +261,7 @@ def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
             worker.end()
 
     if done < len(lacking):
-        _say(f"{len(lacking) - done} of {len(lacking)} are left to their first call")
+        _say(f"{len(lacking) - done} of {len(lacking)} compile at their first call")
     return done
 
 

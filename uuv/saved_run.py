@@ -131,8 +131,8 @@ def check_observers(observers: Iterable[Observer]) -> None:
     for observer in observers:
         if not hasattr(observer, "save") and getattr(observer, "__dict__", True):
             raise ConfigurationError(
-                f"saved run: observer {type(observer).__name__} keeps something: give it `save()`, "
-                "which returns that, and `resume(saved)`, which takes it over"
+                f"saved run: observer {type(observer).__name__} has a state: it needs `save()`, "
+                "which returns the state, and `resume(saved)`, which restores it"
             )
 
 

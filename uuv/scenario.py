@@ -106,7 +106,7 @@ class Belief:
     def __post_init__(self) -> None:
         finite_number(self.water_error, "belief.water_error")
         if self.calibrated and self.arm is not None:
-            raise ConfigurationError("belief.calibrated and belief.arm: one of the two")
+            raise ConfigurationError("belief.calibrated and belief.arm: give only one of the two")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,8 +115,8 @@ class Sensing:
 
     sensor: str = option(
         "camera",
-        "Sensor for identification: camera, sonar, survey (the object's pose is known, and nothing "
-        "looks for it, nor for growth and dents), a registered name, or MODULE:FUNCTION.",
+        "Sensor for identification: camera, sonar, survey (the object's pose is known, and "
+        "neither it nor growth and dents are identified), a registered name, or MODULE:FUNCTION.",
         group="sensing",
         everywhere=False,
     )
@@ -129,7 +129,7 @@ class Sensing:
     )
     follow: bool = option(
         False,
-        "Follow the object by further depth frames while the vehicle scans it, and say if it "
+        "Follow the object by further depth frames while the vehicle scans it, and report if it "
         "moves.",
         group="sensing",
         everywhere=False,
@@ -144,8 +144,8 @@ class Sensing:
     torque_bias: float = 0.5  # [N m] uniform in +-
     arm_camera: ArmCameraSetup | None = option(
         None,
-        "A small stereo camera beside the tool, which tells navigation how the tool moves over "
-        "the surface.",
+        "A small stereo camera beside the tool, which measures the motion of the tool over the "
+        "surface for navigation.",
         group="sensing",
         everywhere=False,
     )
@@ -208,8 +208,8 @@ class Control:
         laws = {"force-law", "normal-force-law"} & {*self.published}
         if len(laws) + ("force-control" in self.without) > 1:
             raise ConfigurationError(
-                "control.without force-control, control.published force-law and normal-force-law: "
-                "one of them"
+                "control.without force-control, control.published force-law and "
+                "normal-force-law: give only one of them"
             )
 
 

@@ -214,7 +214,7 @@ class KnownObject(Workpiece):
     )
     line: tuple[float, float, float, float] | None = option(
         None,
-        "A path of one's own instead: x0 y0 x1 y1 [m] in the object's frame, straight over it, "
+        "Another path instead: x0 y0 x1 y1 [m] in the object's frame, straight over it, "
         "projected from above.",
         group="object",
         everywhere=False,
@@ -241,7 +241,7 @@ class KnownObject(Workpiece):
         """The object and the path's name; "over" is `line`, or along x on a mesh without paths."""
         if self.line is not None and path not in (None, OVER):
             raise ConfigurationError(
-                f"task.path {shown(path)} and site.object.line: one of the two"
+                f"task.path {shown(path)} and site.object.line: give only one of the two"
             )
 
         made = self.model()

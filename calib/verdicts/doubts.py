@@ -134,13 +134,12 @@ def _cannot_tell(
     for one in hidden:
         if one.joint in lost:
             yield (
-                f"the readings of joint {one.joint + 1 - told.base_joints} explain nothing: the "
-                "tip lies on its axis "
-                f"to {1e3 * one.lever:.2g} mm, so they are not checked and nothing of that joint "
-                "is identified"
+                f"the readings of joint {one.joint + 1 - told.base_joints} are not checked: the "
+                f"tip lies on its axis within {1e3 * one.lever:.2g} mm, and no parameter of that "
+                "joint is identifiable"
             )
         elif one.doubt.log_odds > 0.0:
-            yield f"it may be that {one.doubt}: too little to refuse it"
+            yield f"possibly {one.doubt}: too weak to refuse it"
 
     for rival in rivals:
         if rival.doubt.log_odds < -np.log(REFUSED) or {*rival.reading.joints} & lost:
@@ -148,8 +147,8 @@ def _cannot_tell(
 
         if rival.reading.mirrored:
             yield (
-                "touches cannot tell the arm from its mirror image: check the sign of one joint "
-                "by a move"
+                "the arm and its mirror image fit the touches equally: check the sign of one "
+                "joint by a move"
             )
         else:
             yield (
@@ -182,9 +181,9 @@ def _untold(found: Calibration, series: Sequence[Array], told: Told) -> Iterator
     ):
         unit = f"{1e3 * most[k]:.1f} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.1f} deg"
         yield Doubt(
-            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: "
-            "nothing is told of it; "
-            "move it, or leave its parameters out of those that are free"
+            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: its "
+            "parameters are not identifiable; move it, or leave its parameters out of "
+            "those that are free"
         )
 
 
@@ -323,9 +322,9 @@ def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> It
         error2 = (size - length) ** 2
 
         yield Doubt(
-            reason=f"known distance {told.names[i]} to {told.names[j]}: told {length:.5g} m, by "
-            "the touches "
-            f"{size:.5g} ± {2.0 * np.sqrt(variance):.2g} m: the length is wrong",
+            reason=f"known distance {told.names[i]} to {told.names[j]}: stated {length:.5g} m, from "
+            f"the touches {size:.5g} ± {2.0 * np.sqrt(variance):.2g} m: the length is "
+            "wrong",
             log_odds=0.5 * (error2 / variance - error2 / wide - np.log(wide / variance)),
         )
 
@@ -436,9 +435,8 @@ def _foreign_table(found: Calibration) -> Doubt:
             usual = f"{np.rad2deg(made[k]):.2g} deg" if unit == "rad" else f"{1e3 * made[k]:.2g} mm"
 
             best = Doubt(
-                reason=f"{estimate.names[k]} would be off by {amount}, arms are made to {usual}: "
-                "the table, a joint "
-                "sign or a joint zero is wrong",
+                reason=f"{estimate.names[k]} would be wrong by {amount}, manufacturing tolerances "
+                f"are {usual}: the table, a joint sign or a joint zero is wrong",
                 log_odds=odds,
             )
 

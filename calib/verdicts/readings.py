@@ -263,8 +263,8 @@ def _with_unknown_readings(
         lever=lever,
         doubt=Doubt(
             reason=f"the readings of {name} are not those of these touches: with them the touches "
-            "scatter by "
-            f"{1e3 * found.noise:.3g} mm, with others about its axis by {1e3 * noise:.3g} mm",
+            f"scatter by {1e3 * found.noise:.3g} mm, with others about its axis by "
+            f"{1e3 * noise:.3g} mm",
             log_odds=some - own - joints,
         ),
         log_any=every - own,
@@ -322,8 +322,7 @@ def frozen_readings(found: Calibration, series: Sequence[Array], told: Told) -> 
         if lost:
             yield Doubt(
                 reason=f"joint {k + 1 - told.base_joints} reads the same in {same.sum()} touches, "
-                f"of which {lost} do "
-                "not belong to their points: its reading froze",
+                f"of which {lost} do not belong to their points: its reading froze",
                 log_odds=-lost * np.log(same.mean()) - np.log(found.arm.n - told.base_joints),
             )
 
@@ -383,8 +382,7 @@ def shifted_readings(
 
     yield Doubt(
         reason=f"joint {shift.joint + 1 - told.base_joints} reads {amount} off {shift.where} "
-        "beside the rest: its "
-        "zero was set anew, or it slipped",
+        "against the other touches: its zero was set again, or it slipped",
         log_odds=value - own - float(occam[best]) - np.log(len(shifts)),
     )
 

@@ -19,7 +19,7 @@ _HELP = {  # group: what would tell more
     "thrusters": "commands beyond the dead band",
     "arm": "fast swings of the arm",
 }
-_SCALE = "a tow with a spring balance, or a known weight hung on the hull, would tell them apart"
+_SCALE = "a tow with a spring balance, or a known weight hung on the hull, would separate them"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,13 +37,15 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """Told, partly or not told."""
-        return "told" if self.told >= TOLD else "partly" if self.told >= PARTLY else "not told"
+        """Identified, partly identified or not identifiable."""
+        if self.told >= TOLD:
+            return "identified"
+        return "partly identified" if self.told >= PARTLY else "not identifiable"
 
     @property
     def helps(self) -> str:
-        """What would tell more; empty for what is told."""
-        return "" if self.verdict == "told" else _HELP.get(self.group, "")
+        """What would identify it; empty for what is identified."""
+        return "" if self.verdict == "identified" else _HELP.get(self.group, "")
 
 
 def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]:
@@ -108,23 +110,23 @@ def _sentence(names: Sequence[str], correlation: Array) -> str:
 
     # What remains open, and the experiment that resolves it.
     if "thrusters" in kinds and kinds & {"added mass", "quadratic damping", "linear damping"}:
-        what, how = "only their ratios are told", _SCALE
+        what, how = "only their ratios are identifiable", _SCALE
     elif kinds == {"thrusters"}:
-        what, how = "only their common factor is not told", _SCALE
+        what, how = "their common factor is not identifiable", _SCALE
     elif kinds == {"linear damping", "quadratic damping"} and len(axes) == 1:
         what, how = (
-            "only the drag at the speeds flown is told",
-            ("the same axis at two speeds would tell them apart"),
+            "only the drag at the flown speeds is identifiable",
+            "the same axis at two speeds would separate them",
         )
     elif "nuisance" in kinds and "trim" in kinds:
-        what = "only their sum is told"
+        what = "only their sum is identifiable"
         mount = any("mount" in name for name in names)
         how = "a level mark for the attitude sensor" if mount else "water at rest"
-        how += " would tell them apart"
+        how += " would separate them"
     else:
         what, how = (
-            "only a combination is told",
-            ("another axis or another speed would tell them apart"),
+            "only a combination is identifiable",
+            "another axis or another speed would separate them",
         )
 
     shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

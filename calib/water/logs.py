@@ -167,7 +167,7 @@ def log_of(
     _compare_rates(name, channels)
     if POSITION in channels and ATTITUDE not in channels:
         raise ConfigurationError(
-            f"{name}: x y z need qx qy qz qw: without an attitude nobody knows where ahead is"
+            f"{name}: x y z need qx qy qz qw: without an attitude the heading is unknown"
         )
 
     # A column for every thruster and joint, or for none.
@@ -187,8 +187,8 @@ def log_of(
         ]
         if have and lacking:
             raise ConfigurationError(
-                f"{name}: {kind} {lacking[0]} has no column, others have; give {kind}.{lacking[0]}"
-                f"{', zero if it was off' if kind == 'thruster' else ''}"
+                f"{name}: {kind} {lacking[0]} has no column, others have; give "
+                f"{kind}.{lacking[0]}{', zero if it was off' if kind == 'thruster' else ''}"
             )
 
     # Of a thruster the command or the thrust, not both.
@@ -250,9 +250,7 @@ def check_log(file: str | Path) -> None:
     path = Path(file)
     if path.suffix == ".parquet":
         if not bytes_of(path, "log").startswith(b"PAR1"):
-            raise ConfigurationError(
-                f"log {path.name}: it is no Parquet file; what goes is {KINDS}"
-            )
+            raise ConfigurationError(f"log {path.name}: it is no Parquet file; allowed are {KINDS}")
     else:
         _text(path)
 
@@ -261,10 +259,10 @@ def _text(path: Path) -> str:
     try:
         text = text_of(path, "log")
     except ConfigurationError as error:
-        raise ConfigurationError(f"{error}; what goes is {KINDS}") from error
+        raise ConfigurationError(f"{error}; allowed are {KINDS}") from error
 
     if "\0" in text:
-        raise ConfigurationError(f"log {path.name}: it is binary; what goes is {KINDS}")
+        raise ConfigurationError(f"log {path.name}: it is binary; allowed are {KINDS}")
     return text
 
 
@@ -399,8 +397,7 @@ def _unknown(
     )
     return (
         f"{name}: unknown column {shown(column)}; there are {plain}, {THRUSTER}NAME, "
-        f"{THRUST}NAME, {JOINT}NAME"
-        f"{did_you_mean(column, list(known))}"
+        f"{THRUST}NAME, {JOINT}NAME{did_you_mean(column, list(known))}"
     )
 
 
@@ -528,7 +525,6 @@ def _joint(name: str, joint: str, time: Array, values: Array, limits: tuple[floa
         fits = degrees.max() <= high + 0.1 and degrees.min() >= low - 0.1
         raise ConfigurationError(
             f"{name}: {JOINT}{joint} runs from {filled.min():.4g} to {filled.max():.4g}, its "
-            f"range is {low:.3g} to "
-            f"{high:.3g} rad{' (these look like degrees)' if fits else ''}"
+            f"range is {low:.3g} to {high:.3g} rad{' (these look like degrees)' if fits else ''}"
         )
     return filled

@@ -130,8 +130,7 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     if len(qd) < _FEWEST or fewest < _FEWEST // 10:
         raise ConfigurationError(
             f"friction of joint {joint + 1}: {len(qd)} samples faster than {_LEAST_SPEED} rad/s, "
-            f"{fewest} of them the "
-            f"rarer way; at least {_FEWEST} and {_FEWEST // 10} are needed"
+            f"{fewest} of them the rarer way; at least {_FEWEST} and {_FEWEST // 10} are needed"
         )
 
     def columns(over: float) -> Array:

@@ -129,9 +129,8 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
         ):
             raise ConfigurationError(
                 f"joints {model.joint(first).name!r} and {model.joint(second).name!r}: the only "
-                "coupling known is a"
-                " pantograph link (two hinges in a row, polycoef c 1 or c -1), got "
-                f"{model.eq_data[e, :5].tolist()}"
+                "coupling known is a pantograph link (two hinges in a row, polycoef c 1 or c "
+                f"-1), got {model.eq_data[e, :5].tolist()}"
             )
 
         # The value of the second joint at a leader at zero, whichever the equality names first

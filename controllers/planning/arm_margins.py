@@ -261,7 +261,7 @@ class ArmMargins:
             case Limit.TURN:
                 return (
                     f"{joint(np.abs(dropped.q))} would turn by "
-                    f"{np.degrees(np.abs(dropped.q).max()):.0f} deg at once"
+                    f"{np.degrees(np.abs(dropped.q).max()):.0f} deg in one step"
                 )
 
             case Limit.JOINT:

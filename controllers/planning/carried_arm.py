@@ -156,8 +156,8 @@ class CarriedArm:
 
         if best is None and not met:
             raise ReachError(
-                "the tool path is out of reach: within the limits of its joints the arm turns the "
-                "tool nowhere so; the hull stays level"
+                "the tool path is out of reach: with a level hull, no joint angles within the "
+                "limits reach the orientation of the tool"
             )
         if best is None:
             raise out_of_reach(shares, furthest, arm, held=self.holding is not None)

@@ -44,23 +44,22 @@ class GroundApproach:
         ground = estimate.ground
         if ground is None or not estimate.time - ground.time <= self.oldest:
             raise ReachError(
-                f"the Doppler log has given no ranges for {self.oldest:g} s: how far the ground "
-                "is, is unknown"
+                f"the Doppler log has given no ranges for {self.oldest:g} s: the distance to the "
+                "ground is unknown"
             )
 
         if not math.isfinite(ground.p_W[0]):
             silent = f", silent: {', '.join(map(str, ground.silent))}" if ground.silent else ""
             raise ReachError(
                 f"the plane of the ground is unknown: {ground.beams} of the Doppler log's beams "
-                f"see it, {BEAMS} not in "
-                f"a line are needed{silent}"
+                f"see it, {BEAMS} not in a line are needed{silent}"
             )
 
         slope = math.acos(min(1.0, float(ground.normal_W[2])))
         if slope > self.slope:
             raise ReachError(
-                f"the ground slopes by {math.degrees(slope):.0f} deg on the whole, at most "
-                f"{math.degrees(self.slope):.0f} deg can be worked on"
+                f"the mean slope of the ground is {math.degrees(slope):.0f} deg, above the limit "
+                f"of {math.degrees(self.slope):.0f} deg"
             )
 
         # Higher where a corner of the hull would be too near

@@ -367,9 +367,9 @@ class PathStanding:
         if used <= self.limits.thrust:
             return chosen
         raise StrongCurrentError(
-            f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: the tool's push "
-            "and it ask for "
-            f"{used:.0%} of a thruster, {self.limits.thrust:.0%} may be used"
+            f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: against it and "
+            f"the tool's push it needs {used:.0%} of a thruster's thrust, "
+            f"{self.limits.thrust:.0%} is allowed"
         )
 
     def used(self, placement: Placement, path: ToolPath, holding: ThrustMargin) -> float:

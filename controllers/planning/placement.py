@@ -102,13 +102,13 @@ def out_of_reach(
         held: the thrusters counted.
     """
     while_held = " while the thrusters hold it" if held else ""
-    where = "0%: nowhere is there room for the hull"
+    where = "0%: no room for the hull"
 
     if furthest is not None:
         at = float(shares[min(max(furthest.at - STANDOFF_STEPS, 0), len(shares) - 1)])
         where = f"{furthest.reached:.0%}, up to {at:.2f} m, where {arm.said(furthest)}"
 
     return ReachError(
-        "the tool path is out of reach: no place of the hull lets the arm take all of "
-        f"it{while_held}, at best {where}"
+        f"the tool path is out of reach: no hull pose lets the arm reach all of it{while_held}; "
+        f"at best {where}"
     )

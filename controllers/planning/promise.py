@@ -29,8 +29,8 @@ class StopLimits:
 
     every: float = option(
         3.0,
-        "The pressed tool stands still for a moment after so many seconds of motion [s], and its "
-        "joints then tell navigation how the hull moves; 0: it does not stop.",
+        "Seconds of motion [s] after which the pressed tool stops, so that its joint angles "
+        "measure the hull motion for navigation; 0: it does not stop.",
         group="work",
         word="stop_every",
         closed=0.0,
@@ -54,7 +54,7 @@ class StopLimits:
             self.patience, "task.promise.stops.patience [s]", least=self.settle, most=60.0
         )
         finite_number(self.creep, "task.promise.stops.creep [m/s]", above=0.0)
-        finite_number(self.below, "task.promise.stops.below, a chance", above=0.0, most=1.0)
+        finite_number(self.below, "task.promise.stops.below, a probability", above=0.0, most=1.0)
 
     def help(self, promise: Promise | None) -> bool:
         """True if navigation is poor enough for stops to be worth their time and their forces."""
@@ -69,7 +69,8 @@ class PromiseLimits:
     wanted: float = WANTED  # chance from which on the work begins at once; or `least`, if higher
     least: float = option(
         0.0,
-        "Chance to keep the path within 3 mm, below which the work is refused; 0: it is only said.",
+        "Least probability of a path error below 3 mm; work with less is refused; 0: it is only "
+        "reported.",
         group="work",
         word="least_chance",
     )
@@ -83,8 +84,8 @@ class PromiseLimits:
 
     def __post_init__(self) -> None:
         finite_number(self.tolerance, "task.promise.tolerance [m]", above=0.0)
-        finite_number(self.least, "task.promise.least, a chance", least=0.0, most=1.0)
-        finite_number(self.wanted, "task.promise.wanted, a chance", least=0.0, most=1.0)
+        finite_number(self.least, "task.promise.least, a probability", least=0.0, most=1.0)
+        finite_number(self.wanted, "task.promise.wanted, a probability", least=0.0, most=1.0)
         finite_number(self.patience, "task.promise.patience [s]", least=0.0)
         finite_number(self.interval, "task.promise.interval [s]", above=0.0)
         finite_number(self.gain, "task.promise.gain", least=0.0)

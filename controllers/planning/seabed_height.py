@@ -198,7 +198,7 @@ def choose_height(
         if best is not None:
             return best
 
-    raise ReachError(f"no height to work at: {obstacles.reason(search, calm)}")
+    raise ReachError(f"no feasible working height: {obstacles.reason(search, calm)}")
 
 
 @dataclass(slots=True)
@@ -221,7 +221,7 @@ class _Obstacles:
     def reason(self, search: HeightSearch, calm: float) -> str:
         """Why there is no height; `calm` [m] is the least one of the jets."""
         if not self.known:
-            return "of the ground under the hull, there and aside, no point is known"
+            return "no point of the ground is known under the hull or beside it"
 
         why = (
             f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N "
@@ -233,12 +233,12 @@ class _Obstacles:
             return f"{why}; that is higher than the arm reaches"
         if self.hit:
             return (
-                f"{why}; where the arm takes all of the path it comes within "
+                f"{why}; where the arm reaches the whole path it comes within "
                 f"{search.arm_clearance:.2f} m of the ground"
             )
         return (
-            f"{why}; from there and higher the arm takes at best {self.furthest:.0%} of the path, "
-            f"up to {max(search.asides):.1f} m aside"
+            f"{why}; at this height and above, the arm reaches at best {self.furthest:.0%} of the "
+            f"path, up to {max(search.asides):.1f} m aside"
         )
 
 

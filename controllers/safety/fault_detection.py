@@ -308,7 +308,7 @@ class FaultDetection:
         hull.lost_for[:] = 0.0
 
         if is_lost(share):
-            figures = f"{share:.0%} of a test thrust were missing"
+            figures = f"{share:.0%} of a test thrust was missing"
             self._fail(state, i, time, figures, thrust, -missing)
         elif np.isfinite(share):
             state.cleared[i] = time
@@ -339,18 +339,18 @@ class FaultDetection:
             still = 1e3 * self._period * joints.same[:, j]
             if torque[j]:
                 said = (
-                    f"stood still for {still[0]:.0f} ms"
+                    f"frozen for {still[0]:.0f} ms"
                     if frozen[0, j]
-                    else f"{torque_off[j]:+.3g} N m off its motor"
+                    else f"{torque_off[j]:+.3g} N m from its motor"
                 )
                 kind = FaultKind.TORQUE_SENSOR
                 state.add(Fault(kind=kind, part=name, index=j, time=time, figures=said))
             if encoder[j]:
                 said = (
-                    f"stood still for {still[1]:.0f} ms"
+                    f"frozen for {still[1]:.0f} ms"
                     if frozen[1, j]
-                    else f"{1e3 * encoder_off[j]:+.3g} mrad off the integral of its speed, "
-                    f"{1e3 * limits.encoder_slip:g} are allowed"
+                    else f"{1e3 * encoder_off[j]:+.3g} mrad from the integral of its speed, "
+                    f"{1e3 * limits.encoder_slip:g} allowed"
                 )
                 kind = FaultKind.ENCODER
                 state.add(Fault(kind=kind, part=name, index=j, time=time, figures=said))
@@ -409,7 +409,7 @@ class FaultDetection:
 
         thrust = float(hull.thrust[thruster])
         missed = float(hull.numbers[MISSED])
-        figures = f"gave {thrust - missed:.0f} N where {thrust:.0f} N were asked for"
+        figures = f"produced {thrust - missed:.0f} N where {thrust:.0f} N were commanded"
         self._fail(state, thruster, time, figures, thrust, missed)
 
 

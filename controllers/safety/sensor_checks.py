@@ -53,7 +53,7 @@ def _gyro(estimate: StateEstimate) -> Iterator[SensorFinding]:
     for i, off in enumerate(estimate.gyro_off_B.tolist()):
         if off:
             either = ", unless the attitude drifts" if estimate.attitude_off_B[i] else ""
-            said = f"{math.degrees(off):+.2f} deg/s off the change of the attitude{either}"
+            said = f"{math.degrees(off):+.2f} deg/s from the rate of the attitude{either}"
             yield SensorFinding(_AXES[i], i, estimate.time, said)
 
 

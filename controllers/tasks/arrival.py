@@ -126,8 +126,8 @@ class ScanTarget(Phase):
             if again:
                 return PhaseEvent.REFUSED
             reason = (
-                f"the object was found, but in none of {state.in_vain} looks after that: it "
-                "moves, or was another"
+                f"the object was identified, but in none of {state.in_vain} later views: it "
+                "moves, or it was another object"
             )
             return Abort(AbortCode.OBJECT_MOVES, reason)
 
@@ -159,9 +159,9 @@ class ScanTarget(Phase):
             for other in finds
         )
         return (
-            f"the object moves: {len(finds)} finds within {finds[-1].time - finds[0].time:.0f} s "
-            "lie up to "
-            f"{1e3 * way:.0f} mm apart, {len(same)} of them agree"
+            f"the object moves: {len(finds)} detections within "
+            f"{finds[-1].time - finds[0].time:.0f} s differ by up to {1e3 * way:.0f} mm, "
+            f"{len(same)} of them agree"
         )
 
     def setpoint(self, state: ScanState, held: Held, now: Context) -> Setpoint:
@@ -461,7 +461,7 @@ def _stand(
 
     placement, path, worked = site.stand(target, target.path, now.current_W)
     if worked < 1.0:
-        held.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
+        held.note = f"the arm reaches {worked:.0%} of the path; only that part is worked"
     elif path.note:
         held.note = path.note
     if not placement.held:

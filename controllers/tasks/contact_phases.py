@@ -60,7 +60,7 @@ class GuardedApproach(Phase):
         if self._distance is not None:
             depth = limits.standoff - self._distance
             if touched:
-                reason = "the tool touched something on its way to the distance that it is to keep"
+                reason = "unexpected contact on the way to the set distance from the surface"
                 return Abort(AbortCode.OBSTACLE, reason)
             self._advance(held, now, depth)
             if held.depth < depth:

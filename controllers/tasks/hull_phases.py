@@ -65,8 +65,7 @@ class Settle(Phase):
 
         if now.time - state.since > limits.within:
             return Abort(
-                AbortCode.HULL_NOT_AT_REST,
-                f"the hull did not become quiet within {limits.within:.0f} s",
+                AbortCode.HULL_NOT_AT_REST, f"the hull did not settle within {limits.within:.0f} s"
             )
 
         moving = math.hypot(*estimate.v_WB_B.tolist()) > limits.speed
@@ -153,7 +152,7 @@ class MoveHull(Phase):
         """Move on; done at the exact end of the last move."""
         if state.waited > self._motion.late:
             return Abort(
-                AbortCode.HULL_LATE, f"the hull came {self._motion.late:.0f} s late on its way"
+                AbortCode.HULL_LATE, f"the hull is {self._motion.late:.0f} s behind its trajectory"
             )
 
         # Slower while the hull lags behind

@@ -213,7 +213,7 @@ class EnterHole(AxialPhase):
 
         if held.tries > limits.tries:
             return Abort(
-                AbortCode.JAMMED, f"stopped at {held.depth * 1e3:.0f} mm, {limits.tries} times over"
+                AbortCode.JAMMED, f"stopped at {held.depth * 1e3:.0f} mm in {limits.tries} attempts"
             )
 
         if state.deepest < limits.nose:
@@ -264,7 +264,7 @@ class SpiralSearch(AxialPhase):
         if held.depth > state.touched_at + search.dip:
             return PhaseEvent.DONE
         if radius > search.radius:
-            reason = f"no hole within {search.radius * 1e3:.0f} mm of where it was found"
+            reason = f"no hole within {search.radius * 1e3:.0f} mm of its identified position"
             return Abort(AbortCode.HOLE_NOT_FOUND, reason)
         return None
 
@@ -300,9 +300,8 @@ class HoleInsertion(TaskPlanner):
         """
         if own.chain.n < FULL:
             raise ConfigurationError(
-                f"insertion: a hole asks for the tool's axis, which an arm of {own.chain.n} "
-                "joints cannot hold against "
-                f"the hull's drift; at least {FULL} are needed"
+                f"insertion: a hole fixes the tool's axis, which an arm of {own.chain.n} joints "
+                f"cannot hold against the hull's drift; at least {FULL} are needed"
             )
         if not job.depth < hole.depth:
             raise ConfigurationError(
@@ -394,7 +393,7 @@ def rows_at_hole(job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
         touch=job.touch,
         touch_time=job.touch_time,
         early=job.early,
-        obstacle="something stands {} mm before the mouth",
+        obstacle="obstacle {} mm before the mouth",
         yields=True,
     )
 

@@ -173,7 +173,7 @@ def adrift(limit: float) -> Condition:
     def condition(held: Held, now: Context) -> str:
         off = held.off(now.estimate)
         return (
-            f"the hull cannot hold its place: {off:.3f} m off, above the limit of {limit:g} m"
+            f"the hull cannot hold its position: error {off:.3f} m, above the limit of {limit:g} m"
             if off > limit
             else ""
         )
@@ -195,8 +195,8 @@ def object_moves(limit: float) -> Condition:
         axis = held.tool()[0][:3, 2]
         across = float(np.linalg.norm(moved - (moved @ axis) * axis))
         message = (
-            f"the object moves, or the arm is not as believed: by {1e3 * across:.0f} mm, as "
-            "the camera on it sees"
+            "the object moves, or the model of the arm is wrong: the arm camera sees a shift of "
+            f"{1e3 * across:.0f} mm"
         )
         return message if across > limit else ""
 
@@ -209,7 +209,9 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
     def condition(held: Held, now: Context) -> str:
         force = felt(held, now)
         return (
-            f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
+            f"estimated force {force:.0f} N is above the limit of {limit:.0f} N"
+            if force > limit
+            else ""
         )
 
     return condition
@@ -223,7 +225,7 @@ def uncertain_force(limit: float) -> Condition:
         if not limit < now.normal_sigma < math.inf:
             return ""
         return (
-            "the normal force cannot be felt in this posture: standard deviation "
+            "the normal force is not observable in this posture: standard deviation "
             f"{now.normal_sigma:.0f} N"
         )
 

@@ -178,9 +178,7 @@ class SeabedWork(TaskPlanner):
             """Hull placement over the seabed from which the tool reaches its depth."""
             del current_W
             if target.ground is None:
-                raise ReachError(
-                    "no place to stand: nothing is known of the ground around the target"
-                )
+                raise ReachError("no feasible hull pose: the ground around the target is unknown")
 
             sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path
             height = choose_height(
@@ -228,9 +226,7 @@ def seabed_rows(
     axial = job.axial
     states = WorkState
     soil = Push(force=job.push, beyond=-job.guard)
-    stone = AxialContact(
-        touch=job.touch, obstacle="something stands {} mm over the ground as scanned"
-    )
+    stone = AxialContact(touch=job.touch, obstacle="obstacle {} mm above the scanned ground")
     approach = AxialApproach(axial, soil, stone, slow=(math.inf, 0.0), to=-job.guard)
 
     yield from arrival(

@@ -29,8 +29,8 @@ class SurfaceSettings:
     force_rate: float = 60.0  # [N/s] rate of change of the set force
     contactless: float | None = option(
         None,
-        "Keep the tool at this distance [m] from the surface and press on nothing, as in "
-        "[Konoplin 2019]; default: press.",
+        "Keep the tool at this distance [m] from the surface without contact, as in [Konoplin "
+        "2019]; default: press.",
         group="work",
     )
     least: float = option(
@@ -74,7 +74,7 @@ class InspectionSettings:
     """Of an inspection flight."""
 
     distance: float = option(1.4, "Distance from the camera to the object's outline [m].")
-    clearance: float = option(0.3, "Least clearance of hull and folded arm to all around [m].")
+    clearance: float = option(0.3, "Least clearance of hull and folded arm to all obstacles [m].")
     speed: float = option(0.15, "Speed of the hull [m/s].")
 
 

@@ -107,18 +107,16 @@ class SurfaceTaskConfig(SurfaceSettings):
             if force > _HEADROOM * self.contact.force:
                 raise ConfigurationError(
                     f"forces: {force:g} N leaves no room for overshoot: at most "
-                    f"{_HEADROOM * self.contact.force:g} N, "
-                    f"{_HEADROOM:.0%} of the {self.contact.force:g} N at which the tool leaves "
-                    "the surface whatever is "
-                    "set (where less is set, it leaves sooner)"
+                    f"{_HEADROOM * self.contact.force:g} N, {_HEADROOM:.0%} of the "
+                    f"{self.contact.force:g} N at which the tool retreats (less for smaller set "
+                    "forces)"
                 )
 
         standoff = self.approach.standoff
         if self.contactless is not None and not 0.0 < self.contactless <= standoff:
             raise ConfigurationError(
                 f"contactless: the distance must be > 0 and at most the stand-off of {standoff} "
-                "m, got "
-                f"{self.contactless}"
+                f"m, got {self.contactless}"
             )
 
     @property
@@ -195,7 +193,7 @@ class CertainPlace(Phase):
         if chance < limits.least:
             return Abort(
                 AbortCode.PLACE_UNCERTAIN,
-                f"{held.promise}; at least {limits.least:.1%} is asked for",
+                f"{held.promise}; at least {limits.least:.1%} is required",
             )
         return PhaseEvent.DONE
 
@@ -373,7 +371,9 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
 
     def too_hard(held: Held, now: Context) -> str:
         allowed = (1.0 + limits.excess) * held.set_force + touch
-        reason = f"the force cannot be held: {now.normal:.0f} N felt, {held.set_force:.0f} N set"
+        reason = (
+            f"the force cannot be held: {now.normal:.0f} N estimated, {held.set_force:.0f} N set"
+        )
         return reason if now.normal > allowed else ""
 
     def lost(held: Held, now: Context) -> str:

@@ -63,8 +63,7 @@ class GearFriction:
         if self.stiction > self.coulomb and not (self.stribeck_speed > 0.0 and self.coulomb > 0.0):
             raise ConfigurationError(
                 "gear friction: stiction above coulomb wants stribeck_speed > 0 and coulomb > 0, "
-                "got "
-                f"{self.stribeck_speed} and {self.coulomb}"
+                f"got {self.stribeck_speed} and {self.coulomb}"
             )
 
 
@@ -103,7 +102,7 @@ def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
         joint = joints[name]
         if np.any(joint.userdata) and not _carries(joint.userdata):
             raise ConfigurationError(
-                f"gear friction {name!r}: the user data of its joint is taken by something else"
+                f"gear friction {name!r}: the user data of its joint is already in use"
             )
 
         # In a process without the callback the gears would slide without stiction.

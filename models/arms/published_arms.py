@@ -294,9 +294,8 @@ _ARMS = {
         ],
         [(-180.0, 180.0), *[(-135.0, 135.0)] * 5, (-180.0, 180.0)],
         "link lengths and limits: S. M. Persson, ReaK, manip_ERA_arm.hpp; joints as ESA tells: "
-        "roll, yaw, pitch at the"
-        " shoulder, pitch at the elbow, pitch, yaw, roll at the wrist; straight at zero, 11.28 m "
-        "(ESA: 11.3 m)",
+        "roll, yaw, pitch at the shoulder, pitch at the elbow, pitch, yaw, roll at the wrist; "
+        "straight at zero, 11.28 m (ESA: 11.3 m)",
     ),
 }
 
@@ -316,8 +315,7 @@ _ARMS["jaco"] = _arm(
     ],
     [_FREE, (47.0, 313.0), (19.0, 341.0), *[_FREE] * 3],
     "P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: "
-    "Kinova, Jaco user guide,"
-    " far from even about zero",
+    "Kinova, Jaco user guide, far from even about zero",
 )
 
 _TURN = (0.0, 1.0, 0.0)
@@ -330,9 +328,8 @@ SERVO_ARM = VectorArm(
     p=readonly(np.ones(8)),
     L=readonly(np.radians(np.outer([-120.0, 120.0], np.ones(8)))),
     source="a stand-in for the arm of [Danilov 2021, fig. 8], whose dimensions are not public: "
-    "hangs straight down (y"
-    " up) at zero, 0.53 m long, for the poses of its table 1 to be within reach; links, axes and "
-    "limits made up",
+    "hangs straight down (y up) at zero, 0.53 m long, for the poses of its table 1 to be "
+    "within reach; links, axes and limits made up",
 )
 
 ARMS: Registry[PublishedArm] = Registry(

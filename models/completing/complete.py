@@ -127,8 +127,8 @@ def _ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
     if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
         raise ConfigurationError(
             f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make "
-            "the vehicle "
-            f"weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes are in m^3"
+            f"the vehicle weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes "
+            "are in m^3"
         )
 
     return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"

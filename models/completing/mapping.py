@@ -142,8 +142,7 @@ def _check_root(spec: mujoco.MjSpec, hull: mujoco.MjsBody, before: str | None, n
 def _missing(name: str, kind: str, wanted: str, there: list[str]) -> ConfigurationError:
     return ConfigurationError(
         f"{name}: the model has no {kind} {wanted!r}; it has "
-        f"{', '.join(filter(None, there)) or 'none with a name'}"
-        f"{did_you_mean(wanted, there)}"
+        f"{', '.join(filter(None, there)) or 'none with a name'}{did_you_mean(wanted, there)}"
     )
 
 
@@ -264,8 +263,7 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
     if listed != list(joints):
         raise ConfigurationError(
             f"{name}: joints: must be those from {ARM_BASE_BODY} to {TIP_SITE} in this order, "
-            f"{', '.join(chain)}; got "
-            f"{', '.join(joints)}"
+            f"{', '.join(chain)}; got {', '.join(joints)}"
         )
 
     # Other joints of the hull are locked.
@@ -347,8 +345,7 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
         if not known or not known[0] > 0.0:
             raise ConfigurationError(
                 f"{name}: joint {joint.name!r} has no torque limit (URDF: <limit effort>); give "
-                "it, "
-                f"joints: {{{joint.name}: 10}} [N m]"
+                f"it, joints: {{{joint.name}: 10}} [N m]"
             )
         limit = float(known[0])
 

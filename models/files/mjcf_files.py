@@ -46,7 +46,7 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
     if root is None or not root[1].startswith(b"mujoco"):
         content = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
         raise ConfigurationError(
-            f"{name}: {content}; what goes is an MJCF, root <mujoco>, or a URDF, root <robot>"
+            f"{name}: {content}; allowed are an MJCF, root <mujoco>, or a URDF, root <robot>"
         )
 
     try:

@@ -220,8 +220,7 @@ class UrdfRobot:
             if joint.get("type") in _UNSOLVED:
                 raise ConfigurationError(
                     f"{self.name}: joint {joint.get('name')!r} between base and tip: allowed "
-                    f"{', '.join(_DRIVEN)}, "
-                    f"fixed, not {joint.get('type')}"
+                    f"{', '.join(_DRIVEN)}, fixed, not {joint.get('type')}"
                 )
         return joints
 

@@ -95,8 +95,8 @@ def check_name(vehicle: str) -> bool:
     if Path(vehicle).suffix:
         return False
     raise ConfigurationError(
-        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF or URDF"
-        f"{did_you_mean(vehicle, names)}"
+        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF or "
+        f"URDF{did_you_mean(vehicle, names)}"
     )
 
 

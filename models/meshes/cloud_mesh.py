@@ -111,11 +111,7 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
         how = f"{how}, turned over: it bulged inward"
 
     fewer = f", averaged to {len(points)}" if len(points) < len(first) else ""
-    ends = (
-        "open: what lies behind it, and beyond its borders, counts as unknown"
-        if is_open
-        else "all around"
-    )
+    ends = "open: space behind it and beyond its borders is unknown" if is_open else "all around"
 
     return CloudMesh(
         vertices=vertices + middle,
@@ -134,12 +130,12 @@ def _given_normals(points: Array, normals: Array | None) -> tuple[Array | None, 
     None without normals: they are found from the points.
     """
     if normals is None:
-        return None, "found from the points"
+        return None, "estimated from the points"
     outward = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if _one_sided(points, outward):
         return outward, "given"
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
-    return _turned(points, outward, near), "given, but of either sign: turned to one side"
+    return _turned(points, outward, near), "given with mixed signs: turned to one side"
 
 
 def _spacing(points: Array) -> tuple[Array, float]:

@@ -39,8 +39,7 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
     if kind not in FORMATS:
         raise ConfigurationError(
             f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}, and for "
-            "clouds PCD and "
-            f"{', '.join(TEXT)}"
+            f"clouds PCD and {', '.join(TEXT)}"
         )
     reader = {"ply": read_ply, "off": _read_off}.get(kind)
 
@@ -110,11 +109,9 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
     points = int(head[0])
     faces = int(head[1])
     if min(points, faces) < 0:
-        raise ValueError("its header tells of no vertices and faces")
+        raise ValueError("its header states no vertices and faces")
     if len(body) < points + faces:
-        raise ValueError(
-            f"it is cut short, its header tells of {points} vertices and {faces} faces"
-        )
+        raise ValueError(f"it is cut short, its header states {points} vertices and {faces} faces")
 
     vertices = np.array([[float(word) for word in words[:3]] for words in body[:points]]).reshape(
         -1, 3

@@ -181,7 +181,7 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _cut_short(element: _Element) -> ValueError:
-    return ValueError(f"it is cut short, its header tells of {element.count} of {element.name}")
+    return ValueError(f"it is cut short, its header states {element.count} of {element.name}")
 
 
 class _Text:

@@ -10,7 +10,7 @@ from uuv.sim.interfaces.files import bytes_of, existing_file, text_of
 from uuv.sim.interfaces.spatial import Array
 
 TEXT = ("xyz", "txt", "asc", "csv", "pts", "xyzn", "xyzrgb")  # endings of text files
-KINDS = "what goes is PLY, PCD, or text with x y z a line"
+KINDS = "allowed are PLY, PCD, or text with x y z a line"
 # Files of other programs: how they begin, their endings, and how to convert them.
 _FOREIGN = {
     "NumPy": (b"\x93NUMPY", ("npy", "npz"), 'numpy.savetxt("cloud.xyz", points) writes such text'),

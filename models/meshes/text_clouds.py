@@ -108,8 +108,7 @@ def _head(lines: list[str], where: str) -> tuple[list[str], int]:
             if names or not _is_head(words):
                 raise ConfigurationError(
                     f"{where}, line {i + 1}: expected 3 numbers (x y z), or a line that names the "
-                    "columns, x, y and z "
-                    f"among them, got {content[:_SHOWN]!r}"
+                    f"columns, x, y and z among them, got {content[:_SHOWN]!r}"
                 )
             names = words
         elif len(words) > 1 or not words[0].isdigit():

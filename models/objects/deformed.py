@@ -225,8 +225,7 @@ def _drawn(
     if least * _STEEPEST > widest:
         raise ConfigurationError(
             f"{kind}: {target.name!r} of radius {target.radius:.3g} m is too small for a height "
-            f"of {least:.3g} m; "
-            f"at most {widest / _STEEPEST:.3g} m"
+            f"of {least:.3g} m; at most {widest / _STEEPEST:.3g} m"
         )
 
     near_T = None if near is None else np.asarray(near, dtype=np.float64)
@@ -249,8 +248,8 @@ def _drawn(
         close = 0.5 * min(4.5 * most, widest)
         if away >= close:
             raise ConfigurationError(
-                f"{kind}: near lies {away:.3g} m from {target.name!r}, farther than its patches "
-                f"reach, {close:.3g} m"
+                f"{kind}: near lies {away:.3g} m from {target.name!r}, beyond the reach of its "
+                f"patches, {close:.3g} m"
             )
 
     drawn: list[Patch] = []

@@ -441,8 +441,7 @@ class TargetModel:
         if scale is None and size > LARGEST:
             raise ConfigurationError(
                 f"target mesh {str(path)!r}: {size:.4g} m across, more than {LARGEST:.0f} m: "
-                "millimetres? Give its "
-                "scale (0.001 for mm, 1 if it is so large)"
+                "millimetres? Give its scale (0.001 for mm, 1 if it is so large)"
             )
 
         if is_cloud:

@@ -53,8 +53,7 @@ def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
     ):
         raise ConfigurationError(
             f"collar path: arc must lie in (0, 2 pi] rad and |x| between {BONNET[0] + 0.02:.3f} "
-            "and "
-            f"{0.5 * PIPE[1] - FLANGE[1] - 0.02:.3f} m (bonnet and flanges), got {arc}, {x}"
+            f"and {0.5 * PIPE[1] - FLANGE[1] - 0.02:.3f} m (bonnet and flanges), got {arc}, {x}"
         )
 
     angle = np.linspace(-0.5 * arc, 0.5 * arc, max(8, 1 + round(PIPE[0] * arc / PATH_STEP)))

@@ -61,15 +61,14 @@ def check_kind(
     if odd and kind is MOTOR:
         raise ConfigurationError(
             f"thruster {name!r}: its actuator must be a plain motor on a site, its control the "
-            "thrust [N]: gain 1, no "
-            f"bias, dynamics, delay, limits, refsite or plugin; not so here: {', '.join(odd)}"
+            "thrust [N]: gain 1, no bias, dynamics, delay, limits, refsite or plugin; not so "
+            f"here: {', '.join(odd)}"
         )
     if odd:
         raise ConfigurationError(
             f"thruster {name!r}: its actuator must be as uuv.models.water.thrusters.attach leaves "
-            "it, on a site, its "
-            "dynamics and bias of the type user, its control in [-1, 1]; not so here: "
-            f"{', '.join(odd)}"
+            "it, on a site, its dynamics and bias of the type user, its control in [-1, 1]; not "
+            f"so here: {', '.join(odd)}"
         )
 
     if not abs(np.linalg.norm(along) - 1.0) < ROUNDED:

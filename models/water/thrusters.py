@@ -120,8 +120,7 @@ class Thruster:
         if not self.least_thrust < min(self.forward, self.reverse):
             raise ConfigurationError(
                 f"thruster least_thrust: must be below forward and reverse, {self.forward} and "
-                f"{self.reverse} N, "
-                f"got {self.least_thrust}"
+                f"{self.reverse} N, got {self.least_thrust}"
             )
 
         if self.polynomial is not None and self.table is not None:
@@ -133,8 +132,7 @@ class Thruster:
         if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
             raise ConfigurationError(
                 f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got "
-                f"{self.forward}, "
-                f"{self.reverse}"
+                f"{self.forward}, {self.reverse}"
             )
 
     @classmethod
@@ -295,13 +293,12 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
         replaced = carries(actuator.userdata)
         if np.any(actuator.userdata) and not replaced:
             raise ConfigurationError(
-                f"thruster {name!r}: the user data of its actuator is taken by something else"
+                f"thruster {name!r}: the user data of its actuator is already in use"
             )
         if not replaced and np.any(actuator.gear[3:]):
             raise ConfigurationError(
                 f"thruster {name!r}: its actuator's gear must leave the torque to "
-                "torque_per_thrust, got "
-                f"{actuator.gear.tolist()}"
+                f"torque_per_thrust, got {actuator.gear.tolist()}"
             )
 
         of_spec = partial(getattr, actuator)
@@ -401,8 +398,8 @@ def unpack(row: Array) -> Thruster:
     band = thruster.dead_band if table is None else None
     if not rows.agrees(curve, (thruster.reverse, thruster.forward), band, thruster.least_thrust):
         raise ConfigurationError(
-            "thruster: its row says other numbers than its curve (thrust, dead band or least "
-            "thrust); attach the changed thruster"
+            "thruster: its row disagrees with its curve (thrust, dead band or least thrust); "
+            "attach the changed thruster"
         )
     return thruster
 
@@ -450,8 +447,7 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
         if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > ROUNDED:
             raise ConfigurationError(
                 f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} "
-                "along the thrust, got "
-                f"{gear.tolist()}"
+                f"along the thrust, got {gear.tolist()}"
             )
         if model.actuator_actnum[i] != ACTIVATIONS:
             raise ConfigurationError(

@@ -169,7 +169,7 @@ def _waters(
         chosen, which = geoms_of(model, i, geoms)
         if not chosen:
             remark = (
-                "; it keeps the water that it has"
+                "; it keeps its coefficients"
                 if hydrodynamics.carries(spec.body(name).userdata)
                 else ""
             )
@@ -223,7 +223,8 @@ def water_of_shells(
     surface, solution = _panelled(corners, volume, density, panels)
     if solution is None:
         raise ConfigurationError(
-            f"panels: the surface holds {surface.held:.0%} of the volume: too thin for {panels}"
+            f"panels: the surface holds {surface.held:.0%} of the volume: the body is too thin "
+            f"for {panels}"
         )
     return volume, center, solution, surface
 
@@ -307,7 +308,7 @@ def _measured(
         return exact_volume(parts[0]), parts[0].p, 0.0, 0.0, source
 
     how = "; ".join(dict.fromkeys(part.shells.said for part in parts if part.kind == "mesh"))
-    method = "lines through the union" if spread else "tetrahedra of its triangles"
+    method = "ray integration over the union" if spread else "tetrahedra of its triangles"
     source = f"{method}, {which}" + (f" ({how})" if how else "")
     return volume, center, spread, wander, source
 
@@ -448,8 +449,7 @@ def _trimmed(
         quantity="volume, trimmed",
         value=f"{1e3 * after.volume:.4g} l, centre {figures(1e3 * after.center_of_buoyancy)} mm",
         origin=f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} "
-        "for weightlessness, "
-        f"the centre {1e3 * height:g} mm above that of mass",
+        f"for weightlessness, the centre {1e3 * height:g} mm above that of mass",
         uncertainty="as the masses",
     )
 

@@ -81,8 +81,7 @@ class SensorModel:
         if not least <= float(self.sigma(1.0)) <= most:
             raise ConfigurationError(
                 f"sensor model: the standard deviation of depth at 1 m must lie in {least:g} to "
-                f"{most:g} m, "
-                f"got {float(self.sigma(1.0)):g} m from {self}"
+                f"{most:g} m, got {float(self.sigma(1.0)):g} m from {self}"
             )
 
         if not 1.0 <= self.noise_length < np.inf:

@@ -75,8 +75,7 @@ class SurfaceFusion:
         if not (np.all(self._box[0] < self._box[1]) and count <= _MOST_VOXELS):
             raise ConfigurationError(
                 f"surface fusion: a box of {side:g} m has {count} voxels of {voxel:g} m along a "
-                "side; 1 to "
-                f"{_MOST_VOXELS} are possible"
+                f"side; 1 to {_MOST_VOXELS} are possible"
             )
 
         origin = self._box.mean(axis=0) - 0.5 * count * voxel

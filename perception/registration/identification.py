@@ -374,7 +374,7 @@ class _Search:
 
         reason = verdict.reason
         if not reason and not question.expected.admits(X_ST[None], surface)[0]:
-            reason = "what was found lies, or is turned, too far from what was expected"
+            reason = "position or orientation is too far from the expected pose"
 
         visible = surface.visible(X_ST, evidence.scan, question.sensor.max_incidence)
         return Identification(
@@ -582,7 +582,7 @@ def segment(
 def _need(mask: np.ndarray, what: str) -> None:
     count = int(mask.sum())
     if count < MIN_POINTS:
-        raise PerceptionError(f"nothing to find: only {count} points {what}; need {MIN_POINTS}")
+        raise PerceptionError(f"no object in view: only {count} points {what}; need {MIN_POINTS}")
 
 
 def _around(poses: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
@@ -634,10 +634,10 @@ def _free_motion(surface: ModelSurface, twists: Array, told: bool, with_prior: b
     symmetry = surface.symmetry
     policy = "none needed"
     if told:
-        policy = "told by parts in view that do not share the symmetry"
+        policy = "resolved by visible parts that break the symmetry"
     elif symmetry.axis is not None or len(symmetry.rotations) > 1:
-        origin = "the coarse orientation" if with_prior else "the start that fitted best"
-        policy = f"of all attitudes that look the same, the one nearest to {origin}"
+        origin = "the coarse orientation" if with_prior else "the start with the best fit"
+        policy = f"of the equivalent orientations, the one nearest to {origin}"
     return FreeMotion(
         axis=symmetry.axis,
         turns=len(symmetry.rotations),
@@ -713,6 +713,6 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
     )
     raise ConfigurationError(
         "target: expected a TargetModel, a mesh or cloud file, a mesh (vertices, faces), or a "
-        "cloud: an array (n, 3), "
-        f"or (n, 6) with normals, or an object with points and normals; got {kind}"
+        "cloud: an array (n, 3), or (n, 6) with normals, or an object with points and normals; "
+        f"got {kind}"
     )

@@ -321,11 +321,11 @@ def _contradictions(figures: PoseCheck, missing: tuple[int, int]) -> list[str]:
         ),
         (
             edges.goes_on > MAX_GOES_ON,
-            f"the surface goes on beyond {edges.goes_on:.0%} of the model's edges",
+            f"the scanned surface continues beyond {edges.goes_on:.0%} of the model's edges",
         ),
         (
             figures.beyond > (_MAX_TOUCHING if ends else MAX_BEYOND),
-            f"{figures.beyond:.0%} of the surface that it lies on is not the model's",
+            f"{figures.beyond:.0%} of the surface under it does not belong to the model",
         ),
         # another fit, size or pose
         (
@@ -362,7 +362,8 @@ def _unobserved(
     limits = (
         (
             figures.coverage < MIN_COVERAGE,
-            f"only {figures.coverage:.0%} of what should be seen is seen, need {MIN_COVERAGE:.0%}",
+            f"only {figures.coverage:.0%} of the visible model is in the scan, need "
+            f"{MIN_COVERAGE:.0%}",
         ),
         (
             figures.edges.share < MIN_EDGE_SHARE,
@@ -370,14 +371,15 @@ def _unobserved(
         ),
         (
             free > 0,
-            "this view does not hold the whole pose: the model can slide or turn on the scan",
+            "the pose is not fully observable in this view: the model can slide or turn on the "
+            "scan",
         ),
         (abs(figures.margin) <= MIN_MARGIN, "another pose fits as well"),
         (
             size_sigma > MAX_SIZE_SIGMA,
-            f"its size is seen to {size_sigma:.1%} only, need {MAX_SIZE_SIGMA:.1%}",
+            f"the standard deviation of its size is {size_sigma:.1%}, need {MAX_SIZE_SIGMA:.1%}",
         ),
-        (loose, f"this view holds the pose to {sigmas} only, one standard deviation"),
+        (loose, f"the pose is too uncertain in this view: standard deviation {sigmas}"),
     )
     return [text for failed, text in limits if failed]
 

@@ -231,7 +231,9 @@ def identify_together(
                 and (known.shown & scan.known.shown).sum() > _SHARED * known.shown.sum()
             ):
                 identified[name] = replace(
-                    identified[name], accepted=False, reason="what shows it shows another object"
+                    identified[name],
+                    accepted=False,
+                    reason="its evidence belongs to another object",
                 )
                 left.append(name)
             else:

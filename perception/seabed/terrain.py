@@ -211,8 +211,7 @@ def _as_cloud(cloud: ArrayLike) -> Array:
     if bad.any():
         raise PerceptionError(
             f"cloud: {bad.sum()} of {len(points)} points are not finite numbers, the first is "
-            "point "
-            f"{int(bad.argmax()) + 1}"
+            f"point {int(bad.argmax()) + 1}"
         )
     return checked_place(points, points.shape, "cloud", _FARTHEST)
 
@@ -226,8 +225,7 @@ def _check_spread(local: Array) -> None:
         whole = float(np.ptp(flat @ axes[:, 1]))
         raise PerceptionError(
             f"cloud: seen from above all {len(local)} points lie in a line ({whole:.3g} m long, "
-            f"{across:.2g} m wide): "
-            "they span no surface"
+            f"{across:.2g} m wide): they span no surface"
         )
 
 
@@ -246,8 +244,8 @@ def _in_one_layer(local: Array) -> tuple[Array, Array]:
     if len(layered) > _LAYER_SHARE * len(looked_at):
         raise PerceptionError(
             "cloud: it shows two surfaces one above the other at "
-            f"{len(layered) / len(looked_at):.0%} of the places "
-            "looked at; which of them is the seabed cannot be told"
+            f"{len(layered) / len(looked_at):.0%} of the checked positions; which of them is the "
+            "seabed is ambiguous"
         )
     return looked_at, layered
 

@@ -151,8 +151,7 @@ def _check_covered(at: Array, length: float, first: str, second: str) -> None:
         size = min(begins[hole], length) - reached[hole]
         raise PerceptionError(
             f"profile: between {first} and {second} a hole in the cloud {size:.2f} m long begins "
-            f"{reached[hole]:.2f} m "
-            f"from {first}"
+            f"{reached[hole]:.2f} m from {first}"
         )
 
 

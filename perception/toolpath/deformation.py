@@ -82,7 +82,7 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
     """
     if not found.accepted or found.evidence is None:
         raise PerceptionError(
-            f"no map of deformation of an object that was not found: {found.reason}"
+            f"no map of deformation of an object that was not identified: {found.reason}"
         )
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"deformation: size must be positive [m], got {size}")

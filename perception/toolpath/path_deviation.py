@@ -294,8 +294,8 @@ def _bridgeable(
         if length > bridge:
             raise PerceptionError(
                 f"the scan has a hole of {1e3 * length:.0f} mm on the tool path, {s[rows[0]]:.2f} "
-                "m from its start: "
-                f"{_cause(evidence, p[rows])}; at most {1e3 * bridge:.0f} mm can be bridged"
+                f"m from its start: {_cause(evidence, p[rows])}; at most {1e3 * bridge:.0f} mm "
+                "can be bridged"
             )
 
     # Gaps with surface on both sides
@@ -314,12 +314,12 @@ def _cause(evidence: Evidence, p: Array) -> str:
     row, column, _ = evidence.scan.pixels(p)
     behind = evidence.scan.depth[row, column] - p[:, 2]
     if np.isfinite(behind).mean() < 0.5:
-        return "nothing came back from there"
+        return "no return from there"
     middle = float(np.nanmedian(behind))
     if abs(middle) < float(jump(np.median(p[:, 2]))):
-        return "what came back from there is no surface"
+        return "the returns from there form no surface"
     return (
-        f"what it shows lies {1e3 * abs(middle):.0f} mm "
+        f"the surface there lies {1e3 * abs(middle):.0f} mm "
         f"{'behind' if middle > 0.0 else 'before'} the object"
     )
 

@@ -72,12 +72,11 @@ def plan_path(
         ConfigurationError: For a path with coinciding points, or parameters out of bounds.
     """
     if not found.accepted or found.evidence is None:
-        raise PerceptionError(f"no tool path on an object that was not found: {found.reason}")
+        raise PerceptionError(f"no tool path on an object that was not identified: {found.reason}")
     if not (spacing > 0.0 and max_deviation > 0.0 and bridge >= 0.0 and tool_radius >= 0.0):
         raise ConfigurationError(
-            "spacing and max_deviation must be positive, bridge and tool_radius not negative [m], "
-            "got "
-            f"{spacing}, {max_deviation}, {bridge} and {tool_radius}"
+            "spacing and max_deviation must be positive, bridge and tool_radius not negative "
+            f"[m], got {spacing}, {max_deviation}, {bridge} and {tool_radius}"
         )
 
     # The path on the model, and the deviation of the scan along it
@@ -178,7 +177,8 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
             f"{1.0 - unseen.mean():.0%} was seen"
         )
         raise PerceptionError(
-            f"the tool, a ball of {1e3 * tool_radius:.0f} mm, can work nowhere on the path: {why}"
+            f"the tool, a ball of {1e3 * tool_radius:.0f} mm, cannot work anywhere on the path: "
+            f"{why}"
         )
 
     # From the first place that fits to the last, with what is left out between
@@ -204,7 +204,7 @@ def _left_out(tight: np.ndarray, unseen: np.ndarray) -> str:
         tight: (n,) mask of the hollows that are too tight.
         unseen: (n,) mask of the places that were not seen.
     """
-    causes = (("hollows too tight for the tool", tight), ("places that were not seen", unseen))
+    causes = (("hollows too tight for the tool", tight), ("parts that were not seen", unseen))
     reasons = [
         f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()
     ]

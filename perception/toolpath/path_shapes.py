@@ -86,8 +86,7 @@ def circle(
     ):
         raise ConfigurationError(
             f"circle: angle must not be zero, and below {_MOST_TURN:g} rad, rise below "
-            f"{_FARTHEST:g} m; got "
-            f"{angle} rad, {rise} m"
+            f"{_FARTHEST:g} m; got {angle} rad, {rise} m"
         )
 
     share = np.linspace(0.0, 1.0, _count(float(np.hypot(radius * angle, rise))))
@@ -408,8 +407,8 @@ def _path(p: Array, a: Array, name: str, ways: Array) -> ModelPath:
         i = int(cosine.argmin())
         raise ConfigurationError(
             f"{name}: at {np.round(p[i], 3).tolist()} the surface lies along the direction of "
-            "projection "
-            f"({np.degrees(np.arccos(np.clip(cosine[i], -1.0, 1.0))):.0f} deg off, limit 70)"
+            f"projection ({np.degrees(np.arccos(np.clip(cosine[i], -1.0, 1.0))):.0f} deg off, "
+            "limit 70)"
         )
     return ModelPath(p=p, a=a, b=_across(_tangents(p), a, name))
 

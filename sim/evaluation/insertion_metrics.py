@@ -76,8 +76,12 @@ class HoleMetrics:
     """Error of the identified hole."""
 
     accepted: bool
-    aside_m: float | None = metric("Mouth of the hole as found, off the true axis.", minimum=0)
-    tilt_rad: float | None = metric("Axis as found against the true one.", minimum=0)
+    aside_m: float | None = metric(
+        "Distance of the identified mouth of the hole from the true axis.", minimum=0
+    )
+    tilt_rad: float | None = metric(
+        "Angle between the identified axis and the true one.", minimum=0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,15 +175,15 @@ def assess_insertion(
     mm = 1e3
     degrees = float(np.degrees(1.0))
     checks = (
-        Requirement("hole as found, off its axis", position, None, "mm", mm),
-        Requirement("hole as found, tilt", angle, None, "deg", degrees),
+        Requirement("hole position error", position, None, "mm", mm),
+        Requirement("hole axis error", angle, None, "deg", degrees),
         Requirement("depth reached", depth, None, "mm", mm),
-        Requirement("short of the depth asked for", truth.depth - depth, bounds.short, "mm", mm),
+        Requirement("missing depth", truth.depth - depth, bounds.short, "mm", mm),
         Requirement("side force, peak", insertion.side_force_max_n, bounds.side_force, "N"),
         Requirement("side force, RMS in the bore", insertion.side_force_rms_n, None, "N"),
         Requirement("axial force, peak", insertion.axial_force_max_n, bounds.axial_force, "N"),
         Requirement("time at the hole", insertion.time_s, None, "s"),
-        Requirement("tip at the end, below the mouth", out, 0.0, "mm", mm),
+        Requirement("final depth below the mouth", out, 0.0, "mm", mm),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 

@@ -96,10 +96,10 @@ class InspectionMetrics:
         "Between the camera's level direction and that to the nearest point of the outline.",
         minimum=0,
     )
-    ends_m: float | None = metric("Between the camera's first place and its last.", minimum=0)
+    ends_m: float | None = metric("Between the camera's first position and its last.", minimum=0)
     seen_share: float | None = metric("Of the object's surface.", maximum=1, minimum=0)
     coverage: float | None = metric(
-        "Seen share of the surface that is visible from any place where the vehicle keeps its "
+        "Seen share of the surface that is visible from any position where the vehicle keeps its "
         "clearance.",
         maximum=1,
         minimum=0,
@@ -171,25 +171,27 @@ def assess_inspection(
     checks = (
         Requirement("distance, RMS error", figures.distance_rms_m, bounds.distance_rms, "mm", mm),
         Requirement("distance, peak error", figures.distance_max_m, bounds.distance, "mm", mm),
-        Requirement("view off the object, peak", figures.view_max_rad, bounds.view, "deg", degrees),
-        Requirement("ends of the way apart", figures.ends_m, bounds.ends, "mm", mm),
+        Requirement("pointing error, peak", figures.view_max_rad, bounds.view, "deg", degrees),
+        Requirement(
+            "gap between start and end of the orbit", figures.ends_m, bounds.ends, "mm", mm
+        ),
         Requirement("surface seen", figures.seen_share, None, "%", 100.0),
         Requirement(
-            "not covered of what can be seen",
+            "visible surface not covered",
             None if figures.coverage is None else 1.0 - figures.coverage,
             1.0 - bounds.coverage if bounds.coverage > 0.0 else None,
             "%",
             100.0,
         ),
-        Requirement("time on the way around", figures.flown_s, None, "s"),
+        Requirement("time on the orbit", figures.flown_s, None, "s"),
     )
 
     mesh = None if measured is None else mesh_figures(measured, truth)
     if mesh is not None:
         checks = (
             *checks,
-            Requirement("mesh off the true surface, median", mesh.true_p50_m, None, "mm", mm),
-            Requirement("mesh off the true surface, 95 %", mesh.true_p95_m, bounds.mesh, "mm", mm),
+            Requirement("mesh error, median", mesh.true_p50_m, None, "mm", mm),
+            Requirement("mesh error, 95 %", mesh.true_p95_m, bounds.mesh, "mm", mm),
         )
 
     metrics = InspectionRunMetrics(inspection=figures, mesh=mesh)

@@ -96,7 +96,7 @@ class Requirement:
         if self.ok or self.bound is None:
             return ""
         if self.value is None:
-            return f"{self.name}: no figure"
+            return f"{self.name}: no value"
         value, bound = self.value * self.scale, self.bound * self.scale
         return f"{self.name}: {value:.3g} {self.unit}, allowed {bound:.3g} {self.unit}"
 
@@ -182,7 +182,7 @@ class Assessment:
             failed.insert(0, f"the run was interrupted {note}")
         elif final.state is WorkState.ABORT and len(recording.events) > 1:
             before = recording.events[-2].state.value
-            failed.insert(0, f"the work was broken off in {before} at {final.time:.1f} s: {note}")
+            failed.insert(0, f"the work was aborted in {before} at {final.time:.1f} s: {note}")
         elif final.state is WorkState.ABORT:
             failed.insert(0, f"the run ended in state {state}{f': {note}' if note else ''}")
         elif cut:
@@ -304,19 +304,25 @@ def assess(
     checks = (
         # the object's pose
         Requirement(
-            "identified position", identification.position_error_m, position_bound, "mm", mm
+            "object position error", identification.position_error_m, position_bound, "mm", mm
         ),
         Requirement(
-            "identified orientation", identification.orientation_error_rad, None, "deg", degrees
-        ),
-        Requirement("stated deviation of position", uncertainty.position_sigma_m, None, "mm", mm),
-        Requirement(
-            "stated deviation of orientation", uncertainty.rotation_sigma_rad, None, "deg", degrees
+            "object orientation error", identification.orientation_error_rad, None, "deg", degrees
         ),
         Requirement(
-            "stated deviation of hull's place", uncertainty.navigation_sigma_m, None, "mm", mm
+            "object position standard deviation", uncertainty.position_sigma_m, None, "mm", mm
         ),
-        Requirement("chance to keep the path", uncertainty.chance_kept, None, "%", 100.0),
+        Requirement(
+            "object orientation standard deviation",
+            uncertainty.rotation_sigma_rad,
+            None,
+            "deg",
+            degrees,
+        ),
+        Requirement(
+            "hull position standard deviation", uncertainty.navigation_sigma_m, None, "mm", mm
+        ),
+        Requirement("probability of path in tolerance", uncertainty.chance_kept, None, "%", 100.0),
         # the tool: contact or distance, path, speed, attitude
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
@@ -327,7 +333,7 @@ def assess(
             "mm",
             mm,
         ),
-        Requirement("path worked", tool.worked_share, None, "%", 100.0),
+        Requirement("path covered", tool.worked_share, None, "%", 100.0),
         Requirement(
             "true path deviation, peak", path.true_deviation_max_m, _judged(on_object), "mm", mm
         ),
@@ -364,11 +370,9 @@ def _of_speed(speed: SpeedMetrics, bounds: Bounds, *, judged: bool) -> tuple[Req
     off = None if speed.share is None else 1.0 - speed.share
 
     return (
+        Requirement("mean speed error", error, bounds.speed_error if judged else None, "%", 100.0),
         Requirement(
-            "error of the mean speed", error, bounds.speed_error if judged else None, "%", 100.0
-        ),
-        Requirement(
-            "path below the set speed", off, bounds.off_speed if judged else None, "%", 100.0
+            "path share below the set speed", off, bounds.off_speed if judged else None, "%", 100.0
         ),
     )
 

@@ -20,10 +20,9 @@ class RunMetrics:
         "In which the run ended: done, abort or another of the work's; interrupted, from outside; "
         "crashed, of a trial."
     )
-    note: str = metric("Why it was broken off.")
+    note: str = metric("Reason of an abort.")
     abort: str | None = metric(
-        "The same as a code of uuv.sim.interfaces.messages.AbortCode; null if it was not broken "
-        "off."
+        "The same as a code of uuv.sim.interfaces.messages.AbortCode; null without an abort."
     )
     collision_s: float | None = metric(
         "Time in which another part than the tool touched something.", minimum=0
@@ -82,9 +81,9 @@ class EveryRun:
     )
     run: RunMetrics
     accepted: bool = metric("All of the scenario's bounds hold.")
-    failed: list[str] = metric("What did not, one line each.")
+    failed: list[str] = metric("Missed bounds, one line each.")
     timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
-    provenance: Provenance = metric("What the figures were made by.", default=None)
+    provenance: Provenance = metric("Origin of the figures.", default=None)
     start: StartMetrics = metric(
         "What the command compiled before it; absent for a run from Python.", default=None
     )
@@ -101,5 +100,5 @@ def run_schema(kind: type, title: str, description: str) -> dict[str, Any]:
     Returns:
         The schema.
     """
-    about = f"{description}; SI units. Null where the run ended before it gave the figure."
+    about = f"{description}; SI units. Null where the run ended before the figure existed."
     return schema_of((kind, EveryRun), title, about)

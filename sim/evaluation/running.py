@@ -54,12 +54,12 @@ class RunningForce:
 
         if is_lost(least):
             return "contact lost"
-        return f"force off by {peak:.1f} N" if peak > self.bounds.force_error_max else ""
+        return f"force error {peak:.1f} N" if peak > self.bounds.force_error_max else ""
 
     def missed(self) -> str:
         """What of the whole is out of bounds: the root mean square; empty: nothing."""
         rms = self.rms
-        return f"force off by {rms:.1f} N RMS" if rms > self.bounds.force_error_rms else ""
+        return f"force error {rms:.1f} N RMS" if rms > self.bounds.force_error_rms else ""
 
 
 def place_on_path(path: ToolPath, p_W: Array) -> tuple[float, float]:

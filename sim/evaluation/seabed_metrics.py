@@ -59,7 +59,7 @@ class TargetMetrics:
 
     accepted: bool
     target_error_max_m: float | None = metric(
-        "Height of the targets as found, against the true surface."
+        "Height error of the identified targets against the true surface."
     )
     target_error_share: float | None = metric("The same over 1 cm + 0.5 % of the range.")
     range_m: float | None = metric("Hull to the farthest target.")
@@ -100,7 +100,7 @@ class DragMetrics:
 class SoilHullMetrics:
     """Motion of the hull since the tool first met the soil, and its distance from the ground."""
 
-    rise_max_m: float | None = metric("From its place when the tool first met the soil.")
+    rise_max_m: float | None = metric("From its position when the tool first met the soil.")
     sink_max_m: float | None
     excursion_max_m: float | None
     ground_gap_m: float | None = metric(
@@ -160,13 +160,17 @@ def assess_seabed_work(
     of_tool = _core_checks(core, bounds) if truth.push is not None else _drag_checks(drag, bounds)
     checks = (
         Requirement(
-            "target's height, of what is allowed", surface.target_error_share, 1.0, "%", _PERCENT
+            "target height error, share of the limit",
+            surface.target_error_share,
+            1.0,
+            "%",
+            _PERCENT,
         ),
-        Requirement("target's height, error", surface.target_error_max_m, None, "mm", _MM),
+        Requirement("target height error", surface.target_error_max_m, None, "mm", _MM),
         *of_tool,
         Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", _MM),
         Requirement("hull, excursion", hull.excursion_max_m, None, "mm", _MM),
-        Requirement("hull over the true ground, least", gap, None, "mm", _MM),
+        Requirement("hull clearance to the true ground, minimum", gap, None, "mm", _MM),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 
@@ -175,7 +179,7 @@ def _core_checks(core: CoreMetrics | None, bounds: SeabedBounds) -> tuple[Requir
     """Requirements of a core; None: it was not measured."""
     core = core or unmeasured(CoreMetrics)
     return (
-        Requirement("push, worst while held", core.push_error_share, bounds.push, "%", _PERCENT),
+        Requirement("push while held, worst", core.push_error_share, bounds.push, "%", _PERCENT),
         Requirement("push, peak", core.push_max_n, None, "N"),
         Requirement("depth of the core", core.depth_m, None, "mm", _MM),
     )
@@ -187,8 +191,8 @@ def _drag_checks(drag: DragMetrics | None, bounds: SeabedBounds) -> tuple[Requir
     true_error = drag.true_depth_error_max_m
     return (
         Requirement("depth error, peak", drag.depth_error_max_m, bounds.depth, "mm", _MM),
-        Requirement("aside of the profile, peak", drag.side_max_m, bounds.side, "mm", _MM),
-        Requirement("depth under the true surface, error, peak", true_error, None, "mm", _MM),
+        Requirement("cross-track error, peak", drag.side_max_m, bounds.side, "mm", _MM),
+        Requirement("true depth error, peak", true_error, None, "mm", _MM),
         Requirement("force on the tool, peak", drag.force_max_n, None, "N"),
     )
 

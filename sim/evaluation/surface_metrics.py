@@ -10,13 +10,10 @@ class IdentificationMetrics:
     """Error of the pose that the work went by, the mean of the finds, and the last of these."""
 
     position_error_m: float | None = metric(
-        "Origin of the pose that the work went by from the true one, up to the object's symmetry.",
-        minimum=0,
+        "Position error of the pose that the work used, up to the object's symmetry.", minimum=0
     )
     orientation_error_rad: float | None = metric(
-        "Least rotation from the pose that the work went by to the true one, up to the object's "
-        "symmetry.",
-        minimum=0,
+        "Rotation error of the pose that the work used, up to the object's symmetry.", minimum=0
     )
     range_m: float | None = metric("Camera to the target's centre.", minimum=0)
     check_m: float | None = metric("The acceptance check's figure.", minimum=0)
@@ -29,22 +26,22 @@ class UncertaintyMetrics:
     """Stated uncertainty of the pose that the work went by, mean of the finds, and of its path."""
 
     position_sigma_m: float | None = metric(
-        "Standard deviation of the object's centre, in its least certain direction that is held.",
+        "Standard deviation of the object's centre, in its least certain observable direction.",
         minimum=0,
     )
     rotation_sigma_rad: float | None = metric(
-        "Standard deviation of the rotation, about its least certain axis that is held.", minimum=0
+        "Standard deviation of the rotation, about its least certain observable axis.", minimum=0
     )
-    free: str | None = metric("Motions in W, about the centre, that nothing in view resists.")
+    free: str | None = metric("Unobservable motions in W, about the centre.")
     normalised_error: float | None = metric(
-        "Square of the true error over the covariance, per degree of freedom: 1 on average if all "
-        "is right.",
+        "Normalised estimation error squared (NEES) per degree of freedom: 1 on average if "
+        "consistent.",
         minimum=0,
     )
     path_normal_max_m: float | None = metric(
         "Standard deviation of the surface under the path, along its normal: the largest. A turn "
-        "about the object's "
-        "axis of symmetry does not count; null where another free motion moves the surface.",
+        "about the object's axis of symmetry does not count; null where another free motion "
+        "moves the surface.",
         minimum=0,
     )
     path_normal_p95_m: float | None = metric(
@@ -58,8 +55,8 @@ class UncertaintyMetrics:
         "Standard deviation per axis of the estimated hull position, before contact.", minimum=0
     )
     chance_kept: float | None = metric(
-        "Chance that the planner gave the tool before contact, to stay within the tolerance of "
-        "its path.",
+        "Probability, predicted before contact, that the tool stays within the tolerance of its "
+        "path.",
         minimum=0,
         maximum=1,
     )
@@ -70,14 +67,12 @@ class MotionMetrics:
     """Motion of the object while the vehicle looked at it; the last fields None if unnoticed."""
 
     frames: int = metric("In which it was followed.", minimum=0)
-    noticed_s: float | None = metric(
-        "Time of the first frame that showed it moved beyond doubt.", minimum=0
-    )
+    noticed_s: float | None = metric("Time of the first frame with significant motion.", minimum=0)
     distance_m: float | None = metric(
-        "From where it was first, in the last frame: of its centre.", minimum=0
+        "Displacement of its centre from the first frame to the last.", minimum=0
     )
     distance_sigma_m: float | None = metric("Stated standard deviation of that.", minimum=0)
-    turn_rad: float | None = metric("By how much it had turned.", minimum=0)
+    turn_rad: float | None = metric("Rotation from the first frame to the last.", minimum=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,9 +95,8 @@ class ContactMetrics:
     """Error of the true normal force from the set force in the work state."""
 
     force_error_rms_n: float | None = metric(
-        "True normal force against the set value in the work state, from 1 s after each change of "
-        "it has begun, "
-        "and 0.5 s after it has ended.",
+        "True normal force against the set value in the work state, from 1 s after each change "
+        "of it has begun, and 0.5 s after it has ended.",
         minimum=0,
     )
     force_error_max_n: float | None = metric(minimum=0)
@@ -174,7 +168,7 @@ class SpeedMetrics:
     )
     mean: float | None = metric("Mean speed of the true tip along the path there [m/s].")
     share: float | None = metric(
-        "Length of the path that was travelled so, over all that was.", minimum=0, maximum=1
+        "Length of the path below the set speed, over the length travelled.", minimum=0, maximum=1
     )
 
 
@@ -194,7 +188,8 @@ class ForceEstimateMetrics:
     """Error of the tool force estimated from the joints."""
 
     error_rms_n: float | None = metric(
-        "Felt tool force against the true contact force, as vectors, in the work state.", minimum=0
+        "Estimated tool force against the true contact force, as vectors, in the work state.",
+        minimum=0,
     )
     normal_error_rms_n: float | None = metric(minimum=0)
     tangential_error_rms_n: float | None = metric("Across the tool axis, as vectors.", minimum=0)

@@ -42,8 +42,7 @@ def without_dm_control(error: Exception) -> MissingLibraryError:
 
     return MissingLibraryError(
         f"this needs dm_control, for MuJoCo {DM_CONTROL_RUNS} (here {version('mujoco')}): "
-        f"{to_install('rl')} "
-        f"({type(error).__name__}: {error})"
+        f"{to_install('rl')} ({type(error).__name__}: {error})"
     )
 
 

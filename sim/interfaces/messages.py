@@ -376,8 +376,8 @@ class Promise:
     def __str__(self) -> str:
         """In words, with figures."""
         return (
-            f"chance to keep {1e3 * self.tolerance:.3g} mm: {self.chance:.1%} "
-            f"(hull's place {1e3 * self.navigation_sigma:.1f} mm, object's "
+            f"probability of path error < {1e3 * self.tolerance:.3g} mm: {self.chance:.1%} "
+            f"(standard deviation: hull {1e3 * self.navigation_sigma:.1f} mm, object "
             f"{1e3 * self.object_sigma:.1f} mm)"
         )
 

@@ -87,7 +87,7 @@ def insertion_figures(
     upper.legend(frameon=False, fontsize=9)
     for label, values, color in (("tip, x", tip_H[:, 0], BLUE), ("tip, y", tip_H[:, 1], GREEN)):
         lower.plot(time, 1e3 * values, color=color, linewidth=1.0, label=label)
-    for label, values in (("asked, x", asked_H[:, 0]), ("asked, y", asked_H[:, 1])):
+    for label, values in (("reference, x", asked_H[:, 0]), ("reference, y", asked_H[:, 1])):
         lower.plot(time, 1e3 * values, color=INK, linewidth=0.6, linestyle="--", label=label)
 
     clearance = 1e3 * (truth.radius - truth.tool_radius)
@@ -96,7 +96,7 @@ def insertion_figures(
     lower.set_xlabel("time [s]")
     lower.legend(frameon=False, fontsize=9, ncols=4)
 
-    yield "Way of the tip", "In the frame of the true hole; shaded the radial clearance.", figure
+    yield "Path of the tip", "In the frame of the true hole; shaded the radial clearance.", figure
 
     # Section and plan of the hole.
     figure = Figure(figsize=(WIDTH, 5.0), layout="constrained")
@@ -137,9 +137,8 @@ def insertion_figures(
     plan.legend(frameon=False, fontsize=9)
 
     yield (
-        "The hole, and the way of the tip",
-        "Left a section without the chamfer, right a plan; the tool's radius fits within the bore "
-        "for a tip within the "
-        "dashed circle.",
+        "The hole, and the path of the tip",
+        "Left a section without the chamfer, right a plan; the tool's radius fits within the "
+        "bore for a tip within the dashed circle.",
         figure,
     )

@@ -80,11 +80,10 @@ def _series(recording: Recording, bounds: Bounds | None) -> Html:
         return Html()
 
     about = (
-        "First shown from the approach on: double-click to see the whole run, drag to zoom, in "
-        "all panels at once. A "
-        "click on a name hides its line. Shaded: the tool works. Dashed: bounds; a force error "
-        "counts from "
-        f"{SETTLING:g} s after each change of the set force."
+        "The plots begin at the approach. A double-click shows the whole run, dragging zooms all "
+        "panels at once. A click on a name hides its line. Shaded: the tool works. Dashed: "
+        f"bounds. The force error is judged from {SETTLING:g} s after each change of the set "
+        "force."
     )
 
     return page.section("Time series", Html(drawn), page.caption(about))
@@ -118,7 +117,7 @@ def _drives(recording: Recording) -> Html:
     if not rows:
         return Html()
 
-    columns = ("drive", "least", "greatest", "unit", "most of its limit")
+    columns = ("drive", "least", "greatest", "unit", "largest share of its limit")
     return page.section("Thrusters and joints against their limits", page.table(columns, rows))
 
 
@@ -196,10 +195,10 @@ def _uncertainty(assessment: Assessment) -> Html:
             for way, said in _WAYS.items()
         ]
 
-    columns = ("stated standard deviation, mean of the finds", "largest", "95 %", "")
+    columns = ("standard deviation of the object pose", "largest", "95 %", "")
     about = (
-        f"Not determined by what was in view: {stated['free']}. The mean's true error squared, over"
-        f" the covariance and per degree of freedom: {stated['normalised_error']:.2f}."
+        f"Not observable in these views: {stated['free']}. NEES per degree of freedom: "
+        f"{stated['normalised_error']:.2f} (1 is consistent)."
     )
 
     return Html(page.table(columns, rows, texts=(0, 3)) + page.caption(about))
@@ -211,12 +210,12 @@ def _motion(assessment: Assessment) -> Html:
     if not motion:
         return Html()
 
-    course = "it rested"
+    course = "it did not move"
     if motion["noticed_s"] is not None:
         course = (
-            f"at {motion['noticed_s']:.1f} s it was seen to have moved; in the end by "
-            f"{1e3 * motion['distance_m']:.1f} "
-            f"mm (standard deviation {1e3 * motion['distance_sigma_m']:.1f} mm), turned by "
+            f"motion was detected at {motion['noticed_s']:.1f} s; final displacement "
+            f"{1e3 * motion['distance_m']:.1f} mm (standard deviation "
+            f"{1e3 * motion['distance_sigma_m']:.1f} mm), rotation "
             f"{np.degrees(motion['turn_rad']):.1f} deg"
         )
 
@@ -228,7 +227,7 @@ def _provenance(
 ) -> dict[str, Any]:
     return provenance_rows(
         {
-            **({"run it again": again} if again else {}),
+            **({"replay": again} if again else {}),
             **{f"option {name}": value for name, value in options.items()},
             "seed": assessment.metrics["run"]["seed"],
             "trajectory, SHA-256": assessment.metrics["run"]["trajectory_sha256"],
@@ -242,6 +241,6 @@ def _physics_step(recording: Recording) -> str:
     if recording.substeps == 1:
         return loop
     return (
-        f"{recording.timestep / recording.substeps * 1e3:.4g} ms, {recording.substeps} to the "
+        f"{recording.timestep / recording.substeps * 1e3:.4g} ms, {recording.substeps} in the "
         f"loop's step of {loop}"
     )

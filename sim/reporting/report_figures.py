@@ -52,14 +52,14 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
         if path is not None:
             planned = transform_points(X_TW, path.p)[:, view]
             axes.plot(
-                *planned.T, color=INK, linewidth=3.0, label="path planned", solid_capstyle="butt"
+                *planned.T, color=INK, linewidth=3.0, label="planned path", solid_capstyle="butt"
             )
         if work.any():
             axes.plot(
                 *done[:: max(1, len(done) // _POINTS), view].T,
                 color=ORANGE,
                 linewidth=1.2,
-                label="path done",
+                label="path of the tip",
             )
 
         axes.set_aspect("equal")
@@ -81,10 +81,9 @@ def object_as_found(recording: Recording, truth: TrueObject) -> Iterator[tuple[s
     )
 
     yield (
-        "Object, as found",
-        "In the frame of the true object: its true shape in grey, the clouds of its "
-        "identification, the path that was "
-        "planned and the one that the tip took.",
+        "Object, as identified",
+        "In the frame of the true object: its true shape in grey, the point clouds of its "
+        "identification, the planned path and the path of the tip.",
         figure,
     )
 

@@ -327,7 +327,7 @@ class RerunLog:
         if target.covariance is None:
             return
 
-        text = f"mean of the finds: {_deviations(target.covariance)}"
+        text = f"mean of the detections: {_deviations(target.covariance)}"
         if (sigma := target.path_sigma) is not None:
             normal, along, across = (f"{1e3 * value:.1f}" for value in sigma.max(axis=0))
             text += f"; path: normal {normal} mm, along {along} mm, across {across} mm"

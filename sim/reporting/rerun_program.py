@@ -35,7 +35,8 @@ def send_to(rr: Any, stream: Any, file: Path, *, view: bool) -> None:
         return
     if view:
         print(
-            f"view: the Rerun viewer did not start here; afterwards: rerun {file}", file=sys.stderr
+            f"view: the Rerun viewer did not start; open the log later by: rerun {file}",
+            file=sys.stderr,
         )
     stream.save(str(file))
 

@@ -157,7 +157,7 @@ def blueprint(middle: Array) -> Any:
                         name="Drives",
                     ),
                     rrb.Vertical(
-                        plot("navigation", "Hull's place: error and stated deviation"),
+                        plot("navigation", "Hull position: error and standard deviation"),
                         rrb.Spatial2DView(origin="world/camera", name="Depth image"),
                         name="Senses",
                     ),

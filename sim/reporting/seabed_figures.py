@@ -27,8 +27,7 @@ def seabed_figures(recording: Recording, truth: TrueGround) -> Iterator[tuple[st
     """
     caption = (
         "Section along the hull's heading, as it is at work, else at the end: the true ground, "
-        "the scan within "
-        f"{_BESIDE:g} m of the section, the targets as found, hull and arm."
+        f"the scan within {_BESIDE:g} m of the section, the identified targets, hull and arm."
     )
     yield "Vehicle at its height", caption, _section(recording, truth)
 
@@ -36,7 +35,7 @@ def seabed_figures(recording: Recording, truth: TrueGround) -> Iterator[tuple[st
     if len(rows):
         yield (
             "In the soil",
-            "True and felt force along the tool, true depth of its tip, height of the hull.",
+            "True and estimated force along the tool, true depth of its tip, height of the hull.",
             _soil(recording, truth, rows),
         )
 

@@ -177,7 +177,7 @@ def arrow_table(file: Path) -> "pa.Table":
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
         if isinstance(error, ConfigurationError):
             raise
-        raise ConfigurationError(f"{what}: is no whole Parquet file") from error
+        raise ConfigurationError(f"{what}: is not a complete Parquet file") from error
 
     if len(set(table.schema.names)) < len(table.schema.names):
         raise ConfigurationError(f"{what}: two columns have one name")
@@ -212,7 +212,7 @@ def _from_npz(file: Path, what: str) -> list[Column]:
     except (*_BROKEN, RecursionError) as error:
         if isinstance(error, ConfigurationError):
             raise
-        raise ConfigurationError(f"{what}: is no whole .npz file of a run") from error
+        raise ConfigurationError(f"{what}: is not a complete .npz file of a run") from error
 
 
 @dataclass(frozen=True, slots=True)

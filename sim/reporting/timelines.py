@@ -152,7 +152,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             ("along the tool axis", error.normal),
         )
         yield Panel(
-            "tip from its path [mm]",
+            "tip path error [mm]",
             [
                 Line(name, error.time, 1e3 * value, _COLOURS[i])
                 for i, (name, value) in enumerate(parts)
@@ -166,7 +166,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
         lines = [
             Line(axis, time, 1e3 * displacement[:, i], _COLOURS[i]) for i, axis in enumerate(_AXES)
         ]
-        yield Panel("hull from its place [mm]", lines)
+        yield Panel("hull position error [mm]", lines)
         yield Panel("turn of the hull [deg]", [Line("turn", time, np.degrees(turn), BLUE)])
 
     # Drives and current.

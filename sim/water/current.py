@@ -290,8 +290,7 @@ def _check_gusts(gust: float, rng: object, time_constant: float, dt: float) -> N
     if not 10.0 * dt < time_constant <= _LONGEST * dt:
         raise ConfigurationError(
             f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no "
-            "more than "
-            f"{_LONGEST:.0e} of them"
+            f"more than {_LONGEST:.0e} of them"
         )
 
 

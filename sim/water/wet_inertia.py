@@ -163,8 +163,7 @@ class WetInertia:
         except np.linalg.LinAlgError as error:
             raise HydrodynamicsError(
                 "the inertia with the added mass is not positive definite at qpos0 (its diagonal "
-                "runs from "
-                f"{self.diagonal.min():.3g} to {self.diagonal.max():.3g})"
+                f"runs from {self.diagonal.min():.3g} to {self.diagonal.max():.3g})"
             ) from error
 
     def of_body(self, body: int) -> Array:

@@ -147,14 +147,14 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
     ("options", "said"),
     [
         (("--compliance", "--payload", "1"), "--payload: 3 are needed, got 1"),
-        (("--payload", "0", "5", "10"), "--payload and --link-mass go with --compliance"),
+        (("--payload", "0", "5", "10"), "--payload and --link-mass: only with --compliance"),
         (
             ("--touches", "README.md", "--true-gears", "0.001"),
             "--touches and --true-compliance, --true-gears",
         ),
         (
             ("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"),
-            "not with touching by contact",
+            "not available for touching by contact",
         ),
         (("--true-seating", "1"), "--true-seating [m]"),
         (("--flow", "CylinderWake"), "--flow: water moves nothing here; with --touching hovering"),
@@ -217,7 +217,10 @@ def test_a_plan_goes_on_from_the_touches_so_far(calibrate, tmp_path, touched):
     ("options", "said"),
     [
         (("--plan", 0), "--plan: must be a whole number in 1..200, got 0"),
-        (("--plan", 5, "--touching", "clamped"), "--plan and --touching: one of the two"),
+        (
+            ("--plan", 5, "--touching", "clamped"),
+            ("--plan and --touching: give only one of the two"),
+        ),
     ],
 )
 def test_a_plan_that_cannot_be_is_one_line(calibrate, tmp_path, options, said):

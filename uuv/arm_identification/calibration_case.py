@@ -186,12 +186,11 @@ def _beyond(arm: SerialArm, read: Touches, limits: Literal["arm", "encoders"]) -
         return []
     if limits == "arm" and not coincide(arm, list(read.series)):
         raise ConfigurationError(
-            f"{read.beyond[0]}: not joint values of this arm, or in another unit or order; "
-            "--limits encoders if they "
-            "are"
+            f"{read.beyond[0]}: wrong unit or order of the joint values? If they are right, give "
+            "--limits encoders"
         )
 
     return [
-        f"{line}: the encoders are believed, the limits of the arm look too narrow"
+        f"{line}: encoder readings are used; the limits of the arm may be too narrow"
         for line in read.beyond
     ]

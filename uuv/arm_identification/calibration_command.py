@@ -54,23 +54,26 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     )
     if options.touches and real != RealEffects():
         raise ConfigurationError(
-            "--touches and --true-compliance, --true-gears or --true-seating: one of the two"
+            "--touches and --true-compliance, --true-gears or --true-seating: give only one of "
+            "the two"
         )
     if (options.payload or options.link_mass) and not (options.compliance or real.compliance > 0.0):
-        raise ConfigurationError("--payload and --link-mass go with --compliance")
+        raise ConfigurationError("--payload and --link-mass: only with --compliance")
 
     source = nominal(options.arm, folder, options.base, options.tip)
     if options.touches:
         if options.touching != "noise":
-            raise ConfigurationError("--touches and --touching: one of the two")
+            raise ConfigurationError("--touches and --touching: give only one of the two")
         held, units, limits = options.held_out, options.units, options.limits
         return from_files(source, options.touches, held, units, options.distance, limits)
 
     if options.distance or options.held_out:
-        raise ConfigurationError("--distance and --held-out go with --touches")
+        raise ConfigurationError("--distance and --held-out: only with --touches")
     contact = options.touching != "noise"
     if contact and (options.compliance or real != RealEffects()):
-        raise ConfigurationError("--compliance and --true-...: not with touching by contact")
+        raise ConfigurationError(
+            "--compliance and --true-...: not available for touching by contact"
+        )
 
     # Sizes of the simulated session.
     few = options.quick and contact
@@ -88,7 +91,9 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
 
     if not contact:
         if options.view:
-            raise ConfigurationError("--view: nothing moves; with --touching clamped or hovering")
+            raise ConfigurationError(
+                "--view: only with --touching clamped or hovering, for nothing moves otherwise"
+            )
         return simulated(
             source,
             points=points,
@@ -167,10 +172,10 @@ def plan_touches(
     }
     for name, given in {**simulated, **judged}.items():
         if given:
-            raise ConfigurationError(f"--plan and {name}: one of the two")
+            raise ConfigurationError(f"--plan and {name}: give only one of the two")
 
     if options.distance and not options.touches:
-        raise ConfigurationError("--distance and --held-out go with --touches")
+        raise ConfigurationError("--distance and --held-out: only with --touches")
     points = whole_number(
         3 if options.points is None else options.points, "--points", least=1, most=_MOST_POINTS
     )
@@ -209,7 +214,7 @@ def calibrate(
 
     if options.compliance:
         if options.method == "paper":
-            raise ConfigurationError("--compliance and --method paper: one of the two")
+            raise ConfigurationError("--compliance and --method paper: give only one of the two")
         case = replace(case, loads=loading_of(options).on(case.source, len(case.touches.series)))
 
     for note in case.notes:
@@ -222,7 +227,7 @@ def calibrate(
 
     console.print(verdict("; ".join(reasons)))
     for line in outcome.examined.untold:
-        console.print(f"not told: {line}", style="yellow", highlight=False)
+        console.print(f"undetermined: {line}", style="yellow", highlight=False)
     console.print(
         f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False
     )
@@ -245,7 +250,7 @@ def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -
 
     console.print(_most_changed(outcome))
     for group in found.rank.hidden:
-        console.print(f"not seen: {group}", highlight=False)
+        console.print(f"not observable: {group}", highlight=False)
 
 
 def _write(
@@ -271,7 +276,7 @@ def _write(
             title=case.title,
             accepted=accepted,
             figures_of_merit=figures_of_merit(case, outcome),
-            notes=(*case.notes, *(f"not told: {line}" for line in outcome.examined.untold)),
+            notes=(*case.notes, *(f"undetermined: {line}" for line in outcome.examined.untold)),
             provenance=provenance_rows(settings),
         )
 
@@ -289,7 +294,7 @@ def _write(
 
 def _most_changed(outcome: CalibrationOutcome) -> Table:
     """Table of the parameters whose change is largest relative to its uncertainty."""
-    table = Table(title="most changed for sure", title_justify="left")
+    table = Table(title="largest significant changes", title_justify="left")
     for column in ("", "change", "95 %", "unit"):
         table.add_column(column, justify="right" if column in ("change", "95 %") else "left")
     for row in most_changed(outcome.calibration):

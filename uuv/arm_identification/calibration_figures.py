@@ -16,7 +16,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     found, rank = outcome.calibration, outcome.calibration.rank
     touches = sum(len(each) for each in found.residuals)
     out = [
-        ("touches, points, left out", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
+        ("touches, points, outliers", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
         (
             "touches of reduced weight",
             str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in found.weights)),
@@ -32,7 +32,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     # Simulated tracker, where the truth is known.
     for label, clouds in (
         ("tracker RMS", outcome.clouds),
-        ("tracker RMS, hull's motion left aside", outcome.uncorrected),
+        ("tracker RMS, without hull motion", outcome.uncorrected),
     ):
         if clouds:
             before, after = clouds["nominal"].rms, clouds["identified"].rms
@@ -70,7 +70,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     if case.session is not None:
         session = case.session
         out += [
-            ("touched for [s], nests missed", f"{session.simulated_s:.0f}, {session.missed}"),
+            ("duration [s], nests missed", f"{session.simulated_s:.0f}, {session.missed}"),
             ("seat of the pin, true spread [mm]", f"{1e3 * session.tip_spread:.4f}"),
             ("hull, largest true motion between touches [mm]", f"{1e3 * session.hull_motion:.3f}"),
         ]
@@ -105,14 +105,16 @@ def _compliances(found: Calibration) -> str:
 def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     """Accuracy of the arm's scale, which only a known distance determines."""
     if not case.distances:
-        return "not told: no distance is known"
+        return "not identifiable: no distance is known"
     longest = max(case.distances, key=lambda one: one[2])
 
     found = outcome.calibration
     i, j, length, deviation = longest
     ends = found.noise / np.sqrt(min(len(found.residuals[i]), len(found.residuals[j])))
     ppm = 1e6 * float(np.hypot(deviation, np.sqrt(2.0) * ends)) / length
-    return f"by {len(case.distances)} known, the longest {length:.3f} m: ± {ppm:.0f} ppm"
+    return (
+        f"from {len(case.distances)} known distances, the longest {length:.3f} m: ± {ppm:.0f} ppm"
+    )
 
 
 def metrics(

@@ -200,7 +200,7 @@ def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Ar
 
             if after > before * _chance(3 * (int(mine.sum()) - 1)):
                 out.append(
-                    f"{name}: {1e3 * after:.3g} mm against {1e3 * before:.3g} by the nominal arm"
+                    f"{name}: {1e3 * after:.3g} mm against {1e3 * before:.3g} with the nominal arm"
                 )
     return out
 
@@ -255,17 +255,17 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
     """
     found, out = outcome.calibration, [str(doubt) for doubt in outcome.examined.doubts]
     if not found.cost < found.cost_nominal:
-        out.append("the touches of a point lie no closer than by the nominal arm")
+        out.append("the scatter of the touches of a point is not smaller than with the nominal arm")
 
     if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:
-        out.append("the tracker finds the nominal arm better")
+        out.append("the tracker error is smaller with the nominal arm")
     if outcome.held_out:
         before, after = np.median(list(outcome.held_out.values()), axis=0)
         if not after <= before:
-            out.append("the touches held out lie no closer than by the nominal arm")
+            out.append("the error of the held-out touches is not smaller than with the nominal arm")
     if outcome.worse:
         out.append(f"the nominal arm is better ({'; '.join(outcome.worse)})")
 
     if method == "map" and not found.converged:
-        out.append(f"the fit did not settle in {len(found.history) - 1} steps")
+        out.append(f"the fit did not converge in {len(found.history) - 1} steps")
     return out

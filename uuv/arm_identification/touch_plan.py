@@ -200,11 +200,11 @@ def run(
     out.print(_points(made))
     out.print(_touches(made, source))
     out.print(_errors(made))
-    out.print("Postures keep the joint limits; collisions are not checked.")
+    out.print("Postures are within the joint limits; collisions are not checked.")
     if not any(made.so_far):
         out.print(
-            "The points are examples within reach: touch yours in these postures, as nearly "
-            "as they allow."
+            "The points are examples within reach: touch your own points as close to these "
+            "postures as possible."
         )
 
     point_names = [made.names[i] for i, _ in made.order]
@@ -230,7 +230,7 @@ def run(
     content = {"title": title, "seed": seed, "accepted": accepted}
     write_json(folder / "metrics.json", {**content, "plan": figures, "provenance": provenance})
 
-    told = "these touches tell no more than random ones; plan more of them"
+    told = "these touches are not more informative than random ones; plan more"
     out.print(verdict("" if accepted else told))
     out.print(f"written to {folder}/: {FILE}", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
@@ -271,7 +271,7 @@ def _touches(made: TouchPlan, source: ArmSource) -> Table:
 
 def _errors(made: TouchPlan) -> Table:
     table = Table(title="expected error of moves of the flange", title_justify="left")
-    table.add_column("RMS, scale left aside, after")
+    table.add_column("RMS without scale, after")
     table.add_column(Text("[mm]"), justify="right")
 
     before = (

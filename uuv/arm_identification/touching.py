@@ -101,8 +101,8 @@ def place_nests(
 
     if len(candidates) < count:
         raise ReachError(
-            f"the arm reaches {len(candidates)} places from enough directions; "
-            f"{count} nests are needed"
+            f"the arm reaches {len(candidates)} positions from enough directions; {count} nests "
+            "are needed"
         )
 
     # Farthest-point sampling.

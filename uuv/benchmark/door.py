@@ -163,7 +163,7 @@ class EntryProcess:
                 told_by_another(_digests(reply[1:]))
                 reply = self._connection.recv_bytes()
         except BlockingIOError as error:
-            raise EntryError(f"the entry gave no answer for {limit:g} s") from error
+            raise EntryError(f"no reply of the entry for {limit:g} s") from error
         except (OSError, EOFError) as error:
             raise EntryError(f"the entry's process ended{self._last_words()}") from error
 
@@ -175,7 +175,7 @@ class EntryProcess:
     def _ready(reply: bytes) -> str:
         """Text of a reply that says ready."""
         if reply[:1] != READY:
-            raise EntryError("the entry answered before it was asked")
+            raise EntryError("the entry replied before the request")
         return reply[1:].decode(errors="replace")
 
     @staticmethod
@@ -184,7 +184,7 @@ class EntryProcess:
         try:
             return finite_number(float(told), "period [s]", above=0.0)
         except ValueError as error:
-            raise EntryError(f"the entry stated no period: {one_line(told)}") from error
+            raise EntryError(f"the entry stated no valid period: {one_line(told)}") from error
 
     def _last_words(self) -> str:
         """Exit code and last line of output of the entry's process."""
@@ -288,7 +288,7 @@ def _digests(message: bytes) -> Mapping[str, str]:
         files = parsed_json(message.decode(), "digests")
         return TableReader().made(_Digests, {"files": files}).files
     except ValueError as error:  # of the text's encoding, or what it holds
-        raise EntryError("the entry answered before it was asked") from error
+        raise EntryError("the entry replied before the request") from error
 
 
 @dataclass(frozen=True, slots=True)

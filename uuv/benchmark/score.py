@@ -208,16 +208,16 @@ def _class(outcome: Run) -> dict[str, Any]:
     metrics, recording = outcome.assessment.metrics, outcome.recording
     surface = "contact" in metrics
     if surface and force_over_set(recording, first_force(outcome.scenario)) > DAMAGE:
-        return {"class": DAMAGED, "detail": f"force above {DAMAGE:g} times the set one"}
+        return {"class": DAMAGED, "detail": f"force above {DAMAGE:g} times the set force"}
 
     if metrics["run"]["collision_s"]:
-        return {"class": DAMAGED, "detail": "the vehicle touched what it should not"}
+        return {"class": DAMAGED, "detail": "collision of the vehicle"}
 
     if recording.final.state is not WorkState.DONE:
         begun = recording.within(*outcome.assembly.placed.begun).any()
         return {
             "class": BROKEN if begun else NOT_BEGUN,
-            "detail": recording.final.note or "not done in time",
+            "detail": recording.final.note or "not finished in time",
         }
 
     if not metrics["accepted"]:
@@ -306,6 +306,8 @@ def summary(rows: list[Row], about: Mapping[str, Any]) -> Summary:
 
     return Summary(
         metrics={"benchmark": about, "totals": total, "families": families, "rows": rows},
-        tables=[Table(title=f"Kept by {about['entry']}", columns=("family", "kept"), rows=cells)],
+        tables=[
+            Table(title=f"Passed by {about['entry']}", columns=("family", "passed"), rows=cells)
+        ],
         lines=lines,
     )

@@ -119,7 +119,7 @@ class EstimateCodec:
             EntryError: The reply is no estimate, or its `X_WB` is no pose.
         """
         if reply[:1] != ESTIMATE or len(reply) != self._size:
-            raise EntryError("the entry answered what is no estimate")
+            raise EntryError("the reply of the entry is not an estimate")
         estimate = self._unpacked(reply[1:])
 
         try:
@@ -193,12 +193,12 @@ class CommandCodec:
         """
         n, m = self._joints, self._thrusters
         if reply[:1] != COMMAND or len(reply) != 1 + 8 * (_REST + n + m):
-            raise EntryError("the entry answered what is no command")
+            raise EntryError("the reply of the entry is not a command")
 
         numbers: Array = np.frombuffer(reply[1:]).copy()
         if numbers[0] != time:
             raise EntryError(
-                f"the entry's command is of {numbers[0]:g} s; asked was one of {time:g} s"
+                f"the entry's command is of {numbers[0]:g} s; requested was {time:g} s"
             )
 
         torque, thrusters = numbers[2 : 2 + n], numbers[2 + n : 2 + n + m]
@@ -209,7 +209,7 @@ class CommandCodec:
         elif load[0] == _NO_LOAD:
             self._got = None
         elif load[0] != _SAME_LOAD or self._got is None:
-            raise EntryError("the entry answered what is no command")
+            raise EntryError("the reply of the entry is not a command")
 
         return Command(
             time=time,

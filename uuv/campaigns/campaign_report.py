@@ -103,12 +103,12 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     share = verdicts.count(KEPT) / len(plain)
     low, high = share_interval(number, len(plain))
     lines = [
-        f"{number} of {len(plain)} runs kept: {share:.1%}, 95 % interval {low:.1%} to "
+        f"{number} of {len(plain)} runs passed: {share:.1%}, 95 % interval {low:.1%} to "
         f"{high:.1%} (Wilson)"
     ]
     if campaign.also:
         wished = ", ".join(f"{name} at most {most:g}" for name, most in campaign.also.items())
-        lines.append(f"{kept_and_also(plain, campaign)} of the kept also have {wished}")
+        lines.append(f"{kept_and_also(plain, campaign)} of the passed runs also have {wished}")
 
     # What tells kept from missed, and what a version changes.
     found = sensitivities(plain, campaign)
@@ -172,12 +172,12 @@ def _failed(verdicts: Sequence[str], campaign: Campaign) -> list[str] | None:
     share = verdicts.count(KEPT) / len(verdicts)
     failed = []
     if campaign.kept is not None and share < campaign.kept:
-        failed.append(f"{share:.1%} of the runs kept the bounds, not {campaign.kept:.1%}")
+        failed.append(f"{share:.1%} of the runs passed, required are {campaign.kept:.1%}")
 
     # A class of ends, or a reason.
     for word in campaign.never:
         if count := sum(word in (class_of(each), each.partition(": ")[2]) for each in verdicts):
-            failed.append(f"{count} runs ended by what never may be: {word}")
+            failed.append(f"{count} runs ended with a forbidden outcome: {word}")
     return failed
 
 
@@ -205,7 +205,7 @@ def _distributions(rows: Sequence[Row], campaign: Campaign) -> list[Table]:
 
     shares = ("least", "5 %", "median", "95 %", "99 %", "largest")
     columns = ("metric", "runs", *shares, "bound", "within")
-    caption = "Within: of all runs; one that ended before it gave the metric is not."
+    caption = "Within: share of all runs; a run that ended without the metric counts as outside."
     return [Table(title="Metrics", columns=columns, rows=lines, caption=caption)] if lines else []
 
 
@@ -220,13 +220,13 @@ def _pictures(
     if names:
         yield (
             "Distributions",
-            "Runs by the value of each metric, coloured by the first key that the cases take in "
-            "turn. Dashed: the bound. A run without a value is in no bar.",
+            "Runs by the value of each metric, coloured by the first key of the grid. Dashed: "
+            "the bound. Runs without a value are left out.",
             histogram_figure(_parts(rows, campaign, names), campaign.bounds),
         )
         for name in [name for name in names if name in campaign.bounds][:_SCATTERED]:
             yield (
-                f"{name} over what was drawn",
+                f"{name} over the drawn parameters",
                 "One dot a run, by its class.",
                 scatter_figure(rows, name, campaign.bounds, found.factors),
             )

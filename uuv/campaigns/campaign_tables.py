@@ -94,7 +94,7 @@ def group_tables(rows: Sequence[Row], campaign: Campaign) -> Iterator[Table]:
                 (value, str(len(part)), str(number), share, interval(number, len(part)), *extra)
             )
 
-        columns = (label(name), "runs", "kept", "share", "95 % interval", *also)
+        columns = (label(name), "runs", "passed", "share", "95 % interval", *also)
         yield Table(title=f"By {label(name)}", columns=columns, rows=cells)
 
     if len(named) > 1:
@@ -116,7 +116,7 @@ def _map(
         cells.append((value, *line))
 
     return Table(
-        title=f"Kept of all, by {label(down[0])} and {label(across[0])}",
+        title=f"Runs passed, by {label(down[0])} and {label(across[0])}",
         columns=(label(down[0]), *across[1]),
         rows=cells,
         caption=f"Then medians: {', '.join(shown)}." if shown else "",
@@ -159,8 +159,8 @@ def reliability_table(bins: Sequence[Mapping[str, Any]]) -> Iterator[Table]:
     """Table of `reliability`, if any run stated a probability."""
     if bins:
         yield Table(
-            title="Probability to keep the path, stated before contact",
-            columns=("stated", "runs", "mean", "kept", "share", "95 % interval"),
+            title="Probability of a path within tolerance, predicted before contact",
+            columns=("predicted", "runs", "mean", "passed", "share", "95 % interval"),
             rows=[
                 (
                     f"{part['least']:.0%} to {part['most']:.0%}",
@@ -239,13 +239,21 @@ def version_tables(compared: Mapping[str, Mapping[str, Any]]) -> Iterator[Table]
         return
 
     yield Table(
-        title="Versions on the same draws: runs kept",
-        columns=("version", "pairs", "kept without it", "kept", "only without", "only with", "p"),
+        title="Versions on the same draws: runs passed",
+        columns=(
+            "version",
+            "pairs",
+            "passed without it",
+            "passed",
+            "only without",
+            "only with",
+            "p",
+        ),
         rows=[
             (name, *(str(of[key]) for key in _COUNTS), shown_p(of["p"]))
             for name, of in compared.items()
         ],
-        caption="p of McNemar's exact test on the runs that one of both alone kept.",
+        caption="p of McNemar's exact test on the runs that passed in one version only.",
     )
 
     cells = []

@@ -49,9 +49,7 @@ class Finished:
                 _About, json_of(file, "metrics of a campaign")
             )
         except ConfigurationError as error:
-            raise ConfigurationError(
-                f"{folder}: holds no campaign that came to its end: {error}"
-            ) from error
+            raise ConfigurationError(f"{folder}: holds no finished campaign: {error}") from error
 
         rows = [row for row in rows if not row.get("version")]
         by_case = {row["case"]: row for row in rows}
@@ -118,9 +116,8 @@ def compared(a: Finished, b: Finished) -> Summary:
         # The page.
         tables=[*_tables(found), *_changes(a, b, changed, outcomes)],
         lines=[
-            f"kept: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A "
-            f"alone, {only_b} in B "
-            f"alone, p {shown_p(p)} (McNemar, exact)",
+            f"passed: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A "
+            f"only, {only_b} in B only, p {shown_p(p)} (McNemar, exact)",
             *unpaired,
         ],
         pictures=_pictures({name: pair for name, pair in figures.items() if len(pair[0])}),
@@ -132,7 +129,7 @@ def _checked(a: Finished, b: Finished) -> list[int]:
     """The cases that both have, after a check that they can be compared."""
     cases = sorted(a.rows.keys() & b.rows.keys())
     if not cases:
-        raise ConfigurationError(f"{a.folder} and {b.folder}: no case is in both")
+        raise ConfigurationError(f"{a.folder} and {b.folder}: no common case")
 
     # The draws must be the same, and so must metrics and bounds.
     for case in cases:
@@ -145,9 +142,7 @@ def _checked(a: Finished, b: Finished) -> list[int]:
                 )
 
     if missing := _metrics_of(a, cases) ^ _metrics_of(b, cases):
-        raise ConfigurationError(
-            f"metrics that one campaign alone has: {', '.join(sorted(missing))}"
-        )
+        raise ConfigurationError(f"metrics of one campaign only: {', '.join(sorted(missing))}")
     if a.bounds != b.bounds:
         raise ConfigurationError(
             f"the bounds differ: {shown(dict(a.bounds))} in A, {shown(dict(b.bounds))} in B"
@@ -205,8 +200,7 @@ def _tables(found: Sequence[PairedMetric]) -> Iterator[Table]:
                 for one in found
             ],
             caption="Median of the differences with its bootstrap interval; p of Wilcoxon's "
-            "signed ranks; runs in "
-            "which B is less than, equal to and more than A.",
+            "signed ranks; runs in which B is less than, equal to and more than A.",
         )
 
 

@@ -65,7 +65,7 @@ class Distribution:
         ):
             sign = " above 0" if KINDS[self.kind].positive else ""
             raise ConfigurationError(
-                f"{self.kind}: must be two numbers{sign} that rise, got {shown([low, high])}"
+                f"{self.kind}: must be two increasing numbers{sign}, got {shown([low, high])}"
             )
 
     @classmethod

@@ -46,22 +46,22 @@ def ending(outcome: "Run", figures: Mapping[str, Any]) -> tuple[str, str]:
     if not np.isfinite(numbers).all():
         return DIVERGED, "a figure is not finite"
     if (figures.get(OVER_SET) or 0.0) > DAMAGE:
-        return DAMAGED, f"force above {DAMAGE:g} times the set one"
+        return DAMAGED, f"force above {DAMAGE:g} times the set force"
     if figures["run.collision_s"]:
-        return DAMAGED, "the vehicle touched what it should not"
+        return DAMAGED, "collision of the vehicle"
 
     final = outcome.recording.final
     if final.state is WorkState.DONE:
         return DONE, ""
     begun = outcome.recording.within(*_APPROACHED, *outcome.assembly.placed.begun).any()
-    reason = "not done in time" if final.abort is None else final.abort.value
+    reason = "not finished in time" if final.abort is None else final.abort.value
     return (BROKEN if begun else REFUSED), reason
 
 
 def ending_by(error: Exception) -> tuple[str, str]:
     """Class and reason of a run that an error has ended."""
     if isinstance(error, HydrodynamicsError):
-        return DIVERGED, "motion blew up"
+        return DIVERGED, "unstable motion"
     return (REFUSED if isinstance(error, UuvError) else CRASHED), type(error).__name__
 
 

@@ -100,7 +100,7 @@ class SensitivityReport:
         second = self.found.get(MISSED) if name != MISSED else None
 
         yield Table(
-            title=f"Parameters that explain: {name}",
+            title=f"Most influential parameters: {name}",
             columns=(
                 "parameter",
                 "coefficient",
@@ -122,9 +122,8 @@ class SensitivityReport:
             ],
             # How much of the variance they explain.
             caption=f"Partial rank correlation over {main.runs} runs, {len(main.names)} "
-            "parameters. These "
-            f"{min(FIRST, len(main.names))} explain {main.explained_by_first:.0%} of the variance "
-            "of the ranks, all "
+            f"parameters. These {min(FIRST, len(main.names))} explain "
+            f"{main.explained_by_first:.0%} of the variance of the ranks, all "
             f"{main.explained:.0%}, adjusted for their number {main.adjusted:.0%}.",
         )
 
@@ -147,9 +146,8 @@ class SensitivityReport:
             title="Reasons of the failures against these parameters",
             columns=("reason", "runs", *map(label, parameters)),
             rows=rows,
-            caption="Median rank of the parameter among the runs with this reason: 0 the least of "
-            "all runs, 1 the "
-            "largest; p by Mann and Whitney, against all other runs.",
+            caption="Median rank of the parameter among the runs with this reason: 0 the lowest "
+            "of all runs, 1 the highest; p: Mann-Whitney test against all other runs.",
         )
 
     def pictures(self) -> Iterator[tuple[str, str, Figure]]:
@@ -157,21 +155,19 @@ class SensitivityReport:
         ranked = {name: one for name, one in self.found.items() if name in (WORST, MISSED)}
         if ranked:
             yield (
-                "Which parameter costs what",
+                "Influence of each parameter",
                 "Partial rank correlation with 95 % interval: percentiles of a bootstrap of "
-                f"{RESAMPLES} samples. Grey band: what a parameter without effect stays in, 19 "
-                "times of 20; of "
-                f"{len(self.factors)} parameters without effect {_CHANCE * len(self.factors):.1f} "
-                "would leave it.",
+                f"{RESAMPLES} samples. Grey band: 95 % range of a parameter without effect; of "
+                f"{len(self.factors)} such parameters, {_CHANCE * len(self.factors):.1f} are "
+                "expected outside it.",
                 bar_figure(ranked),
             )
 
         if self.found:
             yield (
                 "Sensitivity of all figures",
-                "Partial rank correlation of each figure with each parameter; bold: beyond what a "
-                "parameter without "
-                "effect stays in, 19 times of 20.",
+                "Partial rank correlation of each figure with each parameter; bold: outside the "
+                "95 % range of a parameter without effect.",
                 matrix_figure(self.found),
             )
 

@@ -147,7 +147,7 @@ class _Check:
 
         if any(part.state == "missing" for part in found):
             said = (
-                "the model's own names for what is missing go into NAME.parts.yaml beside it, see "
+                "map the names of the missing parts in NAME.parts.yaml beside it, see "
                 "docs/own_vehicle.md"
             )
             self._note("mapping", "note", said)
@@ -251,9 +251,8 @@ class _Check:
             rate = doubts.drag_rate(model)
             self._figure(
                 "time step",
-                f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of what drag "
-                "allows at "
-                f"{hydrodynamics.DRAG_SPEED:g} m/s",
+                f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of the limit "
+                f"by drag at {hydrodynamics.DRAG_SPEED:g} m/s",
             )
 
     def _arm(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> float:
@@ -290,8 +289,8 @@ class _Check:
         seen = seen_workspace(search, X_BC)
         self._figure(
             "reach",
-            f"{search.reach:.2f} m from the arm's base; {seen:.0%} of a ball of that "
-            "width before the camera",
+            f"{search.reach:.2f} m from the arm's base; {seen:.0%} of the sphere of that radius "
+            "is in view of the camera",
         )
 
         if wet:
@@ -300,11 +299,10 @@ class _Check:
             task = clean_barrel().task_of(SurfaceWorkTask)
             self._figure(
                 "tip force",
-                f"in ready {force.along:.0f} N along the tool ({force.by}), {force.weakest:.0f} N "
-                "in the weakest "
-                f"direction ({force.weakest_by}); stiction hides {force.friction:.0f} N; own "
-                "weight takes "
-                f"{force.load.max():.0%} of {vehicle.joint_names[int(np.argmax(force.load))]}",
+                f"ready posture: {force.along:.0f} N along the tool (limit: {force.by}), "
+                f"{force.weakest:.0f} N in the weakest direction (limit: {force.weakest_by}); "
+                f"stiction masks {force.friction:.0f} N; own weight uses {force.load.max():.0%} "
+                f"of {vehicle.joint_names[int(np.argmax(force.load))]}",
             )
             self._findings += doubts.arm_doubts(
                 vehicle, force, max(self._jobs.forces or task.forces)
@@ -345,6 +343,6 @@ def _trim_said(trim: Trim) -> str:
         else (f"list {np.degrees(trim.roll):+.1f} deg, trim {np.degrees(trim.pitch):+.1f} deg")
     )
     return (
-        f"{trim.force:+.1f} N, {tilt}, centre of buoyancy {1e3 * trim.height:.0f} mm above "
-        "that of mass"
+        f"{trim.force:+.1f} N, {tilt}, centre of buoyancy {1e3 * trim.height:.0f} mm above the "
+        "centre of mass"
     )

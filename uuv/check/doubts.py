@@ -44,9 +44,8 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
             code="trim",
             level="doubt",
             said=f"too {word} by {abs(trim.force):.0f} N ({abs(trim.force) / 9.81:.1f} kg), "
-            f"{abs(trim.force) / weight:.1%} of its weight, at most {most:.0f} N: the hull's "
-            "volume, or `trim:` in its "
-            "mapping",
+            f"{abs(trim.force) / weight:.1%} of its weight (limit {most:.0f} N): correct the "
+            "hull's volume, or set `trim:` in the mapping",
             figure=trim.force,
         )
 
@@ -56,10 +55,9 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
         yield VehicleFinding(
             code="list",
             level="doubt",
-            said=f"at rest with the arm at home it {said}, at most {np.degrees(LIST):.0f} deg: "
-            "centre of buoyancy "
-            f"{1e3 * trim.height:.0f} mm above that of mass and {1e3 * trim.apart:.0f} mm aside "
-            "of it",
+            said=f"at rest with the arm at home it {said} (limit {np.degrees(LIST):.0f} deg): "
+            f"centre of buoyancy {1e3 * trim.height:.0f} mm above and {1e3 * trim.apart:.0f} "
+            "mm beside the centre of mass",
             figure=float(np.degrees(angle)),
         )
 
@@ -78,8 +76,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 code="inertia",
                 level="doubt",
                 said=f"{name}: principal inertia {inertia[2]:.3g} kg m^2 exceeds the sum of the "
-                "others, "
-                f"{inertia[0] + inertia[1]:.3g}: no body has that",
+                f"others, {inertia[0] + inertia[1]:.3g}: physically impossible",
                 figure=float(inertia[2]),
             )
 
@@ -98,10 +95,9 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 code="inertia",
                 level="doubt",
                 said=f"{name}: {inertia[2]:.2g} kg m^2 for {mass:.3g} kg make a radius of "
-                "gyration of "
-                f"{1e3 * gyration:.0f} mm; of its shapes {1e3 * SLENDER * extent:.0f} to "
-                f"{1e3 * BULKY * extent:.0f} mm "
-                "are plausible",
+                f"gyration of {1e3 * gyration:.0f} mm; of its shapes "
+                f"{1e3 * SLENDER * extent:.0f} to {1e3 * BULKY * extent:.0f} mm are "
+                "plausible",
                 figure=gyration,
             )
 
@@ -140,9 +136,8 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
             yield VehicleFinding(
                 code="timestep",
                 level="doubt",
-                said=f"time step {1e3 * model.opt.timestep:g} ms is {share:.0%} of what drag "
-                "allows at "
-                f"{hydrodynamics.DRAG_SPEED:g} m/s, at most {STEP:.0%}: use "
+                said=f"time step {1e3 * model.opt.timestep:g} ms is {share:.0%} of the limit by "
+                f"drag at {hydrodynamics.DRAG_SPEED:g} m/s (allowed {STEP:.0%}): use "
                 f"{1e3 * STEP / rate:.2g} ms or less",
                 figure=share,
             )
@@ -172,7 +167,7 @@ def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleF
         yield VehicleFinding(
             code="gravcomp",
             level="fault",
-            said=f"gravcomp takes the weight of {names} away, though buoyancy bears it: remove "
+            said=f"gravcomp cancels the weight of {names} although buoyancy bears it: remove "
             "gravcomp",
             figure=float(model.body_gravcomp[light].max()),
         )
@@ -217,8 +212,7 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 code="spring",
                 level="doubt",
                 said=f"joint {model.joint(j).name!r}: {damping:.3g} N s/m of damping beside "
-                f"{k:.3g} N/m; at "
-                f"{1e3 * dt:g} ms it needs {0.5 * k * dt:.3g} or more",
+                f"{k:.3g} N/m; at {1e3 * dt:g} ms it needs {0.5 * k * dt:.3g} or more",
                 figure=damping,
             )
 
@@ -240,9 +234,8 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
         yield VehicleFinding(
             code="thruster-rank",
             level="fault",
-            said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; nothing drives "
-            f"{', '.join(missing)}, and a "
-            "righting moment does not stand for a thruster here",
+            said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; not actuated: "
+            f"{', '.join(missing)}; a righting moment does not replace a thruster here",
             figure=float(rank),
         )
 
@@ -256,7 +249,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
         first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
 
         gain = (
-            f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} "
+            f"{AXES[axis]} has {now[axis]:.0f}, with {first} reversed {then[axis]:.0f} "
             f"{'N' if axis < 3 else 'N m'}"
         )
 
@@ -264,7 +257,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             code="thruster-against-pair",
             level="doubt",
             said=f"thruster {first} pushes against its mirror image {second}: reversed? "
-            + (gain if then[axis] > 1.01 * now[axis] else "no axis would gain by turning it round"),
+            + (gain if then[axis] > 1.01 * now[axis] else "reversing it improves no axis"),
             figure=now[axis],
         )
 
@@ -306,8 +299,7 @@ def posture_doubts(
                 code="keyframe-limits",
                 level="doubt",
                 said=f"keyframe {key}: {vehicle.joint_names[j]} at {np.degrees(q[j]):.0f} deg, "
-                "its range is "
-                f"{np.degrees(low[j]):.0f} to {np.degrees(high[j]):.0f}",
+                f"its range is {np.degrees(low[j]):.0f} to {np.degrees(high[j]):.0f}",
                 figure=float(np.degrees(q[j])),
             )
 
@@ -339,9 +331,8 @@ def posture_doubts(
             yield VehicleFinding(
                 code="axis-flipped",
                 level="doubt",
-                said=f"joint {vehicle.joint_names[j]}: its axis may be turned round; with the "
-                f"other sign {why}"
-                f"{then:.0%} of all postures would touch, now {now:.0%}",
+                said=f"joint {vehicle.joint_names[j]}: its axis may be reversed; with the other "
+                f"sign {why}{then:.0%} of all postures would collide, now {now:.0%}",
                 figure=now,
             )
 
@@ -354,8 +345,8 @@ def view_doubts(search: PostureSearch, q_home: np.ndarray) -> Iterator[VehicleFi
             code="camera-blocked",
             level="doubt",
             said=f"{share:.0%} of the view of {CAMERA_SITE} ({np.degrees(HALF_VIEW):.0f} deg "
-            "around its axis) is on "
-            f"the vehicle itself, most of it on {body}; at most {BLOCKED:.0%}",
+            f"around its axis) is blocked by the vehicle itself, mostly by {body} (limit "
+            f"{BLOCKED:.0%})",
             figure=share,
         )
 
@@ -384,8 +375,8 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
                 code="motor",
                 level="fault",
                 said=f"the actuator of joint {joint!r} is no plain motor (gain {gain:g}, gear "
-                f"{gear:g}): its control "
-                f"is not the torque; `joints: {{{joint}: N m}}` in a mapping makes it one",
+                f"{gear:g}): its control is not the torque; `joints: {{{joint}: N m}}` in a "
+                "mapping makes it one",
                 figure=gear,
             )
 
@@ -403,8 +394,8 @@ def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
                 code="light-joint",
                 level="doubt",
                 said=f"joint {joint}: {most:.3g} N m on {inertia:.2g} kg m^2 gain {gained:.0f} "
-                "rad/s in a step, at "
-                f"most {JERKY:g}: is its rotor's inertia missing (armature)?",
+                f"rad/s in one step, above the limit of {JERKY:g}: is the rotor's inertia "
+                "missing (armature)?",
                 figure=gained,
             )
 
@@ -426,9 +417,8 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
         yield VehicleFinding(
             code="arm-weak",
             level="doubt",
-            said=f"the tip bears {force.along:.0f} N along the tool in {READY_KEY} ({force.by} is "
-            "the limit), the "
-            f"set force is {wanted:.0f} N",
+            said=f"the available tip force is {force.along:.0f} N along the tool in {READY_KEY} "
+            f"({force.by} is the limit), the set force is {wanted:.0f} N",
             figure=force.along,
         )
 

@@ -80,7 +80,7 @@ def hover(
             away = float(np.linalg.norm(true.p_WB))
             if not away < _LOST:
                 return HoverFigures(
-                    drift=away, tilt=np.pi, saturated=saturated / steps, said="it was driven away"
+                    drift=away, tilt=np.pi, saturated=saturated / steps, said="it drifted away"
                 )
 
             # Rest: slow and near enough, without a break.

@@ -67,7 +67,7 @@ def _hovering(
 
 def _kept(name: str, kept: HoverFigures) -> JobVerdict:
     figures = (
-        f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, "
+        f"{1e3 * kept.drift:.0f} mm position error, {np.degrees(kept.tilt):.1f} deg, "
         f"{kept.saturated:.0%} saturated"
     )
 
@@ -80,7 +80,7 @@ def _kept(name: str, kept: HoverFigures) -> JobVerdict:
         figures
         if good
         else (
-            f"{figures}; at most {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
+            f"{figures}; limits {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
         )
     )
 
@@ -100,16 +100,15 @@ def restless(
         return _refused(
             name,
             verdict.code,
-            f"it keeps no station in {speed:.2f} m/s: {verdict.said}",
+            f"no station keeping in {speed:.2f} m/s: {verdict.said}",
             verdict.figure,
         )
 
     limits = RestLimits()
     if isinstance(kept, HoverFigures) and kept.rest < limits.time:
         said = (
-            f"in {speed:.2f} m/s it never rests for {limits.time:g} s: it turns by up to "
-            f"{kept.turn:.2g} rad/s, at "
-            f"most {limits.turn:g} is rest; least thrust or dead band of the thrusters?"
+            f"in {speed:.2f} m/s the hover is not steady for {limits.time:g} s: {kept.turn:.2g} "
+            f"rad/s (limit {limits.turn:g}); minimum thrust or dead band of the thrusters?"
         )
         return _refused(name, "rest", said, kept.turn)
 
@@ -215,7 +214,8 @@ def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
     return _refused(
         name,
         "view",
-        f"{blocked:.0%} of the camera's view is on the vehicle itself, at most {VIEW:.0%}",
+        f"{blocked:.0%} of the camera's view is blocked by the vehicle itself, above the limit of "
+        f"{VIEW:.0%}",
     )
 
 
@@ -248,16 +248,15 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     margin = placement.margin
     if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
         said = (
-            f"the vehicle hides {hidden:.0%} of the ground about the target from its sonar, at "
-            f"most {HIDDEN:.0%}"
+            f"the vehicle hides {hidden:.0%} of the ground around the target from its sonar, "
+            f"above the limit of {HIDDEN:.0%}"
         )
         return _refused(name, "view", said, hidden)
 
     if len(own.vehicle.joints) < FULL and margin < SHORT_MARGIN:
         said = (
             f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs "
-            f"{SHORT_MARGIN:g}: it meets the "
-            "hull's drift with its posture alone"
+            f"{SHORT_MARGIN:g}: it compensates the hull's drift by its posture alone"
         )
         return _refused(name, "margin", said, margin)
 
@@ -270,7 +269,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         f"{speed:.2f} m/s{part}"
         + _touching(own, placement.q_start)
         + (
-            f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline"
+            f"; during close-in the folded arm or the hull penetrates {-gap:.2f} m of its outline"
             if gap < 0.0
             else ""
         ),

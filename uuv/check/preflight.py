@@ -41,7 +41,7 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
     if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
         return []
 
-    more = f"; uuv check {scenario.vehicle.vehicle} tells more"
+    more = f"; uuv check {scenario.vehicle.vehicle} gives the details"
 
     # Faults of the model, whatever the job.
     for found in (
@@ -50,20 +50,19 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
         *doubts.gravity_doubts(model, vehicle),
     ):
         if found.level == "fault":
-            raise ConfigurationError(f"the work was not begun: {found.said}{more}")
+            raise ConfigurationError(f"the work was not started: {found.said}{more}")
 
     ready = ReadyForce.of(scenario, own)
     if (refused := ready.refusal(scenario, BEYOND)) is not None:
-        raise ConfigurationError(f"the work was not begun: {refused[1]}{more}")
+        raise ConfigurationError(f"the work was not started: {refused[1]}{more}")
 
     search, lines = PostureSearch(model), []
     home = vehicle.q_home
     blocked, body = search.view_hits(home, doubts.HALF_VIEW)
     if looks_by_camera(scenario) and blocked > VIEW:
         raise ConfigurationError(
-            f"the work was not begun: {blocked:.0%} of the camera's view is on the vehicle "
-            "itself, most of it on "
-            f"{body}{more}"
+            f"the work was not started: {blocked:.0%} of the camera's view is blocked by the "
+            f"vehicle itself, mostly by {body}{more}"
         )
 
     # What is doubtful only, one line each.
@@ -90,7 +89,7 @@ def _water_doubts(scenario: Scenario, model: mujoco.MjModel, vehicle: Vehicle) -
         limit = strongest_current(model, vehicle, axis, min(authority(vehicle, axis)))
         if abs(speed) > limit:
             way = f"{abs(speed):.2f} m/s along {AXES[axis]}"
-            held = f"the thrusters hold it against {limit:.2f} m/s"
+            held = f"the thrusters can hold against {limit:.2f} m/s"
             lines.append(f"the water at the hull moves at {way}, {held}")
 
     return lines

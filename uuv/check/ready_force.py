@@ -41,20 +41,23 @@ class ReadyForce:
         """Code, sentence and figure of what bears less than `beyond` times the push, or None."""
         if self.spring < self.force:
             said = (
-                f"the tool's spring is at its end at {self.spring:.0f} N, the job sets "
+                f"the tool's spring bottoms out at {self.spring:.0f} N, the set force is "
                 f"{self.force:.0f} N"
             )
             return "force", said + _lower(scenario, self.spring), self.spring
 
         if beyond * self.bears < self.force:
             said = (
-                f"the tip bears {self.bears:.0f} N in ready ({self.by}), the job sets "
-                f"{self.force:.0f} N"
+                f"the available tip force is {self.bears:.0f} N in the ready posture ({self.by}), "
+                f"the set force is {self.force:.0f} N"
             )
             return "force", said + _lower(scenario, self.bears), self.bears
 
         if self.used > beyond:
-            said = f"{self.force:.0f} N at the tip in ready ask for {self.used:.0%} of a thruster"
+            said = (
+                f"{self.force:.0f} N at the tip in the ready posture need {self.used:.0%} of a "
+                "thruster"
+            )
             return "thrust", said + _lower(scenario, self.force / self.used), self.used
 
         return None
@@ -65,7 +68,7 @@ def _lower(scenario: Scenario, force: float) -> str:
     wise = 0.8 * force
     if not isinstance(scenario.task, SurfaceWorkTask) or wise < 1.0:
         return ""
-    return f"; --forces {wise:.0f} may do"
+    return f"; try --forces {wise:.0f}"
 
 
 def push_of(scenario: Scenario) -> float:

@@ -69,7 +69,7 @@ def _print_commands(promised: Iterable[str], console: Console) -> None:
     for brings, same in ((False, "--vehicle, --tool and --forces"), (True, "--vehicle")):
         commands = sorted(run.command for run in runs if run.brings_tool is brings)
         if commands:
-            line = f"to run what is promised, with the same {same}: uuv run {', '.join(commands)}"
+            line = f"to run the feasible jobs with the same {same}: uuv run {', '.join(commands)}"
             console.print(Text(line, style="dim"))
 
 

@@ -60,11 +60,13 @@ class CampaignOptions(HarnessOptions):
         super().__post_init__()
         at_least(self, cases=1, only=0, replay=0)
         if (self.only is not None) + (self.replay is not None) + self.page > 1:
-            raise ConfigurationError("--only, --replay and --page: one of them")
+            raise ConfigurationError("--only, --replay and --page: give only one of them")
         if self.version and self.only is None and self.replay is None:
             raise ConfigurationError("--version: only with --only or --replay")
         if self.drawn is not None and self.seed is not None:
-            raise ConfigurationError("--drawn and --seed: one of them; these cases are drawn")
+            raise ConfigurationError(
+                "--drawn and --seed: give only one of them; these cases are drawn"
+            )
 
 
 def main(verb: str, args: Sequence[str]) -> int:

@@ -23,7 +23,10 @@ VERBS = {  # by the one or two words that are typed
     "list": Verb("listing", "ListOptions", "", "what there is: jobs, experiments, vehicles, ..."),
     "run": Verb("run_job", "RunVerb", "NAME", "a job, or a scenario file: my.toml", "run-scenario"),
     "check": Verb(
-        "vehicles.check_vehicle", "CheckOptions", "VEHICLE", "what a vehicle has of the contract"
+        "vehicles.check_vehicle",
+        "CheckOptions",
+        "VEHICLE",
+        "parts, figures and feasible jobs of a vehicle",
     ),
     "wet": Verb(
         "vehicles.wet_model",
@@ -38,7 +41,7 @@ VERBS = {  # by the one or two words that are typed
         "past.compare_runs", "CompareOptions", "RUN RUN", "figures of runs side by side"
     ),
     "replay": Verb(
-        "past.past_runs", "ReplayOptions", "RUN", "runs again from its record, to the bit"
+        "past.past_runs", "ReplayOptions", "RUN", "repeat a run from its record, bit for bit"
     ),
     "report": Verb("past.past_runs", "ReportOptions", "RUN", "the report of a run"),
     "view": Verb("past.past_runs", "ViewOptions", "RUN", "its log in the Rerun viewer"),
@@ -72,7 +75,7 @@ VERBS = {  # by the one or two words that are typed
         "compare_campaigns",
         "CompareCampaignsOptions",
         "FOLDER FOLDER",
-        "two campaigns of the same draws",
+        "two campaigns, paired by case",
     ),
     "models": Verb(
         "vehicles.models",

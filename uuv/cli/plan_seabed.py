@@ -96,10 +96,9 @@ def print_plan(plan: "SeabedPlan", console: "Console") -> None:
     terrain = plan.terrain
     relief = plan.relief
     console.print(
-        f"{terrain.points} points, {terrain.outliers} left out; noise {1e3 * terrain.noise:.1f} "
-        "mm; "
-        f"{len(terrain.triangles)} triangles; slope {np.degrees(relief.slope):.1f} deg, roughness "
-        f"{1e3 * relief.roughness:.1f} mm; {plan.duration_s:.2f} s",
+        f"{terrain.points} points, {terrain.outliers} outliers; noise {1e3 * terrain.noise:.1f} "
+        f"mm; {len(terrain.triangles)} triangles; slope {np.degrees(relief.slope):.1f} deg, "
+        f"roughness {1e3 * relief.roughness:.1f} mm; {plan.duration_s:.2f} s",
         highlight=False,
     )
 

@@ -88,8 +88,7 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
             if 2.0 * radius > _TOO_LARGE * extent:
                 raise ConfigurationError(
                     f"{name!r} is {2.0 * radius:.3g} m across, the cloud {extent:.3g} m: is one "
-                    "of them in "
-                    "millimetres? Give --scale (of the cloud) or --mesh-scale"
+                    "of them in millimetres? Give --scale (of the cloud) or --mesh-scale"
                 )
 
         return Seen(
@@ -170,7 +169,7 @@ def _notes(options: IdentificationOptions, seen: Seen, found: Identification) ->
 
     position, angle = seen.scene.error(found.X_sensor_target)
     said = (
-        f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at "
+        f"error {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at "
         f"{seen.scene.range_m:.2f} m"
     )
     return [*notes, f"scene of seed {options.seed}, {options.sensor}: {said}"]

@@ -85,7 +85,8 @@ def touched(
             return series, np.array(places)
 
     raise ReachError(
-        f"the arm reaches {len(places)} places from {touches} directions each; {points} are needed"
+        f"the arm reaches {len(places)} positions from {touches} directions each; {points} are "
+        "needed"
     )
 
 
@@ -117,10 +118,8 @@ def summary_line(found: Calibration, length: float) -> str:
     )
     return (
         f"arm calibrated on deck: {touches} touches of {len(found.residuals)} points and one "
-        f"length of {length:.2f} m; "
-        f"pairs {before:.2f} mm apart before, {after:.2f} after; {found.rank.rank} of "
-        f"{found.rank.total} directions "
-        "seen"
+        f"length of {length:.2f} m; scatter of the touches {before:.2f} mm before, {after:.2f} "
+        f"after; {found.rank.rank} of {found.rank.total} directions observable"
     )
 
 
@@ -148,8 +147,7 @@ def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
     aside = float(np.linalg.norm(source.tcp))
     if aside > OWN_TOOL:
         raise ConfigurationError(
-            f"belief.arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the "
-            "vehicle's own; at most "
-            f"{1e3 * OWN_TOOL:.0f} mm is taken for the same tool"
+            f"belief.arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from that "
+            f"of the vehicle; the limit is {1e3 * OWN_TOOL:.0f} mm"
         )
     return source.arm.with_tip(source.tcp), f"arm of {file}"

@@ -71,6 +71,6 @@ def _no_gl(error: Exception) -> str:
     why = str(error).strip().splitlines()
     return (
         f"no picture: dm_control finds no GL (MUJOCO_GL is {backend}): install libegl1 for "
-        "MUJOCO_GL=egl, or "
-        f"libosmesa6 for MUJOCO_GL=osmesa ({type(error).__name__}{f': {why[0]}' if why else ''})"
+        "MUJOCO_GL=egl, or libosmesa6 for MUJOCO_GL=osmesa "
+        f"({type(error).__name__}{f': {why[0]}' if why else ''})"
     )

@@ -161,8 +161,8 @@ class Experiment(Generic[Case, Outcome]):
         for name in names:
             if name not in known:
                 raise ConfigurationError(
-                    f"experiment {self.name}: no option {name!r}; there are {', '.join(known)}"
-                    f"{did_you_mean(name, known)}"
+                    f"experiment {self.name}: no option {name!r}; there are "
+                    f"{', '.join(known)}{did_you_mean(name, known)}"
                 )
 
     def main(self) -> int:
@@ -206,7 +206,7 @@ class Experiment(Generic[Case, Outcome]):
         else:
             cases = made_cases(options.drawn, self.name, self.case)
         if not cases:
-            raise ConfigurationError(f"experiment {self.name}: these options ask for no case")
+            raise ConfigurationError(f"experiment {self.name}: these options select no case")
         return Study(
             cases=cases,
             run_one=self.row,

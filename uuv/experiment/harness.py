@@ -245,7 +245,7 @@ class Study(Generic[Case]):
         there = by_case(read_rows(folder), folder)
         rows = [there[key] for case in self.cases if (key := key_of(case)) in there]
         if not rows:
-            raise ConfigurationError(f"{folder} holds no row of this study")
+            raise ConfigurationError(f"{folder} holds no row of this experiment")
 
         pace = f"{len(rows)} of {len(self.cases)} runs; {_pace(rows, 0, '', 0.0)}"
         return self._told(folder, rows, title, provenance(name, options), pace, _console())

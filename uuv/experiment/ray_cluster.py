@@ -152,8 +152,7 @@ def _carried_out(
             except (lost.LocalRayletDiedError, lost.RuntimeEnvSetupError) as error:
                 raise ConfigurationError(
                     f"--engine ray: the cluster is lost ({one_line(str(error))}); the rows are "
-                    "kept, the same command "
-                    "goes on"
+                    "kept, the same command continues"
                 ) from error
             except lost.RayError:  # its worker or node is gone, or the result with it
                 deaths[number] += 1

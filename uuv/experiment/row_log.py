@@ -53,13 +53,12 @@ class RowLog:
         # Rows need their study.json, and a folder of other files is left alone.
         if not self._about.exists() and has_rows(folder) and not anew:
             raise ConfigurationError(
-                f"{folder} holds rows, but {ABOUT} is gone, without which nobody knows by what "
-                "code and options they "
-                "were made; put it back, or --anew throws them away"
+                f"{folder} holds rows, but {ABOUT} is missing, so their code and options are "
+                "unknown; restore it, or --anew discards them"
             )
         if foreign and not self._about.exists() and not has_rows(folder):
             raise ConfigurationError(
-                f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
+                f"{folder} holds files that are not of an experiment ({', '.join(sorted(foreign))})"
             )
 
         for part in folder.glob(".*.parquet.*"):  # of a process that was killed
@@ -71,9 +70,8 @@ class RowLog:
 
         if (folder / _EARLIER).exists():
             raise ConfigurationError(
-                f"{folder} holds rows of an earlier version ({_EARLIER}); --anew throws them "
-                "away, or take another "
-                "--out"
+                f"{folder} holds rows of an earlier version ({_EARLIER}); --anew discards them, "
+                "or take another --out"
             )
 
         # Old rows must be of the same options and the same code.
@@ -90,17 +88,16 @@ class RowLog:
                     for of in (before, self._of)
                 )
                 raise ConfigurationError(
-                    f"{folder} holds runs of {there}, asked for are those of {asked}; --anew "
-                    "throws them away, or take "
-                    "another --out"
+                    f"{folder} holds runs of {there}, requested are those of {asked}; --anew "
+                    "discards them, or take another --out"
                 )
 
             if changed := self._changed(about):
                 more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
                 raise ConfigurationError(
                     f"{folder} holds runs of other code (changed: "
-                    f"{', '.join(changed[:_NAMED])}{more}); --anew throws "
-                    "them away, or take another --out"
+                    f"{', '.join(changed[:_NAMED])}{more}); --anew discards them, or take another "
+                    "--out"
                 )
         else:
             self._write_about()
@@ -151,9 +148,8 @@ class RowLog:
             file for file, digest in code.items() if self._code.get(file, digest) != digest
         ]:
             raise ConfigurationError(
-                f"{', '.join(other[:_NAMED])}: changed while the study was at work, or other on "
-                "another machine; the "
-                "rows that are there are of the earlier content"
+                f"{', '.join(other[:_NAMED])}: changed during the experiment, or different on "
+                "another machine; the existing rows are of the earlier content"
             )
 
         if code.keys() - self._code.keys():
@@ -214,7 +210,7 @@ def by_case(rows: Iterable[Row], folder: Path) -> dict[str, Row]:
     try:
         return {reader.made(_Logged, row).case_id: row for row in rows}
     except ConfigurationError as error:
-        raise ConfigurationError(f"{folder}: {error}; --anew throws the rows away") from error
+        raise ConfigurationError(f"{folder}: {error}; --anew discards the rows") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -257,7 +253,7 @@ def _read_about(file: Path) -> RowsAbout:
     try:
         return TableReader(ABOUT).made(RowsAbout, json_of(file, "study"))
     except ConfigurationError as error:
-        raise ConfigurationError(f"{error} ({file}); --anew throws the rows away") from error
+        raise ConfigurationError(f"{error} ({file}); --anew discards the rows") from error
 
 
 def without_log(row: Row) -> Row:

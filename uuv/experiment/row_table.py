@@ -139,7 +139,7 @@ class RowTable:
     def _write(self, number: int, table: pa.Table) -> None:
         if self._home.is_symlink():
             raise ConfigurationError(
-                f"{self._home}: is a link, and its rows would go where it leads to"
+                f"{self._home}: is a link; its rows would be written to the target of the link"
             )
         try:
             self._home.mkdir(exist_ok=True)
@@ -206,7 +206,7 @@ def _read(file: Path) -> pa.Table:
 
         if told.num_rows > CHUNK or unpacked > _MOST_BYTES:
             raise ConfigurationError(
-                f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; take it out"
+                f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; remove it"
             )
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
@@ -214,15 +214,14 @@ def _read(file: Path) -> pa.Table:
             raise
         said = (str(error).splitlines() or [""])[0]
         raise ConfigurationError(
-            f"{file}: is no whole Parquet file ({said}); mend it or take it out"
+            f"{file}: is not a complete Parquet file ({said}); repair or remove it"
         ) from error
 
     version = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
     if version != str(SCHEMA_VERSION):
         raise ConfigurationError(
-            f"{file}: schema version {version}; this code reads {SCHEMA_VERSION}; --anew throws "
-            "the rows away, or take "
-            "another --out"
+            f"{file}: schema version {version}; this code reads {SCHEMA_VERSION}; --anew discards "
+            "the rows, or take another --out"
         )
 
     return table
@@ -276,7 +275,7 @@ def _decoded(table: pa.Table, file: Path) -> list[Row]:
         return _nested_rows(table)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ConfigurationError(
-            f"{file}: is no table of rows ({error}); mend it or take it out"
+            f"{file}: is no table of rows ({error}); repair or remove it"
         ) from error
 
 

@@ -201,8 +201,7 @@ class SensorFailure(Failure):
         if self.sensor != "imu" or self.index not in (0, 1, 2):
             raise ConfigurationError(
                 "SensorFailure turned: allowed for sensor 'imu' about index 0, 1 or 2 (axis of "
-                "the hull), "
-                f"got {shown(self.sensor)} and {shown(self.index)}"
+                f"the hull), got {shown(self.sensor)} and {shown(self.index)}"
             )
 
     def on_loop(self, loop: Loop) -> Loop:

@@ -290,7 +290,11 @@ def assessed(
 
     checks = [
         Requirement(
-            f"{words}, worst joint off", figures[f"{name}_error"], getattr(bounds, name), "%", 100.0
+            f"{words}, error of the worst joint",
+            figures[f"{name}_error"],
+            getattr(bounds, name),
+            "%",
+            100.0,
         )
         for name, words in (
             ("coulomb", "Coulomb friction"),

@@ -52,8 +52,10 @@ class InspectionTask(InspectionSettings, Task):
     schema: ClassVar[str] = "inspection"
     looks: ClassVar[bool] = True
     spares: ClassVar[Collection[str]] = (TOOL_GEOM,)
-    cover: bool = option(False, "Fly further orbits until all that can be seen is seen.")
-    mesh: bool = option(False, "Leave mesh.ply, what was seen and how it deviates (extra open3d).")
+    cover: bool = option(False, "Fly further orbits until the visible surface is covered.")
+    mesh: bool = option(
+        False, "Write mesh.ply, the measured surface and its deviations (extra open3d)."
+    )
 
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses an object that there is not, and a mesh without Open3D."""
@@ -227,8 +229,10 @@ def orbit_picture(
     axes = figure.subplots()
     vertices = transform_points(truth.X_WT, truth.target.vertices)
     axes.triplot(vertices[:, 0], vertices[:, 1], truth.target.triangles, lw=0.2, color="0.5")
-    axes.plot(*recording["p_WB_reference"].value[work][:, :2].T, "--", lw=1.0, label="hull, asked")
+    axes.plot(
+        *recording["p_WB_reference"].value[work][:, :2].T, "--", lw=1.0, label="hull, reference"
+    )
     axes.plot(*recording["p_WB"].value[work][:, :2].T, lw=1.0, label="hull")
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.legend(frameon=False, fontsize=9)
-    yield "The way around", "The hull's way around the object, from above.", figure
+    yield "The orbit", "The hull's path around the object, from above.", figure

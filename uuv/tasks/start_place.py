@@ -49,6 +49,6 @@ def check_start(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> None:
     part, other = sorted(deepest.geom.tolist(), key=lambda geom: not ours[geom])
     inside = f"{-deepest.dist:.2f} m deep in {of_geom(model, other)} with {of_geom(model, part)}"
     raise ConfigurationError(
-        f"the vehicle would begin {inside}; its camera's place and tilt, and task.range, decide "
-        "where it looks from"
+        f"the vehicle would start {inside}; its start follows from position and tilt of the "
+        "camera and from task.range"
     )

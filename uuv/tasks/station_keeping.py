@@ -128,7 +128,7 @@ class PlacedStationKeeping(PlacedTask):
         # Both against their bounds.
         bounds = StationBounds()
         checks = [
-            Requirement("hull off its place, peak", drift, bounds.drift, "mm", scale=1e3),
+            Requirement("hull position error, peak", drift, bounds.drift, "mm", scale=1e3),
             Requirement("tilt of the hull, peak", tilt, bounds.tilt, "deg", scale=1.0 / DEGREE),
         ]
         wall_s = ran.wall_s

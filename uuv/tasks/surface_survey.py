@@ -185,9 +185,8 @@ class SurfaceSurvey:
 
         yield (
             "Surface that was measured",
-            f"Mesh of {self.frames} depth frames at the poses that the vehicle believed, in the "
-            "object's own frame; "
-            "grey: not seen.",
+            f"Mesh of {self.frames} depth frames at the estimated poses of the vehicle, in the "
+            "object's own frame; grey: not seen.",
             figure,
         )
 

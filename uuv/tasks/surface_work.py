@@ -73,7 +73,7 @@ class ToolTurn:
         finite_number(self.blend, "task.turn.blend [m]", least=0.0, most=1.0)
         if self.dwell and self.blend:
             both = f"task.turn.dwell and task.turn.blend {self.blend:g}"
-            raise ConfigurationError(f"{both}: in a corner the tool does one of the two")
+            raise ConfigurationError(f"{both}: give only one of the two")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,16 +123,16 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         for excluded, why in (
             (
                 scenario.sensing.arm_camera is not None,
-                "sensing.arm_camera: it sees more than stops tell",
+                "sensing.arm_camera, which measures more than stops do",
             ),
-            (self.contactless is not None, "task.contactless: nothing holds the tool"),
+            (self.contactless is not None, "task.contactless, where no contact holds the tool"),
             (
                 "fusion" in scenario.control.without,
-                "control.without fusion: nothing takes what they tell",
+                "control.without fusion, where no filter takes their measurements",
             ),
         ):
             if excluded:
-                raise ConfigurationError(f"task.promise.stops and {why}; one of the two")
+                raise ConfigurationError(f"task.promise.stops and {why}: give only one of the two")
 
     def place(
         self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator
@@ -360,11 +360,12 @@ def _check_survey(scenario: Scenario) -> None:
     looks = scenario.sensing.looks
     if looks != 1:
         raise ConfigurationError(
-            f"sensing.sensor {SURVEY}: nothing looks for the object; no sensing.looks, got {looks}"
+            f"sensing.sensor {SURVEY}: the object is not identified; leave out sensing.looks, got "
+            f"{looks}"
         )
     if "identification" in scenario.control.published:
         both = f"sensing.sensor {SURVEY} and control.published identification"
-        raise ConfigurationError(f"{both}: one of the two")
+        raise ConfigurationError(f"{both}: give only one of the two")
 
 
 def check_follows(scenario: Scenario) -> None:

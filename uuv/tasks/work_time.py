@@ -65,19 +65,18 @@ class WorkTime:
 
         raise ConfigurationError(
             f"task.speed {self.speed:g} over {self.length:.3g} m: {self._what_lacks()}; "
-            f"{', or '.join(ways)} would do"
+            f"{', or '.join(ways)} would suffice"
         )
 
     def _what_lacks(self) -> str:
         judged = self.judged() if self.forces else ()
         if not judged or long_enough(min(judged)):
-            return "the tool hardly comes to that speed"
+            return "the tool barely reaches that speed"
 
         k = int(np.argmin(judged))
         return (
-            f"the set force of {levels(self.forces)[k].force:g} N, {k + 1} of {len(judged)}, "
-            "could be judged for "
-            f"{max(judged[k], 0.0):.2f} s only, of {JUDGED:g} s at least"
+            f"the set force of {levels(self.forces)[k].force:g} N, {k + 1} of {len(judged)}, can "
+            f"be judged for {max(judged[k], 0.0):.2f} s, at least {JUDGED:g} s are needed"
         )
 
     def _is_judged(self) -> bool:

@@ -207,11 +207,11 @@ def table_of(found: Sequence[Finding], exact: Mapping[str, float] | None = None)
     for column in (
         "parameter",
         "unit",
-        "before",
-        "found",
+        "prior",
+        "estimate",
         "95 %",
         *(("true",) if exact else ()),
-        "told",
+        "variance removed",
         "",
     ):
         table.add_column(
@@ -245,27 +245,28 @@ def words(
     logs: Sequence[WaterLog],
     own: ReplayVehicle,
 ) -> list[str]:
-    """What the logs cannot tell, in sentences."""
+    """What the logs do not identify, in sentences."""
     said = []
 
     for log in logs:
         if own.names and not log.commands and not log.thrusts:
             said.append(
-                f"{log.name}: no thruster column; the thrusters count as off, and their "
-                "gains are not told"
+                f"{log.name}: no thruster column; the thrusters count as off, and their gains are "
+                "not identifiable"
             )
         if own.joints and not log.joints:
             said.append(f"{log.name}: no joint column; the arm counts as folded")
 
-    said += [f"only together: {sentence}" for sentence in combined]
+    said += [f"identifiable only together: {sentence}" for sentence in combined]
     off = all(not log.commands and not log.thrusts for log in logs)
-    for verdict in ("not told", "partly"):
+    for verdict in ("not identifiable", "partly identified"):
         by_help: dict[str, list[str]] = {}
         for each in found:
             if each.verdict == verdict and not (off and each.group == "thrusters"):
                 by_help.setdefault(each.helps, []).append(each.name)
         said += [
-            f"{verdict}: {', '.join(names)}; {helps} would tell" for helps, names in by_help.items()
+            f"{verdict}: {', '.join(names)}; {helps} would identify them"
+            for helps, names in by_help.items()
         ]
 
     wide = {name: factor for name, factor in fit.widened.items() if factor > 1.5}
@@ -273,8 +274,7 @@ def words(
         worst = max(wide, key=lambda name: wide[name])
         said.append(
             f"residuals exceed the stated noise in {len(wide)} of {len(fit.widened)} channels, "
-            "and the intervals allow "
-            f"for it; most in {worst}, {wide[worst]:.1f} times"
+            f"and the intervals allow for it; most in {worst}, {wide[worst]:.1f} times"
         )
 
     return said
@@ -298,7 +298,7 @@ def _plan(
 
     best = ranked[0]
     console.print(
-        f"next: {best.name}; the intervals shrink by {best.sharper():.2f} in the mean",
+        f"next: {best.name}; the intervals shrink by {best.sharper():.2f} on average",
         highlight=False,
     )
 
@@ -329,7 +329,7 @@ def _plan(
 
 def plan_table(ranked: Sequence[Planned]) -> Table:
     """Table of the best manoeuvres."""
-    table = Table(title="what each manoeuvre of 20 s would tell", title_justify="left")
+    table = Table(title="expected information of each manoeuvre of 20 s", title_justify="left")
     for column in ("manoeuvre", "intervals sharper, mean", "prior variance left"):
         table.add_column(column, justify="left" if column == "manoeuvre" else "right")
     for each in ranked[:_SHOWN]:

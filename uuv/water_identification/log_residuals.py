@@ -534,8 +534,7 @@ def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
         longest = max((b - a for a, b in parts), default=0.0)
         raise ConfigurationError(
             f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of "
-            f"{length:g} s need "
-            f"{0.4 * length:g} s"
+            f"{length:g} s need {0.4 * length:g} s"
         )
     return found
 
@@ -660,6 +659,5 @@ def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
 
     raise ConfigurationError(
         f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no "
-        "joint swings, the hull "
-        "rests; that tells nothing of the water"
+        "joint swings, the hull rests; the water is not identifiable"
     )

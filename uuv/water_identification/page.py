@@ -59,10 +59,10 @@ def write_page(
         for each in found
     ]
 
-    columns = ("parameter", "unit", "before", "found", "95 %", "told", "")
+    columns = ("parameter", "unit", "prior", "estimate", "95 %", "variance removed", "")
     parts = [
         page.heading(title),
-        page.section("What the logs cannot tell", page.items(said)),
+        page.section("Not identifiable from these logs", page.items(said)),
         page.section("Parameters", page.table(columns, rows, texts=(0, 1, 6))),
     ]
 

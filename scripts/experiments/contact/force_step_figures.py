@@ -82,8 +82,7 @@ def _pictures(draw: Any) -> Iterator[tuple[str, str, "Figure"]]:
     yield (
         "Responses",
         "True normal force at the tool, moving along the path: each step thin, their mean thick; "
-        "the set force "
-        "dashed, and the bound of the overshoot.",
+        "the set force dashed, and the bound of the overshoot.",
         draw(),
     )
 

@@ -98,8 +98,8 @@ def line(row: Row) -> str:
         return ""
 
     return (
-        f"{row['object']}, {row['sensor']}, seed {row['seed']}: {1e3 * row['position_m']:.1f} mm,"
-        f" {row['angle_deg']:.1f} deg, {'accepted' if row['accepted'] else row['reason']}"
+        f"{row['object']}, {row['sensor']}, seed {row['seed']}: {1e3 * row['position_m']:.1f} mm, "
+        f"{row['angle_deg']:.1f} deg, {'accepted' if row['accepted'] else row['reason']}"
     )
 
 

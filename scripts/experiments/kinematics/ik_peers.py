@@ -64,13 +64,11 @@ def urdf(task: SolverTask) -> str:
         kind = "fixed" if last else {"r": "revolute", "p": "prismatic"}[task.arm.joint_types[i]]
         lower, upper = (0.0, 0.0) if last else task.limits[i]
         parts.append(
-            f'<link name="{"tip" if last else f"link{i}"}"/><joint name="joint{i}" type="{kind}">'
-            f'<parent link="{f"link{i - 1}" if i else "base"}"/><child '
-            f'link="{"tip" if last else f"link{i}"}"/>'
-            f'<origin xyz="{X[0, 3]!r} {X[1, 3]!r} {X[2, 3]!r}" rpy="{rpy[0]!r} {rpy[1]!r} '
-            f'{rpy[2]!r}"/>'
-            f'<axis xyz="0 0 1"/><limit lower="{lower!r}" upper="{upper!r}" effort="1" '
-            'velocity="1e6"/></joint>'
+            f'<link name="{"tip" if last else f"link{i}"}"/><joint name="joint{i}" '
+            f'type="{kind}"><parent link="{f"link{i - 1}" if i else "base"}"/><child '
+            f'link="{"tip" if last else f"link{i}"}"/><origin xyz="{X[0, 3]!r} {X[1, 3]!r} '
+            f'{X[2, 3]!r}" rpy="{rpy[0]!r} {rpy[1]!r} {rpy[2]!r}"/><axis xyz="0 0 1"/><limit '
+            f'lower="{lower!r}" upper="{upper!r}" effort="1" velocity="1e6"/></joint>'
         )
     return "".join(parts).replace("np.float64(", "").replace(")", "") + "</robot>"
 

@@ -158,17 +158,14 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
     return "\n\n".join(
         (
             f"# UUV contact, version {first['version']}: {first['cases']} {kinds}",
-            "Shares with exact binomial intervals of 95 %; medians with bootstrap intervals of 95 "
-            "%, over the runs "
-            "that gave the figure. Force and path are of surface work, without the insertions. "
-            "Step is the mean wall "
-            "time of one answer through the door, the entry's computing included; a dash: the "
-            "controller ran in the "
-            "simulation's process. Entry's file is the digest of the file with its class, and of "
-            "the one with its "
-            "estimator; a dash: the entry is a setting of the project's own controller. Project "
-            "is the digest of the "
-            "project's code, without the entry's. See docs/benchmark.md.",
+            "Shares with exact binomial intervals of 95 %; medians with bootstrap intervals of "
+            "95 %, over the runs that gave the figure. Force and path are of surface work, "
+            "without the insertions. Step is the mean wall time of one answer through the door, "
+            "the entry's computing included; a dash: the controller ran in the simulation's "
+            "process. Entry's file is the digest of the file with its class, and of the one with "
+            "its estimator; a dash: the entry is a setting of the project's own controller. "
+            "Project is the digest of the project's code, without the entry's. See "
+            "docs/benchmark.md.",
             *(table.markdown() for table in tables),
             f"Digest of the cases: {first['cases_digest']}.\n",
         )

@@ -126,8 +126,8 @@ def vehicles(case: PhysicsCase) -> dict[str, Contender]:
 def one_body() -> dict[str, Contender]:
     """One rigid body, and loops that step it in Python."""
     spec = mujoco.MjSpec.from_string(
-        '<mujoco><option timestep="0.002"/><worldbody><body name="hull"><freejoint/>'
-        '<geom type="box" size=".7 .4 .3" mass="680"/></body></worldbody></mujoco>'
+        '<mujoco><option timestep="0.002"/><worldbody><body name="hull"><freejoint/><geom '
+        'type="box" size=".7 .4 .3" mass="680"/></body></worldbody></mujoco>'
     )
     body = water.box([1.4, 0.8, 0.6])
     water.attach(spec, {"hull": body})

@@ -92,7 +92,7 @@ WRONG = {
     ),
     "a zero of ten degrees": (
         lambda s: [q + 0.17 * (np.arange(7) == 1) for q in s],
-        "theta2 would be off by",
+        "theta2 would be wrong by",
     ),
     "a zero set anew in one file": (
         lambda s: [s[0], s[1] + np.deg2rad(2.0) * (np.arange(7) == 2), s[2]],

@@ -487,4 +487,4 @@ def test_the_check_and_the_start_of_a_run_know_the_flow() -> None:
     jobs = ArmJobs("uuv_puma", tool=None, parts=None, flow=TurningJet(speed=1.9))
     verdict = jobs.verdict("barrel-longitudinal", 0.0)
     assert not verdict.promised
-    assert "it keeps no station in 1.89 m/s" in verdict.said
+    assert "no station keeping in 1.89 m/s" in verdict.said

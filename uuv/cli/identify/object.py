@@ -106,7 +106,7 @@ def print_candidates(several: "Recognition", console: "Console") -> None:
     """Prints how likely each of several objects is."""
     candidates = several.candidates
     likely = ", ".join(f"{rival.name} {rival.log_likelihood:.0f}" for rival in candidates)
-    ahead = f"{several.margin:.0f} nat ahead of the next; " if len(candidates) > 1 else ""
+    ahead = f"{several.margin:.0f} nat above the next; " if len(candidates) > 1 else ""
     console.print(f"{ahead}log likelihoods [nat]: {likely}", highlight=False)
 
 
@@ -136,5 +136,5 @@ def deformation(
         figure.savefig(folder / "deformation.png", dpi=120)
     else:
         compared = f"of the {mapped.compared:.0%} of the surface in view that was compared"
-        console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
+        console.print(f"no significant deviation {compared}", highlight=False)
     return deformation_report.figures(mapped)

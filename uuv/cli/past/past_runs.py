@@ -128,9 +128,9 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
         return 0
 
     print(
-        f"another trajectory: {got[:12]}, recorded {str(wanted)[:12]}. The record is of other "
-        "code or libraries, of "
-        "another machine, or of a run that was interrupted (see provenance in metrics.json)."
+        f"different trajectory: {got[:12]}, recorded {str(wanted)[:12]}. The record is of other "
+        "code or libraries, of another machine, or of a run that was interrupted (see provenance "
+        "in metrics.json)."
     )
     return 1
 

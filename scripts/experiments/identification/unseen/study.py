@@ -161,8 +161,8 @@ def line(row: Row) -> str:
     reason = f": {row['reason']}" if row["reason"] else ""
     return (
         f"{row['content']} {row['index']}, {row['kind']}, {row['around']}, {row['sensor']}, "
-        f"hidden {row['hidden']:.2f}:"
-        f" {1e3 * row['position_m']:.0f} mm, {row['angle_deg']:.0f} deg, {row['decision']}{reason}"
+        f"hidden {row['hidden']:.2f}: {1e3 * row['position_m']:.0f} mm, {row['angle_deg']:.0f} "
+        f"deg, {row['decision']}{reason}"
     )
 
 

@@ -228,8 +228,8 @@ def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
     found = [row for row in rows if row["methods"][OURS]["found"]]
     lines = [
         *left_out,
-        f"ours: {sum(row['accepted'] for row in found)} of {len(found)} found poses accepted,"
-        f" {sum(row['accepted'] for row in rows) - sum(row['accepted'] for row in found)} others",
+        f"ours: {sum(row['accepted'] for row in found)} of {len(found)} found poses accepted, "
+        f"{sum(row['accepted'] for row in rows) - sum(row['accepted'] for row in found)} others",
         f"scenes whose segmentation leaves no points: {sum(not row['segmented'] for row in rows)}",
         *(
             f"{titles[name]}: {each['errors']} errors raised"

@@ -308,7 +308,7 @@ def test_what_ends_a_path_is_named_with_its_joint(own):
     beyond.poses[0][2, 3] -= 5.0
     cases = (
         (margins(own), track(own, near, nearer), 1, "joint5 comes to its limit"),
-        (margins(own), track(own, ready, turned), 1, "joint1 would turn by 86 deg at once"),
+        (margins(own), track(own, ready, turned), 1, "joint1 would turn by 86 deg in one step"),
         (margins(own), beyond, 0, "the arm is too short"),
         (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the push"),
     )

@@ -29,8 +29,8 @@ def test_a_sound_estimate_tells_of_none():
 def test_each_axis_of_a_gyro_is_a_fault_of_its_own():
     x, z = told(replace(sound(), gyro_off_B=np.array([0.03, 0.0, -0.3])))
     assert (x.kind, x.part, x.index, x.time) == (FaultKind.GYRO, "x", 0, 12.0)
-    assert x.figures == "+1.72 deg/s off the change of the attitude"
-    assert (z.part, z.index, z.figures) == ("z", 2, "-17.19 deg/s off the change of the attitude")
+    assert x.figures == "+1.72 deg/s from the rate of the attitude"
+    assert (z.part, z.index, z.figures) == ("z", 2, "-17.19 deg/s from the rate of the attitude")
 
 
 def test_an_attitude_is_one_fault_with_all_its_axes():

@@ -228,7 +228,7 @@ def test_a_tool_is_dragged_at_its_depth(within, placed):
         ),
         pytest.param(
             {"drift": 0.3},
-            "the hull cannot hold its place: 0.300 m off, above the limit of 0.08 m",
+            "the hull cannot hold its position: error 0.300 m, above the limit of 0.08 m",
             id="carried away",
         ),
     ],
@@ -261,11 +261,11 @@ def test_something_in_the_way_is_noticed():
 
 def test_no_place_is_no_descent(monkeypatch, within):
     def nowhere(*_: object, **__: object) -> WorkHeight:
-        raise ReachError("no height to work at")
+        raise ReachError("no feasible working height")
 
     monkeypatch.setattr(seabed_work, "choose_height", nowhere)
     script = Script(job=SeabedJob()).run()
-    assert script.end.note == "no height to work at"
+    assert script.end.note == "no feasible working height"
     within("height [m]", [r.X_WB[2, 3] - 2.5 for r in script.references], 1e-12)
 
 

@@ -492,7 +492,7 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
         (
             (True,) * 6,
             (0.0, 0.2, 0.4, 0.0, 0.2, 0.4),
-            "6 finds within 20 s lie up to 400 mm apart, 2 of them agree",
+            "6 detections within 20 s differ by up to 400 mm, 2 of them agree",
         ),
         ((True, True, *(False,) * 4), (0.0, 0.0), "found, but in none of 4 looks after that"),
     ],

@@ -64,7 +64,12 @@ def test_wrong_inputs_of_an_arm_are_refused_for_what_is_wrong() -> None:
     [
         (["no"], 0.0, [], ENDS[0]),
         ([], 0.5 * AS_RIGHT, [], ENDS[1]),
-        ([], 2.0 * AS_RIGHT, ["touches cannot tell the arm from its mirror image: ..."], ENDS[2]),
+        (
+            [],
+            2.0 * AS_RIGHT,
+            ["the arm and its mirror image fit the touches equally: ..."],
+            ENDS[2],
+        ),
         ([], 2.0 * AS_RIGHT, ["something else"], ENDS[3]),
     ],
 )

@@ -121,7 +121,7 @@ def test_targets_and_direction(tmp_path):
         (
             "a.npy",
             b"\x93NUMPY\x01\x00v\x00",
-            "NumPy files are not read; what goes is PLY, PCD.*numpy.savetxt",
+            "NumPy files are not read; allowed are PLY, PCD.*numpy.savetxt",
         ),
         ("a.las", b"LASF and more", "LAS files are not read; .*pdal translate"),
         ("a.LAZ", b"LASF and more", "LAS files are not read"),

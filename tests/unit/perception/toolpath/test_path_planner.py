@@ -349,7 +349,7 @@ def test_ends_that_do_not_fit_are_cut_off():
 
 def test_tool_that_fits_nowhere_is_refused():
     whole = valley(0.05)
-    with pytest.raises(PerceptionError, match="can work nowhere on the path"):
+    with pytest.raises(PerceptionError, match="cannot work anywhere on the path"):
         workable(part_of(whole, np.abs(whole.p[:, 0]) < 0.03), 0.06)
 
 
@@ -358,7 +358,7 @@ def test_what_was_not_scanned_is_left_out():
     path = workable(whole, 0.06, whole.p[:, 0] < 0.05)
     assert path.p[-1, 0] < 0.05
     assert path.p[0, 0] == whole.p[0, 0]
-    assert path.note.startswith("places that were not seen")
+    assert path.note.startswith("parts that were not seen")
 
 
 def test_axes_from_the_scan_alone(plain, within):

@@ -292,7 +292,9 @@ def test_identification_is_bound_by_its_share_of_the_range(range_m: float, accep
     assert assessment.metrics["identification"]["orientation_error_rad"] == pytest.approx(
         0.0, abs=1e-9
     )
-    assert any(line.startswith("identified position") for line in assessment.failed) is not accepted
+    assert (
+        any(line.startswith("object position error") for line in assessment.failed) is not accepted
+    )
 
 
 def test_what_is_judged_is_the_pose_that_the_work_went_by():
@@ -479,12 +481,12 @@ def test_the_mean_speed_is_that_of_the_tip_where_it_was_to_move_at_the_set_one(
         (STEPS * DT - 2.0 + 2 * 0.095) / (STEPS * DT - 1.0), abs=1e-3
     )
     result = assess(recording, TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=SPEED))
-    assert any(line.startswith("error of the mean speed") for line in result.failed) == failed
+    assert any(line.startswith("mean speed error") for line in result.failed) == failed
 
 
 def test_a_set_speed_that_is_never_commanded_has_no_figure_and_is_not_accepted():
     result = assess(recorded(), TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=3.0 * SPEED))
-    assert "error of the mean speed: no figure" in result.failed
+    assert "mean speed error: no figure" in result.failed
     assert result.metrics["speed"] == {
         "set": pytest.approx(3.0 * SPEED),
         "mean": None,

@@ -45,8 +45,7 @@ def test_error_and_peak_are_those_of_the_recording(rng):
 
 
 @pytest.mark.parametrize(
-    ("off", "said"),
-    [(-59.5, "contact lost"), (-12.0, "force off by 12.0 N"), (9.5, "off by 9.5 N")],
+    ("off", "said"), [(-59.5, "contact lost"), (-12.0, "force error 12.0 N"), (9.5, "off by 9.5 N")]
 )
 def test_one_physics_step_beyond_a_bound_is_noticed(off, said):
     normal, least, most = (np.full(STEPS, SET) for _ in range(3))
@@ -63,7 +62,7 @@ def test_one_physics_step_beyond_a_bound_is_noticed(off, said):
 
 def test_the_whole_is_judged_by_its_root_mean_square():
     normal = np.full(STEPS, SET + 4.0)
-    assert watched(normal, normal, normal, Bounds())[0].missed() == "force off by 4.0 N RMS"
+    assert watched(normal, normal, normal, Bounds())[0].missed() == "force error 4.0 N RMS"
     assert watched(normal, normal, normal, Bounds(force_error_rms=4.1))[0].missed() == ""
 
 

@@ -134,7 +134,7 @@ def test_a_push_that_is_off_for_a_moment_counts(within):
     result = assess(contact_normal=push)
     within("worst", result.metrics["core"]["push_error_share"] - 0.08, 1e-12)
     within("peak [N]", result.metrics["core"]["push_max_n"] - 80.0, 1e-12)
-    assert result.failed == ("push, worst while held: 8 %, allowed 5 %",)
+    assert result.failed == ("push while held, worst: 8 %, allowed 5 %",)
 
 
 def test_rise_counts_from_the_first_touch(within):
@@ -167,7 +167,7 @@ def test_a_drag_off_its_path(within):
     )
     assert [line.split(":")[0] for line in drag.failed] == [
         "depth error, peak",
-        "aside of the profile, peak",
+        "cross-track error, peak",
     ]
 
 

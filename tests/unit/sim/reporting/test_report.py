@@ -54,8 +54,8 @@ WORKED = [
     "normal force [N]",
     "tangential force [N]",
     "force error [N]",
-    "tip from its path [mm]",
-    "hull from its place [mm]",
+    "tip path error [mm]",
+    "hull position error [mm]",
     "turn of the hull [deg]",
 ]
 
@@ -169,7 +169,7 @@ def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tm
     assert stated["normalised_error"] == pytest.approx(0.0, abs=1e-9)
     assert stated["path_along_max_m"] == pytest.approx(2e-3, rel=0.1)
     assert stated["path_normal_p95_m"] == pytest.approx(2e-3, rel=0.01)
-    assert "Not determined by what was in view: a turn about (" in page
+    assert "Not observable in these views: a turn about (" in page
     assert "surface under the path, across the path" in page
     assert (
         "<td>position of the centre</td><td class=n>2.00</td><td class=n></td><td>mm</td>" in page
@@ -196,9 +196,8 @@ def test_page_states_how_an_object_moved(tmp_path: Path):
     )
     page, _ = written(tmp_path, run)
     assert (
-        "followed in 2 frames: at 2.5 s it was seen to have moved; in the end by 50.0 mm "
-        "(standard deviation 2.0 mm), "
-        "turned by 5.7 deg."
+        "followed in 2 frames: at 2.5 s; final displacement 50.0 mm (standard deviation 2.0 mm), "
+        "rotation 5.7 deg."
     ) in page
 
 

@@ -38,7 +38,7 @@ def test_a_damaged_parquet_file(change: str, tmp_path: Path):
     file.write_bytes(
         {"cut": whole[: len(whole) // 2], "empty": b"", "text": b"hello", "bit": flipped}[change]
     )
-    refused(file, "the file is empty" if change == "empty" else "is no whole Parquet file")
+    refused(file, "the file is empty" if change == "empty" else "is not a complete Parquet file")
 
 
 @pytest.mark.parametrize(
@@ -91,22 +91,22 @@ ABOUT = {"time": {"unit": "s", "series": ""}}
 @pytest.mark.parametrize(
     ("raw", "said"),
     [
-        (b"PK\x03\x04junk", "is no whole .npz file"),
-        (archive(about=stored(np.array([{}], dtype=object))), "is no whole .npz file"),
-        (archive(time=stored(np.zeros(3))), "is no whole .npz file"),
+        (b"PK\x03\x04junk", "is not a complete .npz file"),
+        (archive(about=stored(np.array([{}], dtype=object))), "is not a complete .npz file"),
+        (archive(time=stored(np.zeros(3))), "is not a complete .npz file"),
         (archive(about=stored("5")), "columns: must be a table, got 5"),
         (
             archive(about=stored(json.dumps({"time": {"unit": 5}}))),
             "columns.time.unit: must be text",
         ),
-        (archive(about=stored(json.dumps(ABOUT))), "is no whole .npz file"),
+        (archive(about=stored(json.dumps(ABOUT))), "is not a complete .npz file"),
         (
             archive(about=stored(json.dumps(ABOUT)), time=stored(np.zeros((2, 2)))),
             "must have one length",
         ),
         (
             archive(about=stored(json.dumps(ABOUT)), time=stored(np.zeros(3))[:-8]),
-            "is no whole .npz file",
+            "is not a complete .npz file",
         ),
     ],
 )

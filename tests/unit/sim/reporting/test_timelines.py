@@ -47,12 +47,12 @@ def test_errors_have_the_signs_and_units_of_their_panels():
         Bounds(force_error_max=9.0, path_deviation=0.003),
     )
     assert told["force error [N]"] == {"true − set": pytest.approx(5.0), "bounds": (9.0, -9.0)}
-    path = told["tip from its path [mm]"]
+    path = told["tip path error [mm]"]
     assert [path[name] for name in ("along", "across", "along the tool axis")] == pytest.approx(
         [-2.0, 0.0, 1.0]
     )
     assert path["bounds"] == (3.0, -3.0)
-    hull = told["hull from its place [mm]"]
+    hull = told["hull position error [mm]"]
     assert [hull[axis] for axis in "xyz"] == pytest.approx([10.0, -20.0, 20.0])
     assert told["turn of the hull [deg]"]["turn"] == pytest.approx(4.0)
 

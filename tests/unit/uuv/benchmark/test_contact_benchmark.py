@@ -260,8 +260,7 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
         refused = scored()
         assert refused.returncode == 2
         assert (
-            f"(changed: {changed}); --anew throws them away, or take another --out"
-            in refused.stderr
+            f"(changed: {changed}); --anew discards them, or take another --out" in refused.stderr
         )
         assert len(refused.stderr.splitlines()) == 1
         changed.write_text(before)
@@ -274,7 +273,7 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
         refused = scored(*given)
         assert refused.returncode == 2
         assert f"holds runs of {there}" in refused.stderr
-        assert f", asked for are those of {there.split(' ')[0]}" in refused.stderr
+        assert f", requested are those of {there.split(' ')[0]}" in refused.stderr
     helper.write_text(DYING)
     assert "ended with code 7: last words" in scored("--anew").stdout
     (row,) = read_rows(out)

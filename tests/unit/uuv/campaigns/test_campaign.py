@@ -398,7 +398,7 @@ def test_shares_and_quantiles_of_many_runs(tmp_path):
     )
     assert found.metrics["kept"]["runs"] == 20
     assert found.failed == []
-    assert summed(0.1).failed == ["90.5% of the runs kept the bounds, not 95.2%"]
+    assert summed(0.1).failed == ["90.5% of the runs passed, required are 95.2%"]
 
 
 def test_the_page_shows_what_explains_the_misses(tmp_path):
@@ -468,7 +468,7 @@ def test_the_command_refuses_a_mistake_in_one_line(verb, tmp_path, old, new, sai
         (("--only", 1, "--version", "luck"), "--version: allowed without fusion, got 'luck'"),
         (("--only", 9), "case: allowed up to 3, as drawn, got 9"),
         (("--drawn", "gone.json"), "drawn cases 'gone.json': there is no such file"),
-        (("--drawn", "gone.json", "--seed", 1), "--drawn and --seed: one of them"),
+        (("--drawn", "gone.json", "--seed", 1), "--drawn and --seed: give only one of them"),
     ],
 )
 def test_the_command_refuses_runs_that_there_are_not(verb, tmp_path, options, said):

@@ -116,10 +116,10 @@ def test_a_page_holds_its_versions_and_counts_the_campaign_itself(tmp_path):
     summary = summarise(rows, replace(CAMPAIGN, never=("damage",)), "turns.toml")
     assert (summary.metrics["runs"], summary.metrics["kept"]["runs"]) == (6, 5)
     assert summary.metrics["by"]["task.path"]["longitudinal"] == {"runs": 3, "kept": 2}
-    assert summary.failed == ["1 runs ended by what never may be: damage"]
+    assert summary.failed == ["1 runs ended with a forbidden outcome: damage"]
     assert [line[0] for line in summary.tables[0].rows] == ["kept", "damage: force limit"]
     titles = [table.title for table in summary.tables]
-    assert "Versions on the same draws: runs kept" in titles
+    assert "Versions on the same draws: runs passed" in titles
     assert "Versions on the same draws: metrics" in titles
     summary.write_page(tmp_path / "report.html", "T & T", {}, "")
     page = (tmp_path / "report.html").read_text()

@@ -112,7 +112,7 @@ def test_the_command(verb, tmp_path):
     out = tmp_path / "out"
     done = verb("compare-campaigns", str(a), str(b), "--out", str(out))
     assert done.returncode == 0, done.stderr
-    assert "1 in B alone" in done.stdout
+    assert "1 in B only" in done.stdout
     assert "lost_s" in done.stdout
     assert json.loads((out / "metrics.json").read_text())["kept"]["only_b"] == 1
     assert (out / "report.html").read_text().count("<img") == 1
@@ -124,7 +124,7 @@ def test_the_command(verb, tmp_path):
     for other, said in (
         (tmp_path / "none", "holds no rows of a campaign"),
         (bounds, "the bounds differ"),
-        (running, "holds no campaign that came to its end"),
+        (running, "holds no finished campaign"),
     ):
         done = verb("compare-campaigns", str(a), str(other), "--out", str(tmp_path / "x"))
         assert done.returncode == 2

@@ -25,7 +25,7 @@ GOOD: dict[str, Any] = {
     OVER_SET: 1.1,
 }
 DONE = [WorkState.DONE]
-OVER = "force above 1.5 times the set one"
+OVER = "force above 1.5 times the set force"
 WORKED = [
     WorkState.CLOSE_IN,
     WorkState.APPROACH,
@@ -46,12 +46,7 @@ SCANNED = [WorkState.SCAN, WorkState.ABORT]
         (WORKED + DONE, None, {OVER_SET: 1.5}, ("done", "")),
         (WORKED + DONE, None, {OVER_SET: 1.6}, ("damage", OVER)),
         (WORKED + DONE, None, {OVER_SET: None}, ("done", "")),
-        (
-            WORKED + DONE,
-            None,
-            {"run.collision_s": 0.01},
-            ("damage", "the vehicle touched what it should not"),
-        ),
+        (WORKED + DONE, None, {"run.collision_s": 0.01}, ("damage", "collision of the vehicle")),
         (
             WORKED + DONE,
             None,
@@ -61,7 +56,7 @@ SCANNED = [WorkState.SCAN, WorkState.ABORT]
         (ABORTED, AbortCode.CONTACT_LOST, {}, ("broken off", "contact lost")),
         (ABORTED, AbortCode.FORCE_LIMIT, {}, ("broken off", "force limit")),
         (ABORTED, AbortCode.THRUSTER, {OVER_SET: 2.5}, ("damage", OVER)),
-        (WORKED, None, {}, ("broken off", "not done in time")),
+        (WORKED, None, {}, ("broken off", "not finished in time")),
         (WORKED, AbortCode.VISION, {}, ("broken off", "vision lost")),
         (
             [WorkState.SETTLE, WorkState.ABORT],
@@ -86,7 +81,7 @@ def test_the_end_of_a_run_has_a_class_and_a_reason(states, abort, figures, expec
 
 
 def test_an_error_ends_a_run_by_its_kind():
-    assert ending_by(HydrodynamicsError("too fast")) == ("diverged", "motion blew up")
+    assert ending_by(HydrodynamicsError("too fast")) == ("diverged", "unstable motion")
     assert ending_by(ReachError("too far")) == ("refused", "ReachError")
     assert ending_by(ZeroDivisionError()) == ("crashed", "ZeroDivisionError")
 

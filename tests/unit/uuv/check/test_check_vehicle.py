@@ -106,7 +106,7 @@ BROKEN: list[tuple[Callable[[mujoco.MjSpec], None], str, str, float | None]] = [
     (inertia_missing, "inertia", "mass and inertia of moving bodies", None),
     (inertia_of_a_marble, "inertia", "hull: 0.001 kg m^2 for", None),
     (litres_for_cubic_metres, "density", "outside 30 to 20000; volume is in m^3", None),
-    (axis_flipped, "axis-flipped", "joint joint3: its axis may be turned round", None),
+    (axis_flipped, "axis-flipped", "joint joint3: its axis may be reversed", None),
     (camera_on_the_hull, "camera-blocked", "most of it on hull", None),
     (step_too_long, "timestep", "timestep 0.15 s times the rate of the drag", None),
 ]
@@ -156,7 +156,7 @@ def test_figures_follow_from_what_was_broken(sound: dict[str, mujoco.MjSpec]) ->
     assert found is not None
     # both at the lesser thrust, that of one astern
     assert found.figure == pytest.approx(2 * 220.0, rel=1e-3)
-    assert "turned round 600 N" in found.said
+    assert "reversed 600 N" in found.said
     arm_too_weak(weak)
     loaded = check_vehicle(weak, jobs=()).found("joint-load")
     assert loaded is not None
@@ -206,7 +206,7 @@ def test_what_begins_or_hovers_badly_is_refused(sound: dict[str, mujoco.MjSpec])
     low.site(CAMERA_SITE).pos = np.array([0.9, 0.0, 1.6])
     for spec, code, said in (
         (late, "timestep", 'set the model\'s <option timestep="0.002"/>'),
-        (light, "gravcomp", "gravcomp takes the weight of hull away"),
+        (light, "gravcomp", "gravcomp cancels the weight of hull away"),
         (low, "start", "m deep in 'seabed' with"),
     ):
         verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
@@ -333,7 +333,7 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     camera_on_the_hull(blind)
     with pytest.raises(
         ConfigurationError,
-        match="68% of the camera's view is on the vehicle itself, most of it on hull",
+        match="68% of the camera's view is blocked by the vehicle itself, mostly by hull",
     ):
         preflight(job, OwnVehicle.of(blind))
     small = OwnVehicle.of(sound["bluerov2_heavy_alpha5"].copy())
@@ -344,7 +344,7 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
         said,
     )
     with pytest.raises(
-        ConfigurationError, match="the tool's spring is at its end at 100 N, the job sets 110 N"
+        ConfigurationError, match="the tool's spring bottoms out at 100 N, the set force is 110 N"
     ):
         preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(110.0,)), small)
 

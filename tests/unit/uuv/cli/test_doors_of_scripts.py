@@ -77,7 +77,7 @@ def test_an_option_of_a_script_out_of_range_is_one_line(
         (
             "campaign",
             ("nothing.toml", "--only", "1", "--page"),
-            "--only, --replay and --page: one of them",
+            "--only, --replay and --page: give only one of them",
         ),
         ("compare-campaigns", ("nowhere", "elsewhere"), "nowhere: no folder of a campaign"),
         ("benchmark", ("--cases", "0"), "--cases: must be at least 1, got 0"),

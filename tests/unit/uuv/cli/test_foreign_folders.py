@@ -134,7 +134,7 @@ WORDS = [
     Column("abort", np.array([""])),
 ]
 SERIES: dict[str, tuple[Callable[[Path], None], str]] = {
-    "cut": (_cut("series_loop.parquet"), "is no whole Parquet file"),
+    "cut": (_cut("series_loop.parquet"), "is not a complete Parquet file"),
     "no times": (_replaced("series_loop", [Column("a", np.zeros(3))]), "no column 'time'"),
     "no state": (
         _replaced("series_loop", [Column("time", np.zeros(3))]),

@@ -118,7 +118,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         (["run", "clean-object", "--line", "5", "5", "6", "6"], "rays miss it"),
         (
             ["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"],
-            "--path (task.path) 'top' and --line (site.object.line): one of the two",
+            "--path (task.path) 'top' and --line (site.object.line): give only one of the two",
         ),
         (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),

@@ -442,7 +442,7 @@ def test_rows_of_other_code_are_summed_up_without_a_run(tmp_path):
         carried_out(study)
     assert study.sum_up("x", StudyOptions(out=Path("out")), "A study") == 0
     assert json.loads(Path("out/metrics.json").read_text())["runs"] == [0, 1, 2]
-    with pytest.raises(ConfigurationError, match="holds no row of this study"):
+    with pytest.raises(ConfigurationError, match="holds no row of this experiment"):
         study.sum_up("x", StudyOptions(out=tmp_path / "none"), "A study")
 
 

@@ -74,8 +74,8 @@ class Outlier:
 
     def __str__(self) -> str:
         return (
-            f"series {self.series + 1}, touch {self.touch + 1}: {1e3 * self.distance:.3g} mm "
-            "off its point"
+            f"series {self.series + 1}, touch {self.touch + 1}: {1e3 * self.distance:.3g} mm from "
+            "its point"
         )
 
 
@@ -442,7 +442,7 @@ def _map_fit(
 
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
-        raise ConfigurationError("free: compliance needs `loads`, else nothing bends the joints")
+        raise ConfigurationError("free: compliance needs `loads`, which bend the joints")
 
     solver = (
         solve_robustly

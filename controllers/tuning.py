@@ -112,9 +112,7 @@ class ArmTuning:
         0.2, "[s] of the servo's integral, for friction at the tool and model errors"
     )
     integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
-    joint_speed_limit: float = tuned(
-        1.6, "[rad/s] of the fastest joint; only a tool that must get away comes near it"
-    )
+    joint_speed_limit: float = tuned(1.6, "[rad/s] of the fastest joint; reached in a retreat only")
     force_filter: float = tuned(0.012, "[s] first-order filter of the force estimate")
     observer_lag: float = tuned(0.012, "[s] lag of the load observer, which is also its filter")
     acceleration_filter: float = tuned(
@@ -131,9 +129,7 @@ class ArmTuning:
     )
     hover_period: float = tuned(0.02, "[s] of station keeping and allocation")
     task_period: float = tuned(0.004, "[s] of inverse kinematics and force loop")
-    compliance_period: float = tuned(
-        0.2, "[s] after which the servo's compliance at the tip is computed anew"
-    )
+    compliance_period: float = tuned(0.2, "[s] update period of the servo's compliance at the tip")
     blend_time: float = tuned(
         0.2, "[s] of the critically damped transition from held joint angles to a tool pose"
     )
@@ -215,12 +211,12 @@ class ComplianceTuning:
 
     title = "lateral compliance"
     admittance: float = tuned(4e-4, "[m/(N s)] speed of the offset per lateral force")
-    dead_band: float = tuned(1.5, "[N] force that moves nothing")
+    dead_band: float = tuned(1.5, "[N] dead band of the force")
     limit: float = tuned(0.012, "[m] largest offset")
     speed: float = tuned(0.02, "[m/s] largest speed of the offset")
     release_speed: float = tuned(0.01, "[m/s] at which the offset returns to zero")
     gentle_speed: float = tuned(
-        0.005, "[m/s] largest speed, either way, of a tool that stands on a surface"
+        0.005, "[m/s] largest speed, either way, of a tool at rest on a surface"
     )
 
     def __post_init__(self) -> None:
@@ -339,7 +335,7 @@ class FaultLimits:
     probe_share: float = tuned(0.12, "[-] size of a probe's doublet, as a share of full thrust")
     probe_time: float = tuned(0.6, "[s] of a doublet: half of it ahead, half of it astern")
     probe_again: float = tuned(
-        4.0, "[s] after which a thruster that was found sound may be probed again"
+        4.0, "[s] after which a thruster that passed a probe may be probed again"
     )
 
     @classmethod

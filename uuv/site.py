@@ -383,7 +383,8 @@ class Site:
     )
     flow: FlowField | None = option(
         None,
-        "Flow field, a velocity by place and time: a kind, or MODULE:CLASS (docs/own_current.md).",
+        "Flow field, a velocity by position and time: a kind, or MODULE:CLASS "
+        "(docs/own_current.md).",
         group="water",
         named=flow_of,
     )

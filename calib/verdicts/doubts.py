@@ -152,7 +152,7 @@ def _cannot_tell(
             )
         else:
             yield (
-                f"touches cannot tell the file as it is from {rival.reading.text}: check it by "
+                f"the file as it is and {rival.reading.text} fit the touches equally: check it by "
                 "a move"
             )
 
@@ -322,9 +322,8 @@ def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> It
         error2 = (size - length) ** 2
 
         yield Doubt(
-            reason=f"known distance {told.names[i]} to {told.names[j]}: stated {length:.5g} m, from "
-            f"the touches {size:.5g} ± {2.0 * np.sqrt(variance):.2g} m: the length is "
-            "wrong",
+            reason=f"known distance {told.names[i]} to {told.names[j]}: stated {length:.5g} m, "
+            f"from the touches {size:.5g} ± {2.0 * np.sqrt(variance):.2g} m: the length is wrong",
             log_odds=0.5 * (error2 / variance - error2 / wide - np.log(wide / variance)),
         )
 

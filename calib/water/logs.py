@@ -199,7 +199,7 @@ def log_of(
     ]
     if both:
         raise ConfigurationError(
-            f"{name}: thruster {both[0]} has a command and a thrust; one of the two"
+            f"{name}: thruster {both[0]} has a command and a thrust; give only one of the two"
         )
 
     return WaterLog(

@@ -77,7 +77,7 @@ def _accelerometer(estimate: StateEstimate) -> Iterator[SensorFinding]:
     if math.isfinite(estimate.imu_jump_age):
         time = estimate.time - estimate.imu_jump_age
         yield SensorFinding(
-            "accelerometer", -1, time, "the bias of the accelerometer jumped and is estimated anew"
+            "accelerometer", -1, time, "the bias of the accelerometer jumped and is estimated again"
         )
 
 

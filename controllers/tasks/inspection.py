@@ -378,7 +378,7 @@ def check_clear(found: Orbit, move: PoseMove, keep: Keep) -> None:
     for where, poses in (("on the way around", _along(found)), ("on the way there", _during(move))):
         if (short := keep.short(poses)) is not None:
             sentence = f"{where} the vehicle would come within {short[0]:.2f} m of the {short[1]}"
-            raise ReachError(f"{sentence}, {keep.clearance:g} m are to be kept")
+            raise ReachError(f"{sentence}, {keep.clearance:g} m of clearance are required")
 
 
 def _along(found: Orbit, every: float = _CHECKED) -> Iterator[Array]:

@@ -21,6 +21,7 @@ _GROUPS = groups_of((_ROOT / "docs" / "api.md").read_text(encoding="utf-8"))
 _ROOMS = frozenset({"models", "sim", "perception", "controllers", "calib"})
 _LARGEST = 1_000_000  # bytes of a page of the API
 _EQUATION = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', flags=re.DOTALL)
+_PROMISED_NAMES = frozenset(name for group in _GROUPS for name in group.lines)
 _NAME = re.compile(r"^\| `(uuv\.[\w.]+)` \|", flags=re.MULTILINE)
 
 
@@ -96,7 +97,8 @@ def _packages() -> dict[str, list[str]]:
             is_package = parts[-1] == "__init__"
             parts = parts[:-1] if is_package else parts
             package = ".".join(parts if is_package else parts[:-1])
-            if not parts[-1].startswith("__"):
+            # a promised function may bear the name of its module, whose entry would be a second one
+            if not parts[-1].startswith("__") and ".".join(parts) not in _PROMISED_NAMES:
                 found.setdefault(package, []).append(".".join(parts))
     return found
 

@@ -224,8 +224,8 @@ def _add_site(
                 hint = f"; a body is called so: {usual}: {{body: {where}}}"
             elif any(camera.name == where for camera in spec.cameras):
                 hint = (
-                    f"; a <camera> is called so: give its place, {usual}: {{body: NAME, pos: "
-                    f"[x, y, z]}}"
+                    f"; a <camera> is called so: give its position, {usual}: {{body: NAME, pos: "
+                    "[x, y, z]}"
                 )
             raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
 

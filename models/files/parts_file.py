@@ -36,7 +36,7 @@ from uuv.sim.interfaces.tables import TableReader
 PARTS_SUFFIX = ".parts.yaml"
 _MOST_BYTES = 1_000_000  # of a file
 _NAME = {"schema": {"minLength": 1, "title": "a name"}}
-_SITE = {"schema": {"minLength": 1, "title": "the name of a site, or a place {body, pos, z}"}}
+_SITE = {"schema": {"minLength": 1, "title": "the name of a site, or a position {body, pos, z}"}}
 _LENGTH = {"schema": {"unit": "m", "title": "three numbers"}}
 _DIRECTION = {"schema": {"title": "three numbers"}}
 _T200 = "t200"

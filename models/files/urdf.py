@@ -445,9 +445,7 @@ def _parsed(urdf: Any, name: str) -> Element:
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
     if any(str(element.tag).startswith(_XACRO) for element in xml.iter()):
-        raise ConfigurationError(
-            f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf"
-        )
+        raise ConfigurationError(f"{name}: it is xacro, convert it first: xacro FILE > rov.urdf")
     return xml
 
 

@@ -121,7 +121,7 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
         for words in (row[: int(row[0]) + 1] for row in body[points:][:faces])
     ]
     if any(len(face) <= face[0] for face in corners):
-        raise ValueError("a face has fewer corners than it says")
+        raise ValueError("a face has fewer corners than it states")
 
     fans = [(face[1], face[k], face[k + 1]) for face in corners for k in range(2, face[0])]
     return vertices, np.array(fans, dtype=np.int64).reshape(-1, 3)

@@ -53,7 +53,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
     count = layout.count
     if not count:
         raise ConfigurationError(
-            f"cloud {file}: no points can be read from this PCD file, it says that it has none"
+            f"cloud {file}: no points can be read from this PCD file, its header states none"
         )
 
     height, width = layout.shape

@@ -189,7 +189,7 @@ class ModelPath:
             and not np.linalg.norm(np.cross(self.a, self.b), axis=1).min() > _LEAST_SINE
         ):
             raise ConfigurationError(
-                "model path b: the axis that the tool keeps must not lie along its axis a"
+                "model path b: the x axis of the tool must not be parallel to its axis a"
             )
 
     def turned(self, angle: float, blend: float = 0.0, *, dwell: bool = False) -> "ModelPath":

@@ -98,7 +98,7 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
         or pad.joints[0].type != mujoco.mjtJoint.mjJNT_SLIDE
     ):
         raise ConfigurationError(
-            f"a sampler takes the place of a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
+            f"a sampler replaces a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
         )
 
     with keyframes_kept(spec):

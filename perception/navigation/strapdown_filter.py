@@ -165,7 +165,7 @@ class Navigation:
     def __post_init__(self) -> None:
         if self.arm_camera is not None and self.standing is not None:
             raise ConfigurationError(
-                "navigation: arm_camera and standing; a track is of one of the two"
+                "navigation: arm_camera and standing: a track is of only one of the two"
             )
 
     def init(self, first: Sequence[Measurement]) -> NavigationState:

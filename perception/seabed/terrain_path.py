@@ -101,7 +101,8 @@ def _cut(
     length = float(np.linalg.norm(end[:2] - start[:2]))
     if length < 1e-6:
         raise ConfigurationError(
-            f"profile: {first} and {second} lie over the same place, no plane goes through them"
+            f"profile: {first} and {second} have the same horizontal position and define no "
+            "vertical plane"
         )
 
     way = (end[:2] - start[:2]) / length

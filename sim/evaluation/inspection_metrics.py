@@ -88,7 +88,7 @@ class InspectionMetrics:
 
     distance_set_m: float | None = metric(minimum=0)
     distance_rms_m: float | None = metric(
-        "True camera to the true outline at half the object's height, off the set distance.",
+        "Error of the true distance from the camera to the outline, at half the object's height.",
         minimum=0,
     )
     distance_max_m: float | None = metric(minimum=0)

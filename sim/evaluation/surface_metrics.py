@@ -113,7 +113,7 @@ class ContactMetrics:
 class GapMetrics:
     """Error of the pad's distance from the true surface, in work without contact."""
 
-    set_m: float = metric("Distance that was to be kept.", exclusiveMinimum=0)
+    set_m: float = metric("Set distance.", exclusiveMinimum=0)
     error_rms_m: float | None = metric(minimum=0)
     error_max_m: float | None = metric(minimum=0)
     touched_s: float = metric("Time with contact, in any state.", minimum=0)

@@ -92,7 +92,7 @@ def insertion_figures(
 
     clearance = 1e3 * (truth.radius - truth.tool_radius)
     lower.axhspan(-clearance, clearance, color=FAINT, alpha=0.15)
-    lower.set_ylabel("off the axis [mm]")
+    lower.set_ylabel("distance from the axis [mm]")
     lower.set_xlabel("time [s]")
     lower.legend(frameon=False, fontsize=9, ncols=4)
 

@@ -78,7 +78,7 @@ class LogStream:
         full = shutil.disk_usage(self._path.parent).free < ROOM
         self.lost = "no space left" if full else reason
         print(
-            f"run log: lost from {time:.1f} s on, the run goes on ({self.lost}): {self._path}",
+            f"run log: lost from {time:.1f} s on, the run continues ({self.lost}): {self._path}",
             file=sys.stderr,
         )
 

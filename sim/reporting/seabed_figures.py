@@ -42,7 +42,7 @@ def seabed_figures(recording: Recording, truth: TrueGround) -> Iterator[tuple[st
     if recording.within(WorkState.WORK).any() and truth.push is None:
         yield (
             "Along the profile",
-            "The tip, the commanded path and the true ground, seen from aside.",
+            "The tip, the commanded path and the true ground, in side view.",
             _profile(recording, truth),
         )
 

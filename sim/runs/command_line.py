@@ -268,7 +268,7 @@ def _blame(error: Exception) -> tuple[str, int]:
 
     _, line, file = (ours or places)[-1]
     where = file.relative_to(_HOME) if file.is_relative_to(_HOME) else file
-    return f"internal: {said} ({where}:{line}; {TRACEBACK} shows the way there)", INTERNAL
+    return f"internal: {said} ({where}:{line}; {TRACEBACK} shows the traceback)", INTERNAL
 
 
 def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]]:

@@ -157,7 +157,10 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
             "not available for touching by contact",
         ),
         (("--true-seating", "1"), "--true-seating [m]"),
-        (("--flow", "CylinderWake"), "--flow: water moves nothing here; with --touching hovering"),
+        (
+            ("--flow", "CylinderWake"),
+            "--flow: only with --touching hovering, for the hull is fixed otherwise",
+        ),
         (("--compliance", "--method", "paper"), "--compliance and --method paper"),
     ],
 )

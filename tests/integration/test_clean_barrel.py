@@ -115,7 +115,7 @@ NAMELESS = """
         pytest.param(
             [*KNOWN, "--least-chance", "1"],
             None,
-            "at least 100.0% is asked for",
+            "at least 100.0% is required",
             id="place not certain enough",
             marks=pytest.mark.long(guarded_by=UNCERTAIN),
         ),

@@ -35,7 +35,9 @@ def test_it_flies_once_around(script, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        pytest.param(["--distance", "0.6"], "m of the object, 0.3 m are to be kept", id="too near"),
+        pytest.param(
+            ["--distance", "0.6"], "m of the object, 0.3 m of clearance are required", id="too near"
+        ),
         pytest.param(["--distance", "-1"], "inspection distance: must be > 0", id="no distance"),
         pytest.param(["--object", "castle"], "unknown object 'castle'", id="unknown"),
     ],

@@ -216,7 +216,7 @@ def test_numbers_of_something_else_in_its_place_are_said():
     data = mujoco.MjData(model)
     data.userdata[:] = 1.0
     mujoco.mj_step(model, data, 3)
-    said = r"data.userdata holds no current from index 3 on; use set_current"
+    said = r"data.userdata has no current from index 3 on; use set_current"
     with pytest.raises(HydrodynamicsError, match=said):
         hydrodynamics.check_motion(model, data)
     assert np.array_equal(data.qpos, state_after(model, steps=3)[: model.nq])  # the model's current

@@ -72,7 +72,7 @@ class CalibrationOptions(TouchedSiteOptions):
     """Unit of the angles in the touches."""
     limits: Literal["arm", "encoders"] = "arm"
     """Touches beyond the arm's joint limits: arm refuses those that do not coincide either,
-    encoders believes all.
+    encoders uses all.
     """
     touching: Touching = "noise"
     """Simulated touching: noise (by hand), or by contact with the hull clamped or hovering."""
@@ -120,13 +120,15 @@ class CalibrationOptions(TouchedSiteOptions):
     method: Literal["map", "paper"] = "map"
     """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
     plan: int | None = None
-    """Plan this number of touches instead: those that would tell most, after those of --touches or
+    """Plan this number of touches instead: the most informative ones, after those of --touches or
     from the start.
     """
 
     def __post_init__(self) -> None:
         if self.flow is not None and self.touching != "hovering":
-            raise ConfigurationError("--flow: water moves nothing here; with --touching hovering")
+            raise ConfigurationError(
+                "--flow: only with --touching hovering, for the hull is fixed otherwise"
+            )
 
 
 def check_inputs(options: CalibrationOptions) -> None:

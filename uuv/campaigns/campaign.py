@@ -433,6 +433,6 @@ def _base(file: _CampaignFile, beside: Path, *, trust: bool) -> Scenario:
         near = did_you_mean(file.base, jobs.JOBS.names())
         raise ConfigurationError(f"base: allowed {_BASE}, got {shown(file.base)}{near}")
     if file.quick or file.job:
-        rule = "only with a job as base; a scenario file says what its job is"
+        rule = "only with a job as base; a scenario file states its job"
         raise ConfigurationError(f"{'quick' if file.quick else 'job'}: {rule}")
     return read_scenario(beside / file.base, trust=trust)

@@ -50,7 +50,7 @@ class BenchmarkOptions(StudyOptions):
     left as it is."""
     fresh: bool = False
     """Fresh cases, of the seed that a pipe to standard input brings: an entry can read a command
-    line, but no pipe of its parent. Without one the seed is drawn, and told at the end."""
+    line, but no pipe of its parent. Without one the seed is drawn, and printed at the end."""
     json: bool = False
     """Print metrics.json alone."""
     in_process: bool = False

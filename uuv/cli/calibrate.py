@@ -23,7 +23,7 @@ class CalibrateVerb(CalibrationOptions):
 
         uuv calibrate --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
 
-    With --plan N nothing is identified: the N touches that would tell most are printed and written
+    With --plan N nothing is identified: the N most informative touches are printed and written
     as plan.csv.
     """
 

@@ -41,7 +41,7 @@ class CampaignOptions(HarnessOptions):
     """Write what is drawn to this file, as --drawn reads it, and run nothing."""
     trust: bool = False
     """Run the code, MODULE:ATTRIBUTE, that the file or its base names too; what is typed here
-    needs no leave."""
+    needs no permission."""
     only: int | None = None
     """Do only the run of this number, if it is missing."""
     version: str = ""

@@ -19,7 +19,7 @@ _MARGIN = 10  # [px] margin around the compared area
 def table(made: DeformationMap) -> Table:
     """Table of the regions, largest first."""
     rows = Table(
-        title=f"Off the model by more than {1e3 * made.size_m:.1f} mm",
+        title=f"Deviation from the model above {1e3 * made.size_m:.1f} mm",
         caption="middle in the object's own frame; growth positive, dents negative",
     )
     for column in ("", "middle [m]", "extent [mm]", "area [cm2]", "mean [mm]", "largest [mm]"):
@@ -87,7 +87,9 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
             bbox={"boxstyle": "round", "facecolor": "w", "alpha": 0.8, "linewidth": 0.0},
         )
 
-    figure.colorbar(shown, ax=axes, label="off the model, growth positive [mm]", shrink=0.8)
+    figure.colorbar(
+        shown, ax=axes, label="deviation from the model, growth positive [mm]", shrink=0.8
+    )
     axes.set(xticks=[], yticks=[], xlabel="as the sensor sees it; grey: not compared")
     figure.suptitle(title, fontsize="medium")
     return figure

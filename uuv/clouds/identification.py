@@ -275,7 +275,7 @@ def picture(found: Identification, title: str) -> "Figure":
 
     figure = Figure(figsize=(10, 5), layout="constrained")
     parts = (
-        (found.model_after, "tab:orange", "model, where found", 8.0),
+        (found.model_after, "tab:orange", "model at the identified pose", 8.0),
         (found.cloud, "k", "cloud", 1.0),
     )
     left, right = figure.subplots(1, 2)

@@ -176,7 +176,7 @@ class WipedAlong:
         if error.since < unsettled(0.0):
             return
         if not wrong and touch.deviation > bound:
-            wrong = f"{1e3 * touch.deviation:.1f} mm off the path"
+            wrong = f"{1e3 * touch.deviation:.1f} mm path error"
 
         at_end = self.s >= self.REACHED * end
         self.failed = wrong or (error.missed() if at_end else "")

@@ -43,7 +43,7 @@ class StationKeepingTask(Task):
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     heeds: ClassVar[Collection[str]] = ("without", "dead_beams")
-    seconds: float = option(30.0, "Time for which the hull holds its place at rest [s].")
+    seconds: float = option(30.0, "Duration of station keeping [s].")
 
     def __post_init__(self) -> None:
         finite_number(self.seconds, "task.seconds [s]", least=1.0, most=LONGEST)

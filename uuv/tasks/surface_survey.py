@@ -179,7 +179,7 @@ class SurfaceSurvey:
         figure.colorbar(
             figure.axes[0].images[0],
             ax=figure.axes,
-            label="off the model, outside positive [mm]",
+            label="deviation from the model, outside positive [mm]",
             shrink=0.8,
         )
 

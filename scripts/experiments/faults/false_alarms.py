@@ -34,7 +34,7 @@ FREQUENCY = (0.05, 0.3)  # [Hz]
 CHECKED = frozenset({FaultKind.GYRO.value, FaultKind.ATTITUDE.value})
 REFUSED = "refused"
 DONE = "done"
-LATE = "not done in time"
+LATE = "not finished in time"
 TOUCHED = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
 # jobs that a survey cannot tell the pose of their object

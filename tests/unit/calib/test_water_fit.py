@@ -88,9 +88,9 @@ def test_straight_steps_find_factors_far_from_nominal():
     assert "only their ratios are identifiable" in said
     assert "tow" in said
     found = {each.name: each for each in findings(fit, 3)}
-    assert found["net buoyancy"].verdict == "not told"
+    assert found["net buoyancy"].verdict == "not identifiable"
     assert "drift" in found["net buoyancy"].helps
-    assert found["gain of bow"].verdict == "partly"
+    assert found["gain of bow"].verdict == "partly identified"
 
 
 def test_the_plan_names_what_sharpens_its_aim():
@@ -199,7 +199,7 @@ BAD = {
     "of a pulse in us, \\(pulse - 1500\\) / 400": {"thruster__bow": 1500.0 + 200.0 * np.sin(T)},
     "of percent, a hundredth": {"thruster__bow": 50.0 * np.sin(T)},
     "these look like degrees": {"joint__elbow": np.degrees(np.sin(T))},
-    "has a command and a thrust: give only one of the two": {"thrust__bow": T},
+    "has a command and a thrust; give only one of the two": {"thrust__bow": T},
     "velocity needs vx, vy, vz; 'vy' is missing": {"vx": T, "vz": T},
     "specific force \\[m/s\\^2\\]": {"ax": 0.0 * T, "ay": 0.0 * T, "az": 1.0 + 0.0 * T},
     "only a part of x, y, z is there": {"x": np.where(T == 1.0, np.nan, T)},

@@ -130,8 +130,7 @@ def test_an_assembly_runs_once():
     run_through(assembly, longest=SECONDS)
     with pytest.raises(
         ConfigurationError,
-        match=r"run: this assembly is at 0.39\d s; make a new "
-        r"one for each",
+        match=r"run: this assembly is at 0.39\d s already; assemble a new one for each run",
     ):
         run_through(assembly, longest=SECONDS)
 

@@ -131,7 +131,7 @@ def deformation(
     if mapped.regions:
         console.print(deformation_report.table(mapped))
         deformation_report.save_cloud(mapped, folder / "deformation.ply")
-        title = f"{name}: off its model by more than {1e3 * mapped.size_m:.1f} mm"
+        title = f"{name}: deviation from its model above {1e3 * mapped.size_m:.1f} mm"
         figure = deformation_report.picture_of_deviations(mapped, title)
         figure.savefig(folder / "deformation.png", dpi=120)
     else:

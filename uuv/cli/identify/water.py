@@ -19,7 +19,7 @@ class WaterVerb(WaterOptions):
     """Identify added mass, damping, trim and thrust of a vehicle from logs.
 
     The vehicle's present coefficients are the prior. What the logs cannot tell is said in words;
-    with --plan the manoeuvre that would tell most next is named. Without --log a vehicle drawn from
+    with --plan the most informative next manoeuvre is named. Without --log a vehicle drawn from
     the prior is simulated; with --plan alone the first manoeuvre is planned.
     """
 

@@ -268,5 +268,5 @@ def test_too_small_a_chance_is_refused_with_its_figures(monkeypatch: pytest.Monk
     assert abort.code is AbortCode.PLACE_UNCERTAIN
     assert (
         abort.reason == "probability of path error < 3 mm: 60.0% (standard deviation: hull 1.0 "
-        "mm, object 1.0 mm); at least 80.0% is asked for"
+        "mm, object 1.0 mm); at least 80.0% is required"
     )

@@ -220,7 +220,7 @@ def test_it_waits_for_a_hull_that_is_behind():
 @pytest.mark.parametrize(
     ("script", "said"),
     [
-        (Script(job=replace(JOB, distance=0.4)), "of the object, 0.3 m are to be kept"),
+        (Script(job=replace(JOB, distance=0.4)), "of the object, 0.3 m of clearance are required"),
         (Script(floor=-2.2), "of the seabed"),
         (Script(refusal="too few points"), "not identified: too few points"),
     ],
@@ -236,7 +236,7 @@ def test_it_does_not_begin(script, said):
 def test_it_gives_up_where_the_hull_is_carried_away():
     script = Script().run(lag=0.9)
     assert script.end.state is WorkState.ABORT
-    assert "cannot hold its place" in script.end.note
+    assert "cannot hold its position" in script.end.note
 
 
 def test_what_cannot_be_is_refused():

@@ -256,7 +256,7 @@ def test_something_in_the_way_is_noticed():
     )
     script = Script(job=SeabedJob(), world=LedTool(table, mud(strength=2e4), TUBE)).run()
     assert script.states[-1] is WorkState.ABORT
-    assert "over the ground as scanned" in script.end.note
+    assert "above the scanned ground" in script.end.note
 
 
 def test_no_place_is_no_descent(monkeypatch, within):

@@ -494,7 +494,7 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
             (0.0, 0.2, 0.4, 0.0, 0.2, 0.4),
             "6 detections within 20 s differ by up to 400 mm, 2 of them agree",
         ),
-        ((True, True, *(False,) * 4), (0.0, 0.0), "found, but in none of 4 looks after that"),
+        ((True, True, *(False,) * 4), (0.0, 0.0), "identified, but in none of 4 later views"),
     ],
 )
 def test_an_object_that_moves_is_not_worked(looks, finds, said):
@@ -592,7 +592,7 @@ def test_a_touch_on_the_way_ends_work_without_contact():
 
     script = Script(job=SurfaceTaskConfig(forces=(60.0,), contactless=0.03), felt=felt).run()
     assert script.states == [*JOURNEY[:5], WorkState.RETREAT, WorkState.ABORT]
-    assert "touched something" in script.end.note
+    assert "unexpected contact" in script.end.note
 
 
 @pytest.mark.parametrize("axis", [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -770,7 +770,7 @@ def test_hull_that_does_not_come_along_is_given_up():
     stuck = Script(fastest=0.0).run(150.0)
     assert stuck.states == [*JOURNEY[:3], WorkState.ABORT]
     assert stuck.end.abort is AbortCode.HULL_LATE
-    assert "late on its way" in stuck.end.note
+    assert "behind its trajectory" in stuck.end.note
     assert stuck.end.X_WG is None  # the arm stays as it is, and so does the hull
     assert not stuck.end.v_WB_W.any()
 

@@ -215,7 +215,7 @@ def test_short_hole_in_the_scan_is_bridged(within):
 
 @pytest.mark.parametrize(
     ("filled", "cause"),
-    [(np.nan, "nothing came back"), (0.6, r"\d+ mm before the object")],
+    [(np.nan, "no return from there"), (0.6, r"\d+ mm before the object")],
     ids=["empty", "before"],
 )
 def test_long_hole_is_refused(filled: float, cause: str):

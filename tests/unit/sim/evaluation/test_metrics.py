@@ -333,7 +333,7 @@ def test_run_that_never_touched_gives_nulls_and_says_why():
     assert assessment.metrics["contact"]["force_error_rms_n"] is None
     assert assessment.metrics["hull"]["tilt_max_rad"] is None
     assert re.fullmatch(
-        r"the work was broken off in scan at \d+\.\d s: felt force 170 N", assessment.failed[0]
+        r"the work was aborted in scan at \d+\.\d s: felt force 170 N", assessment.failed[0]
     )
     assert "the object was not identified" in assessment.failed
 
@@ -486,7 +486,7 @@ def test_the_mean_speed_is_that_of_the_tip_where_it_was_to_move_at_the_set_one(
 
 def test_a_set_speed_that_is_never_commanded_has_no_figure_and_is_not_accepted():
     result = assess(recorded(), TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=3.0 * SPEED))
-    assert "mean speed error: no figure" in result.failed
+    assert "mean speed error: no value" in result.failed
     assert result.metrics["speed"] == {
         "set": pytest.approx(3.0 * SPEED),
         "mean": None,

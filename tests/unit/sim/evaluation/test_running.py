@@ -45,7 +45,8 @@ def test_error_and_peak_are_those_of_the_recording(rng):
 
 
 @pytest.mark.parametrize(
-    ("off", "said"), [(-59.5, "contact lost"), (-12.0, "force error 12.0 N"), (9.5, "off by 9.5 N")]
+    ("off", "said"),
+    [(-59.5, "contact lost"), (-12.0, "force error 12.0 N"), (9.5, "force error 9.5 N")],
 )
 def test_one_physics_step_beyond_a_bound_is_noticed(off, said):
     normal, least, most = (np.full(STEPS, SET) for _ in range(3))

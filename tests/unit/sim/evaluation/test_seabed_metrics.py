@@ -177,7 +177,7 @@ def test_work_that_was_refused_has_no_figures():
     assert result.metrics["core"] is None
     assert result.metrics["hull"]["rise_max_m"] is None
     assert not result.accepted
-    assert any("no figure" in line for line in result.failed)
+    assert any("no value" in line for line in result.failed)
     assert "the run ended in state abort: two layers" in result.failed
 
 

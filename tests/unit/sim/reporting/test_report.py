@@ -196,8 +196,8 @@ def test_page_states_how_an_object_moved(tmp_path: Path):
     )
     page, _ = written(tmp_path, run)
     assert (
-        "followed in 2 frames: at 2.5 s; final displacement 50.0 mm (standard deviation 2.0 mm), "
-        "rotation 5.7 deg."
+        "followed in 2 frames: motion was detected at 2.5 s; final displacement 50.0 mm "
+        "(standard deviation 2.0 mm), rotation 5.7 deg."
     ) in page
 
 
@@ -209,7 +209,7 @@ def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):
     assert reader.pictures == 0
     assert panels_of(page) == ["thrust [N]", "joint torque [N m]"]
     assert re.search(
-        r"<li>the work was broken off in \S+ at \S+ s: felt &lt; 1 N &amp; lost</li>", page
+        r"<li>the work was aborted in \S+ at \S+ s: felt &lt; 1 N &amp; lost</li>", page
     )
     assert (
         "nan" not in re.sub(r'src="[^"]*"|<script.*?</script>', "", page, flags=re.DOTALL).lower()

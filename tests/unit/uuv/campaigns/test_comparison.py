@@ -92,8 +92,8 @@ def test_runs_are_paired_and_changed_verdicts_can_be_replayed(tmp_path):
             r"the draws differ: case 0, x: 0.0 in A, 9.0 in "
             r"B",
         ),
-        (lambda row: row["metrics"].update(more=1.0), r"metrics that one campaign alone has: more"),
-        (lambda row: row.update(case=77), r"no case is in both"),
+        (lambda row: row["metrics"].update(more=1.0), r"metrics of one campaign only: more"),
+        (lambda row: row.update(case=77), r"no common case"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(tmp_path, change, said):

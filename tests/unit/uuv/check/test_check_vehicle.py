@@ -226,7 +226,7 @@ def test_a_hull_that_swings_about_its_place_is_no_base_for_work(
     swings = restless("tap", still, (0.0, 0.0, 0.0))
     assert swings is not None
     assert (swings.code, swings.promised) == ("rest", False)
-    assert "at most 0.02 is rest" in swings.said
+    assert "(limit 0.02)" in swings.said
     away = restless("tap", gone, (0.0, 3.0, 0.0))
     assert away is not None
     assert away.code == "hover"
@@ -257,7 +257,7 @@ def test_a_fault_refuses_jobs(sound: dict[str, mujoco.MjSpec]) -> None:
     for spec, code in ((servo, "motor"), (five, "thruster-rank")):
         verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
         assert (verdict.promised, verdict.code) == (False, code)
-        with pytest.raises(ConfigurationError, match=r"the work was not begun: .* uuv check"):
+        with pytest.raises(ConfigurationError, match=r"the work was not started: .* uuv check"):
             preflight(clean_barrel(), OwnVehicle.of(spec))
     assert check_vehicle(servo, jobs=("hover",)).verdict("hover").promised
     with pytest.raises(ConfigurationError, match="hammer"):
@@ -325,8 +325,7 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     arm_too_weak(weak)
     with pytest.raises(
         ConfigurationError,
-        match=r"the tip bears 0 N in ready \(joint2\), the job "
-        r"sets 90 N",
+        match=r"tip force is 0 N in the ready posture \(joint2\), the set force is 90 N",
     ):
         preflight(job, OwnVehicle.of(weak))
     blind = sound["uuv_puma"].copy()
@@ -339,7 +338,7 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     small = OwnVehicle.of(sound["bluerov2_heavy_alpha5"].copy())
     (said,) = preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
     assert re.fullmatch(
-        r"doubtful: .* the job sets 80 N; --forces \d+ may do|doubtful: 80 N .* "
+        r"doubtful: .* the set force is 80 N; try --forces \d+|doubtful: 80 N .* "
         r"of a thruster.*",
         said,
     )

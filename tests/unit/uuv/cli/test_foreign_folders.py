@@ -356,7 +356,7 @@ def study_in(folder: Path) -> Path:
 @pytest.mark.parametrize(
     ("about", "said"),
     [
-        ("[]", r"study\.json: must be a table, got \[\] .*--anew throws the rows away"),
+        ("[]", r"study\.json: must be a table, got \[\] .*--anew discards the rows"),
         ('{"code": ["a"]}', r"code: must be a table"),
         ('{"versions": {"numpy": 2}}', r"versions.numpy: must be text, got 2"),
         ("{", r"cannot be read"),
@@ -376,7 +376,7 @@ def test_rows_without_what_they_depend_on(others: tuple[str, ...], tmp_path: Pat
     for name in others:
         (tmp_path / name).touch()
     with (
-        pytest.raises(ConfigurationError, match=r"holds rows, but study\.json is gone"),
+        pytest.raises(ConfigurationError, match=r"holds rows, but study\.json is missing"),
         RowLog.open(tmp_path),
     ):
         pass

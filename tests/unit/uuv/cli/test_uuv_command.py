@@ -103,7 +103,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         ),
         (
             ["run", "clean-barrel", "--sensor", "survey", "--looks", "3"],
-            "nothing looks for the object",
+            "the object is not identified",
         ),
         (["run", "clean-barrel", "--set"], "--set: KEY=VALUE is missing"),
         (["run", "clean-barrel", "--set", "task.sped=1"], "--set: "),

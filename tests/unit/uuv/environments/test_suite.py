@@ -372,7 +372,7 @@ def test_wiping_is_done_within_the_bounds_and_spoiled_outside():
     assert wiped(force=62.5).done
     assert "off by 3.9 N RMS" in wiped(force=64.0).failed
     assert "force error 10.0 N" in wiped(force=70.0).failed
-    assert "4.0 mm off the path" in wiped(y=0.004).failed
+    assert "4.0 mm path error" in wiped(y=0.004).failed
     assert wiped(gap=0.05).failed == "contact lost"
     assert not wiped(gap=0.05).done
 

@@ -268,7 +268,9 @@ def test_two_studies_do_not_share_a_folder(root, tmp_path):
 
 def test_a_study_leaves_the_files_of_others_alone(tmp_path):
     (tmp_path / "metrics.json").write_text("{}")
-    with pytest.raises(ConfigurationError, match=r"something else than a study \(metrics.json\)"):
+    with pytest.raises(
+        ConfigurationError, match=r"files that are not of an experiment \(metrics.json\)"
+    ):
         RowLog(tmp_path)
 
 
@@ -277,7 +279,7 @@ def test_a_damaged_file_is_named_and_costs_no_row(tmp_path):
     file = tmp_path / "rows" / "000000.parquet"
     whole = file.read_bytes()
     file.write_bytes(whole[:-20])
-    with pytest.raises(ConfigurationError, match=r"000000.parquet: is no whole Parquet file"):
+    with pytest.raises(ConfigurationError, match=r"000000.parquet: is not a complete Parquet file"):
         RowLog(tmp_path)
     assert file.read_bytes() == whole[:-20]
 
@@ -450,7 +452,7 @@ def test_a_file_that_changes_while_a_study_is_at_work_ends_it(tmp_path):
     log = begun(tmp_path)
     log.depends_on({"one.py": "a", "two.py": "b"})
     log.depends_on({"two.py": "b", "three.py": "c"})
-    with pytest.raises(ConfigurationError, match=r"two\.py: changed while the study was at work"):
+    with pytest.raises(ConfigurationError, match=r"two\.py: changed during the experiment"):
         log.depends_on({"two.py": "x"})
 
 

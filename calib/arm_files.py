@@ -77,7 +77,7 @@ class ArmSource:
 
 
 def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = None) -> ArmSource:
-    """Read the arm of a file.
+    """Read the kinematics of an arm from a DH table, YAML, URDF or MJCF file.
 
     Args:
         path: .csv or .txt (DH table), .yaml or .yml (DH table, what `uuv.calib.results` wrote, or

@@ -100,7 +100,7 @@ class TorqueNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmTuning:
-    """Joint servo and force estimate."""
+    """Gains and filters of the arm: joint servo, force estimate, friction."""
 
     title = "arm"
 

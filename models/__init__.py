@@ -102,7 +102,7 @@ def available() -> tuple[str, ...]:
 
 
 def load(name: str) -> "mujoco.MjSpec":
-    """Return a named model with its coefficients attached.
+    """Model by name as `mujoco.MjSpec`, with hydrodynamic coefficients attached.
 
     Args:
         name: one of `available`.

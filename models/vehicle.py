@@ -15,7 +15,7 @@ from uuv.sim.interfaces.spatial import Array, pose, readonly
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Vehicle:
-    """Indices, limits and home pose of one vehicle in one MjModel."""
+    """Indices, limits and postures of one vehicle in one MjModel."""
 
     hull: int  # body
     hull_qpos: int  # address of the free joint in qpos

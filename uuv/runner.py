@@ -86,7 +86,7 @@ def run(
 
 
 def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool = True) -> SavedRun:
-    """Runs a scenario up to the first step of a phase; `run` goes on there, as often as one likes.
+    """Runs a scenario up to the first step of a phase, from which `run` continues, repeatedly.
 
     Args:
         scenario: A description, or a run that was saved in an earlier phase.

@@ -19,7 +19,7 @@ _ENDS = (WorkState.DONE, WorkState.ABORT)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SavedRun:
-    """A run up to the first step of a phase, made by `uuv.saved`; `uuv.run` goes on.
+    """State of a run at the first step of a phase, made by `uuv.saved`; `uuv.run` continues it.
 
     That step is decided and not yet taken. Each run that goes on from here has the same bits as the
     run that never stopped. It is a value of this process: nothing later changes it, and there is no

@@ -111,7 +111,7 @@ class Belief:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensing:
-    """Sensors, and noise of those that a study varies."""
+    """Sensors by name, and the noise of those that a campaign varies."""
 
     sensor: str = option(
         "camera",
@@ -180,7 +180,7 @@ class Sensing:
 
 @dataclass(frozen=True, kw_only=True)
 class Control:
-    """The controller, and methods that it does without."""
+    """Controller by name, its inverse kinematics, and methods left out (ablation)."""
 
     controller: str = option(
         "work", "Controller: work, a registered name, or MODULE:CLASS.", group="control"
@@ -215,7 +215,7 @@ class Control:
 
 @dataclass(frozen=True, kw_only=True)
 class Task(ABC):
-    """What is to be done; the base of all tasks. Its fields are keys of a scenario's file."""
+    """Base of tasks: their parameters, which are keys of a scenario file."""
 
     spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
     schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
@@ -260,7 +260,10 @@ class Task(ABC):
 
 
 class PlacedTask(ABC):
-    """A task at its site. The truth about the site goes to plant and evaluation only."""
+    """Base of tasks at a drawn site: scene, planner, assessment.
+
+    The truth about the site goes to plant and evaluation only.
+    """
 
     # a run in none of these states counts as refused
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)
@@ -354,7 +357,7 @@ class PlacedTask(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """Everything a run needs."""
+    """Description of a run: site, task, vehicle, belief, sensing, control, perturbations, seeds."""
 
     name: str  # of the folder of results
     task: Task

@@ -372,7 +372,7 @@ def flow_of(name: str) -> FlowField:
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """Where the work is; the water's velocity is the sum of current, flow field, wave and gusts."""
+    """Work site: object, pose, and water as the sum of current, field, wave and gusts."""
 
     object: SiteObject = field(default_factory=Barrel)
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed

@@ -93,7 +93,7 @@ class Track:
 
 
 class Tracker:
-    """Tracks tool poses given every `period` [s].
+    """Inverse kinematics of a moving tool pose, sampled every `period` [s].
 
     It has no state of its own: one tracker may serve many arms and threads.
     """

@@ -81,7 +81,7 @@ def wet(
     panels: int = PANELS,
     metacentric_height: float | None = None,
 ) -> Wetted:
-    """Attach the water of every moving body of a model, from its geoms.
+    """Attach hydrodynamic coefficients of every moving body of a model, computed from its geoms.
 
     What stood for it is switched off: `gravcomp`, and density and viscosity of MuJoCo's own fluid.
 

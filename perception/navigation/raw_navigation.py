@@ -31,7 +31,7 @@ class RawState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawNavigation:
-    """Estimator without fusion: position is the last one of vision, with its delay.
+    """Estimator without fusion: the position is that of the last vision message, with its delay.
 
     Implements `uuv.sim.interfaces.protocols.Estimator`.
     """

@@ -87,7 +87,7 @@ class FreeMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
-    """Result of identification in one scan.
+    """Identified pose of an object in one scan: decision, covariance, reason.
 
     A pose that was not accepted is the best one found, for logs only.
     """
@@ -148,7 +148,7 @@ def identify(
     method: Method = "planes",
     thorough: bool = True,
 ) -> Identification:
-    """Find `target` in one scan of a depth sensor.
+    """Pose of the known object `target` in one scan of a depth sensor, with verification.
 
     An object that is absent, or an empty cloud, gives an Identification that is not accepted, with
     a reason. The same input with the same seed gives the same result.

@@ -54,7 +54,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recognition:
-    """Result of `recognise`.
+    """Result of `recognise`: which object it is, its pose, and all candidates.
 
     Without acceptance the first candidate is the likeliest one, for logs only.
     """

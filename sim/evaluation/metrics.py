@@ -103,7 +103,7 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessment:
-    """Metrics of a run and its acceptance."""
+    """Metrics of a run against the truth, and whether it is accepted."""
 
     metrics: Mapping[str, Any]  # as written to metrics.json
     checks: tuple[Requirement, ...]

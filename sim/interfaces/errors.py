@@ -52,7 +52,7 @@ def did_you_mean(given: object, known: Iterable[str]) -> str:
 
 
 class UuvError(Exception):
-    """Base of all errors raised on purpose; scripts turn it into one line and exit code 2."""
+    """Base of all errors of the project; scripts turn it into one line and exit code 2."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(str(message)))

@@ -43,9 +43,7 @@ class WorkState(StrEnum):
 
 
 class AbortCode(StrEnum):
-    """Cause for which work was broken off; `Reference.note` gives the same in a sentence, with
-    figures.
-    """
+    """Cause of an abort; `Reference.note` gives the same in a sentence, with figures."""
 
     NO_FRAME = "no frame"  # no depth frame or ping arrived
     NOT_IDENTIFIED = "not identified"  # neither the object nor a place on the seabed was accepted
@@ -501,7 +499,7 @@ class HullLoad:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Command:
-    """Output of the controller: drive commands, and what it estimated of contact and loads."""
+    """Output of the controller: drive commands, and its estimates of contact and loads."""
 
     time: float  # [s]
     joint_torque: Array  # (n,) [N m]

@@ -41,7 +41,7 @@ def option(
     closed: Any = KEPT,
     named: Callable[[str], Any] | None = None,
 ) -> Value:
-    """Field of a dataclass that is an option too.
+    """Dataclass field that is also an option of the command.
 
     A field that is a table or None is true or false as an option: the usual table, or none.
 

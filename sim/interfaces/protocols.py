@@ -89,9 +89,7 @@ class TargetFinder(Protocol):
 
 @runtime_checkable
 class TargetFollower(Protocol):
-    """Follows a target that was found: maps depth frames to its motion, while the vehicle looks at
-    it.
-    """
+    """Tracker of an identified target: maps depth frames to its motion during the scan."""
 
     @property
     def period(self) -> float:

@@ -83,7 +83,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parts:
-    """Concrete components of one run."""
+    """Components of the simulation loop: sensors, estimator, finder, planner, controller."""
 
     sensors: Sequence[Sensor]
     estimator: Estimator
@@ -536,7 +536,7 @@ def rollout(
     until: Callable[[Moment], bool] = at_rest_after_work,
     compiled: Callable[[Rollout], Ticks] | None = None,
 ) -> Moment:
-    """Run until `until` is true, or until `duration` is over.
+    """Simulation loop: steps plant and parts until `until` is true, or `duration` is over.
 
     Every sensor gets its own random stream, spawned from `rng`, so adding one does not change the
     others.

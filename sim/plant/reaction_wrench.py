@@ -188,7 +188,7 @@ class ReactionWrench:
 def wrench(
     model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: int | str | None = None
 ) -> Array:
-    """Single measurement: `ReactionWrench(model, body, frame).wrench(data)`.
+    """Wrench (6,) of a subtree on its parent: `ReactionWrench(model, body, frame).wrench(data)`.
 
     Args:
         model: Compiled model.

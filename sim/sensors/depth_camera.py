@@ -31,7 +31,7 @@ NOISE = StereoNoise()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
-    """Image, lens, and the flat port before it (`uuv.sim.sensors.refraction`).
+    """Optics of a camera: image size, focal length, flat port (`uuv.sim.sensors.refraction`).
 
     Without `port` the camera is an exactly known pinhole. Behind a port, frames are rectified by
     `calibration`. Their `K` and camera pose are then those of the calibration, right or wrong.

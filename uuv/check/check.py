@@ -56,7 +56,7 @@ def check_vehicle(
     forces: Sequence[float] = (),
     flow: FlowField | None = None,
 ) -> VehicleCheck:
-    """Check a vehicle: its parts, figures and doubts, and which jobs it can begin.
+    """Check a vehicle: parts, figures, findings, and which jobs are feasible.
 
     Args:
         vehicle: A name, a file (MJCF or URDF), MODULE:FUNCTION, or a spec, which is left as it is.

@@ -99,7 +99,7 @@ class Score:
 
 
 def score(environment: composer.Environment, policy: Policy, episodes: int = 20) -> Score:
-    """Score of a policy over whole episodes.
+    """Success rate and mean return of a policy over whole episodes.
 
     Raises:
         ConfigurationError: Fewer than one episode is asked for.

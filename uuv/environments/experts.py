@@ -75,13 +75,13 @@ def zero(environment: composer.Environment) -> Policy:
 
 
 def at_random(environment: composer.Environment, rng: np.random.Generator) -> Policy:
-    """Policy that draws every action anew."""
+    """Policy of random actions, uniform in the bounds."""
     size = environment.action_spec().shape
     return lambda _: rng.uniform(-1.0, 1.0, size)
 
 
 def expert(environment: composer.Environment) -> Policy:
-    """Expert for the task of an environment.
+    """Policy of the project's own controllers for the task of an environment.
 
     Raises:
         ConfigurationError: There is none for the task, or not for its kind of action, or this is no

@@ -42,7 +42,7 @@ class Judge(Protocol):
 
 
 class KeptFor:
-    """Done once a condition has held for some time without a break."""
+    """Judge: success once a condition has held for some time without a break."""
 
     def __init__(self, condition: Callable[[Truth], bool], seconds: float) -> None:
         self._condition, self._seconds = condition, seconds

@@ -164,7 +164,7 @@ def load(
     time_limit: float | None = None,
     period: float | None = None,
 ) -> composer.Environment:
-    """An environment of the suite.
+    """Environment of the suite, by domain and task.
 
     Args:
         domain: "water", "barrel" or "manifold".

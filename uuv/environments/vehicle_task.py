@@ -27,7 +27,7 @@ Random = np.random.RandomState
 
 
 class VehicleTask(composer.Task):
-    """A vehicle in the sea with something to do.
+    """Base of tasks: a vehicle in the sea, with goal, reward and judge.
 
     A task of your own overrides `goal`, `shaped` and `judge`, and what it draws in `begin`. Rewards
     are in [0, 1]: `shaped` per action, or with `sparse` 1 from the moment that the judge calls the
@@ -241,6 +241,6 @@ class VehicleTask(composer.Task):
 
 
 def near(X_WB: Array, random_state: Random, *, offset: float, turn: float) -> Array:
-    """A hull pose (4, 4) near another: moved up to `offset` [m] per axis, `turn` [rad] about z."""
+    """Random hull pose (4, 4) near another: up to `offset` [m] per axis, `turn` [rad] about z."""
     yaw = random_state.uniform(-turn, turn)
     return X_WB @ pose(exp_so3([0.0, 0.0, yaw]), random_state.uniform(-offset, offset, 3))

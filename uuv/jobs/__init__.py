@@ -244,7 +244,7 @@ JOBS: "Registry[Scenario]" = Registry("job", dict(BY_NAME))
 
 
 def named(name: str) -> Job:
-    """The job of that name: ours, another package's, or a function MODULE:FUNCTION.
+    """Job by name: of this project, of another package, or MODULE:FUNCTION.
 
     Raises:
         ConfigurationError: There is none; the message lists those there are.

@@ -125,7 +125,7 @@ class Failure(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterFailure(Failure):
-    """A thruster gives `share` of the commanded thrust, or keeps its last command.
+    """Fault of a thruster: it gives `share` of the commanded thrust, or keeps its last command.
 
     The command is changed, ahead of the thruster's lag, slew and saturation.
     """
@@ -173,7 +173,7 @@ class ThrusterFailure(Failure):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorFailure(Failure):
-    """A sensor falls silent, or a field of its messages freezes, takes a value, or is off by it.
+    """Fault of a sensor: no messages, or a field that freezes, takes a value, or has an offset.
 
     The attitude of the inertial unit is "turned" about axis `index` of the hull, by `value` [rad].
     """

@@ -33,7 +33,7 @@ if TYPE_CHECKING:  # brings kernels
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
-    """What runs in the loop: plant, parts and observers beside the recorder."""
+    """Contents of the loop: plant, parts and observers beside the recorder."""
 
     plant: SteppedPlant
     parts: Parts
@@ -42,7 +42,7 @@ class Loop:
 
 @dataclass(frozen=True, kw_only=True)
 class Perturbation:
-    """One deviation; each hook does nothing unless it is overridden."""
+    """Base of perturbations: deviations of the plant from the model; override one hook or more."""
 
     stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
     # it may be added to a saved run: until its onset the run is as without it

@@ -37,7 +37,7 @@ class _Spread(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class Water(_Spread):
-    """Added mass and drag coefficients of every body of the plant."""
+    """Perturbation of added mass and drag of every body of the plant."""
 
     stream: ClassVar[int | None] = 0
     spread: float = 0.0  # of each coefficient
@@ -88,7 +88,7 @@ class Water(_Spread):
 
 @dataclass(frozen=True, kw_only=True)
 class Payload(_Spread):
-    """Masses of the arm's parts, and the ballast of the hull."""
+    """Perturbation of the masses of the arm's parts, and of the ballast of the hull."""
 
     stream: ClassVar[int | None] = 1
     signed: ClassVar[tuple[str, ...]] = ("trim_error",)
@@ -128,7 +128,7 @@ class Payload(_Spread):
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterSpread(_Spread):
-    """Time constant and gain of each thruster."""
+    """Perturbation of time constant and gain of each thruster."""
 
     stream: ClassVar[int | None] = 2
     lag: float = 0.0  # spread of the time constants

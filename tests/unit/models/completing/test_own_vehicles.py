@@ -197,7 +197,7 @@ def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigurationError,
         match=r"no site 'front'.*a <camera> is called so: give "
-        r"its place, camera:",
+        r"its position, camera:",
     ):
         vehicle_spec(
             written(tmp_path, ".xml", filmed, re.sub("camera: {.*", "camera: front", PARTS))

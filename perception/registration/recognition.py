@@ -231,9 +231,7 @@ def identify_together(
                 and (known.shown & scan.known.shown).sum() > _SHARED * known.shown.sum()
             ):
                 identified[name] = replace(
-                    identified[name],
-                    accepted=False,
-                    reason="its evidence belongs to another object",
+                    identified[name], accepted=False, reason="its evidence shows another object"
                 )
                 left.append(name)
             else:

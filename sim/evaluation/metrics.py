@@ -309,20 +309,12 @@ def assess(
         Requirement(
             "object orientation error", identification.orientation_error_rad, None, "deg", degrees
         ),
+        Requirement("sigma of object position", uncertainty.position_sigma_m, None, "mm", mm),
         Requirement(
-            "object position standard deviation", uncertainty.position_sigma_m, None, "mm", mm
+            "sigma of object orientation", uncertainty.rotation_sigma_rad, None, "deg", degrees
         ),
-        Requirement(
-            "object orientation standard deviation",
-            uncertainty.rotation_sigma_rad,
-            None,
-            "deg",
-            degrees,
-        ),
-        Requirement(
-            "hull position standard deviation", uncertainty.navigation_sigma_m, None, "mm", mm
-        ),
-        Requirement("probability of path in tolerance", uncertainty.chance_kept, None, "%", 100.0),
+        Requirement("sigma of hull position", uncertainty.navigation_sigma_m, None, "mm", mm),
+        Requirement("path success probability", uncertainty.chance_kept, None, "%", 100.0),
         # the tool: contact or distance, path, speed, attitude
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),

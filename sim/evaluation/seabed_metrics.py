@@ -160,17 +160,13 @@ def assess_seabed_work(
     of_tool = _core_checks(core, bounds) if truth.push is not None else _drag_checks(drag, bounds)
     checks = (
         Requirement(
-            "target height error, share of the limit",
-            surface.target_error_share,
-            1.0,
-            "%",
-            _PERCENT,
+            "target height error over limit", surface.target_error_share, 1.0, "%", _PERCENT
         ),
         Requirement("target height error", surface.target_error_max_m, None, "mm", _MM),
         *of_tool,
         Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", _MM),
         Requirement("hull, excursion", hull.excursion_max_m, None, "mm", _MM),
-        Requirement("hull clearance to the true ground, minimum", gap, None, "mm", _MM),
+        Requirement("hull clearance, minimum", gap, None, "mm", _MM),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 

@@ -150,11 +150,11 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
         (("--payload", "0", "5", "10"), "--payload and --link-mass: only with --compliance"),
         (
             ("--touches", "README.md", "--true-gears", "0.001"),
-            "--touches and --true-compliance, --true-gears",
+            "--touches or --true-compliance, --true-gears",
         ),
         (
             ("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"),
-            "not available for touching by contact",
+            "not for touching by contact",
         ),
         (("--true-seating", "1"), "--true-seating [m]"),
         (

@@ -54,8 +54,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     )
     if options.touches and real != RealEffects():
         raise ConfigurationError(
-            "--touches and --true-compliance, --true-gears or --true-seating: give only one of "
-            "the two"
+            "--touches or --true-compliance, --true-gears, --true-seating: not both"
         )
     if (options.payload or options.link_mass) and not (options.compliance or real.compliance > 0.0):
         raise ConfigurationError("--payload and --link-mass: only with --compliance")
@@ -71,9 +70,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         raise ConfigurationError("--distance and --held-out: only with --touches")
     contact = options.touching != "noise"
     if contact and (options.compliance or real != RealEffects()):
-        raise ConfigurationError(
-            "--compliance and --true-...: not available for touching by contact"
-        )
+        raise ConfigurationError("--compliance and --true-...: not for touching by contact")
 
     # Sizes of the simulated session.
     few = options.quick and contact
@@ -91,9 +88,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
 
     if not contact:
         if options.view:
-            raise ConfigurationError(
-                "--view: only with --touching clamped or hovering, for nothing moves otherwise"
-            )
+            raise ConfigurationError("--view: only with --touching clamped or hovering")
         return simulated(
             source,
             points=points,

@@ -167,7 +167,7 @@ def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleF
         yield VehicleFinding(
             code="gravcomp",
             level="fault",
-            said=f"gravcomp cancels the weight of {names} although buoyancy bears it: remove "
+            said=f"gravcomp cancels the weight of {names}, although buoyancy bears it: remove "
             "gravcomp",
             figure=float(model.body_gravcomp[light].max()),
         )

@@ -480,8 +480,7 @@ class VehicleEntity(composer.Entity):
 
         for name in _dry(model):
             warnings.warn(
-                f"the body {name!r} floats freely but has no hydrodynamics: it falls as in a "
-                "vacuum",
+                f"the body {name!r} floats without hydrodynamics: it falls as in a vacuum",
                 PhysicsWarning,
                 2,
             )

@@ -106,7 +106,7 @@ def test_a_command_runs_as_without_its_rehearsal(worn: Scenario, tmp_path):
     expected = digest(worn)
     assert digest(replace(worn, perturbations=())) != expected  # the state tells in the trajectory
     Worn.loops.clear()
-    with pytest.raises(ConfigurationError, match="the work could not begin"):
+    with pytest.raises(ConfigurationError, match="the work could not start"):
         command(worn, RunOptions(record=False, out=tmp_path / "out", longest=SECONDS), 0.0)
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["run"]["trajectory_sha256"] == expected

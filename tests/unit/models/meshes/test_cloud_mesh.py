@@ -97,7 +97,7 @@ def test_normals_of_either_sign_are_turned_outward(rng: np.random.Generator) -> 
     points, normals = points[half], normals[half]
     for given, said in (
         (-normals, "turned over"),
-        (normals * rng.choice([-1.0, 1.0], (len(normals), 1)), "either sign"),
+        (normals * rng.choice([-1.0, 1.0], (len(normals), 1)), "mixed signs"),
     ):
         made = mesh_of_cloud(points, given)
         assert said in made.note

@@ -484,7 +484,7 @@ def test_a_dry_prop_is_told():
     ball = mjcf.RootElement(model="ball")
     ball.worldbody.add("geom", size=[0.1])
     sea.mjcf_model.worldbody.attach(ball).add("freejoint")
-    with pytest.warns(PhysicsWarning, match="the body 'ball/' floats freely but has no water"):
+    with pytest.warns(PhysicsWarning, match="the body 'ball/' floats without hydrodynamics"):
         environment(task)
 
 

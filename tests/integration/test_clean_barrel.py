@@ -122,7 +122,7 @@ NAMELESS = """
         pytest.param(
             ["--least-chance", "1.5"],
             None,
-            "--least-chance (task.promise.least), a chance",
+            "--least-chance (task.promise.least), a probability",
             id="no chance",
         ),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),

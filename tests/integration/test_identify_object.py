@@ -83,7 +83,7 @@ def test_deformed_object_is_mapped(verb, tmp_path):
     found = json.loads((tmp_path / "identification.json").read_text("utf-8"))["deformation"]
     assert {np.sign(region["largest_m"]) for region in found["regions"]} == {1.0, -1.0}
     assert all(found["size_m"] < abs(region["largest_m"]) < 0.06 for region in found["regions"])
-    assert "Off the model" in done.stdout
+    assert "Deviation from the model above" in done.stdout
     for name in ("deformation.ply", "deformation.png"):
         assert (tmp_path / name).stat().st_size > 5000
 

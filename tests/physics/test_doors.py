@@ -119,7 +119,7 @@ def test_attach_names_what_is_wrong():
     with pytest.raises(ConfigurationError, match="ball: expected BodyHydrodynamics, got float"):
         water.attach(spec, {"ball": untyped(1.0)})
     spec.body("ball").userdata = [1.0, 2.0]
-    with pytest.raises(ConfigurationError, match="ball: its user data is taken"):
+    with pytest.raises(ConfigurationError, match="ball: its user data is already in use"):
         water.attach(spec, {"ball": body})
 
 

@@ -127,8 +127,7 @@ def test_touches_of_another_arm_are_doubted():
     far = Arm.from_dh(UR10E + np.array([0.02, 0.01, 0.01, 0.02]) * (-1.0) ** np.arange(6)[:, None])
     result = identify(touch(far, OFF_AXIS, np.random.default_rng(22)), UR10E)
     assert any(
-        "far from the nominal one" in line and "the prior is held" in line
-        for line in result.warnings
+        "far from the nominal one" in line and "the prior holds" in line for line in result.warnings
     )
     shuffled = [q[:, ::-1] for q in touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(23))]
     assert any(

@@ -206,9 +206,7 @@ class Counted(Perturbation):
 
 def test_an_observer_that_cannot_be_saved_is_refused():
     with pytest.raises(
-        ConfigurationError,
-        match=r"observer Counting keeps something: give it "
-        r"`save\(\)`",
+        ConfigurationError, match=r"observer Counting has a state: it needs `save\(\)`"
     ):
         saved(replace(GUSTY, perturbations=(Counted(),)), "scan")
 

@@ -128,7 +128,7 @@ def test_refusals_say_what_stands_against_the_work(own):
     with pytest.raises(ReachError, match="higher than the arm reaches"):
         choose(own, near, grid(), X, HeightSearch(clearance=2.5))
     aside = grid() + np.array([5.0, 0.0, 0.0])
-    with pytest.raises(ReachError, match="no point is known"):
+    with pytest.raises(ReachError, match="no point of the ground is known"):
         choose(own, core([5.0, 0.0, 0.0], 0.1), aside, X)
     with pytest.raises(ReachError):  # more than the drives bear
         choose(own, near, grid(), X, force=2000.0)

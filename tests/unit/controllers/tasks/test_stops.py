@@ -134,7 +134,7 @@ def test_it_stops_only_where_navigation_is_poor():
         ({"every": 0.1}, "task.promise.stops.every"),
         ({"lasting": 20.0}, "lasting"),
         ({"creep": 0.0}, "creep "),
-        ({"below": 2.0}, "a chance"),
+        ({"below": 2.0}, "a probability"),
     ],
 )
 def test_stops_that_cannot_be(wrong, said):

@@ -204,7 +204,7 @@ def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
         )
     macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
     macro = macro.replace("</robot>", '<xacro:property name="m" value="3"/></robot>')
-    with pytest.raises(ConfigurationError, match="it is xacro, of which a URDF is made first"):
+    with pytest.raises(ConfigurationError, match="it is xacro, convert it first"):
         vehicle_spec(written(tmp_path, ".urdf", macro))
 
 

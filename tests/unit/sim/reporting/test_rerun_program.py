@@ -86,7 +86,7 @@ def test_log_is_whole_where_no_viewer_starts(tmp_path, monkeypatch, capsys):
     stream = rerun_stream.LogStream(tmp_path / "run.rrd", "a run", view=True)
     stream.event("a", rr.Scalars(1.0), 0.5)
     stream.close()
-    assert f"afterwards: rerun {tmp_path / 'run.rrd'}" in capsys.readouterr().err
+    assert f"open the log later by: rerun {tmp_path / 'run.rrd'}" in capsys.readouterr().err
     assert any(
         chunk.entity_path == "/a" for chunk in RrdReader(tmp_path / "run.rrd").stream().to_chunks()
     )

@@ -85,11 +85,11 @@ def test_the_public_cases_are_pinned():
                 "test_rows_of_a_changed_entry_are_refused_and_none_is_doubled"
             ),
         ),
-        pytest.param("Hangs", "no answer for 0.5 s", marks=pytest.mark.long),
+        pytest.param("Hangs", "no reply of the entry for 0.5 s", marks=pytest.mark.long),
         pytest.param("Raises", "raised RuntimeError: out of ideas", marks=pytest.mark.long),
         pytest.param("WrongType", "dict in place of a Command", marks=pytest.mark.long),
         pytest.param("WrongShape", "thrusters: expected shape", marks=pytest.mark.long),
-        pytest.param("WrongTime", "asked was one of", marks=pytest.mark.long),
+        pytest.param("WrongTime", "requested was", marks=pytest.mark.long),
     ],
 )
 def test_a_failure_of_the_entry_is_one_line(name, said):

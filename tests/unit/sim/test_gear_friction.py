@@ -154,5 +154,5 @@ def test_joints_that_cannot_carry_it():
     with pytest.raises(ConfigurationError, match=r"'nowhere': no such joint; there are .*'joint1'"):
         gear_friction.attach(spec, {"nowhere": gear})
     spec.joint(JOINT).userdata = [1.0, 2.0, 3.0, 4.0]
-    with pytest.raises(ConfigurationError, match="taken by something else"):
+    with pytest.raises(ConfigurationError, match="already in use"):
         gear_friction.attach(spec, {JOINT: gear})

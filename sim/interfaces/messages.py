@@ -374,8 +374,8 @@ class Promise:
     def __str__(self) -> str:
         """In words, with figures."""
         return (
-            f"probability of path error < {1e3 * self.tolerance:.3g} mm: {self.chance:.1%} "
-            f"(standard deviation: hull {1e3 * self.navigation_sigma:.1f} mm, object "
+            f"path error < {1e3 * self.tolerance:.3g} mm: probability {self.chance:.1%} "
+            f"(sigma: hull {1e3 * self.navigation_sigma:.1f} mm, object "
             f"{1e3 * self.object_sigma:.1f} mm)"
         )
 

@@ -99,9 +99,7 @@ def test_nothing_is_promised_without_a_covariance():
 
 def test_it_is_said_with_its_figures():
     told = Promise(chance=0.973, tolerance=3e-3, navigation_sigma=6e-4, object_sigma=1.24e-3)
-    assert str(told) == (
-        "probability of path error < 3 mm: 97.3% (standard deviation: hull 0.6 mm, object 1.2 mm)"
-    )
+    assert str(told) == ("path error < 3 mm: probability 97.3% (sigma: hull 0.6 mm, object 1.2 mm)")
 
 
 @pytest.mark.parametrize(

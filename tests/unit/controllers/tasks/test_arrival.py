@@ -259,7 +259,7 @@ def test_a_better_place_is_waited_for(
     assert abort is None
     assert done - 3.5 == pytest.approx(seconds, abs=0.06)
     assert held.promise is not None
-    assert "probability of path error < 3 mm" in held.note
+    assert "path error < 3 mm" in held.note
 
 
 def test_too_small_a_chance_is_refused_with_its_figures(monkeypatch: pytest.MonkeyPatch):
@@ -267,6 +267,6 @@ def test_too_small_a_chance_is_refused_with_its_figures(monkeypatch: pytest.Monk
     assert abort is not None
     assert abort.code is AbortCode.PLACE_UNCERTAIN
     assert (
-        abort.reason == "probability of path error < 3 mm: 60.0% (standard deviation: hull 1.0 "
+        abort.reason == "path error < 3 mm: probability 60.0% (sigma: hull 1.0 "
         "mm, object 1.0 mm); at least 80.0% is required"
     )

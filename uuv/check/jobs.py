@@ -265,7 +265,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         job=name,
         promised=True,
         code="ok",
-        said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in "
+        said=f"margin {margin:.2f} (1 is ample, 0 at a limit) at {push_of(scenario):.0f} N in "
         f"{speed:.2f} m/s{part}"
         + _touching(own, placement.q_start)
         + (
@@ -281,7 +281,7 @@ def _touching(own: OwnVehicle, q: Array) -> str:
     """Shapes of the vehicle that touch at joint angles `q` (n,); no planner refuses these."""
     pairs = PostureSearch(own.model).touching(q)
     named = sorted(f"{own.model.body(a).name} and {own.model.body(b).name}" for a, b in pairs)
-    return f"; where the work begins {', '.join(named)} touch" if named else ""
+    return f"; self-contact at the work pose: {', '.join(named)}" if named else ""
 
 
 def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:

@@ -54,7 +54,7 @@ def print_check(check: VehicleCheck, console: Console) -> None:
 
         for each in check.jobs:
             verdict = (
-                Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
+                Text("feasible", "green") if each.promised else Text(f"refused: {each.code}", "red")
             )
             table.add_row(each.job, verdict, each.said)
         console.print(table)
@@ -62,7 +62,7 @@ def print_check(check: VehicleCheck, console: Console) -> None:
 
 
 def _print_commands(promised: Iterable[str], console: Console) -> None:
-    """What runs the promised jobs; those that hover are simulated by the check itself."""
+    """What runs the feasible jobs; those that hover are simulated by the check itself."""
     runs = [ARM_JOBS[name] for name in promised if name in ARM_JOBS and ARM_JOBS[name].command]
 
     # Those with a tool of their own take none.

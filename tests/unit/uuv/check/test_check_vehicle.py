@@ -299,7 +299,7 @@ def test_the_command_prints_a_screen_and_json(capsys: pytest.CaptureFixture[str]
     assert command.main("check", ["uuv_puma", "--jobs", "barrel-longitudinal"]) == 0
     said = capsys.readouterr().out
     assert len(said.splitlines()) < 30
-    assert "promised" in said
+    assert "feasible" in said
     assert command.main("check", ["bluerov2_heavy_alpha5", "--jobs", "tap", "--json"]) == 1
     found = json.loads(capsys.readouterr().out)
     assert found["sound"] is False

@@ -329,7 +329,7 @@ def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
 def test_check_says_what_a_vehicle_has_and_lacks(uuv):
     said = uuv("check", "uuv_puma", "--jobs", "hover", "seabed-core")
     assert "351.3 kg, +0.0 N" in said
-    assert said.count("  promised") == 2
+    assert said.count("  feasible") == 2
     lacking = uuv("check", "bluerov2_heavy_alpha5", "--jobs", "tap", code=1)
     assert "refused: parts" in lacking
     assert "lacks geom 'pad' (may touch)" in lacking

@@ -16,7 +16,7 @@ MU = 1e3  # [mm^2] initial damping, our choice
 ETA = 10.0  # factor by which the damping falls on success and rises on failure
 WARNING = (
     "method 'paper': criterion (7) has no least arm, its minimum is an arm shrunk to a point; "
-    "three steps stop before it by chance. The scale and 8 or 10 other directions mean nothing "
+    "three steps stop before it by accident. The scale and 8 or 10 other directions mean nothing "
     "here; use method 'map'"
 )
 _WIDE = 100.0  # [mm, deg] prior deviation for the covariance only, wide enough to act as none

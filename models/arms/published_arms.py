@@ -293,7 +293,7 @@ _ARMS = {
             (0, 1.228, 0, 0),
         ],
         [(-180.0, 180.0), *[(-135.0, 135.0)] * 5, (-180.0, 180.0)],
-        "link lengths and limits: S. M. Persson, ReaK, manip_ERA_arm.hpp; joints as ESA tells: "
+        "link lengths and limits: S. M. Persson, ReaK, manip_ERA_arm.hpp; joints by ESA: "
         "roll, yaw, pitch at the shoulder, pitch at the elbow, pitch, yaw, roll at the wrist; "
         "straight at zero, 11.28 m (ESA: 11.3 m)",
     ),

@@ -13,6 +13,10 @@ from source_tree import ROOT, parsed, sources, tracked
 
 FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 18, 20, 40
 SOURCES = sources()
+WORDS_OF_PAGES, WORDS_A_PAGE, ROWS = 20_000, 1_500, 30
+NOT_COUNTED = {"references", "glossary", "licences", "results", "results_earlier", "papers"}
+# words of a private dialect, which have a term of the field: probability, identifiable, cases
+DIALECT = re.compile(r"\b(chance|seas|nobody|told|tells?|beyond doubt|hull's place)\b")
 KEY = re.compile(r"\[([A-Z][A-Za-z]+ (?:1[89]|20)\d\d[a-z]?)(?:[,\]])")
 
 
@@ -47,6 +51,24 @@ def sentences(path: Path) -> list[str]:
     return [
         s for text in texts for s in re.split(r"(?<=[.!?:;])\s+|\n\s*\n|\n\s*[-*] |\n +\w+: ", text)
     ]
+
+
+def strings(tree: ast.Module) -> list[str]:
+    """Texts of a module that a user may read: strings with blanks that are no docstrings."""
+    documentation = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    constants = [
+        node.value
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and id(node) not in documentation
+    ]
+    return [text for text in constants if isinstance(text, str) and " " in text.strip()]
+
+
+def words_of(page: Path) -> int:
+    """Number of words of a page, without its code blocks; an equation counts as one."""
+    prose = re.sub(r"```.*?```", " ", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    prose = re.sub(r"\$\$.*?\$\$|\$[^$]*\$", "equation", prose, flags=re.DOTALL)
+    return sum(re.search(r"\w", word) is not None for word in prose.split())
 
 
 def test_no_folder_is_crowded():
@@ -130,6 +152,34 @@ def test_sentences_can_be_read_at_once():
         if len(re.findall(r"[A-Za-z][A-Za-z'-]*", sentence)) > WORDS_A_SENTENCE
     ]
     assert long == []
+
+
+def test_messages_have_the_terms_of_the_field():
+    foreign = [
+        f"{path.relative_to(ROOT)}: {text[:90]}"
+        for path in SOURCES
+        if path.relative_to(ROOT).parts[0] != "scripts"
+        for text in strings(parsed(path))
+        if DIALECT.search(text)
+    ]
+    assert foreign == []
+
+
+def test_pages_are_short():
+    counts = {
+        page.stem: words_of(page)
+        for page in (ROOT / "docs").glob("*.md")
+        if page.stem not in NOT_COUNTED
+    }
+    assert len(counts) > 20
+    assert sum(counts.values()) <= WORDS_OF_PAGES
+    # the list of the promised names has 150 rows
+    long = {name: n for name, n in counts.items() if n > WORDS_A_PAGE and name != "api"}
+    assert long == {}
+    concepts = (ROOT / "docs" / "concepts.md").read_text(encoding="utf-8")
+    assert len(concepts.split()) <= 2_000
+    vocabulary = (ROOT / "docs" / "vocabulary.md").read_text(encoding="utf-8")
+    assert len(re.findall(r"^\|", vocabulary, flags=re.MULTILINE)) - 2 <= ROWS
 
 
 def test_the_first_page_is_short():

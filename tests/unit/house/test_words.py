@@ -173,9 +173,9 @@ def test_pages_are_short():
     }
     assert len(counts) > 20
     assert sum(counts.values()) <= WORDS_OF_PAGES
-    # the list of the promised names has 150 rows
-    long = {name: n for name, n in counts.items() if n > WORDS_A_PAGE and name != "api"}
-    assert long == {}
+    # the list of the promised names has 150 rows, and concepts a bound of their own
+    long = {name for name, n in counts.items() if n > WORDS_A_PAGE}
+    assert long <= {"api", "concepts"}
     concepts = (ROOT / "docs" / "concepts.md").read_text(encoding="utf-8")
     assert len(concepts.split()) <= 2_000
     vocabulary = (ROOT / "docs" / "vocabulary.md").read_text(encoding="utf-8")

@@ -449,7 +449,7 @@ def _trimmed(
         quantity="volume, trimmed",
         value=f"{1e3 * after.volume:.4g} l, centre {figures(1e3 * after.center_of_buoyancy)} mm",
         origin=f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} "
-        f"for weightlessness, the centre {1e3 * height:g} mm above that of mass",
+        f"for weightlessness, the centre {1e3 * height:g} mm above the centre of mass",
         uncertainty="as the masses",
     )
 

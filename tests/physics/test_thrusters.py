@@ -352,7 +352,7 @@ def test_other_actuators_and_other_peoples_user_data_are_no_thrusters():
     model = spec.compile()
     assert thrusters.read(model)[0].tolist() == [0]
     assert model.actuator_gear[0, 3] == pytest.approx(0.014)
-    with pytest.raises(ConfigurationError, match=r"'other'.*taken"):
+    with pytest.raises(ConfigurationError, match=r"'other'.*already in use"):
         thrusters.attach(spec, {"other": thrusters.t200()})
 
 

@@ -33,7 +33,7 @@ ENDS = (REFUSED, RIGHT, STATED, WRONGLY)
 _MOVES = 60  # postures at which two arms are compared
 _MIRRORED, _MIRROR = "signs of all joints", "mirror image"
 # of lines on readings that are hidden
-_HIDDEN = ("explain nothing", "are not those of these touches")
+_HIDDEN = ("are not checked", "are not those of these touches")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -196,7 +196,12 @@ def test_bad_clouds_are_refused_in_one_line():
     refused(scattered(lambda xy: 1.5 * xy[:, 0] - 3.0, 3000, rng), "slope")
     refused(scattered(lambda xy: 0.1 * np.sin(30 * xy[:, 0]) - 2.0, 9000, rng), "roughness")
     refused(good, "finite", targets=[[0.0, np.nan, 0.0]], kind=ConfigurationError)
-    refused(good, "same place", targets=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]], kind=ConfigurationError)
+    refused(
+        good,
+        "same horizontal position",
+        targets=[[0.0, 0.0, 0.0], [0.0, 0.0, 0.5]],
+        kind=ConfigurationError,
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)

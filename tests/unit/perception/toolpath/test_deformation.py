@@ -98,7 +98,7 @@ def test_undeformed_object_has_no_region(within, seed: int):
 
 def test_no_map_of_what_was_not_found():
     found = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(0))))
-    with pytest.raises(PerceptionError, match="not found"):
+    with pytest.raises(PerceptionError, match="not identified"):
         map_deformation(replace(found, accepted=False, reason="hidden"))
     with pytest.raises(ConfigurationError, match="size"):
         map_deformation(replace(found, accepted=True), size=0.0)

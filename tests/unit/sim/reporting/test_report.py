@@ -176,7 +176,7 @@ def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tm
     )
     # of 4 mrad
     assert "<td>orientation</td><td class=n>0.23</td><td class=n></td><td>deg</td>" in page
-    assert "stated standard deviation" not in written(tmp_path, recording)[0]
+    assert "standard deviation of the object pose" not in written(tmp_path, recording)[0]
 
 
 def test_page_states_how_an_object_moved(tmp_path: Path):

@@ -55,7 +55,7 @@ def test_time_judged_of_each_force():
     ],
 )
 def test_what_a_refusal_proposes_would_do(work: WorkTime):
-    with pytest.raises(ConfigurationError, match="would do") as refused:
+    with pytest.raises(ConfigurationError, match="would suffice") as refused:
         work.check()
     line = str(refused.value)
     for pattern, name in (

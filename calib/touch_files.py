@@ -137,9 +137,7 @@ def read_touches(
         return read
     outside = _beyond_limits(read, np.asarray(limits), hinges, joint_names)
     if outside and beyond == "refuse":
-        raise ConfigurationError(
-            f"{outside[0]}: not joint values of this arm, or in another unit or order"
-        )
+        raise ConfigurationError(f"{outside[0]}: wrong arm, unit or order of the joint values")
     return replace(read, beyond=tuple(outside))
 
 

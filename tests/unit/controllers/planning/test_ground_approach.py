@@ -154,7 +154,7 @@ def test_all_of_the_hull_keeps_clear_of_a_slope(within):
         pytest.param(
             slope(0.0, 0.0), DvlBeams(dropouts=1.0), "0 of the Doppler log's beams see it"
         ),
-        pytest.param(slope(0.8, 0.0), NO_NOISE, "slopes by 39 deg"),
+        pytest.param(slope(0.8, 0.0), NO_NOISE, "slope of the ground is 39 deg"),
     ],
     ids=["two dead beams", "nothing heard", "too steep"],
 )

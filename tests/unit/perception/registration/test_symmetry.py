@@ -50,7 +50,7 @@ def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(
         )
     else:
         assert found.symmetry.angle_known
-        assert "told" in found.symmetry.policy
+        assert "resolved" in found.symmetry.policy
         within("turn [deg]", np.rad2deg(np.arccos(0.5 * (np.trace(R_error) - 1.0))), 2.0)  # 0.4
 
 

@@ -94,6 +94,9 @@ VERBS = {  # by the one or two words that are typed
         "",
         "tables of the experiments, printed and checked, in a checkout",
     ),
+    "serve ardupilot": Verb(
+        "serve", "ArduPilotOptions", "", "physics behind ArduPilot's simulation, over UDP"
+    ),
     "benchmark": Verb(
         "benchmark",
         "BenchmarkOptions",

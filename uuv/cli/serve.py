@@ -1,0 +1,93 @@
+"""Doors for other programs: `uuv serve ardupilot`."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.command_line import parse
+
+if TYPE_CHECKING:  # a help text does without
+    from uuv.serve.ardupilot import ArduPilotDoor
+
+
+@dataclass(kw_only=True)
+class ArduPilotOptions:
+    """Physics behind ArduPilot's simulation (SITL), by its JSON interface, in lockstep.
+
+    Start SITL with `--model JSON:127.0.0.1`. Ctrl-C ends it; exit code 0.
+    """
+
+    frame: str = "vectored_6dof"
+    """ArduSub's motor frame: vectored (FRAME_CONFIG 1) or vectored_6dof (2)."""
+    vehicle: str | None = None
+    """Named vehicle (`uuv list vehicles`) whose thrusters are arranged so; default: bluerov2 for
+    vectored, bluerov2_heavy for vectored_6dof."""
+    port: int = 9002
+    """UDP port; 0: any that is free."""
+    listen: str = "127.0.0.1"
+    """Address to listen on; default: this machine alone."""
+    depth: float = 1.0
+    """Depth at the start [m]."""
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Current [m/s] to the north, east, down."""
+    bottom: float | None = None
+    """Depth of a level bottom [m], for a range finder that looks down (rng_1)."""
+    directions: tuple[int, ...] = ()
+    """MOT_n_DIRECTION of the autopilot, 1 or -1 for each motor, where they are not all 1."""
+    arm_channels: tuple[int, ...] = ()
+    """Channel of each joint of the arm, its range over 1100 to 1900 us; default: held at home."""
+    seconds: float | None = None
+    """End after so much simulated time [s]."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Serves until it is ended; returns the exit code."""
+    del verb
+    options = parse(ArduPilotOptions, args)
+    from uuv.serve.datagrams import answer_all, listening
+
+    if options.seconds is not None and not (
+        math.isfinite(options.seconds) and options.seconds > 0.0
+    ):
+        raise ConfigurationError(f"--seconds: must be above 0, got {options.seconds}")
+
+    with listening(options.port, options.listen) as endpoint:
+        door = _door(options)
+        longest = math.inf if options.seconds is None else options.seconds
+        name = door.vehicle.name
+        print(
+            f"{name} as frame {options.frame}, on UDP port {endpoint.port} of {options.listen}",
+            flush=True,
+        )
+
+        try:
+            answer_all(endpoint, door.reply, lambda: door.vehicle.time >= longest - 1e-9)
+        except KeyboardInterrupt:  # the usual end
+            pass
+        finally:
+            print(f"{door.vehicle.time:.1f} s simulated; packets: {door.traffic.summary()}")
+            if door.traffic.reason:
+                print(f"last refused: {door.traffic.reason}")
+    return 0
+
+
+def _door(options: ArduPilotOptions) -> "ArduPilotDoor":
+    """Vehicle behind the door, from the options."""
+    from uuv.serve.ardupilot import ArduPilotDoor
+    from uuv.serve.served_vehicle import OpenWater
+
+    north, east, down = options.current
+    water = OpenWater(
+        depth=options.depth,
+        current_W=(north, -east, -down),
+        bottom=math.inf if options.bottom is None else options.bottom,
+    )
+    return ArduPilotDoor(
+        options.frame,
+        vehicle=options.vehicle or "",
+        water=water,
+        directions=options.directions,
+        arm_channels=options.arm_channels,
+    )

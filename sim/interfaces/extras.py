@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from uuv.sim.interfaces.errors import MissingLibraryError
 
 LOG = "log"  # the extra that log and report need
+BRIDGE = "bridge"  # the extra of files and doors of other programs
 EXTRAS = {  # module: extra, as in pyproject.toml
     "embreex": "perception",
     "trimesh": "perception",
@@ -20,6 +21,9 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "dm_control": "rl",
     "dm_env": "rl",
     "gymnasium": "rl",
+    "mcap": BRIDGE,
+    "rosbags": BRIDGE,
+    "pymavlink": BRIDGE,
     "ray": "cluster",
     "open3d": "open3d",
 }

@@ -41,6 +41,7 @@ STATES = (*WorkState, "interrupted", "crashed")  # in which a run may end
 LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
 # after the name of a table whose series begin later than those of another of its rate
 LATE = "_late"
+_CLOUD = "cloud_"  # before the name of a cloud
 _FILE = "series_"  # before the name of a table of series
 # series whose rate names a table; the other rate is SLOW
 _NAMES = {"body_pose": POSES, "contact_normal": LOOP}
@@ -60,6 +61,11 @@ def write_series(recording: "Recording", folder: Path) -> None:
         "abort": ["" if event.abort is None else str(event.abort) for event in events],
         "note": [event.note for event in events],
     }
+
+    for name, points in recording.clouds.items():
+        columns = [Column(axis, points[:, k], "m") for k, axis in enumerate("xyz")]
+        if len(points):
+            write_table(folder / f"{_CLOUD}{name}", columns)
 
     times = Column("time", np.array([event.time for event in events]), "s")
     write_table(
@@ -164,6 +170,25 @@ class PastRun:
         """
         files = [file for ending in ENDINGS for file in self.folder.glob(f"{_FILE}*{ending}")]
         return tuple(sorted({file.stem.removeprefix(_FILE) for file in files}))
+
+    @cached_property
+    def clouds(self) -> Mapping[str, np.ndarray]:
+        """Points (N, 3) [m] in W of each cloud that the run kept, by name.
+
+        Raises:
+            ConfigurationError: A file of them is none that a run writes.
+        """
+        files = sorted(f for ending in ENDINGS for f in self.folder.glob(f"{_CLOUD}*{ending}"))
+        read = {file.stem.removeprefix(_CLOUD): read_table(file) for file in files}
+        for name, columns in read.items():
+            if tuple(columns) != ("x", "y", "z"):
+                raise ConfigurationError(
+                    f"{self.folder}: cloud {shown(name)} must have the columns x, y, z"
+                )
+        return {
+            name: np.column_stack([column.values for column in columns.values()])
+            for name, columns in read.items()
+        }
 
     def table(self, rate: str = LOOP) -> "pa.Table":
         """Series of one rate, or EVENTS; with pandas `.to_pandas()` makes a data frame of it.

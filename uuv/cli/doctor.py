@@ -29,6 +29,9 @@ _USES = {  # module of an extra: what it is for
     "pyarrow": "series as Parquet, studies",
     "PIL": "uuv picture",
     "dm_control": "uuv.environments, reinforcement learning",
+    "mcap": "uuv export --mcap",
+    "rosbags": "messages of ROS 2, uuv export --bag",
+    "pymavlink": "logs of ArduPilot and MAVLink",
     "ray": "campaigns on a cluster",
     "open3d": "peers to compare registration with",
 }

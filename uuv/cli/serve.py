@@ -1,10 +1,12 @@
 """Doors for other programs: `uuv serve ardupilot`."""
 
 import math
+import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import parse
 
@@ -40,6 +42,8 @@ class ArduPilotOptions:
     """Channel of each joint of the arm, its range over 1100 to 1900 us; default: held at home."""
     seconds: float | None = None
     """End after so much simulated time [s]."""
+    json: bool = False
+    """Print what arrived as JSON at the end."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -57,29 +61,38 @@ def main(verb: str, args: Sequence[str]) -> int:
         door = _door(options)
         longest = math.inf if options.seconds is None else options.seconds
         name = door.vehicle.name
-        print(
-            f"{name} as frame {options.frame}, on UDP port {endpoint.port} of {options.listen}",
-            flush=True,
-        )
+        ready = f"{name} as frame {options.frame}, on UDP port {endpoint.port} of {options.listen}"
+        print(ready, file=sys.stderr if options.json else sys.stdout, flush=True)
 
         try:
             answer_all(endpoint, door.reply, lambda: door.vehicle.time >= longest - 1e-9)
         except KeyboardInterrupt:  # the usual end
             pass
         finally:
-            print(f"{door.vehicle.time:.1f} s simulated; packets: {door.traffic.summary()}")
-            if door.traffic.reason:
-                print(f"last refused: {door.traffic.reason}")
+            _print_end(door, as_json=options.json)
     return 0
+
+
+def _print_end(door: "ArduPilotDoor", *, as_json: bool) -> None:
+    """Print what arrived, and how much was simulated."""
+    traffic = door.traffic
+    simulated = door.vehicle.time
+    if as_json:
+        print_json({"simulated_s": simulated, **asdict(traffic)})
+        return
+
+    print(f"{simulated:.1f} s simulated; packets: {traffic.summary()}")
+    if traffic.reason:
+        print(f"last refused: {traffic.reason}")
 
 
 def _door(options: ArduPilotOptions) -> "ArduPilotDoor":
     """Vehicle behind the door, from the options."""
     from uuv.serve.ardupilot import ArduPilotDoor
-    from uuv.serve.served_vehicle import OpenWater
+    from uuv.serve.served_vehicle import DiveSite
 
     north, east, down = options.current
-    water = OpenWater(
+    water = DiveSite(
         depth=options.depth,
         current_W=(north, -east, -down),
         bottom=math.inf if options.bottom is None else options.bottom,

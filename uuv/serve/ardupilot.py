@@ -20,9 +20,8 @@ from uuv.serve.ardusub_frames import (
     USUAL_VEHICLES,
     MotorMap,
 )
-from uuv.serve.served_vehicle import OpenWater, ServedVehicle
+from uuv.serve.served_vehicle import DiveSite, ServedVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array
 
 _COUNTS = 1 << 32  # the frame count begins anew after as many
 _FEW = 1 << 16  # packets; a count that falls by fewer, not to the start, came late
@@ -58,7 +57,7 @@ class ArduPilotDoor:
         frame: str,
         *,
         vehicle: str = "",
-        water: OpenWater | None = None,
+        water: DiveSite | None = None,
         directions: Sequence[int] = (),
         arm_channels: Sequence[int] = (),
     ) -> None:
@@ -80,7 +79,7 @@ class ArduPilotDoor:
             raise ConfigurationError(
                 f"frame: must be one of {', '.join(USUAL_VEHICLES)}, got {frame!r}"
             )
-        self.vehicle = ServedVehicle(name, water or OpenWater())
+        self.vehicle = ServedVehicle(name, water or DiveSite())
         parts = self.vehicle.vehicle
 
         self.motors = MotorMap.of(frame, parts.thruster_wrench, directions=directions, vehicle=name)
@@ -138,9 +137,9 @@ class ArduPilotDoor:
             limits = self.vehicle.vehicle.q_limits
             pulses = packet.pulses[self._arm - 1]
             share = np.clip((pulses - NEUTRAL) / (2.0 * SPAN) + 0.5, 0.0, 1.0)
-            given = (pulses >= LEAST_PULSE) & (pulses <= LARGEST_PULSE)
+            is_on = (pulses >= LEAST_PULSE) & (pulses <= LARGEST_PULSE)
             aims = limits[:, 0] + share * (limits[:, 1] - limits[:, 0])
-            self.vehicle.q_set = np.where(given, aims, self.vehicle.q_set)
+            self.vehicle.q_set = np.where(is_on, aims, self.vehicle.q_set)
 
         self.vehicle.step(self.motors.commands(packet.pulses), 1.0 / packet.frame_rate)
 

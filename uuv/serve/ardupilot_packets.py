@@ -19,7 +19,8 @@ from uuv.sim.interfaces.spatial import Array
 _HEADER = struct.Struct("<HHI")
 CHANNELS = {18458: 16, 29569: 32}  # by the packet's magic number
 LARGEST_PACKET = _HEADER.size + 2 * max(CHANNELS.values())  # [bytes]
-SLOWEST, FASTEST = 10, 10_000  # [Hz] frame rates that are served
+SLOWEST = 10  # [Hz] frame rate that is served
+FASTEST = 10_000  # [Hz]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

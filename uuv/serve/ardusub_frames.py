@@ -52,7 +52,8 @@ _ALIKE = 0.8  # least cosine between the effects of a motor and its thruster
 
 NEUTRAL = 1500.0  # [us] pulse at which a motor stands still
 SPAN = 400.0  # [us] from there to full speed
-LEAST_PULSE, LARGEST_PULSE = 800.0, 2200.0  # [us] beyond them an output is off
+LEAST_PULSE = 800.0  # [us] below it an output is off
+LARGEST_PULSE = 2200.0  # [us] and above it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +89,8 @@ class MotorMap:
             raise ConfigurationError(f"frame: must be one of {', '.join(FRAMES)}, got {frame!r}")
         factors = FRAMES[frame]
 
-        motors, thrusters = len(factors), wrench_B.shape[1]
+        motors = len(factors)
+        thrusters = wrench_B.shape[1]
         if motors != thrusters:
             raise ConfigurationError(
                 f"frame {frame}: has {motors} motors, {vehicle} has {thrusters} thrusters"

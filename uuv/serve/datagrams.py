@@ -32,12 +32,14 @@ class Endpoint:
     def receive(self, patience: float = _PATIENCE) -> bytes | None:
         """Next datagram; None: none within `patience` [s]."""
         self.bound.settimeout(patience)
+
         try:
             data, self.peer = self.bound.recvfrom(_LARGEST)
         except (TimeoutError, BlockingIOError):
             return None
         except ConnectionError:  # the peer of the last answer is gone; others may come
             return None
+
         return data
 
     def send(self, data: bytes) -> bool:
@@ -67,9 +69,11 @@ def listening(port: int, address: str = LOOPBACK) -> Iterator[Endpoint]:
             f"--listen: must be an IP address of this machine, got {address!r}"
         ) from error
 
+    # Closed at the end, whatever happens.
     with socket.socket(family, socket.SOCK_DGRAM) as bound:
         try:
             bound.bind((address, port))
+
         except OSError as error:
             raise ConfigurationError(
                 f"--port {port}: cannot listen on {address} ({error.strerror or error})"

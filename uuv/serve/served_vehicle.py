@@ -24,7 +24,7 @@ _ARM_SPEED = 0.5  # [rad/s] at which joints follow the angles that are set
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OpenWater:
+class DiveSite:
     """Place where the vehicle begins, and the water there."""
 
     depth: float = 1.0  # [m] of the hull's origin at the start
@@ -43,7 +43,7 @@ class OpenWater:
 class ServedVehicle:
     """One vehicle in its own simulation, advanced frame by frame."""
 
-    def __init__(self, name: str, water: OpenWater) -> None:
+    def __init__(self, name: str, water: DiveSite) -> None:
         """Compile the vehicle and put it into the water at rest, arm at home.
 
         Args:
@@ -59,7 +59,8 @@ class ServedVehicle:
         if not len(vehicle.thruster_actuators):
             raise ConfigurationError(f"vehicle {name}: has no thrusters to be commanded")
 
-        self.name, self.water = name, water
+        self.name = name
+        self.water = water
         self.data = mujoco.MjData(self.model)
         self._hold = ArmHold(vehicle, vehicle.q_home).gains
         self._tau = np.zeros(len(vehicle.joints))
@@ -69,7 +70,8 @@ class ServedVehicle:
 
     def reset(self) -> None:
         """Begin anew: at the start, at rest, at time 0."""
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         home = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, "home")
         if home >= 0:
             mujoco.mj_resetDataKeyframe(model, data, home)
@@ -95,7 +97,9 @@ class ServedVehicle:
         Raises:
             HydrodynamicsError: The motion diverged.
         """
-        model, data, vehicle = self.model, self.data, self.vehicle
+        model = self.model
+        data = self.data
+        vehicle = self.vehicle
         steps = max(1, math.ceil(duration / LONGEST_STEP - 1e-9))
         model.opt.timestep = duration / steps
 
@@ -106,8 +110,8 @@ class ServedVehicle:
         for _ in range(steps):
             if len(self._tau):
                 self._hold.q[:] += np.clip(self.q_set - self._hold.q, -most, most)
-                q, qd = data.qpos[vehicle.qpos], data.qvel[vehicle.dof]
-                hold_torque(self._hold, q, qd, self._tau)
+                q = data.qpos[vehicle.qpos]
+                hold_torque(self._hold, q, data.qvel[vehicle.dof], self._tau)
                 data.ctrl[vehicle.actuators] = self._tau
             mujoco.mj_step(model, data)
 

@@ -14,6 +14,7 @@ PAGE = ROOT / "docs" / "licences.md"
 NEEDED = "always"  # brings what needs no extra
 PHRASES = {  # of a licence's text, and its SPDX identifier; the first that is found counts
     "license agreement for matplotlib": "matplotlib",
+    "lgplv3": "LGPL-3.0",
     "apache license": "Apache-2.0",
     "apache 2.0": "Apache-2.0",
     "neither the name": "BSD-3-Clause",

@@ -12,7 +12,7 @@ from uuv.serve import datagrams
 from uuv.serve.ardupilot import ArduPilotDoor
 from uuv.serve.ardupilot_packets import roll_pitch_yaw, servo_packet
 from uuv.serve.ardusub_frames import FRAMES, MotorMap
-from uuv.serve.served_vehicle import OpenWater
+from uuv.serve.served_vehicle import DiveSite
 from uuv.sim.interfaces.errors import ConfigurationError
 
 RATE = 100  # [Hz]
@@ -33,7 +33,7 @@ def motion(answer):
 
 @pytest.fixture(scope="module", params=["vectored", "vectored_6dof"])
 def door(request):
-    return ArduPilotDoor(request.param, water=OpenWater(depth=3.0))
+    return ArduPilotDoor(request.param, water=DiveSite(depth=3.0))
 
 
 def begun(door):
@@ -99,7 +99,7 @@ def test_outputs_that_are_off_stop_the_motor():
 
 
 def test_at_rest_the_answer_has_all_fields_in_their_axes():
-    door = ArduPilotDoor("vectored_6dof", water=OpenWater(depth=4.0, bottom=10.0))
+    door = ArduPilotDoor("vectored_6dof", water=DiveSite(depth=4.0, bottom=10.0))
     state = motion(door.reply(packet(0, rate=400)))
 
     assert state["timestamp"] == pytest.approx(1 / 400)
@@ -124,8 +124,8 @@ def test_specific_force_and_gyro_integrate_to_the_motion():
         assert gained == pytest.approx(change, abs=1e-6)
 
         turned = rotation(before["quaternion"]).T @ R_NB
-        w = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0],
-                      turned[1, 0] - turned[0, 1]]) / 2.0 * 1000.0  # fmt: skip
+        skew = 0.5 * 1000.0 * (turned - turned.T)
+        w = skew[[2, 0, 1], [1, 2, 0]]
         assert w == pytest.approx(state["imu"]["gyro"], abs=5e-3)
         before = state
 
@@ -145,7 +145,7 @@ def rotation(quaternion):
 
 
 def test_a_current_carries_the_vehicle_to_its_speed():
-    door = ArduPilotDoor("vectored_6dof", water=OpenWater(current_W=(0.3, -0.2, 0.0)))
+    door = ArduPilotDoor("vectored_6dof", water=DiveSite(current_W=(0.3, -0.2, 0.0)))
     for count in range(3000):
         state = motion(door.reply(packet(count)))
     assert state["velocity"] == pytest.approx([0.3, 0.2, 0.0], abs=0.02)  # 0.2 m/s to the east

@@ -23,7 +23,7 @@ WORLD = "world"
 HULL = "hull"
 _SECOND = 1_000_000_000  # [ns]
 _ERROR = 40  # level of rcl_interfaces/msg/Log
-_INFO = 20
+_INFO = 20  # level of rcl_interfaces/msg/Log
 _FLOAT32 = 7  # datatype of sensor_msgs/msg/PointField
 _POSE_WIDTH = 7  # columns of a body's pose: position and quaternion wxyz
 

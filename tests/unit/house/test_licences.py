@@ -24,6 +24,9 @@ PHRASES = {  # of a licence's text, and its SPDX identifier; the first that is f
 }
 
 
+UNSTATED = {"mcap": "MIT"}  # its wheel states none: the licence of its repository, foxglove/mcap
+
+
 def table() -> dict[str, tuple[str, str]]:
     """Licence, and what brings it, of each package of the page."""
     rows = re.findall(
@@ -56,6 +59,8 @@ def licence_of(package: Distribution) -> str:
     stated = package.metadata
     if "License-Expression" in stated:
         return stated["License-Expression"]
+    if package.name in UNSTATED:
+        return UNSTATED[package.name]
     own = [
         file
         for file in package.files or []

@@ -11,7 +11,7 @@ from uuv.start import parse, run_scenario  # isort: skip
 from dataclasses import dataclass
 
 from experiments.identification.bung_rotation import BungCase, run, summarise
-from uuv.clouds.object_scenes import CAMERAS
+from uuv.clouds.frames import CAMERAS
 from uuv.experiment import Study, StudyOptions
 
 

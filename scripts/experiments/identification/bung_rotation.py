@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.clouds.frames import ObjectScene
+from uuv.clouds.object_scenes import object_scene
 from uuv.experiment import Row, Summary, Table
 from uuv.models.objects.barrel import BARREL_DIAMETER, BUNG, barrel
 from uuv.perception.registration.identification import identify

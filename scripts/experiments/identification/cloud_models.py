@@ -10,7 +10,8 @@ import numpy as np
 import trimesh
 
 from experiments.identification.pose_errors import Start, surface_of
-from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
+from uuv.clouds.frames import ObjectScene
+from uuv.clouds.object_scenes import object_scene, target_of
 from uuv.experiment import Row, Summary, Table
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.registration.identification import Identification, identify

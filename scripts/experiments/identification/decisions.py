@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import cycle, islice
 
 from experiments.identification.decision_rates import DecisionCase, run, summarise
-from uuv.clouds.object_scenes import CAMERAS
+from uuv.clouds.frames import CAMERAS
 from uuv.clouds.scene_kinds import NAMES
 from uuv.experiment import Study, StudyOptions
 

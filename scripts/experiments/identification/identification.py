@@ -16,7 +16,8 @@ from typing import Literal
 
 from experiments.identification import cloud_models, recognition
 from experiments.identification.pose_errors import SceneCase, Start, line, run, summarise
-from uuv.clouds.object_scenes import SENSORS, target_of
+from uuv.clouds.frames import SENSORS
+from uuv.clouds.object_scenes import target_of
 from uuv.experiment import Study, StudyOptions
 from uuv.models.objects import targets
 

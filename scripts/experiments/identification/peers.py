@@ -26,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene, target_of
+from uuv.clouds.frames import ObjectScene
+from uuv.clouds.object_scenes import object_scene, target_of
 from uuv.experiment import Row, Study, StudyOptions, Summary, Table
 from uuv.models.meshes import open3d_loader
 from uuv.perception.clouds.scan import facing_normals

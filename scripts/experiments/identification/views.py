@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from experiments.identification.decision_rates import surface_of
-from uuv.clouds.object_scenes import CAMERAS, ObjectScene
+from uuv.clouds.frames import CAMERAS, ObjectScene
 from uuv.clouds.scene_kinds import NAMES, draw
 from uuv.experiment import Page, column, experiment, stat
 from uuv.perception.finding.next_view import ranked_views, views_around

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from experiments.identification.unseen.scenes import HIDDEN, UnseenCase, build
-from uuv.clouds.placing import pinhole
+from uuv.clouds.frames import pinhole
 from uuv.experiment import Row
 from uuv.perception.registration.pose_check import Decision
 from uuv.sim.interfaces.spatial import Array

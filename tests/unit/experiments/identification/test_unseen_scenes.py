@@ -31,8 +31,8 @@ from experiments.identification.unseen.scenes import (
     wrong,
 )
 from experiments.identification.unseen.study import UnseenTrial, run
-from uuv.clouds.object_scenes import FOCAL
-from uuv.clouds.placing import pinhole, resting_attitude
+from uuv.clouds.frames import FOCAL, pinhole
+from uuv.clouds.placing import resting_attitude
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.perception.clouds.scan import SensorModel
 from uuv.sim.interfaces.errors import ConfigurationError

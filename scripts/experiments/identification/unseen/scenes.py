@@ -93,16 +93,16 @@ _IDEAL = Camera()  # without noise
 _ATTEMPTS = 40  # draws of a scene until it meets its conditions
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class UnseenCase:
-    """All that a scene depends on; a case of the study."""
+    """All that a scene depends on."""
 
     content: Content  # what stands in the object's place
     kind: str  # class of the shape, a name in `grammar.KINDS`
     hidden: str  # class of occlusion, a name in HIDDEN; of a pile: as it falls
     sensor: str  # name in UNSEEN_SENSORS
     around: Around  # what surrounds the object
-    seed: int  # of the study
+    seed: int  # of all scenes
     index: int  # of the scene among those of this content
     member: int = 0  # which object of a pile is searched for
     streams: tuple[tuple[str, str], ...] = ()  # states of its draws, from a file; none: by the seed

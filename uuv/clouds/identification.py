@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.clouds.frames import ObjectScene
+from uuv.clouds.object_scenes import object_scene
 from uuv.clouds.options import IdentificationOptions
 from uuv.models.objects import targets
 from uuv.models.objects.targets import TargetModel

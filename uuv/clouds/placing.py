@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from uuv.clouds.object_scenes import FOCAL
+from uuv.clouds.frames import pinhole
 from uuv.models.meshes.closed_shells import Shell, box, cylinder, moved, scaled, sphere
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, rotation_from_z
@@ -361,13 +361,3 @@ def seabed(ground: float, rng: Rng) -> Shell:
     d = index[1:, :-1].ravel()
     faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return np.column_stack([x.ravel(), y.ravel(), ground + height.ravel()]), faces
-
-
-def pinhole(step: int) -> Array:
-    """Lines of sight (h, w, 3) in C of every `step`-th pixel of the camera, scaled to a depth
-    of 1.
-    """
-    x, y = np.meshgrid(
-        (np.arange(0, 640, step) - 319.5) / FOCAL, (np.arange(0, 480, step) - 239.5) / FOCAL
-    )
-    return np.asarray(np.stack([x, y, np.ones(x.shape)], axis=-1), dtype=np.float64)

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene, seeded_view, target_of
-from uuv.clouds.placing import Body, heaped, hidden_by, pinhole
+from uuv.clouds.frames import ObjectScene, pinhole
+from uuv.clouds.object_scenes import object_scene, seeded_view, target_of
+from uuv.clouds.placing import Body, heaped, hidden_by
 from uuv.models.meshes.closed_shells import (
     area_centroid,
     joined,
@@ -111,7 +112,7 @@ def draw(
         name: Object in NAMES.
         kind: Kind of scene in KINDS.
         seed: Draws the scene and what is changed in it.
-        sensor: Name in `uuv.clouds.object_scenes.SENSORS`.
+        sensor: Name in `uuv.clouds.frames.SENSORS`.
         X_CN: (4, 4) pose from which it is seen instead, as in `object_scene`; None: the seed's
             view.
         look: Number of the look, which draws its noise.

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from uuv.clouds.object_scenes import add_seabed, camera_pose
+from uuv.clouds.frames import camera_pose
+from uuv.clouds.object_scenes import add_seabed
 from uuv.experiment import Row, Summary, Table
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.objects.targets import barrel

@@ -6,7 +6,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.targets import barrel
 from uuv.perception.finding.object_tracker import ObjectTracker, TrackerState
 from uuv.perception.registration.model_surface import ModelSurface
@@ -14,7 +15,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage, StateEstimate
 from uuv.sim.interfaces.spatial import Array, pose
 
-VIEW = seen_from(np.array([0.2, -1.0, 0.7]))
+VIEW = camera_pose(np.array([0.2, -1.0, 0.7]))
 STILL, MOVED = 6, 2  # frames
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.finding.target_finder import Frame, KnownObjectFinder, fused, with_fused_frames
@@ -22,7 +23,7 @@ ZERO = np.zeros(3)
 AT_REST = StateEstimate(
     time=0.0, X_WB=np.eye(4), v_WB_B=ZERO, w_WB_B=ZERO, a_WB_B=ZERO, q=ZERO, qd=ZERO, tau=ZERO
 )
-VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
+VIEW = camera_pose(np.array([0.2, -0.75, 0.85]))
 
 
 def plane_from(X_WS: np.ndarray, noise: float, rng: np.random.Generator) -> Frame:

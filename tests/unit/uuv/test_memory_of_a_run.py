@@ -10,8 +10,9 @@ from weakref import ref
 import mujoco
 import numpy as np
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
 from uuv import assemble, jobs, run
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.registration.evidence import Evidence
@@ -57,7 +58,7 @@ def test_a_run_leaves_nothing_behind_also_without_the_collector() -> None:
 
 def test_a_look_leaves_no_scan_behind() -> None:
     target = barrel()
-    X_CT = seen_from(np.array([0.3, -0.9, 0.8]))
+    X_CT = camera_pose(np.array([0.3, -0.9, 0.8]))
     near = transform_points(X_CT, target.center) + np.array([0.05, -0.03, 0.04])
     R_CT = exp_so3([0.1, 0.2, -0.1]) @ X_CT[:3, :3]
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from test_point_files import pcd
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.meshes.mesh_files import read_mesh
 from uuv.models.meshes.ply_files import read_ply, write_ply
 from uuv.models.objects import targets
@@ -98,7 +99,7 @@ def test_awkward_meshes(tmp_path, within):
     rock = targets.named("rock")
     V, F = np.array(rock.vertices), np.array(rock.triangles)
     n = len(V)
-    view = seen_from(np.array([0.3, -0.6, 1.0]))
+    view = camera_pose(np.array([0.3, -0.6, 1.0]))
     scan = Scan.from_depth(look(rock, view, np.random.default_rng(0)))
     cases = {
         "fin and doubled faces": (

@@ -13,17 +13,10 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from depth_scenes import (
-    DEFAULT_NOISE,
-    add_floor,
-    coarse,
-    look,
-    random_view,
-    seen_from,
-    shoot,
-    standing,
-)
+from depth_scenes import DEFAULT_NOISE, FLOOR, coarse, look, random_view, standing
 from uuv import perception
+from uuv.clouds.frames import Camera, camera_pose
+from uuv.clouds.object_scenes import add_seabed
 from uuv.models.meshes.closed_shells import box, joined, revolve
 from uuv.models.objects.targets import Symmetry, TargetModel, barrel
 from uuv.perception.clouds.scan import Scan, SensorModel, background, facing_normals
@@ -44,7 +37,7 @@ from uuv.sim.interfaces.spatial import (
 )
 
 BARREL = barrel()
-VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
+VIEW = camera_pose(np.array([0.1, -0.9, 0.75]))
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +107,7 @@ def test_barrel_from_all_sides(surface: ModelSurface, fresh_seeds: list[int], wi
         rng = np.random.default_rng(seed)
         X_CT = random_view(rng)
         image = look(BARREL, X_CT, rng)
-        result = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, BARREL.center))
+        result = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, BARREL))
         if result.accepted:
             errors.append(BARREL.symmetry.error(result.X_sensor_target, X_CT))
         else:
@@ -134,7 +127,7 @@ def test_objects_it_was_not_made_for(shape: Callable[[], TargetModel], within):
         rng = np.random.default_rng(seed)
         X_CT = random_view(rng, 0.8, 1.2)
         image = look(target, X_CT, rng, floor=seed % 2 == 0)
-        result = identify(Scan.from_depth(image), target, *coarse(rng, X_CT, target.center))
+        result = identify(Scan.from_depth(image), target, *coarse(rng, X_CT, target))
         assert result.accepted, f"seed {seed}: {result.reason}"
         position, angle = target.symmetry.error(result.X_sensor_target, X_CT)
         within("position [m]", position, 5e-3)  # 1.1 mm
@@ -255,7 +248,7 @@ def test_the_origin_of_a_model_may_lie_anywhere(far: float, within):
     """
     known, away = bracket(), far * np.array([0.6, 0.0, -0.8])
     moved = TargetModel(name="moved", vertices=known.vertices + away, triangles=known.triangles)
-    X_WC = seen_from(np.array([0.35, -0.55, 0.5]))
+    X_WC = camera_pose(np.array([0.35, -0.55, 0.5]))
     scan = Scan.from_depth(look(known, X_WC, np.random.default_rng(5)))
     start = (
         X_WC[:3, 3] + X_WC[:3, :3] @ known.center + 0.05,
@@ -312,8 +305,8 @@ def test_other_shapes_are_refused(surface: ModelSurface, kind: mujoco.mjtGeom, s
     spec.worldbody.add_geom(
         type=kind, size=size, pos=VIEW[:3, 3], quat=quat_wxyz_from_rotation(along_x)
     )
-    add_floor(spec, VIEW)
-    image = shoot(spec, np.random.default_rng(2), DEFAULT_NOISE)
+    add_seabed(spec, VIEW, FLOOR)
+    image = Camera(stereo=DEFAULT_NOISE).frame(spec.compile(), np.random.default_rng(2))
     result = identify(Scan.from_depth(image), surface, VIEW[:3, 3] + [0.1, 0.05, 0.1], VIEW[:3, :3])
     assert not result.accepted
     assert result.reason
@@ -392,9 +385,9 @@ def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):
 @pytest.mark.parametrize("p_TC", [(0.1, -0.9, 0.75), (-0.7, 0.8, 0.5)])
 def test_an_exact_frame_gives_the_pose_without_bias(surface: ModelSurface, p_TC, within):
     """No noise, so what is left in depth is the method's own: pixels, voxels, facets."""
-    X_CT, rng = seen_from(np.array(p_TC)), np.random.default_rng(1)
+    X_CT, rng = camera_pose(np.array(p_TC)), np.random.default_rng(1)
     scan = Scan.from_depth(look(BARREL, X_CT, rng, noise=None))
-    result = identify(scan, surface, *coarse(rng, X_CT, BARREL.center))
+    result = identify(scan, surface, *coarse(rng, X_CT, BARREL))
     assert result.accepted, result.reason
     off = transform_points(result.X_sensor_target, BARREL.center) - transform_points(
         X_CT, BARREL.center
@@ -487,7 +480,7 @@ def test_finder_never_raises_on_what_it_sees(frame: DepthImage):
 def test_a_view_that_holds_not_all_of_the_pose_is_refused():
     """A long round bar with both ends out of view can slide and, without a declared axis, turn."""
     bar = barrel_like_bar()
-    X_CT = seen_from(np.array([0.0, -0.5, 0.05]))
+    X_CT = camera_pose(np.array([0.0, -0.5, 0.05]))
     image = look(bar, X_CT, np.random.default_rng(0), floor=False)
     result = identify(Scan.from_depth(image), bar, X_CT[:3, 3], X_CT[:3, :3])
     assert not result.accepted

@@ -5,7 +5,8 @@ given in.
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects import targets
 from uuv.models.objects.target_model import TargetModel
 from uuv.perception.clouds.scan import Scan, SensorModel
@@ -15,7 +16,7 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
 VALVE = targets.named("valve")
-VIEW = seen_from(np.array([0.3, -0.8, 0.6]))
+VIEW = camera_pose(np.array([0.3, -0.8, 0.6]))
 
 
 def test_an_exact_look_is_explained_best_by_the_true_pose(within):

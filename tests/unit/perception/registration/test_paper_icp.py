@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
 from untyped import untyped
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects import targets
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.registration.identification import identify
@@ -20,7 +21,7 @@ from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
 VALVE = targets.named("valve")
 SURFACE = ModelSurface.of(VALVE)
-VIEW = seen_from(VALVE.center + np.array([0.3, -0.5, 0.8]), VALVE.center)
+VIEW = camera_pose(VALVE.center + np.array([0.3, -0.5, 0.8]), VALVE.center)
 MIDDLE = transform_points(VIEW, VALVE.center)
 SCAN = Scan.from_depth(look(VALVE, VIEW, np.random.default_rng(0), floor=False))
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.targets import barrel, named
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.registration.identification import Identification, identify
@@ -15,7 +16,7 @@ from uuv.perception.registration.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
-VIEW = seen_from(np.array([0.3, -0.9, 0.6]))
+VIEW = camera_pose(np.array([0.3, -0.9, 0.6]))
 FRAMES = 8
 
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from depth_scenes import look, seen_from, standing
+from depth_scenes import look, standing
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.objects.targets import barrel, starfish
 from uuv.perception.clouds.scan import Scan
@@ -31,7 +32,7 @@ from uuv.perception.registration.rival_shapes import (
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import readonly
 
-VIEW = seen_from(np.array([0.15, -0.4, 0.8]))
+VIEW = camera_pose(np.array([0.15, -0.4, 0.8]))
 
 
 def hooked(hand: float) -> TargetModel:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
 from untyped import untyped
+from uuv.clouds.frames import camera_pose
 from uuv.models.meshes.closed_shells import revolve
 from uuv.models.objects.barrel import barrel
 from uuv.models.objects.target_model import Symmetry, TargetModel
@@ -20,7 +21,7 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.symmetry import ambiguous_poses, asymmetric_parts, resolve_symmetry
 from uuv.sim.interfaces.spatial import exp_so3
 
-VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
+VIEW = camera_pose(np.array([0.1, -0.9, 0.75]))
 SEEN, HIDDEN = np.deg2rad(40.0), np.deg2rad(200.0)  # towards the camera, and away from it
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.deformed import Deformed, Patch, deformed
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan, SensorModel
@@ -19,7 +20,7 @@ from uuv.sim.interfaces.spatial import pose
 
 BARREL = barrel()
 SURFACE = ModelSurface.of(BARREL)
-VIEW = seen_from(np.array([0.1, -0.3, 1.25]))
+VIEW = camera_pose(np.array([0.1, -0.3, 1.25]))
 
 
 def found_in(scan: Scan) -> Identification:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import dented_barrel, look, seen_from
+from depth_scenes import dented_barrel, look
+from uuv.clouds.frames import camera_pose
 from uuv.controllers.planning.path_poses import part_of, stretches
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene
@@ -22,7 +23,7 @@ from uuv.sim.interfaces.messages import StateEstimate, ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 BARREL = barrel()
-VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
+VIEW = camera_pose(np.array([0.2, -0.75, 0.85]))
 AZIMUTH = 0.3  # [rad] of the dent and of the path over it
 
 

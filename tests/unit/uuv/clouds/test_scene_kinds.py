@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.clouds.frames import ObjectScene
+from uuv.clouds.object_scenes import object_scene
 from uuv.clouds.scene_kinds import KINDS, draw, in_heap, object_of, other_than
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene

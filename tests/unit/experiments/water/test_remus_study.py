@@ -8,13 +8,13 @@ from experiments.water.remus import RemusCase, remus
 from uuv.sim.interfaces.errors import ConfigurationError
 
 
-def test_the_first_second_is_that_of_the_source():
-    case = RemusCase(rudder=-4.0, duration=1.0)
+def test_the_first_seconds_are_those_of_the_source():
+    case = RemusCase(rudder=-4.0, duration=4.0)
     row = remus(case)
-    assert row.here["distance [m]"] > 0.3
+    assert row.here["distance [m]"] > 2.0
     assert row.here["heading [deg]"] * row.source["heading [deg]"] > 0.0  # the same side
     for name, off in row.off.items():
-        assert off < 0.03 * row.largest[name], name  # measured 0.022, of u
+        assert 0.0 < off < 0.03 * row.largest[name], name  # measured 0.008, of r
     values = {name: getattr(case, name) for name in remus.case_names}
     ends, whole = remus.summary([values | vars(row)]).tables
     assert [line[1] for line in ends.rows] == ["distance [m]", "speed [m/s]", "heading [deg]"]

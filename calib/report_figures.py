@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import norm
 
 from uuv.calib.identification import Calibration
 from uuv.calib.touches import first_tcp
@@ -240,7 +241,7 @@ def _changes(calibration: Calibration) -> Figure:
     places, scale = np.arange(len(own)), calibration.estimate.prior[own]
 
     # Band of the prior, and intervals of the fit.
-    axes.axvspan(-1.96, 1.96, color="#eeeeee")
+    axes.axvspan(*norm.interval(0.95), color="#eeeeee")
     axes.errorbar(
         calibration.estimate.changes[own] / scale,
         places,

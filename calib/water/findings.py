@@ -46,7 +46,7 @@ class Finding:
         return "" if self.verdict == "told" else _HELP.get(self.group, "")
 
 
-def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]:
+def findings(fit: NamedFit, count: int, quantile: float) -> list[Finding]:
     """The vehicle's parameters, the first `count` of a fit; intervals of `quantile` deviations."""
     found = []
     for i, each in enumerate(fit.parameters[:count]):

@@ -112,8 +112,8 @@ class NamedFit:
         """Share (n,) of the prior variance that the data took away: 0 where uninformative."""
         return 1.0 - np.diag(self.covariance)
 
-    def interval(self, index: int, sigmas: float = 1.96) -> tuple[float, float]:
-        """Interval of a parameter, by default that of 95 % of a normal distribution."""
+    def interval(self, index: int, sigmas: float) -> tuple[float, float]:
+        """Interval of a parameter, `sigmas` standard deviations to either side."""
         each, x = self.parameters[index], float(self.deviations[index])
         half = sigmas * float(np.sqrt(max(self.covariance[index, index], 0.0)))
         return each.value(x - half), each.value(x + half)

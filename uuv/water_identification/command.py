@@ -22,6 +22,7 @@ from uuv.calib.water.planning import Planned
 from uuv.calib.water.results import write_fit, write_vehicle
 from uuv.models import hydrodynamics
 from uuv.own_vehicle import vehicle_spec
+from uuv.sim.evaluation.intervals import SIGMAS
 from uuv.sim.interfaces.extras import absent
 from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 from uuv.sim.runs.provenance import provenance
@@ -306,7 +307,7 @@ def _plan(
     sharpest = np.argsort(-np.where(best.aim, best.before / best.after, 0.0))[:3]
     for i in sharpest:
         each, x = own.water.parameters[i], float(deviations[i])
-        low, high = (each.value(x + sign * 1.96 * float(best.after[i])) for sign in (-1.0, 1.0))
+        low, high = (each.value(x + sign * SIGMAS * float(best.after[i])) for sign in (-1.0, 1.0))
         console.print(
             f"  {each.name}: expected {low:.4g} to {high:.4g} {each.unit}, "
             f"{best.before[i] / best.after[i]:.1f} times sharper",

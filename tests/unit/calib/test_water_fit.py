@@ -9,6 +9,7 @@ from uuv.calib.water.findings import findings, together
 from uuv.calib.water.logs import log_of, read_log, write_log
 from uuv.calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
 from uuv.calib.water.planning import information, planned
+from uuv.sim.evaluation.intervals import SIGMAS
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
@@ -87,7 +88,7 @@ def test_straight_steps_find_factors_far_from_nominal():
     (said,) = together(fit, 3)
     assert "only their ratios are told" in said
     assert "tow" in said
-    found = {each.name: each for each in findings(fit, 3)}
+    found = {each.name: each for each in findings(fit, 3, SIGMAS)}
     assert found["net buoyancy"].verdict == "not told"
     assert "drift" in found["net buoyancy"].helps
     assert found["gain of bow"].verdict == "partly"

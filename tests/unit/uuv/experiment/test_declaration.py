@@ -294,6 +294,39 @@ def test_bounds_make_it_accepted_or_not():
     assert not summary_of(Page().accept(stat("largest", "reach"), most=9.0), speed=9.0).accepted
 
 
+def test_a_bound_holds_for_each_group():
+    """Red flies 3, 5, 7 m and blue 4, 6 m: only blue is within 6.5 m."""
+    page = Page().accept(stat("largest", "reach"), most=6.5, by="ball")
+    assert summary_of(page).failed == [
+        "ball red, reach, largest: 7000 mm, at most 6500 mm is allowed"
+    ]
+    bounces = Page().accept(stat("largest", "bounces"), most=7.0, by="ground")
+    assert summary_of(bounces).failed == ["rock, bounces, largest: 8, at most 7 is allowed"]
+    lost = Page().accept(stat("mean", "reach"), by="ball", where=lambda row: row["reach"] is None)
+    assert summary_of(lost).failed == ["ball blue, reach, mean: no value"]
+    nowhere = Page().accept(stat("mean", "reach"), by="ball", where=lambda _: False)
+    assert summary_of(nowhere).failed == ["reach, mean: no row"]
+
+
+def test_a_statistic_of_a_group_is_what_a_function_of_its_rows_gives():
+    def gap(rows: list[dict[str, Any]]) -> float | None:
+        reach = [row["reach"] for row in rows if row["reach"] is not None]
+        return max(reach) - min(reach) if len(reach) > 2 else None
+
+    widest = stat("group", gap, "gap", unit="mm", digits=0, factor=1e3)
+    summary = summary_of(
+        Page().table("T", by="ball", columns=[widest]).accept(widest, most=3.0, by="ball")
+    )
+    (table,) = summary.tables
+    assert table.columns == ("ball", "gap [mm]")
+    assert [list(row) for row in table.rows] == [["red", "4000"], ["blue", "-"]]
+    assert table.caption == ""
+    assert summary.failed == [
+        "ball red, gap: 4000 mm, at most 3000 mm is allowed",
+        "ball blue, gap: no value",
+    ]
+
+
 def test_shares_and_figures_of_a_function():
     page = Page().share("good", "far").add(lambda rows: [f"{len(rows)} rows", {"last": 5}])
     summary = summary_of(page)
@@ -310,6 +343,8 @@ def test_shares_and_figures_of_a_function():
         (lambda: Page().table("T", by="grond", columns=["reach"]), "no column 'grond'"),
         (lambda: Page().histogram("x"), "a histogram of the page: no column 'x'"),
         (lambda: Page().table("T", columns=[stat("mean", lambda _: 1)]), "needs a label"),
+        (lambda: Page().accept(stat("mean", "reach"), by="bal"), "did you mean ball?"),
+        (lambda: Page().table("T", columns=[stat("group", "reach")]), "needs a function of the"),
         (lambda: Page().table("T", columns=[stat(MISSPELT, "reach")]), "did you mean mean?"),
     ],
 )

@@ -46,6 +46,10 @@ UNCERTAIN = (
     "tests/unit/controllers/tasks/test_arrival.py"
     "::test_too_small_a_chance_is_refused_with_its_figures"
 )
+UNREACHED = (
+    "tests/unit/controllers/planning/test_hull_placement.py"
+    "::test_what_ends_a_path_is_named_with_its_joint"
+)
 KNOWN = ("--sensor", "survey")  # nothing is scanned before the refusal
 NAMELESS = """
 <mujoco>
@@ -80,7 +84,13 @@ NAMELESS = """
             id="no chance",
         ),
         pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),
-        pytest.param([*KNOWN, "--forces", "60"], short_armed, "out of reach", id="out of reach"),
+        pytest.param(
+            [*KNOWN, "--forces", "60"],
+            short_armed,
+            "out of reach",
+            id="out of reach",
+            marks=pytest.mark.long(guarded_by=UNREACHED),
+        ),
         pytest.param(
             [], lambda: NAMELESS, "thrusters, body 'arm_base' (carries the arm)", id="no names"
         ),

@@ -40,7 +40,8 @@ def test_touching_by_contact_finds_the_arm(calibrate, tmp_path, within):
     and truth.
     """
     run = calibrate(
-        "--arm", "uuv_puma", "--touching", "clamped", "--quick", "--no-record", "--out", tmp_path
+        *("--arm", "uuv_puma", "--touching", "clamped", "--quick", "--poses", 4),
+        *("--no-record", "--out", tmp_path),
     )
     assert run.returncode == 0, run.stdout + run.stderr
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))

@@ -88,13 +88,18 @@ def not_numbers(rng):
     return cloud
 
 
+ANOTHER_CLOUD = pytest.mark.long(
+    guarded_by="tests/unit/perception/seabed/test_terrain.py::test_bad_clouds_are_refused_in_one_line"
+)
+
+
 @pytest.mark.parametrize(
     ("cloud", "said"),
     [
         (layers, "two surfaces one above the other"),
-        (holed, "target B_1: a hole in the cloud lies under it"),
-        (line, "all 4000 points lie in a line"),
-        (not_numbers, "80 of 4000 points are not finite numbers"),
+        pytest.param(holed, "target B_1: a hole in the cloud lies under it", marks=ANOTHER_CLOUD),
+        pytest.param(line, "all 4000 points lie in a line", marks=ANOTHER_CLOUD),
+        pytest.param(not_numbers, "80 of 4000 points are not finite numbers", marks=ANOTHER_CLOUD),
     ],
 )
 def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):

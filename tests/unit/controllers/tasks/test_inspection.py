@@ -247,7 +247,14 @@ def test_what_cannot_be_is_refused():
         orbit(targets.named("barrel"), X_WT, JOB, X_BC=down, near_W=ZERO)
 
 
-@pytest.mark.parametrize("name", ["barrel", "manifold", "valve"])
+ANOTHER = pytest.mark.long(
+    guarded_by="tests/unit/controllers/tasks/test_inspection.py::test_levels_cover_what_can_be_seen_and_keep_clear"
+)
+
+
+@pytest.mark.parametrize(
+    "name", ["valve", *(pytest.param(name, marks=ANOTHER) for name in ("barrel", "manifold"))]
+)
 def test_levels_cover_what_can_be_seen_and_keep_clear(name, within):
     """95 % of what is visible from the allowed places, a grid that the choice of levels does not
     use.

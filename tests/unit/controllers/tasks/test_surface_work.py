@@ -40,7 +40,7 @@ from uuv.sim.interfaces.messages import (
 )
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
-PERIOD, FINE = 0.02, 0.01  # [s] enough for most that is asked here; that of jobs
+PERIOD, FINE = 0.04, 0.01  # [s] enough for most that is asked here; that of jobs
 SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])
 WORK_POSE = pose(p=[-0.6, 0.0, 0.3])
 JOURNEY = [
@@ -802,7 +802,7 @@ def test_a_hollow_is_passed_at_the_stand_off(within):
     """Lifted before it, pressed again behind it; no stretch is left out, and the path is worked to
     its end.
     """
-    script = Script(hollow=(0.05, 0.07)).run()
+    script = Script(hollow=(0.05, 0.07), period=0.02).run()
     again = [
         WorkState.CLOSE_IN,
         WorkState.APPROACH,

@@ -136,8 +136,14 @@ def test_lateness_does_not_spoil_the_correction_of_a_wrong_start(within):
     within("share left after a minute", error[-1], 1e-2)
 
 
-def test_hovering_is_known_to_a_millimetre(within):
-    believed, velocity, true, _ = run(swaying, 90.0, bias_W=BIAS_W)
+@pytest.fixture(scope="module")
+def hovered():
+    """What is believed and true in 90 s of a slow hover; see `run`."""
+    return run(swaying, 90.0, bias_W=BIAS_W)
+
+
+def test_hovering_is_known_to_a_millimetre(hovered, within):
+    believed, velocity, true, _ = hovered
     late = slice(round(45.0 / STEP), None)
     error = np.linalg.norm((believed - true)[late], axis=1)
     within("place, RMS [m]", np.sqrt(np.mean(error**2)), 2e-3)  # measured 1.1e-3
@@ -146,16 +152,16 @@ def test_hovering_is_known_to_a_millimetre(within):
     within("velocity, RMS [m/s]", np.sqrt(np.mean(error**2)), 4e-3)  # measured 1.1e-3
 
 
-def test_output_is_smooth(within):
+def test_output_is_smooth(hovered, within):
     """On a pad of 3e4 N/m a jump of 0.03 mm is 1 N; a raw picture would jump by 2 mm."""
-    believed, _, true, _ = run(swaying, 90.0, bias_W=BIAS_W)
+    believed, _, true, _ = hovered
     jumps = np.diff(believed - true, axis=0)[round(30.0 / STEP) :]
     within("largest step beside the motion [m]", jumps, 4e-5)  # measured 4e-6
 
 
-def test_place_and_velocity_handed_on_belong_together(within):
+def test_place_and_velocity_handed_on_belong_together(hovered, within):
     """One is the derivative of the other, through every correction; and neither jumps."""
-    believed, velocity, _, _ = run(swaying, 30.0, bias_W=BIAS_W)
+    believed, velocity, _, _ = hovered
     late = slice(round(10.0 / STEP), None)
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     error = (np.diff(believed, axis=0) / STEP - middle)[late]

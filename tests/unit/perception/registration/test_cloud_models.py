@@ -66,7 +66,12 @@ def test_every_door_makes_the_same_mesh_of_a_cloud(cloud, tmp_path, within):
     assert not np.array_equal(plain.vertices, oriented.vertices)
 
 
-@pytest.mark.parametrize("with_normals", [False, True])
+PLAIN = pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_cloud_models.py::test_a_cloud_gives_the_pose_of_its_mesh"
+)
+
+
+@pytest.mark.parametrize("with_normals", [pytest.param(False, marks=PLAIN), True])
 def test_a_cloud_gives_the_pose_of_its_mesh(scene, by_mesh, cloud, with_normals: bool, within):
     points, normals = cloud
     found = identified(scene, np.column_stack([points, normals]) if with_normals else points)

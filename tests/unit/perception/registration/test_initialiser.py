@@ -46,7 +46,7 @@ MORE = pytest.mark.long(
     ("name", "seed"),
     [
         ("starfish", 1),
-        ("manifold", 3),
+        pytest.param("manifold", 3, marks=MORE),
         pytest.param("valve", 4, marks=MORE),
         pytest.param("rock", 2, marks=MORE),
         ("barrel", 2),

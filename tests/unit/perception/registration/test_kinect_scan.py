@@ -101,13 +101,13 @@ def test_the_carton_is_found_upright(name: str, door: str, within):
 
 
 UPSIDE_DOWN = pytest.mark.long(
-    guarded_by="tests/unit/perception/registration/test_kinect_scan.py::"
-    "test_it_is_not_accepted_upside_down_where_that_is_expected"
+    guarded_by="tests/unit/perception/registration/test_identification.py::test_wrong_poses_are_refused"
 )
 
 
-@pytest.mark.parametrize("axis", [0, *(pytest.param(axis, marks=UPSIDE_DOWN) for axis in (1, 2))])
-@pytest.mark.parametrize("name", ["milk", pytest.param("milk_other_view", marks=UPSIDE_DOWN)])
+@UPSIDE_DOWN
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("name", X_SENSOR)
 def test_it_is_not_accepted_upside_down_where_that_is_expected(name: str, axis: int):
     """The search begins from attitudes near the wrong one only; the upright pose lies too far from
     what is expected.

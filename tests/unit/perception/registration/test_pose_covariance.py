@@ -17,7 +17,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
 VIEW = camera_pose(np.array([0.3, -0.9, 0.6]))
-FRAMES = 8
+FRAMES = 5
 
 
 @pytest.fixture(scope="module")

@@ -73,8 +73,13 @@ def test_plane_is_kept_exactly_in_any_frame(within, turn):
     within("roughness of a plane [m]", patch.roughness, 2e-5)
 
 
+DENSE = pytest.mark.long(
+    guarded_by="tests/unit/perception/seabed/test_terrain.py::test_targets_lie_on_the_true_surface"
+)
+
+
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("points", [3_000, 60_000])
+@pytest.mark.parametrize("points", [3_000, pytest.param(60_000, marks=DENSE)])
 @pytest.mark.seeds(1)
 def test_targets_lie_on_the_true_surface(kind, points, seed):
     """1 cm and 0.5 % of the range for 95 % of the targets, with noise and outliers.

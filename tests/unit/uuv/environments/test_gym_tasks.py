@@ -45,7 +45,19 @@ def test_gymnasium_has_nothing_to_say(name: tuple[str, str]):
     environment.close()
 
 
-@pytest.mark.parametrize("name", uuv.ALL_TASKS, ids="/".join)
+ANOTHER = pytest.mark.long(
+    guarded_by="tests/unit/uuv/environments/test_gym_tasks.py::test_shimmy_has_nothing_to_say"
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name == ("water", "reach") else pytest.param(name, marks=ANOTHER)
+        for name in uuv.ALL_TASKS
+    ],
+    ids="/".join,
+)
 def test_shimmy_has_nothing_to_say(name: tuple[str, str]):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"shimmy|gymnasium|pkg_resources")

@@ -192,8 +192,8 @@ def test_two_logs_of_one_name_are_two(rov, tmp_path):
     """From the files to the page: both logs keep their current, sensors that begin late count from
     there.
     """
-    rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 10.0, np.random.default_rng(2))
-    for day, late in (("day1", 0.0), ("day2", 4.5)):
+    rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 7.0, np.random.default_rng(2))
+    for day, late in (("day1", 0.0), ("day2", 2.5)):
         log = simulated(rov, nominal(rov), flown, rng=rng)
         seen = {
             kind: Channel(time=c.time[c.time >= late], values=c.values[c.time >= late])

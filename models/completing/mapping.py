@@ -5,11 +5,12 @@
 `mapped` changes the spec of the file in place.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 import mujoco
 import numpy as np
 
+from uuv.models.completing.holding import TURNING, followed, hold, range_of
 from uuv.models.files.keyframes import keyframes_kept
 from uuv.models.files.mjcf_files import compiled
 from uuv.models.files.notes import note
@@ -43,11 +44,16 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
     """
     spec = file.spec
     lines = list(file.notes)
-    if file.bare:
-        _apply(spec, file.parts or PartsMap(), file.parts_name)
-        add_motors(spec, joints_between(spec), file.name)
-    elif file.parts is not None:
-        _apply(spec, file.parts, file.parts_name)
+    if file.bare or file.parts is not None:
+        parts = file.parts or PartsMap()
+        _apply(spec, parts, file.parts_name)
+        arm = joints_between(spec)
+        if parts.joints is None:
+            _check_followers(spec, arm, file.parts_name)
+            add_motors(spec, arm, file.name)
+            if file.bare:
+                hold_others(spec, arm, "which nothing drives")
+        bound(spec, arm)
     elif line := _name_hull(spec):
         lines.append(line)
 
@@ -248,18 +254,19 @@ def _add_site(
 
 
 def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:
-    """Give each joint of the arm one motor, gear 1, with its torque limit; lock others at zero.
+    """Give each joint of the arm one motor, gear 1, with its torque limit; hold the others.
 
     The others are all joints that the hull carries but those on springs: of a second arm, a
     gripper, a camera's pan.
     """
-    movable = {joint.name: joint for joint in spec.joints if joint.type in _TURNING}
+    movable = {joint.name: joint for joint in spec.joints if joint.type in TURNING}
     for joint_name in joints:
         if joint_name not in movable:
             raise _missing(name, "joint", joint_name, list(movable))
 
     # The mapping lists the arm's joints, all of them and in order.
     chain = joints_between(spec)
+    _check_followers(spec, chain, name)
     listed = [joint for joint in chain if joint in joints]
     if listed != list(joints):
         raise ConfigurationError(
@@ -268,53 +275,50 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
             f"{', '.join(joints)}"
         )
 
-    # Other joints of the hull are locked.
-    carried = next(
-        (
-            body.find_all(mujoco.mjtObj.mjOBJ_JOINT)
-            for body in spec.bodies
-            if body.name == HULL_BODY
-        ),
-        [],
-    )
-    locked = [
-        other
-        for other in carried
-        if other.type in _TURNING and other.name not in joints and not other.stiffness[0]
-    ]
-    if locked:
-        # A keyframe keeps the values of the joints that stay.
-        with keyframes_kept(spec):
-            names = ", ".join([joint.name or "without a name" for joint in locked])
-            for joint in locked:
-                _lock(spec, joint)
-        note(spec, [f"joints held at 0, which the mapping does not list: {names}"])
-
+    hold_others(spec, joints, "which the mapping does not list")
     for joint_name, limit in joints.items():
         _add_motor(spec, movable[joint_name], limit, name)
 
 
-def _lock(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
-    """Delete a joint, with what drives it or holds it to another."""
-    for actuator in list(spec.actuators):
-        if actuator.target == joint.name and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
-            spec.delete(actuator)
-
-    for equality in list(spec.equalities):
-        if equality.type == mujoco.mjtEq.mjEQ_JOINT and joint.name in (
-            equality.name1,
-            equality.name2,
-        ):
-            spec.delete(equality)
-
-    for sensor in list(spec.sensors):
-        if sensor.objtype == mujoco.mjtObj.mjOBJ_JOINT and sensor.objname == joint.name:
-            spec.delete(sensor)
-
-    spec.delete(joint)
+def _check_followers(spec: mujoco.MjSpec, chain: list[str], name: str) -> None:
+    """Refuse an arm with a joint that follows another: each has a motor of its own."""
+    for follower, (leader, _) in followed(spec).items():
+        if follower in chain:
+            raise ConfigurationError(
+                f"{name}: joint {follower!r} between {ARM_BASE_BODY} and {TIP_SITE} follows "
+                f"{leader!r} (mimic), but each joint of a vehicle's arm has a motor of its own; "
+                "the inverse kinematics alone takes it (Chain.from_urdf)"
+            )
 
 
-_TURNING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+def hold_others(spec: mujoco.MjSpec, joints: Collection[str], why: str) -> None:
+    """Hold all joints that the hull carries but those of the arm and those on springs."""
+    hull = next((body for body in spec.bodies if body.name == HULL_BODY), None)
+    carried = [] if hull is None else hull.find_all(mujoco.mjtObj.mjOBJ_JOINT)
+    others = [
+        other
+        for other in carried
+        if other.type in TURNING and other.name not in joints and not other.stiffness[0]
+    ]
+    note(spec, hold(spec, others, why))
+
+
+def bound(spec: mujoco.MjSpec, joints: Collection[str]) -> None:
+    """Give the arm's joints that turn without end one turn, for a posture needs a range."""
+    endless = [
+        joint
+        for joint in spec.joints
+        if joint.name in joints
+        and joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        and not np.isfinite(range_of(spec, joint)).all()
+    ]
+    half = 180.0 if spec.compiler.degree else np.pi
+    for joint in endless:
+        joint.range = [-half, half]
+        joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    if endless:
+        names = ", ".join(joint.name for joint in endless)
+        note(spec, [f"joints that turn without end get the range -180 to 180 deg: {names}"])
 
 
 def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, name: str) -> None:
@@ -392,7 +396,7 @@ def joints_between(spec: mujoco.MjSpec) -> list[str]:
     body = tip.parent if tip is not None else None
     while body is not None and body.name not in (ARM_BASE_BODY, HULL_BODY, "world"):
         names[:0] = [
-            joint.name for joint in body.joints if joint.type in _TURNING and not joint.stiffness[0]
+            joint.name for joint in body.joints if joint.type in TURNING and not joint.stiffness[0]
         ]
         body = body.parent
     return names

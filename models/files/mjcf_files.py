@@ -74,7 +74,14 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {error}") from error
+        reason = " ".join(str(error).split())
+        body = re.search(r"moving bodies.*Element name '(.*?)'", reason)
+        if body is not None:
+            raise ConfigurationError(
+                f"{name}: body {body[1]!r} moves and has no mass; state it in the file, or in its "
+                f"mapping, masses: {{{body[1]}: 30}} [kg]"
+            ) from error
+        raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {reason}") from error
 
     for field in _JUDGED:
         numbers = np.asarray(getattr(model, field))

@@ -72,7 +72,9 @@ def mesh_file(name: str, folder: Path) -> Path | None:
 
 
 def _stated() -> list[str]:
-    return [entry for path in _PATHS for entry in os.environ.get(path, "").split(os.pathsep) if entry]
+    return [
+        entry for path in _PATHS for entry in os.environ.get(path, "").split(os.pathsep) if entry
+    ]
 
 
 def _is_package(folder: Path) -> bool:

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from uuv.models.files.urdf_joints import DRIVEN, followers, limits_of, settle
-from uuv.models.files.urdf_places import LONGEST, axis_of, origin_of, rotation_from_rpy
+from uuv.models.files.urdf_places import axis_of, figure, origin_of
 from uuv.models.files.xacro_files import TAGS, expanded, is_xacro
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
@@ -128,6 +128,20 @@ class UrdfRobot:
     notes: tuple[str, ...]  # what its joints state and how it is taken, a line each
     # of each link but the root: its parent link and the joint between
     carriers: Mapping[str, tuple[str, Element]]
+
+    @property
+    def speeds(self) -> dict[str, float]:
+        """Rated speed [rad/s] or [m/s] of each joint that states one."""
+        stated = {}
+        for _, joint in self.carriers.values():
+            limit = joint.find("limit")
+            text = None if limit is None else limit.get("velocity")
+            if text is not None:
+                joint_name = joint.get("name", "")
+                stated[joint_name] = abs(
+                    figure(text, f"{self.name}: joint {joint_name!r} velocity")
+                )
+        return stated
 
     def path(
         self, base: str, tip: str, arguments: tuple[str, str] = ("base_link", "tip_link")
@@ -289,9 +303,7 @@ def parse(
         carried.update(way)
 
     notes = tuple(settle(xml, name))
-    return UrdfRobot(
-        name=name, xml=xml, links=links, root=roots[0], notes=notes, carriers=carriers
-    )
+    return UrdfRobot(name=name, xml=xml, links=links, root=roots[0], notes=notes, carriers=carriers)
 
 
 def model_from_urdf(
@@ -392,7 +404,9 @@ def _parsed(urdf: Any, name: str, arguments: Mapping[str, str] | None) -> Elemen
 
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
-    if any(str(element.tag).startswith("{" + tag.decode()) for element in xml.iter() for tag in TAGS):
+    if any(
+        str(element.tag).startswith("{" + tag.decode()) for element in xml.iter() for tag in TAGS
+    ):
         raise ConfigurationError(
             f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf"
         )

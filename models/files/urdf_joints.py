@@ -194,4 +194,3 @@ def _fix(joint: Element, value: float, subject: str) -> None:
     joint.set("type", "fixed")
     for element in [*joint.findall("mimic"), *joint.findall("limit")]:
         joint.remove(element)
-

@@ -7,14 +7,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import (
-    Array,
-    checked_place,
-    exp_so3,
-    finite_number,
-    pose,
-    shown,
-)
+from uuv.sim.interfaces.spatial import Array, checked_place, exp_so3, finite_number, pose, shown
 
 LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millimetres
 

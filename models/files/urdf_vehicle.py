@@ -20,6 +20,7 @@ from uuv.models.files.urdf import UrdfRobot, couple, parse, take_mimics
 from uuv.models.files.urdf_joints import listed
 from uuv.models.files.urdf_places import figure, numbers_of, origin_of, set_origin
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import shown
 
 _WORLD = "world"  # link of ROS that stands for the world
 _SHAPES = ("visual", "collision")
@@ -32,7 +33,9 @@ _ONCE = ("inertial", "origin", "mass", "inertia", "geometry", "axis", "limit", "
 _ROUNDED = 1e-3  # share by which principal inertias may miss what a body has, as rounding
 
 
-def spec_of_urdf(robot: UrdfRobot, folder: Path) -> tuple[mujoco.MjSpec, list[str]]:
+def spec_of_urdf(
+    robot: UrdfRobot, folder: Path, *, floats: bool = True, needed: tuple[str, ...] = ()
+) -> tuple[mujoco.MjSpec, list[str]]:
     """The model of a vehicle, or of an arm, from its URDF.
 
     Joints that follow another (`mimic`) are held to it by an equality.
@@ -40,25 +43,29 @@ def spec_of_urdf(robot: UrdfRobot, folder: Path) -> tuple[mujoco.MjSpec, list[st
     Args:
         robot: as parsed; its XML is changed in place.
         folder: of its file, from which the paths of its meshes count.
+        floats: its root link is to float, so that ROS's `world` is taken off.
+        needed: kinds of shapes, "visual" or "collision", whose meshes must be there; others are
+            left out where they are not.
 
     Returns:
         The spec, its root link a body on the world without a joint; and what was left out, one
         line each.
 
     Raises:
-        ConfigurationError: an inertia that no body has, or MuJoCo does not accept it.
+        ConfigurationError: an inertia that no body has, a mesh that is needed and not there, or
+            MuJoCo does not accept it.
     """
-    robot, notes = with_floating_root(robot)
+    robot, notes = with_floating_root(robot) if floats else (robot, [])
     notes += robot.notes
     coupled = take_mimics(robot)
 
     # What MuJoCo would refuse, or read in a way of its own.
-    options = _mending(robot.xml)
+    options, meshdir = _own_options(robot.xml)
     notes += _repeated_elements(robot.xml)
     notes += _weightless_links(robot.xml)
     if options.get("balanceinertia") != "true":
         notes += _mended_inertias(robot)
-    meshes, lines = _taken_meshes(robot.xml, folder, robot.name)
+    meshes, lines = _taken_meshes(robot, folder / meshdir, needed)
     notes += lines
     notes += _loose_joints(robot.xml)
     extension = ElementTree.SubElement(robot.xml, "mujoco")
@@ -71,7 +78,6 @@ def spec_of_urdf(robot: UrdfRobot, folder: Path) -> tuple[mujoco.MjSpec, list[st
         raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {reason}") from error
     couple(spec, coupled)
     notes += add_meshes(spec, meshes)
-    as_vehicle(spec)
     return spec, notes
 
 
@@ -136,7 +142,12 @@ def _repeated_elements(xml: Element) -> Iterator[str]:
     """Remove what links and joints state twice, the first as ROS counts; a line about it."""
     twice = []
     for owner in [*xml.findall("link"), *xml.findall("joint")]:
-        for part in [owner, *owner.iter("inertial"), *owner.iter("visual"), *owner.iter("collision")]:
+        for part in [
+            owner,
+            *owner.iter("inertial"),
+            *owner.iter("visual"),
+            *owner.iter("collision"),
+        ]:
             for tag in _ONCE:
                 for element in part.findall(tag)[1:]:
                     part.remove(element)
@@ -145,14 +156,21 @@ def _repeated_elements(xml: Element) -> Iterator[str]:
         yield f"stated twice, the first counts: {listed(twice)}"
 
 
-def _mending(xml: Element) -> dict[str, str]:
-    """Options by which the file's own <mujoco> lets inertias be mended; the element is removed."""
+def _own_options(xml: Element) -> tuple[dict[str, str], str]:
+    """Options by which the file's own <mujoco> mends inertias, and its folder of meshes.
+
+    The element is removed.
+    """
     options = {}
+    meshdir = ""
     for extension in xml.findall("mujoco"):
         for compiler in extension.findall("compiler"):
-            options.update({key: compiler.attrib[key] for key in _MENDING if key in compiler.attrib})
+            options.update(
+                {key: compiler.attrib[key] for key in _MENDING if key in compiler.attrib}
+            )
+            meshdir = compiler.get("meshdir", meshdir)
         xml.remove(extension)
-    return options
+    return options, meshdir
 
 
 def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
@@ -205,38 +223,68 @@ def _tensor(inertia: Element, subject: str) -> np.ndarray:
     return tensor
 
 
-def _taken_meshes(xml: Element, folder: Path, name: str) -> tuple[list[LinkMesh], list[str]]:
-    """Take the meshes out of the links; a line about those that are left out."""
+def _taken_meshes(
+    robot: UrdfRobot, folder: Path, needed: tuple[str, ...]
+) -> tuple[list[LinkMesh], list[str]]:
+    """Take the meshes out of the links; a line about those that are left out.
+
+    Raises:
+        ConfigurationError: one of a kind that is needed is not there, or of no format that is read.
+    """
     meshes = []
     missing: set[str] = set()
-    for link in xml.findall("link"):
+    for link in robot.xml.findall("link"):
         for shape in [part for kind in _SHAPES for part in link.findall(kind)]:
             element = shape.find("geometry/mesh")
             if element is None:
                 continue
-            link.remove(shape)
+            subject = f"{robot.name}: link {link.get('name')!r}: mesh"
             filename = element.get("filename", "")
-            known = Path(filename).suffix.lower() in (*MESHES, *OTHERS)
-            file = mesh_file(filename, folder) if known else None
+            file = _file_of(filename, folder, subject, shape.tag in needed, link)
+            link.remove(shape)
             if file is None:
                 missing.add(Path(filename).name)
                 continue
-            subject = f"{name}: link {link.get('name')!r}: mesh scale"
-            x, y, z = numbers_of(element.get("scale"), (1.0, 1.0, 1.0), subject).tolist()
+            x, y, z = numbers_of(element.get("scale"), (1.0, 1.0, 1.0), f"{subject} scale").tolist()
+            collides = shape.tag == "collision"
             meshes.append(
                 LinkMesh(
                     link=link.get("name", ""),
                     file=file,
-                    X_LG=origin_of(shape, f"{name}: link {link.get('name')!r}: {shape.tag}"),
+                    X_LG=origin_of(shape, f"{subject} origin"),
                     scale=(x, y, z),
-                    collides=shape.tag == "collision",
-                    weighs=shape.tag == "collision" and link.find("inertial") is None,
+                    collides=collides,
+                    weighs=collides and link.find("inertial") is None,
                 )
             )
 
     endings = ", ".join((*MESHES, *OTHERS))
     line = f"meshes left out, not found or not of {endings}: {', '.join(sorted(missing))}"
     return meshes, [line] if missing else []
+
+
+def _file_of(filename: str, folder: Path, subject: str, needed: bool, link: Element) -> Path | None:
+    """File of a mesh; None: it is left out.
+
+    Raises:
+        ConfigurationError: it is needed, and there is none that can be read.
+    """
+    if needed and not filename:
+        raise ConfigurationError(f"{subject}: it has no filename")
+    readable = Path(filename).suffix.lower() in (*MESHES, *OTHERS)
+    file = mesh_file(filename, folder) if readable else None
+    if file is not None or not needed:
+        return file
+    if readable:
+        raise ConfigurationError(
+            f"{subject} {shown(filename)}: there is no such file (looked in {shown(str(folder))})"
+        )
+    if link.find("collision/geometry/mesh") is not None or link.find("collision") is None:
+        raise ConfigurationError(
+            f"{subject} {shown(filename)}: what is read is {', '.join((*MESHES, *OTHERS))}; "
+            "convert it"
+        )
+    return None  # its collision shapes stand for it
 
 
 def _loose_joints(xml: Element) -> Iterator[str]:

@@ -6,7 +6,8 @@
 Nothing is renamed or computed here.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mujoco
@@ -15,9 +16,9 @@ from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.files import notes, sidecar
 from uuv.models.files.mjcf_files import read_mjcf
-from uuv.models.files.parts_file import PARTS_SUFFIX, PartsMap, read_parts
+from uuv.models.files.parts_file import PARTS_SUFFIX, MappedThruster, PartsMap, read_parts
 from uuv.models.files.urdf import UrdfRobot, robot_of
-from uuv.models.files.urdf_vehicle import spec_of_urdf
+from uuv.models.files.urdf_vehicle import as_vehicle, spec_of_urdf
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import existing_file
 from uuv.sim.interfaces.spatial import shown
@@ -36,6 +37,8 @@ class VehicleFile:
     has_tool: bool = False  # it was made with the tool that was asked for
     parts: PartsMap | None = None  # its mapping to the contract; None: it has none
     parts_name: str = ""  # with which messages about the mapping begin
+    thrusters: tuple[MappedThruster, ...] = ()  # of the file, where the mapping has none
+    speeds: Mapping[str, float] = field(default_factory=dict)  # [rad/s] or [m/s] of its joints
     trim: float | None = None  # [m] metacentric height to which the hull is to be ballasted
 
 
@@ -62,23 +65,28 @@ def read(
     Raises:
         ConfigurationError: neither a name nor a file, or a file that cannot be read.
     """
-    if not isinstance(vehicle, str | Path):
+    if not isinstance(vehicle, str | Path | mujoco.MjSpec):
+        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(vehicle)}")
+    is_file = isinstance(vehicle, str | Path) and not check_name(str(vehicle))
+    if is_file and parts is None:
+        parts = _parts_beside(existing_file(vehicle, "vehicle"))
+    mapping = None if parts is None else read_parts(parts)
+
+    if isinstance(vehicle, mujoco.MjSpec):
         file = _of_spec(vehicle)
-    elif check_name(str(vehicle)):
-        file = _of_name(str(vehicle), tool if parts is None else None)
-    else:
+    elif is_file:
         path = existing_file(vehicle, "vehicle")
-        parts = _parts_beside(path) if parts is None else parts
-        robot = robot_of(path, f"vehicle {shown(str(path))}")
+        arguments = {} if mapping is None else mapping.xacro
+        robot = robot_of(path, f"vehicle {shown(str(path))}", arguments)
         file = _of_mjcf(path, water) if robot is None else _of_urdf(path, robot, water)
         water = None  # it is attached
+    else:
+        file = _of_name(str(vehicle), tool if parts is None else None)
 
     if water is not None:
         raise ConfigurationError(f"{file.name}: has its own water, so a water file is refused")
-    if parts is None:
+    if mapping is None:
         return replace(file, parts_name=file.name)
-
-    mapping = read_parts(parts)
     name = f"parts {shown(str(parts))}"
     return replace(file, parts=mapping, parts_name=name, trim=mapping.trim)
 
@@ -101,8 +109,6 @@ def check_name(vehicle: str) -> bool:
 
 
 def _of_spec(spec: mujoco.MjSpec) -> VehicleFile:
-    if not isinstance(spec, mujoco.MjSpec):
-        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(spec)}")
     return VehicleFile(name=f"vehicle {shown(spec.modelname)}", spec=spec.copy())
 
 
@@ -114,9 +120,12 @@ def _of_name(name: str, tool: str | None) -> VehicleFile:
 
 def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:
     spec, lines = spec_of_urdf(robot, file.resolve().parent)
+    as_vehicle(spec)
     sidecar.attach_beside(spec, file, water)
 
-    return VehicleFile(name=robot.name, spec=spec, notes=tuple(lines), bare=True)
+    return VehicleFile(
+        name=robot.name, spec=spec, notes=tuple(lines), bare=True, speeds=robot.speeds
+    )
 
 
 def _parts_beside(file: Path) -> Path | None:

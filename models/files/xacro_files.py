@@ -1,4 +1,4 @@
-"""Xacro, of which a URDF is made by the package `xacro`, with the packages that lie around the file."""
+"""Xacro, of which a URDF is made by the package `xacro`, with ROS packages around the file."""
 
 import contextlib
 import io

@@ -21,14 +21,7 @@ from uuv.sim.interfaces.files import bytes_of
 from uuv.sim.interfaces.spatial import Array
 
 # by ending
-FORMATS = {
-    "stl": "STL",
-    "ply": "PLY",
-    "obj": "OBJ",
-    "off": "OFF",
-    "gltf": "glTF",
-    "glb": "GLB",
-}
+FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}
 _READ = {**FORMATS, "dae": "COLLADA"}  # of vehicles, whose files name it
 _SILENT = logging.NullHandler()
 
@@ -58,9 +51,7 @@ def read_mesh(file: Path, what: str = "target mesh") -> tuple[Array, np.ndarray]
     reader = {"ply": read_ply, "off": _read_off}.get(kind)
 
     try:
-        vertices, triangles = (
-            reader(bytes_of(file, what)) if reader else _read_by_trimesh(file)
-        )
+        vertices, triangles = reader(bytes_of(file, what)) if reader else _read_by_trimesh(file)
         need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")

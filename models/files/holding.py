@@ -59,6 +59,27 @@ def hold(spec: mujoco.MjSpec, joints: Sequence[mujoco.MjsJoint], why: str) -> li
     return lines
 
 
+def massless(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
+    """Hinges and slides that carry no mass, which MuJoCo cannot move."""
+    return [
+        joint
+        for body in spec.bodies
+        if body.name != "world" and not _weighs(body)
+        for joint in body.joints
+        if joint.type in TURNING
+    ]
+
+
+def _weighs(body: mujoco.MjsBody) -> bool:
+    """True if a body, or one without joints that it carries, has mass and inertia."""
+    if body.explicitinertial:
+        inertia = body.fullinertia[:3] if np.isfinite(body.fullinertia[0]) else body.inertia
+        own = body.mass > 0.0 and float(np.min(inertia)) > 0.0
+    else:
+        own = any(geom.density > 0.0 or geom.mass > 0.0 for geom in body.geoms)
+    return own or any(_weighs(child) for child in body.bodies if not child.joints)
+
+
 def followed(spec: mujoco.MjSpec) -> dict[str, tuple[str, Array]]:
     """Leader of each joint that follows another, and the polynomial (5,) by which it does."""
     return {

@@ -8,32 +8,15 @@
 import mujoco
 import numpy as np
 
-from uuv.models.completing.arm_drives import (
-    add_motors,
-    bound,
-    check_followers,
-    drive,
-    hold_others,
-    joints_between,
-)
+from uuv.models.completing.actuators import actuate
 from uuv.models.completing.axes import UP, turn_hull
-from uuv.models.completing.inertias import give_armature, give_masses
-from uuv.models.completing.postures import set_posture
-from uuv.models.completing.thruster_sites import add_thruster
+from uuv.models.completing.masses import give_masses
 from uuv.models.files.keyframes import keyframes_kept
-from uuv.models.files.mjcf_files import compiled
+from uuv.models.files.mjcf_files import compiled, reason_of
 from uuv.models.files.notes import note
 from uuv.models.files.parts_file import PartPlace, PartsMap
 from uuv.models.files.vehicle_file import VehicleFile
-from uuv.models.naming import (
-    ARM_BASE_BODY,
-    CAMERA_SITE,
-    HOME_KEY,
-    HULL_BODY,
-    READY_KEY,
-    TIP_SITE,
-    TOOL_GEOM,
-)
+from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
@@ -83,37 +66,15 @@ def _apply(spec: mujoco.MjSpec, file: VehicleFile) -> None:
     name = file.parts_name
     try:
         renamed = _name_parts(spec, parts, name)
-        _drive_arm(spec, file, parts)
-        for thruster in parts.thrusters or file.thrusters:
-            add_thruster(spec, thruster, renamed, name)
+        actuate(spec, file, renamed)
         if parts.up != "z":
             turn_hull(spec, parts.up, name)
             note(spec, [f"axes turned: {parts.up} of the file points up"])
     except ConfigurationError:
         raise
     except (ValueError, mujoco.FatalError) as error:
-        # of MuJoCo, such as a name that is there already
-        raise ConfigurationError(f"{name}: {' '.join(str(error).split())}") from error
-
-
-def _drive_arm(spec: mujoco.MjSpec, file: VehicleFile, parts: PartsMap) -> None:
-    """Motors, ranges, rotors and postures of the arm; all other joints are held."""
-    arm = joints_between(spec)
-    check_followers(spec, arm, file.parts_name)
-    if parts.torque_limits is not None:
-        drive(spec, parts.torque_limits, file.parts_name)
-        arm = list(parts.torque_limits)
-    else:
-        add_motors(spec, arm, file.name)
-        if file.bare:
-            hold_others(spec, arm, "which nothing drives")
-    bound(spec, arm, file.name)
-
-    compiled(spec, file.name if file.bare else file.parts_name)
-    note(spec, give_armature(spec, arm, parts.armature, file.speeds))
-    for key, values in ((HOME_KEY, parts.home), (READY_KEY, parts.ready)):
-        if values is not None:
-            set_posture(spec, key, arm, values, f"{file.parts_name}: {key}")
+        # of MuJoCo, such as a name that is there already, or a link without mass
+        raise ConfigurationError(f"{name}: {reason_of(error)}") from error
 
 
 def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | None, str]:

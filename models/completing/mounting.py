@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.completing.arm_drives import add_motors, bound, joints_between
+from uuv.models.completing.actuators import add_motors, bound, joints_between
 from uuv.models.files import urdf
 from uuv.models.files.urdf_places import rotation_from_rpy
-from uuv.models.files.urdf_vehicle import as_vehicle, spec_of_urdf
+from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import (
@@ -61,7 +61,6 @@ def mount_arm(
         )
     name = f"arm {shown(str(file))}"
     arm, _ = spec_of_urdf(urdf.parse(file, name), Path(file).resolve().parent)
-    as_vehicle(arm)
     root = arm.worldbody.bodies[0].name
     links = {body.name: body for body in arm.bodies if body.name != "world"}
     if tip not in links:

@@ -6,7 +6,7 @@ A joint that follows another (an equality of joints, a URDF's `mimic`) is held w
 it, any other at its reference or, where that is outside, at the nearer end of its range.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -57,6 +57,18 @@ def hold(spec: mujoco.MjSpec, joints: Sequence[mujoco.MjsJoint], why: str) -> li
     if away:
         lines.append(f"joints held within their range, {why}: {', '.join(away)}")
     return lines
+
+
+def follow(spec: mujoco.MjSpec, coupled: Mapping[str, tuple[str, float, float]]) -> None:
+    """Let joints follow others, by equalities: leader, factor and offset of each follower."""
+    for follower, (leader, factor, offset) in coupled.items():
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=follower,
+            name2=leader,
+            data=[offset, factor, *(0.0,) * 10],
+        )
 
 
 def massless(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:

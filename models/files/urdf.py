@@ -19,8 +19,9 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from uuv.models.files.urdf_joints import DRIVEN, followers, limits_of, settle
-from uuv.models.files.urdf_places import axis_of, figure, origin_of
+from uuv.models.files.holding import follow
+from uuv.models.files.urdf_joints import DRIVEN, limits_of, settle, speeds, taken_mimics
+from uuv.models.files.urdf_places import axis_of, origin_of
 from uuv.models.files.xacro_files import TAGS, expanded, is_xacro
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
@@ -125,23 +126,10 @@ class UrdfRobot:
     xml: Element
     links: tuple[str, ...]
     root: str  # link
+    speeds: Mapping[str, float]  # [rad/s] or [m/s] of the joints that state one
     notes: tuple[str, ...]  # what its joints state and how it is taken, a line each
     # of each link but the root: its parent link and the joint between
     carriers: Mapping[str, tuple[str, Element]]
-
-    @property
-    def speeds(self) -> dict[str, float]:
-        """Rated speed [rad/s] or [m/s] of each joint that states one."""
-        stated = {}
-        for _, joint in self.carriers.values():
-            limit = joint.find("limit")
-            text = None if limit is None else limit.get("velocity")
-            if text is not None:
-                joint_name = joint.get("name", "")
-                stated[joint_name] = abs(
-                    figure(text, f"{self.name}: joint {joint_name!r} velocity")
-                )
-        return stated
 
     def path(
         self, base: str, tip: str, arguments: tuple[str, str] = ("base_link", "tip_link")
@@ -303,7 +291,15 @@ def parse(
         carried.update(way)
 
     notes = tuple(settle(xml, name))
-    return UrdfRobot(name=name, xml=xml, links=links, root=roots[0], notes=notes, carriers=carriers)
+    return UrdfRobot(
+        name=name,
+        xml=xml,
+        links=links,
+        root=roots[0],
+        speeds=speeds(xml, name),
+        notes=notes,
+        carriers=carriers,
+    )
 
 
 def model_from_urdf(
@@ -328,7 +324,7 @@ def model_from_urdf(
     robot = parse(urdf)
     for joint in robot.path(base_link, tip_link):
         limits_of(joint, robot.name)
-    mimics = take_mimics(robot)
+    coupled = taken_mimics(robot.xml, robot.name)
 
     # Beside the chain, where MuJoCo would refuse it.
     for _, joint in robot.carriers.values():
@@ -353,34 +349,12 @@ def model_from_urdf(
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
         carrier = spec.worldbody if tip_link == robot.root else spec.body(tip_link)
         carrier.add_site(name=CHAIN_TIP)
-        couple(spec, mimics)
+        follow(spec, coupled)
         return spec.compile(), robot.root
     except ConfigurationError:
         raise
     except (ValueError, TypeError, AttributeError, RecursionError, mujoco.FatalError) as error:
         raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {error}") from error
-
-
-def take_mimics(robot: UrdfRobot) -> dict[str, tuple[str, float, float]]:
-    """Take the `mimic` elements, which MuJoCo lacks, out of a robot; returns its `followers`."""
-    joints = {joint.get("name", ""): joint for _, joint in robot.carriers.values()}
-    coupled = followers(joints, robot.name)
-    for joint in joints.values():
-        for mimic in joint.findall("mimic"):
-            joint.remove(mimic)
-    return coupled
-
-
-def couple(spec: mujoco.MjSpec, coupled: Mapping[str, tuple[str, float, float]]) -> None:
-    """Couple joints that follow others, of `take_mimics`, by equalities."""
-    for follower, (leader, factor, offset) in coupled.items():
-        spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_JOINT,
-            objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            name1=follower,
-            name2=leader,
-            data=[offset, factor, *(0.0,) * 10],
-        )
 
 
 def _parsed(urdf: Any, name: str, arguments: Mapping[str, str] | None) -> Element:

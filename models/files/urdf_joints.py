@@ -125,6 +125,32 @@ def followers(joints: Mapping[str, Element], name: str) -> dict[str, tuple[str, 
     return resolved
 
 
+def taken_mimics(xml: Element, name: str) -> dict[str, tuple[str, float, float]]:
+    """Take the `mimic` elements, which MuJoCo lacks, out of a robot; returns its `followers`."""
+    joints = {joint.get("name", ""): joint for joint in xml.findall("joint")}
+    coupled = followers(joints, name)
+    for joint in joints.values():
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+    return coupled
+
+
+def speeds(xml: Element, name: str) -> dict[str, float]:
+    """Rated speed [rad/s] or [m/s] of each joint that states one.
+
+    Raises:
+        ConfigurationError: it is no number.
+    """
+    stated = {}
+    for joint in xml.findall("joint"):
+        limit = joint.find("limit")
+        text = None if limit is None else limit.get("velocity")
+        if text is not None:
+            joint_name = joint.get("name", "")
+            stated[joint_name] = abs(figure(text, f"{name}: joint {joint_name!r}: velocity"))
+    return stated
+
+
 def moved(kind: str, axis: Array, value: float) -> Array:
     """Motion (4, 4) of a joint at a value [rad] or [m]: about its axis (3,), or along it."""
     if DRIVEN[kind] == "p":

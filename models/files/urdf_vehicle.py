@@ -14,10 +14,11 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
+from uuv.models.files.holding import follow
 from uuv.models.files.mesh_shapes import MESHES, OTHERS, LinkMesh, add_meshes
 from uuv.models.files.ros_packages import mesh_file
-from uuv.models.files.urdf import UrdfRobot, couple, parse, take_mimics
-from uuv.models.files.urdf_joints import listed
+from uuv.models.files.urdf import UrdfRobot, parse
+from uuv.models.files.urdf_joints import listed, taken_mimics
 from uuv.models.files.urdf_places import figure, numbers_of, origin_of, set_origin
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
@@ -57,7 +58,7 @@ def spec_of_urdf(
     """
     robot, notes = with_floating_root(robot) if floats else (robot, [])
     notes += robot.notes
-    coupled = take_mimics(robot)
+    coupled = taken_mimics(robot.xml, robot.name)
 
     # What MuJoCo would refuse, or read in a way of its own.
     options, meshdir = _own_options(robot.xml)
@@ -76,8 +77,9 @@ def spec_of_urdf(
     except (ValueError, TypeError, RecursionError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {reason}") from error
-    couple(spec, coupled)
+    follow(spec, coupled)
     notes += add_meshes(spec, meshes)
+    as_vehicle(spec)
     return spec, notes
 
 

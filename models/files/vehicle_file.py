@@ -18,7 +18,7 @@ from uuv.models.files import notes, sidecar
 from uuv.models.files.mjcf_files import read_mjcf
 from uuv.models.files.parts_file import PARTS_SUFFIX, MappedThruster, PartsMap, read_parts
 from uuv.models.files.urdf import UrdfRobot, robot_of
-from uuv.models.files.urdf_vehicle import as_vehicle, spec_of_urdf
+from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import existing_file
 from uuv.sim.interfaces.spatial import shown
@@ -120,7 +120,6 @@ def _of_name(name: str, tool: str | None) -> VehicleFile:
 
 def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:
     spec, lines = spec_of_urdf(robot, file.resolve().parent)
-    as_vehicle(spec)
     sidecar.attach_beside(spec, file, water)
 
     return VehicleFile(

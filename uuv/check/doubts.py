@@ -8,7 +8,7 @@ import numpy as np
 from uuv.check.findings import VehicleFinding
 from uuv.check.statics import AXES, TipForce, Trim, authority
 from uuv.models import hydrodynamics as coefficients
-from uuv.models.completing.inertias import JERKY
+from uuv.models.completing.actuators import JERKY
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.hydrodynamics import LAYOUT
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TOOL_GEOM, find

@@ -15,6 +15,8 @@ import mujoco
 from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.files import notes, sidecar
+from uuv.models.files.gazebo.blocks import content_of_urdf
+from uuv.models.files.gazebo.content import ReadEntry
 from uuv.models.files.mjcf_files import read_mjcf
 from uuv.models.files.parts_file import PARTS_SUFFIX, MappedThruster, PartsMap, read_parts
 from uuv.models.files.urdf import UrdfRobot, robot_of
@@ -37,6 +39,7 @@ class VehicleFile:
     has_tool: bool = False  # it was made with the tool that was asked for
     parts: PartsMap | None = None  # its mapping to the contract; None: it has none
     parts_name: str = ""  # with which messages about the mapping begin
+    entries: tuple[ReadEntry, ...] = ()  # water and thrusters of the file, and where they are from
     thrusters: tuple[MappedThruster, ...] = ()  # of the file, where the mapping has none
     speeds: Mapping[str, float] = field(default_factory=dict)  # [rad/s] or [m/s] of its joints
     trim: float | None = None  # [m] metacentric height to which the hull is to be ballasted
@@ -119,11 +122,18 @@ def _of_name(name: str, tool: str | None) -> VehicleFile:
 
 
 def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:
+    content = content_of_urdf(robot.xml, robot.name)
     spec, lines = spec_of_urdf(robot, file.resolve().parent)
-    sidecar.attach_beside(spec, file, water)
+    sidecar.attach_beside(spec, file, water, content.tree())
 
     return VehicleFile(
-        name=robot.name, spec=spec, notes=tuple(lines), bare=True, speeds=robot.speeds
+        name=robot.name,
+        spec=spec,
+        notes=tuple(lines),
+        bare=True,
+        entries=tuple(content.entries),
+        thrusters=tuple(content.thrusters),
+        speeds=robot.speeds,
     )
 
 

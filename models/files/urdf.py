@@ -23,6 +23,7 @@ from uuv.models.files.holding import follow
 from uuv.models.files.urdf_joints import DRIVEN, limits_of, settle, speeds, taken_mimics
 from uuv.models.files.urdf_places import axis_of, origin_of
 from uuv.models.files.xacro_files import TAGS, expanded, is_xacro
+from uuv.models.files.xml_files import xml_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
 from uuv.sim.interfaces.spatial import Array, readonly, shown
@@ -370,12 +371,7 @@ def _parsed(urdf: Any, name: str, arguments: Mapping[str, str] | None) -> Elemen
     else:
         raise ConfigurationError(f"{name}: expected a file or its text, got {shown(urdf)}")
 
-    try:
-        xml = ElementTree.fromstring(content)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        # the latter two of encodings it does not know
-        raise ConfigurationError(f"{name}: no XML ({error})") from error
-
+    xml = xml_of(content, name)
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
     if any(

@@ -21,7 +21,7 @@ from uuv.models.files.urdf import UrdfRobot, parse
 from uuv.models.files.urdf_joints import listed, taken_mimics
 from uuv.models.files.urdf_places import figure, numbers_of, origin_of, set_origin
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import shown
+from uuv.sim.interfaces.spatial import Array, shown
 
 _WORLD = "world"  # link of ROS that stands for the world
 _SHAPES = ("visual", "collision")
@@ -31,6 +31,7 @@ _KEPT = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
 # options of MuJoCo's extension of URDF that count: they mend inertias
 _MENDING = ("balanceinertia", "boundmass", "boundinertia")
 _ONCE = ("inertial", "origin", "mass", "inertia", "geometry", "axis", "limit", "dynamics")
+_BY = 'by <mujoco><compiler balanceinertia="true"/></mujoco> within <robot>'
 _ROUNDED = 1e-3  # share by which principal inertias may miss what a body has, as rounding
 
 
@@ -187,25 +188,35 @@ def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
         if inertia is None:
             continue
         subject = f"{robot.name}: link {link.get('name')!r}: inertia"
-        tensor = _tensor(inertia, subject)
-        principal, R = np.linalg.eigh(tensor)
-        lacking = float(principal[2] - principal[0] - principal[1])
-        if lacking <= 1e-12 * abs(float(principal[2])):
-            continue
-        if lacking > _ROUNDED * principal[2]:
-            figures = ", ".join(f"{entry:.4g}" for entry in principal)
-            raise ConfigurationError(
-                f"{subject}: no body has the principal moments {figures} kg m^2, for the largest "
-                "exceeds the sum of the others; correct it, or let MuJoCo take their mean, by "
-                '<mujoco><compiler balanceinertia="true"/></mujoco> within <robot>'
-            )
-        principal[:2] += 0.51 * lacking
-        tensor = R @ np.diag(principal) @ R.T
-        for i, j, key in _ENTRIES:
-            inertia.set(key, repr(float(tensor[i, j])))
-        mended.append(link.get("name", ""))
+        tensor, changed = mended_tensor(
+            _tensor(inertia, subject), subject, f"correct it, or let MuJoCo take their mean, {_BY}"
+        )
+        if changed:
+            for i, j, key in _ENTRIES:
+                inertia.set(key, repr(float(tensor[i, j])))
+            mended.append(link.get("name", ""))
     if mended:
         yield f"inertias raised by rounding, for no body has them as stated: {listed(mended)}"
+
+
+def mended_tensor(tensor: Array, subject: str, remedy: str) -> tuple[Array, bool]:
+    """An inertia (3, 3) that a body can have, and whether rounding had to be mended for it.
+
+    Raises:
+        ConfigurationError: no body has it, by more than rounding.
+    """
+    principal, R = np.linalg.eigh(tensor)
+    lacking = float(principal[2] - principal[0] - principal[1])
+    if lacking <= 1e-12 * abs(float(principal[2])):
+        return tensor, False
+    if lacking > _ROUNDED * principal[2]:
+        figures = ", ".join(f"{entry:.4g}" for entry in principal)
+        raise ConfigurationError(
+            f"{subject}: no body has the principal moments {figures} kg m^2, for the largest "
+            f"exceeds the sum of the others; {remedy}"
+        )
+    principal[:2] += 0.51 * lacking
+    return R @ np.diag(principal) @ R.T, True
 
 
 _ENTRIES = (

@@ -1,4 +1,4 @@
-"""The reader of vehicles, whatever describes one: a name, a function, an MJCF, a URDF, or a spec.
+"""The reader of vehicles, whatever describes one: a name, a function, MJCF, URDF, SDF, or a spec.
 
     file = read("rov.urdf")  # with its rov.water.yaml and rov.parts.yaml
     file.spec                # under the names of the file
@@ -9,6 +9,7 @@ Nothing is renamed or computed here.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import mujoco
 
@@ -17,14 +18,18 @@ from uuv.models import hydrodynamics
 from uuv.models.files import notes, sidecar
 from uuv.models.files.gazebo.blocks import content_of_urdf
 from uuv.models.files.gazebo.content import ReadEntry
+from uuv.models.files.gazebo.sdf import SdfModel, parse_sdf
+from uuv.models.files.gazebo.sdf_vehicle import spec_of_sdf
 from uuv.models.files.mjcf_files import read_mjcf
 from uuv.models.files.parts_file import PARTS_SUFFIX, MappedThruster, PartsMap, read_parts
 from uuv.models.files.urdf import UrdfRobot, robot_of
+from uuv.models.files.urdf_joints import speeds
 from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.files import bytes_of, existing_file
 from uuv.sim.interfaces.spatial import shown
 
+_HEAD = 20_000  # [bytes] within which a file has its root element
 _TAKE_TOOL = ("uuv_puma",)  # names whose maker takes the tool, and trims the vehicle with it
 
 
@@ -79,9 +84,7 @@ def read(
         file = _of_spec(vehicle)
     elif is_file:
         path = existing_file(vehicle, "vehicle")
-        arguments = {} if mapping is None else mapping.xacro
-        robot = robot_of(path, f"vehicle {shown(str(path))}", arguments)
-        file = _of_mjcf(path, water) if robot is None else _of_urdf(path, robot, water)
+        file = _of_file(path, water, {} if mapping is None else mapping.xacro)
         water = None  # it is attached
     else:
         file = _of_name(str(vehicle), tool if parts is None else None)
@@ -106,8 +109,8 @@ def check_name(vehicle: str) -> bool:
     if Path(vehicle).suffix:
         return False
     raise ConfigurationError(
-        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF or URDF"
-        f"{did_you_mean(vehicle, names)}"
+        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, "
+        f"MJCF, URDF or SDF{did_you_mean(vehicle, names)}"
     )
 
 
@@ -119,6 +122,32 @@ def _of_name(name: str, tool: str | None) -> VehicleFile:
     takes = tool is not None and name in _TAKE_TOOL
     spec = models.VEHICLES.load(name, tool=tool) if takes else models.load(name)
     return VehicleFile(name=f"vehicle {shown(name)}", spec=spec, has_tool=takes)
+
+
+def _of_file(file: Path, water: str | Path | None, arguments: Mapping[str, str]) -> VehicleFile:
+    """A vehicle from a file: SDF, URDF or xacro, else MJCF."""
+    name = f"vehicle {shown(str(file))}"
+    if b"<sdf" in bytes_of(file, "vehicle")[:_HEAD]:
+        return _of_sdf(file, parse_sdf(file, name), water)
+    robot = robot_of(file, name, arguments)
+    return _of_mjcf(file, water) if robot is None else _of_urdf(file, robot, water)
+
+
+def _of_sdf(file: Path, model: SdfModel, water: str | Path | None) -> VehicleFile:
+    spec, lines, content = spec_of_sdf(model, file.resolve().parent)
+    sidecar.attach_beside(spec, file, water, content.tree())
+    elements = Element("robot")
+    elements.extend(joint.element for joint in model.joints.values())
+
+    return VehicleFile(
+        name=model.name,
+        spec=spec,
+        notes=tuple(lines),
+        bare=True,
+        entries=tuple(content.entries),
+        thrusters=tuple(content.thrusters),
+        speeds=speeds(elements, model.name),
+    )
 
 
 def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:

@@ -50,7 +50,10 @@ def limited_thruster(
         content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", "guessed", why)
     else:
         content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", "read", "its limits")
-    content.tell(part, "time constant", f"{time_constant:g} s", "read", "its dynamics")
+    if time_constant > 0.0:
+        content.tell(part, "time constant", f"{time_constant:g} s", "read", "its dynamics")
+    else:
+        content.tell(part, "time constant", "0 s", "guessed", "no dynamics in the file")
 
     thruster = _of_curve(curve, ahead, astern, time_constant)
     if thruster is None:

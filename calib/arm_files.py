@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import mujoco
 import numpy as np
 
-from uuv.models.files import urdf
+from uuv.models.files import urdf, urdf_places
 from uuv.models.files.mjcf_files import read_mjcf
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.sim.interfaces.documents import parsed_yaml
@@ -523,8 +523,8 @@ def _of_ur(
     X, axes, points = np.eye(4), [], []
     for name, joint in joints.items():
         place = f"kinematics.{name}: x, y, z, roll, pitch, yaw"
-        figures = checked_place(astuple(joint), (6,), place, urdf.LONGEST)
-        X = X @ pose(urdf.rotation_from_rpy(figures[3:]), figures[:3])
+        figures = checked_place(astuple(joint), (6,), place, urdf_places.LONGEST)
+        X = X @ pose(urdf_places.rotation_from_rpy(figures[3:]), figures[:3])
         axes.append(X[:3, 2])
         points.append(X[:3, 3])
     from uuv.models.arms.serial_arm import SerialArm

@@ -94,13 +94,20 @@ def beside(mjcf: str | Path) -> Path:
     return path.with_name(path.stem + ENDING)
 
 
-def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | None = None) -> None:
+def attach_beside(
+    spec: mujoco.MjSpec,
+    mjcf: str | Path,
+    sidecar: str | Path | None = None,
+    of_file: Mapping[str, Any] | None = None,
+) -> None:
     """Attach the custom elements of `spec` and its sidecar; the elements are removed from the spec.
 
     Args:
         spec: as read from `mjcf`, changed in place.
         mjcf: file of the spec.
         sidecar: YAML file; by default the one `beside` the MJCF, if there is one.
+        of_file: tree of water that the file states in another way; bodies and the density of the
+            sidecar take its place.
 
     Raises:
         ConfigurationError: a file that cannot be read, an unknown name, a wrong number, or water
@@ -108,6 +115,14 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
     """
     in_file = elements_of(spec)
     file = beside(mjcf) if sidecar is None else Path(sidecar)
+    if of_file:
+        stated = read_sidecar(file) if sidecar is not None or file.is_file() else {}
+        kept = {
+            name: body
+            for name, body in of_file["bodies"].items()
+            if name not in stated.get("bodies", {})
+        }
+        attach_tree(spec, {**_with_density_of(stated, of_file), "bodies": kept}, str(mjcf))
 
     # Two sources may complete each other, but not state the same part.
     if sidecar is not None or file.is_file():

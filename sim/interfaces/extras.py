@@ -13,6 +13,8 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "embreex": "perception",
     "trimesh": "perception",
     "charset_normalizer": "perception",
+    "collada": "vehicles",
+    "xacro": "vehicles",
     "matplotlib": LOG,
     "PIL": LOG,
     "plotly": LOG,

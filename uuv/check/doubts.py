@@ -8,6 +8,7 @@ import numpy as np
 from uuv.check.findings import VehicleFinding
 from uuv.check.statics import AXES, TipForce, Trim, authority
 from uuv.models import hydrodynamics as coefficients
+from uuv.models.completing.actuators import JERKY
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.hydrodynamics import LAYOUT
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TOOL_GEOM, find
@@ -27,7 +28,6 @@ SLENDER = 0.08  # least radius of gyration, as a share of the body's extent
 BULKY = 1.5  # largest, alike
 FLIPPED = 0.5  # share to which touching falls if a joint's axis is likely turned round
 OFTEN = 0.2  # share of postures that touch, from which on a turned axis is looked for
-JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 # share of the largest part of an undriven direction from which on another axis is named too
 MIXED = 0.2
 STEP = 0.5  # of the time step at which drag would become unstable, from which on it is named

@@ -18,6 +18,7 @@ from uuv.models.completing.mounting import mount_arm
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.files.notes import computed
 from uuv.models.files.parts_file import PartPlace, read_parts
+from uuv.models.files.urdf import parse
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TIP_SITE, TOOL_GEOM
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
@@ -205,7 +206,7 @@ def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
     macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
     macro = macro.replace("</robot>", '<xacro:property name="m" value="3"/></robot>')
     with pytest.raises(ConfigurationError, match="it is xacro, of which a URDF is made first"):
-        vehicle_spec(written(tmp_path, ".urdf", macro))
+        parse(macro)
 
 
 ROS = """<robot name="rov"><link name="world"/>
@@ -390,7 +391,7 @@ def test_computed_postures_are_clear_and_better_conditioned_than_those_by_hand(n
 
 
 def test_an_arm_that_cannot_be_read_is_told_by_who_needs_it(tmp_path: Path) -> None:
-    endless = MJCF.replace(' range="-2.4 2.4"', "")
+    endless = MJCF.replace(' range="-2.4 2.4"', ' type="slide"')
     spec = vehicle_spec(written(tmp_path, ".xml", endless))
     assert not computed(spec)
     with pytest.raises(ConfigurationError, match="joint 'bend' of the arm must have a range"):

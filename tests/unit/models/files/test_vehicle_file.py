@@ -48,9 +48,12 @@ def test_a_file_is_read_under_its_own_names(tmp_path: Path) -> None:
     assert (vehicle.bare, vehicle.trim, list(vehicle.spec.actuators)) == (True, 0.04, [])
     assert list(hydrodynamics.attached(vehicle.spec)) == ["base"]
 
-    model = mapped(vehicle).compile()
-    assert [model.joint(j).name for j in range(model.njnt)] == ["hull", "lift"]
-    assert model.nu == 0  # no arm by the contract: the mapping names none
+    spec = mapped(vehicle)
+    model = spec.compile()
+    # no arm by the contract: the mapping names none, and nothing drives a joint
+    assert [model.joint(j).name for j in range(model.njnt)] == ["hull"]
+    assert "joints held at 0, which nothing drives: lift" in computed(spec).values()
+    assert model.nu == 0
 
 
 def test_what_cannot_be_a_vehicle_is_named(tmp_path: Path) -> None:

@@ -46,13 +46,13 @@ class _Samples:
 class LogReplay:
     """One log, cut into windows, with what moves the vehicle and what was measured."""
 
-    def __init__(self, own: ReplayVehicle, log: WaterLog, settings: FitSettings) -> None:
+    def __init__(self, vehicle: ReplayVehicle, log: WaterLog, settings: FitSettings) -> None:
         """Cut the log.
 
         Raises:
             ConfigurationError: No part of it is long enough for a window.
         """
-        self.log, self.settings, self._dt = log, settings, own.timestep
+        self.log, self.settings, self._dt = log, settings, vehicle.timestep
         cut = _windows(log, settings.window)
         self.windows = [each for each in cut if _seen(log, *each, self._dt)][:: settings.every]
         if not self.windows:
@@ -62,7 +62,7 @@ class LogReplay:
 
         if curveless := [
             name
-            for name, has in zip(own.names, own.has_curve, strict=True)
+            for name, has in zip(vehicle.names, vehicle.has_curve, strict=True)
             if name in log.commands and not has
         ]:
             raise ConfigurationError(
@@ -84,7 +84,7 @@ class LogReplay:
         self._nodes = np.maximum(0.0, 1.0 - np.abs(through[:, None] - np.arange(NODES)))
         self._of_row = np.repeat(np.arange(len(begin)), steps + 1)
 
-        self.script = self._script(own)
+        self.script = self._script(vehicle)
         self.starts = np.array([_start(log, a) for a in begin])
 
         # Steps by which starts and currents deviate, x, y and z each.
@@ -145,33 +145,35 @@ class LogReplay:
             if sigma > 0.0
         )
 
-    def _script(self, own: ReplayVehicle) -> Script:
+    def _script(self, vehicle: ReplayVehicle) -> Script:
         log, dt = self.log, self._dt
-        thrust = np.full((len(self.time), len(own.names)), np.nan)
+        thrust = np.full((len(self.time), len(vehicle.names)), np.nan)
         amid = self.time + 0.5 * dt
         commands = (
-            np.column_stack([log.commands.get(name, np.zeros(len(log.time))) for name in own.names])
-            if own.names
+            np.column_stack(
+                [log.commands.get(name, np.zeros(len(log.time))) for name in vehicle.names]
+            )
+            if vehicle.names
             else np.zeros((len(log.time), 0))
         )
 
-        speed = own.speeds(log.time, commands, self.time)
-        for i, name in enumerate(own.names):
+        speed = vehicle.speeds(log.time, commands, self.time)
+        for i, name in enumerate(vehicle.names):
             if name in log.thrusts:
                 at = np.clip(np.searchsorted(log.time, amid + 1e-9) - 1, 0, len(log.time) - 1)
                 thrust[:, i] = log.thrusts[name][at]
-            elif not own.has_curve[i]:
+            elif not vehicle.has_curve[i]:
                 thrust[:, i] = 0.0
 
         # Angles by local quadratics; a passive or unlogged joint stays at home.
-        n = len(own.joints)
+        n = len(vehicle.joints)
         q, qd, qdd = (
             np.zeros((len(self.begin), n)),
             np.zeros((len(self.begin), n)),
             np.zeros((len(self.time), n)),
         )
-        for j, name in enumerate(own.joints):
-            q[:, j] = own.vehicle.q_home[j]
+        for j, name in enumerate(vehicle.joints):
+            q[:, j] = vehicle.vehicle.q_home[j]
             if name not in log.joints:
                 continue
 
@@ -222,9 +224,9 @@ class LogReplay:
             window,
         )
 
-    def begun(self, own: Array) -> tuple[Array, Array]:
+    def begun(self, local: Array) -> tuple[Array, Array]:
         """Starts (W, 13) and additions to the current (R, 3) by each window's numbers (OWN,)."""
-        moved = own * self.spread
+        moved = local * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
 
@@ -328,7 +330,7 @@ class WaterResiduals:
             self._engines.put(vehicle if i == 0 else vehicle.copy())
 
     @property
-    def own(self) -> list[int]:
+    def local(self) -> list[int]:
         """Numbers of each window."""
         return [OWN] * sum(len(log.begin) for log in self.logs)
 
@@ -360,34 +362,34 @@ class WaterResiduals:
     def widen(self, factors: Array) -> None:
         """Multiply the noise of each channel."""
         if self._last is not None:
-            x, own, slopes = self._last
+            x, local, slopes = self._last
             shares = [(1.0 / factors)[label] for label in self.labels]
             thinner = [
                 Slopes(r * s, J * s[:, None], L * s[:, None])
                 for (r, J, L), s in zip(slopes, shares, strict=True)
             ]
-            self._last = x, own, thinner
+            self._last = x, local, thinner
 
         ends = np.cumsum([len(log.kinds) for log in self.logs])
         for log, its in zip(self.logs, np.split(factors, ends[:-1]), strict=True):
             log.weight /= its
 
-    def _own_of(self, own: Sequence[Array]) -> list[Array]:
+    def _local_of(self, local: Sequence[Array]) -> list[Array]:
         """Each log's part of the windows' own numbers, (W, OWN)."""
         ends = np.cumsum([len(log.begin) for log in self.logs])
-        return np.split(np.array(own), ends[:-1])
+        return np.split(np.array(local), ends[:-1])
 
-    def states(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def states(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         """States (R, 13) of each log's replay."""
-        return self._run(deviations, self._own_of(own))
+        return self._run(deviations, self._local_of(local))
 
-    def _run(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def _run(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         values = values_of(self.parameters, deviations)
         engine = self._engines.get()
 
         try:
             found = []
-            for log, its in zip(self.logs, own, strict=True):
+            for log, its in zip(self.logs, local, strict=True):
                 starts, added = log.begun(its)
                 current = np.array(
                     [values.get(f"{log.log.name}: current {axis}", 0.0) for axis in "xyz"]
@@ -402,10 +404,10 @@ class WaterResiduals:
     def _residuals(self, rows: Sequence[Array], values: Mapping[str, float]) -> list[Array]:
         return [_finite(log, each, values) for log, each in zip(self.logs, rows, strict=True)]
 
-    def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def residuals(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         """Residuals of each window."""
         found = self._residuals(
-            self.states(deviations, own), values_of(self.parameters, deviations)
+            self.states(deviations, local), values_of(self.parameters, deviations)
         )
         return [
             part
@@ -413,16 +415,16 @@ class WaterResiduals:
             for part in np.split(r, log.splits)
         ]
 
-    def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
+    def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
         """Residuals of each window and their differences, by one replay per number."""
         if (
             self._last is not None
             and np.array_equal(self._last[0], deviations)
-            and np.array_equal(self._last[1], own)
+            and np.array_equal(self._last[1], local)
         ):
             return self._last[2]
 
-        x, y = np.array(deviations), self._own_of(own)
+        x, y = np.array(deviations), self._local_of(local)
         values = values_of(self.parameters, x)
         base = self._run(x, y)
         r = self._residuals(base, values)
@@ -494,7 +496,7 @@ class WaterResiduals:
                 strict=True,
             )
         ]
-        self._last = x, np.array(own), found
+        self._last = x, np.array(local), found
         return found
 
 

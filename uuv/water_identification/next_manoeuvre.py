@@ -41,7 +41,7 @@ def information_of(
     except ConfigurationError:  # nothing moves
         return np.zeros((len(parameters), len(parameters)))
     x = np.concatenate([deviations, np.zeros(len(residuals.parameters) - len(parameters))])
-    return information(residuals.slopes(x, [np.zeros(OWN)] * len(residuals.own)), len(parameters))
+    return information(residuals.slopes(x, [np.zeros(OWN)] * len(residuals.local)), len(parameters))
 
 
 def next_manoeuvres(

@@ -66,7 +66,7 @@ def write_page(
         page.section("Parameters", page.table(columns, rows, texts=(0, 1, 6))),
     ]
 
-    states = residuals.states(fit.named.deviations, fit.named.own)
+    states = residuals.states(fit.named.deviations, fit.named.local)
     about = (
         "Above: measured (dots) and replayed (lines), window by window. Below: replayed less "
         "measured."

@@ -52,11 +52,11 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
 
     angle = max(abs(trim.roll), abs(trim.pitch))
     if not angle <= LIST:  # NaN as well: it turns over
-        said = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
+        motion = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
         yield VehicleFinding(
             code="list",
             level="doubt",
-            said=f"at rest with the arm at home it {said}, at most {np.degrees(LIST):.0f} deg: "
+            said=f"at rest with the arm at home it {motion}, at most {np.degrees(LIST):.0f} deg: "
             "centre of buoyancy "
             f"{1e3 * trim.height:.0f} mm above that of mass and {1e3 * trim.apart:.0f} mm aside "
             "of it",
@@ -67,7 +67,8 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
 def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """Principal inertias that no body can have, or not one of its mass and size."""
     for b in range(1, model.nbody):
-        mass, name = float(model.body_mass[b]), model.body(b).name or f"body {b}"
+        mass = float(model.body_mass[b])
+        name = model.body(b).name or f"body {b}"
         inertia = np.sort(np.array(model.body_inertia[b]))
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
 
@@ -247,16 +248,16 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
         )
 
     # Thrusters that may be reversed: what each axis would gain by turning one round.
-    now = [max(authority(vehicle, axis)) for axis in range(6)]
+    as_built = [max(authority(vehicle, axis)) for axis in range(6)]
     for i, j in _against(B):
         turned = np.array(B)
         turned[:, i] *= -1.0
         then = [max(authority(vehicle, axis, turned)) for axis in range(6)]
-        axis = int(np.argmax(np.array(then) / np.maximum(now, 1e-6)))
+        axis = int(np.argmax(np.array(then) / np.maximum(as_built, 1e-6)))
         first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
 
         gain = (
-            f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} "
+            f"{AXES[axis]} has {as_built[axis]:.0f}, with {first} turned round {then[axis]:.0f} "
             f"{'N' if axis < 3 else 'N m'}"
         )
 
@@ -264,8 +265,12 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             code="thruster-against-pair",
             level="doubt",
             said=f"thruster {first} pushes against its mirror image {second}: reversed? "
-            + (gain if then[axis] > 1.01 * now[axis] else "no axis would gain by turning it round"),
-            figure=now[axis],
+            + (
+                gain
+                if then[axis] > 1.01 * as_built[axis]
+                else "no axis would gain by turning it round"
+            ),
+            figure=as_built[axis],
         )
 
 
@@ -325,8 +330,10 @@ def posture_doubts(
             )
 
     # Joints that would touch less with the other sign of their axis.
-    now = search.share_touching()
-    turned = [search.share_touching(j) for j in range(len(low))] if now > OFTEN or touching else []
+    share = search.share_touching()
+    turned = (
+        [search.share_touching(j) for j in range(len(low))] if share > OFTEN or touching else []
+    )
     for j, then in enumerate(turned):
         freed = [
             key
@@ -334,15 +341,15 @@ def posture_doubts(
             if search.is_clear(q * np.where(np.arange(len(q)) == j, -1.0, 1.0))
         ]
 
-        if freed or (now > OFTEN and then < FLIPPED * now):
+        if freed or (share > OFTEN and then < FLIPPED * share):
             why = f"{' and '.join(freed)} would be clear, and " if freed else ""
             yield VehicleFinding(
                 code="axis-flipped",
                 level="doubt",
                 said=f"joint {vehicle.joint_names[j]}: its axis may be turned round; with the "
                 f"other sign {why}"
-                f"{then:.0%} of all postures would touch, now {now:.0%}",
-                figure=now,
+                f"{then:.0%} of all postures would touch, now {share:.0%}",
+                figure=share,
             )
 
 

@@ -101,8 +101,8 @@ class Campaign:
             try:
                 self.runs_of(self.drawn(1), version)[0].scenario()
             except ConfigurationError as error:
-                place = f"versions: {version}: " if version else ""
-                raise ConfigurationError(f"{place}{error}") from error
+                where = f"versions: {version}: " if version else ""
+                raise ConfigurationError(f"{where}{error}") from error
 
     def _check_grid(self) -> None:
         """Refuses what the cases cannot take in turn."""
@@ -268,8 +268,8 @@ def read_drawn(
         try:
             run.scenario()
         except ConfigurationError as error:
-            place = named(Path(file), "drawn cases")
-            raise ConfigurationError(f"{place}: case {run.case}: {error}") from error
+            where = named(Path(file), "drawn cases")
+            raise ConfigurationError(f"{where}: case {run.case}: {error}") from error
     return drawn
 
 
@@ -285,15 +285,15 @@ def metric_names(scenario: Scenario) -> frozenset[str]:
 
 
 def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
-    found: list[str] = []
+    names: list[str] = []
     for name, entry in properties.items():
         if "properties" in entry:
-            found += _numbers(entry["properties"], f"{before}{name}.")
+            names += _numbers(entry["properties"], f"{before}{name}.")
         elif {"number", "integer", "boolean"} & set(np.atleast_1d(entry.get("type", ())).tolist()):
-            found.append(before + name)
+            names.append(before + name)
 
     # Timings differ between repetitions; the format is no figure.
-    return [name for name in found if name != FORMAT_KEY and not name.startswith("timings.")]
+    return [name for name in names if name != FORMAT_KEY and not name.startswith("timings.")]
 
 
 def _checked_key(base: Scenario, name: str) -> None:
@@ -345,7 +345,7 @@ class _CampaignFile:
 _READER = TableReader(places_faults=True)
 
 
-def _document(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+def _document(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Tables of a campaign's file, those of the campaign that it is `like` beneath them.
 
     Raises:
@@ -359,10 +359,10 @@ def _document(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     what = named(path, "campaign")
     if not isinstance(like, str):
         raise ConfigurationError(f"{what}: {_LIKE}: must be a campaign file, got {shown(like)}")
-    if path.resolve() in seen:
+    if path.resolve() in above:
         raise ConfigurationError(f"{what}: {_LIKE}: it is like itself")
 
-    other = _document(path.parent / like, (*seen, path.resolve()))
+    other = _document(path.parent / like, (*above, path.resolve()))
     other.pop("name", None)
     if str(other.get("base", "")).endswith(".toml"):
         other["base"] = str(Path(like).parent / other["base"])
@@ -415,7 +415,7 @@ def _campaign(
         bounds=file.bounds,
         kept=file.kept,
         limits=file.limits,
-        grid={key: tuple(each) for key, each in file.grid.items() if key not in changed},
+        grid={key: tuple(entries) for key, entries in file.grid.items() if key not in changed},
         versions=file.versions,
         version_cases=file.version_cases,
         also=file.also,

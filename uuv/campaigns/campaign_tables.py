@@ -139,15 +139,15 @@ def _cell(rows: Sequence[Row], shown: Sequence[str], campaign: Campaign) -> str:
 def reliability(rows: Sequence[Row], campaign: Campaign) -> list[dict[str, Any]]:
     """Runs by the probability stated before contact: how many, its mean, how many were kept."""
     stated = [row for row in rows if row["metrics"].get(CHANCE) is not None]
-    chance = np.array([row["metrics"][CHANCE] for row in stated])
+    probability = np.array([row["metrics"][CHANCE] for row in stated])
     is_kept = np.array([outcome(row, campaign.bounds) == KEPT for row in stated])
 
     # Bins by the stated probability; empty ones are left out.
     bins = []
     for least, most in itertools.pairwise(CHANCES):
-        inside = (chance >= least) & ((chance < most) | (most == 1.0))
+        inside = (probability >= least) & ((probability < most) | (most == 1.0))
         if inside.any():
-            mean = float(chance[inside].mean())
+            mean = float(probability[inside].mean())
             number = int(is_kept[inside].sum())
             counts = {"runs": int(inside.sum()), "mean": mean, "kept": number}
             bins.append({"least": least, "most": most, **counts})

@@ -66,6 +66,8 @@ class Camera:
             model, "world", np.eye(4), optics=Optics(focal=FOCAL), noise=self.stereo
         )
         _, image = camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))
+
+        # White noise is along the ray: the depth changes by its share of the slant.
         if self.white > 0.0:
             u, v = (
                 np.arange(n) - c
@@ -74,6 +76,7 @@ class Camera:
             slant = np.sqrt(1.0 + (u / FOCAL) ** 2 + ((v / FOCAL) ** 2)[:, None])
             depth = image.depth + self.white * rng.standard_normal(image.depth.shape) / slant
             image = DepthImage(time=image.time, depth=readonly(depth), K=image.K, X_BC=image.X_BC)
+
         return Scan.from_depth(image)
 
 
@@ -195,18 +198,20 @@ def object_scene(
     if sensor not in SENSORS:
         raise ConfigurationError(f"no sensor {sensor!r}; there are {sorted(SENSORS)}")
 
-    # what is where
+    # What is where, in the camera's frame.
     X_CT, range_m = seeded_view(target, seed, ranges)
     if X_CN is not None:
         X_CT = inverse(X_CN) @ X_CT
     shown = there or target
+
+    # The scene; an absent object still decides where the ground is.
     spec = mujoco.MjSpec()
     if not absent:
         shown.add_to(spec, X_CT, felt=False)
     if gap is not None:
         _add_surroundings(spec, np.random.default_rng([seed, 1]), X_CT, shown, gap)
 
-    # the frame
+    # The frame; further looks have noise of their own.
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)

@@ -269,17 +269,17 @@ def occluders(
     rays = pinhole(_RAYS).reshape(-1, 3)
     scene = RayScene(target.vertices, target.triangles)
     t = scene.cast(X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
-    seen = rays[np.isfinite(t)] * t[np.isfinite(t), None]
-    spread = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
-    way = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    visible = rays[np.isfinite(t)] * t[np.isfinite(t), None]
+    spread = float(np.linalg.norm(visible - visible.mean(axis=0), axis=1).max())
+    way = visible / np.linalg.norm(visible, axis=1, keepdims=True)
 
     # Spheres are added until they hide enough; one that hides too much is left out.
-    covered = np.zeros(len(seen), dtype=bool)
+    covered = np.zeros(len(visible), dtype=bool)
     solids: list[Solid] = []
     for k in range(200):
         if covered.mean() >= share:
             break
-        p = seen[rng.integers(len(seen))]
+        p = visible[rng.integers(len(visible))]
         nearness = rng.uniform(0.5, 0.8)
         center = nearness * p
         size = nearness * spread * rng.uniform(0.1, 0.4)

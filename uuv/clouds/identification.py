@@ -233,8 +233,7 @@ def report(identification: Identification, target: TargetModel, notes: list[str]
             "radius_m": covariance.radius,
         }
 
-    symmetry = identification.symmetry
-    covariance = identification.covariance
+    symmetry, covariance = identification.symmetry, identification.covariance
     return {
         "object": target.name,
         "decision": identification.decision.value,

@@ -157,7 +157,7 @@ def _scaled(value: Any, unit: float) -> Any:
     """A number, or each of several, times a unit."""
     if unit == 1.0 or value is None:
         return value
-    return tuple(unit * item for item in value) if isinstance(value, tuple) else unit * value
+    return tuple(unit * entry for entry in value) if isinstance(value, tuple) else unit * value
 
 
 def _in_unit(value: Any, unit: float) -> Any:
@@ -165,7 +165,7 @@ def _in_unit(value: Any, unit: float) -> Any:
     if unit == 1.0 or value is None:
         return value
     if isinstance(value, tuple):
-        return tuple(_in_unit(item, unit) for item in value)
+        return tuple(_in_unit(entry, unit) for entry in value)
     return float(f"{value / unit:.{_DIGITS}g}")
 
 

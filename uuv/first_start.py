@@ -340,9 +340,12 @@ def kernels() -> Iterator[tuple[str, Any]]:
     """All kernels of the project that are imported, with their names module:name."""
     for module in list(sys.modules.values()):
         if getattr(module, "__name__", "").partition(".")[0] == PACKAGE:
-            for name, value in list(vars(module).items()):
-                if isinstance(value, CPUDispatcher) and value.py_func.__module__ == module.__name__:
-                    yield f"{module.__name__}:{name}", value
+            for name, member in list(vars(module).items()):
+                if (
+                    isinstance(member, CPUDispatcher)
+                    and member.py_func.__module__ == module.__name__
+                ):
+                    yield f"{module.__name__}:{name}", member
 
 
 def _work() -> None:

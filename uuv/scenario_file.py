@@ -143,8 +143,8 @@ def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "-
     nested = as_dict(scenario)
 
     try:
-        for key, value in assigned(assignments).items():
-            put(nested, key, value)
+        for key, setting in assigned(assignments).items():
+            put(nested, key, setting)
         return from_dict(nested)
     except ConfigurationError as error:
         raise ConfigurationError(f"{option}: {error}") from error
@@ -160,7 +160,7 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
     Raises:
         ConfigurationError: One has no =, or a value that `documents.checked` refuses.
     """
-    values: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
 
@@ -168,8 +168,8 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
             raise ConfigurationError(
                 f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}"
             )
-        values[key.strip()] = checked(toml_value(text), key.strip())
-    return values
+        settings[key.strip()] = checked(toml_value(text), key.strip())
+    return settings
 
 
 def put(nested: dict[str, Any], key: str, value: Any) -> None:

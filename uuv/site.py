@@ -223,8 +223,8 @@ class KnownObject(Workpiece):
     def __post_init__(self) -> None:
         if self.line is None:
             return
-        for value in self.line:
-            finite_number(value, "site.object.line [m]")
+        for coordinate in self.line:
+            finite_number(coordinate, "site.object.line [m]")
         if math.dist(self.line[:2], self.line[2:]) < SHORTEST_LINE:
             raise ConfigurationError(
                 f"site.object.line: must be at least {SHORTEST_LINE:g} m long, got "

@@ -72,8 +72,8 @@ class Loading:
         ):
             if masses and len(masses) != count:
                 raise ConfigurationError(f"{option}: {count} are needed, got {len(masses)}")
-            for value in masses:
-                finite_number(value, f"{option} [kg]", least=0.0, most=1e4)
+            for mass in masses:
+                finite_number(mass, f"{option} [kg]", least=0.0, most=1e4)
 
         # a vehicle's arm has its z axis downwards
         down = GRAVITY if source.kind == "mjcf" else -GRAVITY

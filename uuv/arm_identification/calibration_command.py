@@ -239,8 +239,8 @@ def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -
     table = Table()
     table.add_column("figure")
     table.add_column("value", justify="right")
-    for name, value in figures_of_merit(case, outcome):
-        table.add_row(Text(name), value)
+    for name, text in figures_of_merit(case, outcome):
+        table.add_row(Text(name), text)
     console.print(table)
 
     console.print(_most_changed(outcome))

@@ -58,15 +58,15 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
 
     # Touches that were held out.
     if outcome.held_out:
-        values = 1e3 * np.array(list(outcome.held_out.values()))
+        rms_mm = 1e3 * np.array(list(outcome.held_out.values()))
         out += [
             (f"held out, {name}: nominal, identified [mm]", f"{before:.3f}, {after:.3f}")
-            for name, (before, after) in zip(outcome.held_out, values, strict=True)
+            for name, (before, after) in zip(outcome.held_out, rms_mm, strict=True)
         ]
         out.append(
             (
                 "held out, median: nominal, identified [mm]",
-                "{:.3f}, {:.3f}".format(*np.median(values, axis=0)),
+                "{:.3f}, {:.3f}".format(*np.median(rms_mm, axis=0)),
             )
         )
 
@@ -103,9 +103,9 @@ def _compliances(calibration: Calibration) -> str:
     hidden = {name for group in calibration.rank_free.hidden for name in group.names}
 
     cells = []
-    for k, value in enumerate(calibration.compliance, start=1):
+    for k, compliance in enumerate(calibration.compliance, start=1):
         known = f"c{k}" in half and f"c{k}" not in hidden
-        cells.append(f"{1e6 * value:.1f} ± {1e6 * half[f'c{k}']:.1f}" if known else "-")
+        cells.append(f"{1e6 * compliance:.1f} ± {1e6 * half[f'c{k}']:.1f}" if known else "-")
     return ", ".join(cells)
 
 

@@ -300,12 +300,12 @@ def _errors(touch_plan: TouchPlan) -> Table:
     planned_m = touch_plan.found.merit[-1]
     random_m = float(np.median(touch_plan.random))
 
-    for words, value in (
+    for words, error_m in (
         (before, touch_plan.found.before),
         (f"{count} random touches, median of {len(touch_plan.random)} choices", random_m),
         ("the best of these choices", float(touch_plan.random.min())),
         (f"the {count} planned touches", planned_m),
     ):
-        table.add_row(words, f"{1e3 * value:.4f}")
+        table.add_row(words, f"{1e3 * error_m:.4f}")
     table.add_row("planned against random", f"{100.0 * (planned_m / random_m - 1.0):+.0f} %")
     return table

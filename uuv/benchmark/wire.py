@@ -138,9 +138,11 @@ class EstimateCodec:
 
     def _unpacked(self, packed: bytes) -> StateEstimate:
         numbers = np.frombuffer(packed).copy()
-        values: dict[str, Any] = dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True))
-        values |= {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
-        return StateEstimate(**values)
+        decoded: dict[str, Any] = dict(
+            zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True)
+        )
+        decoded |= {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
+        return StateEstimate(**decoded)
 
 
 class CommandCodec:

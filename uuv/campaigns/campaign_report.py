@@ -317,7 +317,7 @@ def scatter_figure(
         factors: What was drawn; those of several columns are left out.
     """
     classes = np.array([class_of(outcome(row, bounds)) for row in rows])
-    value = np.array([row["metrics"].get(name) for row in rows], dtype=np.float64)
+    metric = np.array([row["metrics"].get(name) for row in rows], dtype=np.float64)
     single = [factor for factor in factors if factor.columns.shape[1] == 1]
 
     lines = max(1, -(-len(single) // _DOTS))
@@ -331,7 +331,7 @@ def scatter_figure(
         for verdict in sorted({*classes.tolist()}, key=severity):
             mine = classes == verdict
             color = _CLASS_COLORS.get(verdict, INK)
-            axes.scatter(drawn[mine], value[mine], s=9, color=color, label=verdict, alpha=0.75)
+            axes.scatter(drawn[mine], metric[mine], s=9, color=color, label=verdict, alpha=0.75)
         if np.nanmin(drawn) > 0.0 and np.nanmax(drawn) > _LONG_TAIL * np.nanmin(drawn):
             axes.set_xscale("log")
         axes.set_xlabel(label(factor.name), fontsize=7)

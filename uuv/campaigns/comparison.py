@@ -82,8 +82,8 @@ def compared(a: Finished, b: Finished) -> Summary:
     }
 
     # Kept in A and in B; McNemar's test is on the runs that one alone kept.
-    kept = [[verdicts[i] == KEPT for verdicts in outcomes.values()] for i in (0, 1)]
-    only_a, only_b, p = mcnemar(*kept)
+    is_kept = [[verdicts[i] == KEPT for verdicts in outcomes.values()] for i in (0, 1)]
+    only_a, only_b, p = mcnemar(*is_kept)
 
     # Each metric, in the pairs that have it.
     figures = _paired(a, b, cases)
@@ -108,8 +108,8 @@ def compared(a: Finished, b: Finished) -> Summary:
             "pairs": len(cases),
             "without_partner": {"a": alone[0], "b": alone[1]},
             "kept": {
-                "a": sum(kept[0]),
-                "b": sum(kept[1]),
+                "a": sum(is_kept[0]),
+                "b": sum(is_kept[1]),
                 "only_a": only_a,
                 "only_b": only_b,
                 "p": p,
@@ -122,7 +122,7 @@ def compared(a: Finished, b: Finished) -> Summary:
         # The page.
         tables=[*_tables(metrics), *_changes(a, b, changed, outcomes)],
         lines=[
-            f"kept: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A "
+            f"kept: {sum(is_kept[0])} of {len(cases)} in A, {sum(is_kept[1])} in B; {only_a} in A "
             f"alone, {only_b} in B alone, p {shown_p(p)} (McNemar, exact)",
             *unpaired,
         ],
@@ -172,10 +172,10 @@ def _paired(a: Finished, b: Finished, cases: Sequence[int]) -> dict[str, tuple[A
         both = [
             (a.rows[case]["metrics"].get(name), b.rows[case]["metrics"].get(name)) for case in cases
         ]
-        values = np.array([pair for pair in both if None not in pair], dtype=np.float64).reshape(
+        complete = np.array([pair for pair in both if None not in pair], dtype=np.float64).reshape(
             -1, 2
         )
-        figures[name] = (values[:, 0], values[:, 1])
+        figures[name] = (complete[:, 0], complete[:, 1])
     return figures
 
 

@@ -91,8 +91,8 @@ class Distribution:
 
     def at(self, u: Array) -> Any:
         """The value at `u` (dimensions,) in [0, 1): a number, a category, or a vector as a list."""
-        value = KINDS[self.kind].value(self.values, u)
-        return value if self.step is None else max(1, round(value / self.step)) * self.step
+        sample = KINDS[self.kind].value(self.values, u)
+        return sample if self.step is None else max(1, round(sample / self.step)) * self.step
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,15 +87,15 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
     """
     factors: list[Factor] = []
     for name in dict.fromkeys(name for draw in draws for name in draw if name not in SEEDS):
-        values = [draw.get(name) for draw in draws]
-        stated = [value for value in values if value is not None]
+        column = [draw.get(name) for draw in draws]
+        stated = [value for value in column if value is not None]
 
         # A vector: its length and each component.
         if stated and all(
             isinstance(value, list) and len(value) == len(stated[0]) for value in stated
         ):
             vectors = np.array(
-                [value or [np.nan] * len(stated[0]) for value in values], dtype=np.float64
+                [value or [np.nan] * len(stated[0]) for value in column], dtype=np.float64
             )
             axes = "xyz" if vectors.shape[1] == 3 else [str(i) for i in range(vectors.shape[1])]
             factors.append(Factor(f"{name} (length)", np.linalg.norm(vectors, axis=1)[:, None]))
@@ -103,10 +103,10 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
         elif all(
             isinstance(value, (int, float)) and not isinstance(value, bool) for value in stated
         ):
-            factors.append(Factor(name, np.array(values, dtype=np.float64)[:, None]))
+            factors.append(Factor(name, np.array(column, dtype=np.float64)[:, None]))
         else:
             # A column for each category but the first.
-            words = [None if value is None else str(value) for value in values]
+            words = [None if value is None else str(value) for value in column]
             kinds = sorted({word for word in words if word is not None})
             columns = [
                 [np.nan if word is None else float(word == kind) for word in words]
@@ -177,10 +177,10 @@ def sensitivity(
     # Degrees of freedom of the squared coefficient without an effect, halved.
     sizes = np.bincount(owner) / 2.0
     left = (n - 1 - k) / 2.0
-    value = coefficients[0]
+    estimate = coefficients[0]
 
     # R^2 of the first parameters of the ranking alone.
-    first = np.argsort(-np.abs(value), kind="stable")[:FIRST]
+    first = np.argsort(-np.abs(estimate), kind="stable")[:FIRST]
     alone = np.isin(owner, first)
     _, by_first = _coefficients(
         table[:, [*np.flatnonzero(alone), k]], np.ones((1, n)), np.arange(alone.sum())
@@ -189,11 +189,11 @@ def sensitivity(
     return Sensitivity(
         names=tuple(factor.name for factor in factors),
         runs=n,
-        coefficient=value,
+        coefficient=estimate,
         low=low,
         high=high,
         null=np.sqrt(beta.ppf(LEVEL, sizes, left)),
-        p=beta.sf(value**2, sizes, left),
+        p=beta.sf(estimate**2, sizes, left),
         place=np.quantile(places, TAILS, axis=0, method="nearest").T.astype(int),
         explained=float(explained[0]),
         adjusted=float(1.0 - (1.0 - explained[0]) * (n - 1) / (n - 1 - k)),
@@ -245,10 +245,10 @@ def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float])
     """
     ratios = [0.0]
     for name, most in bounds.items():
-        value = values.get(name)
-        if value is None:
+        figure = values.get(name)
+        if figure is None:
             return np.inf
-        ratios.append(value / most if most > 0.0 else (np.inf if value > most else 0.0))
+        ratios.append(figure / most if most > 0.0 else (np.inf if figure > most else 0.0))
 
     return max(ratios)
 
@@ -286,15 +286,15 @@ def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[
             if factor.columns.shape[1] > 1 or inside.sum() < FEWEST_FAILED or inside.all():
                 continue
 
-            value = factor.columns[known, 0]
-            rank = (rankdata(value) - 1.0) / (len(value) - 1.0)
+            sample = factor.columns[known, 0]
+            rank = (rankdata(sample) - 1.0) / (len(sample) - 1.0)
             moved.append(
                 ReasonShift(
                     reason=reason,
                     parameter=factor.name,
                     runs=int(inside.sum()),
                     median_rank=float(np.median(rank[inside])),
-                    p=float(mannwhitneyu(value[inside], value[~inside]).pvalue),
+                    p=float(mannwhitneyu(sample[inside], sample[~inside]).pvalue),
                 )
             )
 

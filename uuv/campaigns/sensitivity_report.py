@@ -56,8 +56,8 @@ class SensitivityReport:
         factors = factors_of(draws)
         by_response = {}
 
-        for name, values in responses.items():
-            measured = sensitivity(factors, values, np.random.default_rng(len(draws)))
+        for name, response in responses.items():
+            measured = sensitivity(factors, response, np.random.default_rng(len(draws)))
             if measured is not None:
                 by_response[name] = measured
 
@@ -205,8 +205,8 @@ def bar_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
     panels = figure.subplots(1, len(by_response), sharey=True, squeeze=False)[0]
 
     for axes, (name, response) in zip(panels, by_response.items(), strict=True):
-        value = response.coefficient[order]
-        beyond = np.abs(value) > response.null[order]
+        coefficients = response.coefficient[order]
+        beyond = np.abs(coefficients) > response.null[order]
 
         # Band without an effect, then the coefficient with its interval.
         axes.barh(
@@ -218,7 +218,7 @@ def bar_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
         )
         axes.barh(
             positions,
-            value,
+            coefficients,
             height=0.62,
             color=[BLUE if is_beyond else "#a9c7de" for is_beyond in beyond],
         )
@@ -251,12 +251,19 @@ def matrix_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
     axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
 
     # Coefficients in the cells; bold: beyond the null level.
-    for (i, j), value in np.ndenumerate(matrix):
-        strong = "white" if abs(value) > 0.6 else INK
+    for (i, j), coefficient in np.ndenumerate(matrix):
+        strong = "white" if abs(coefficient) > 0.6 else INK
         weight = "bold" if beyond[i, j] else "normal"
         color = strong if beyond[i, j] else FAINT
         axes.text(
-            j, i, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color, weight=weight
+            j,
+            i,
+            f"{coefficient:.2f}",
+            ha="center",
+            va="center",
+            fontsize=7,
+            color=color,
+            weight=weight,
         )
 
     axes.set_xticks(range(len(names)), list(map(label, names)), rotation=40, ha="right", fontsize=8)

@@ -78,7 +78,7 @@ def check_vehicle(
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
         arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow)
-        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)
+        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, by_spec=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
     name = vehicle.modelname or "vehicle"
@@ -93,15 +93,15 @@ def check_vehicle(
         )
 
     return _Check(
-        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), given=True
+        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), by_spec=True
     ).run(jobs)
 
 
 class _Check:
     """The check while it is made."""
 
-    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, given: bool) -> None:
-        self._name, self._spec, self._jobs, self._given = name, spec, arm_jobs, given
+    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, by_spec: bool) -> None:
+        self._name, self._spec, self._jobs, self._by_spec = name, spec, arm_jobs, by_spec
         self._findings: list[VehicleFinding] = []
         self._figures: list[VehicleFigure] = []
 
@@ -338,7 +338,7 @@ class _Check:
         if job in HOVERING:
             return hover_verdict(job, model)
         assert job in ARM_JOBS
-        return self._jobs.verdict(job, blocked, self._spec if self._given else None)
+        return self._jobs.verdict(job, blocked, self._spec if self._by_spec else None)
 
 
 def _trim_said(trim: Trim) -> str:

@@ -416,7 +416,7 @@ def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
             )
 
 
-def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[VehicleFinding]:
+def arm_doubts(vehicle: Vehicle, force: TipForce, set_force: float) -> Iterator[VehicleFinding]:
     """Joints loaded by the arm's own weight, and a tip that bears less than the set force."""
     worst = int(np.argmax(force.load))
     if force.load[worst] > LOADED:
@@ -429,13 +429,13 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
             figure=float(force.load[worst]),
         )
 
-    if force.along < wanted:
+    if force.along < set_force:
         yield VehicleFinding(
             code="arm-weak",
             level="doubt",
             said=f"the tip bears {force.along:.0f} N along the tool in {READY_KEY} ({force.by} is "
             "the limit), the "
-            f"set force is {wanted:.0f} N",
+            f"set force is {set_force:.0f} N",
             figure=force.along,
         )
 

@@ -162,20 +162,22 @@ class ArmJobs:
             scenario, site=site, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool)
         )
 
-    def verdict(self, name: str, blocked: float, given: mujoco.MjSpec | None = None) -> JobVerdict:
+    def verdict(
+        self, name: str, blocked: float, override: mujoco.MjSpec | None = None
+    ) -> JobVerdict:
         """Verdict on a job.
 
         Args:
             name: Of the job.
             blocked: Share of the camera's view that is on the vehicle itself.
-            given: Spec of the vehicle in place of the one that its name stands for.
+            override: Spec of the vehicle in place of the one that its name stands for.
         """
         scenario = self.scenario(name)
         task = scenario.task
         setup = scenario.vehicle
 
         try:
-            vehicle = setup.vehicle if given is None else given
+            vehicle = setup.vehicle if override is None else override
             spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
             model = spec.compile()
             lacking = lacks(model, task.spares)

@@ -191,9 +191,9 @@ def _table(
         )
 
     columns: dict[str, Any] = {"episode": [number] * count, "step": list(range(count))}
-    for name, value in episode.last.items():
+    for name, sample in episode.last.items():
         columns[name] = lists(
-            [observation[name] for observation in observations], int(np.size(value))
+            [observation[name] for observation in observations], int(np.size(sample))
         )
     columns["action"] = lists(
         [*(action for _, action, _ in moments), None], int(np.size(moments[0][1]))

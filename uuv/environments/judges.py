@@ -125,6 +125,7 @@ class PressedAt:
         bounds = self._at.bounds
         error = self._error
 
+        # Beyond a bound the time begins anew.
         peak = force_peak(touch.least, touch.most, at.force)
         if peak > bounds.force_error_max or touch.deviation > bounds.path_deviation:
             error.start()
@@ -175,6 +176,8 @@ class WipedAlong:
         end = float(self._along.path.s[-1])
         bound = along.bounds.path_deviation
         s = touch.s
+
+        # The work begins at the path's start.
         if not self._begun:
             at_start = s < (1.0 - self.REACHED) * end + bound
             self._begun = touch.normal > 0.5 * along.force and at_start
@@ -182,6 +185,7 @@ class WipedAlong:
         if self.done or self.failed:
             return
 
+        # Force and progress; deviations count once the force has settled.
         wrong = error.add(touch.normal, touch.least, touch.most, dt)
         if s > self.s and s < self.s + 10.0 * bound:  # no leap across a bend
             self.s = s

@@ -226,8 +226,8 @@ class Experiment(Generic[Case, Outcome]):
         except UuvError as error:
             if self._failed is not None:  # the error has a column of its own
                 raise
-            values = ", ".join(f"{key} {shown(value)}" for key, value in vars_of(case).items())
-            raise ConfigurationError(f"experiment {self.name}, {values}: {error}") from error
+            listed = ", ".join(f"{key} {shown(value)}" for key, value in vars_of(case).items())
+            raise ConfigurationError(f"experiment {self.name}, {listed}: {error}") from error
 
     def summary(self, rows: Sequence[Row]) -> Summary:
         """The page for some rows.

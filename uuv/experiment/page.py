@@ -331,14 +331,14 @@ class _Bound:
         if not numbers:
             return PagePart(failed=[f"{statistic.label}: no row"])
 
-        value = next(iter(numbers.values()))
-        if self.least <= value <= self.most:
+        figure = next(iter(numbers.values()))
+        if self.least <= figure <= self.most:
             return PagePart(failed=[])
-        word = "at most" if value > self.most else "at least"
-        bound = self.most if value > self.most else self.least
+        word = "at most" if figure > self.most else "at least"
+        bound = self.most if figure > self.most else self.least
         return PagePart(
             failed=[
-                f"{statistic.label}: {statistic.amount(value)}, {word} {statistic.amount(bound)} "
+                f"{statistic.label}: {statistic.amount(figure)}, {word} {statistic.amount(bound)} "
                 "is allowed"
             ]
         )

@@ -100,8 +100,8 @@ class RowTable:
         """Makes the columns wide enough for new rows, in all files if there are some."""
         kinds = dict(self._kinds)
         for row in rows:
-            for name, value in _flat(row):
-                kinds[name] = _wider(kinds[name], _kind(value)) if name in kinds else _kind(value)
+            for name, entry in _flat(row):
+                kinds[name] = _wider(kinds[name], _kind(entry)) if name in kinds else _kind(entry)
 
         if kinds == self._kinds:
             return
@@ -162,11 +162,11 @@ class RowTable:
         fields, columns = [], []
 
         for name, kind in self._kinds.items():
-            values = [row.get(name) for row in flat]
+            cells = [row.get(name) for row in flat]
             if kind is None:
-                values = [json.dumps(row[name]) if name in row else None for row in flat]
+                cells = [json.dumps(row[name]) if name in row else None for row in flat]
             fields.append(pa.field(name, kind or pa.string(), metadata=None if kind else _JSON))
-            columns.append(pa.array(values, fields[-1].type))
+            columns.append(pa.array(cells, fields[-1].type))
 
         return pa.table(columns, pa.schema(fields, {_VERSION_KEY: str(SCHEMA_VERSION).encode()}))
 

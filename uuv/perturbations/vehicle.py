@@ -29,11 +29,11 @@ class _Spread(Perturbation):
     def __post_init__(self) -> None:
         for field in fields(self):
             name = f"{type(self).__name__} {field.name}"
-            value = getattr(self, field.name)
+            spread = getattr(self, field.name)
             if field.name in self.signed:
-                finite_number(value, name)
-            elif not 0.0 <= finite_number(value, name) < 1.0:
-                raise ConfigurationError(f"{name}: must be in [0, 1), got {value}")
+                finite_number(spread, name)
+            elif not 0.0 <= finite_number(spread, name) < 1.0:
+                raise ConfigurationError(f"{name}: must be in [0, 1), got {spread}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,15 +35,15 @@ def check(
     Raises:
         ConfigurationError: It has no quick subset, or its command failed.
     """
-    values = dict(experiment.quick)
-    if not values:
+    options = dict(experiment.quick)
+    if not options:
         raise ConfigurationError(f"experiment {experiment.name}: declares no quick subset")
     if data is not None and experiment.needs_data:
-        values["data"] = data
+        options["data"] = data
 
     with tempfile.TemporaryDirectory(prefix="uuv_check_") as home:
         folder = Path(home) / experiment.name
-        words = words_of(experiment.options_with(values))
+        words = words_of(experiment.options_with(options))
         command = [sys.executable, str(file_of(experiment)), *words, "--workers", str(workers)]
         run = subprocess.run(
             [*command, "--out", str(folder)], capture_output=True, text=True, check=False

@@ -228,7 +228,7 @@ def _seen_from(
     starts = columns[None, :, None] * right + rows[:, None, None] * up + (z.max() + 0.1) * way
     hit = scene.cast(starts.reshape(-1, 3), np.broadcast_to(-way, (starts.size // 3, 3)))
 
-    value = np.full(len(hit["t"]), np.nan)
+    deviation = np.full(len(hit["t"]), np.nan)
     met = np.isfinite(hit["t"])
-    value[met] = mesh.deviation[mesh.triangles[hit["triangle"][met]]].mean(axis=1)
-    return value.reshape(len(rows), len(columns)), (low[0], high[0], low[1], high[1])
+    deviation[met] = mesh.deviation[mesh.triangles[hit["triangle"][met]]].mean(axis=1)
+    return deviation.reshape(len(rows), len(columns)), (low[0], high[0], low[1], high[1])

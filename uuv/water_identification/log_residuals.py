@@ -187,7 +187,7 @@ class LogReplay:
         at = np.searchsorted(self.begin, channel.time, side="right") - 1
         ends = self.begin + self.steps * self._dt
         inside = (at >= 0) & (channel.time <= ends[np.maximum(at, 0)] - 1e-9)
-        at, time, values = at[inside], channel.time[inside], channel.values[inside]
+        at, time, samples = at[inside], channel.time[inside], channel.values[inside]
 
         # Cells of the settings' rate, in each window.
         together = max(1, round(1.0 / (rate * float(np.median(np.diff(channel.time))))))
@@ -198,8 +198,8 @@ class LogReplay:
             key, return_index=True, return_inverse=True, return_counts=True
         )
 
-        mean = np.zeros((len(first), values.shape[1]))
-        np.add.at(mean, of, values)
+        mean = np.zeros((len(first), samples.shape[1]))
+        np.add.at(mean, of, samples)
         when = np.bincount(of, time) / count if len(first) else np.zeros(0)
         mean /= count[:, None]
 
@@ -593,7 +593,7 @@ def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
     channel = log.channels[kind]
     begin, end = next(part for part in log.segments() if part[0] - 1e-9 <= t <= part[1] + 1e-9)
     inside = np.flatnonzero((channel.time >= begin - 1e-9) & (channel.time <= end + 1e-9))
-    dt, values = channel.time[inside] - t, channel.values[inside]
+    dt, samples = channel.time[inside] - t, channel.values[inside]
 
     if not len(dt) or dt[0] > _SMOOTHED or dt[-1] < -_SMOOTHED:
         return None
@@ -601,15 +601,15 @@ def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
     chosen = np.abs(dt) <= _SMOOTHED + 1e-9
     if chosen.sum() < 4:
         chosen = np.argsort(np.abs(dt))[:4]
-    return dt[chosen], values[chosen]
+    return dt[chosen], samples[chosen]
 
 
 def _line(samples: tuple[Array, Array]) -> tuple[Array, Array]:
     """Value and slope at 0 of a quadratic through samples."""
-    dt, values = samples
+    dt, y = samples
     degree = min(2, len(dt) - 1)
-    c = np.linalg.lstsq(np.vander(dt, degree + 1, increasing=True), values, rcond=None)[0]
-    return c[0], c[1] if degree else np.zeros(values.shape[1])
+    c = np.linalg.lstsq(np.vander(dt, degree + 1, increasing=True), y, rcond=None)[0]
+    return c[0], c[1] if degree else np.zeros(y.shape[1])
 
 
 def _start(log: WaterLog, t: float) -> Array:
@@ -634,8 +634,8 @@ def _start(log: WaterLog, t: float) -> Array:
     if (position := _near(log, POSITION, t)) is not None:
         state[:3], state[7:10] = _line(position)
     elif (depth := _near(log, DEPTH, t)) is not None:
-        value, slope = _line(depth)
-        state[2], state[9] = -value[0], -slope[0]
+        z, slope = _line(depth)
+        state[2], state[9] = -z[0], -slope[0]
 
     if (velocity := _near(log, VELOCITY, t)) is not None:
         state[7:10] = R.apply(_line(velocity)[0])

@@ -108,8 +108,8 @@ class RunScene:
         every = np.searchsorted(past.numbers("time"), self.time)
         hull = [past.numbers(f"p_WB.{axis}") for axis in "xyz"]
         hull += [past.numbers(f"quat_WB_wxyz.{part}") for part in "wxyz"]
-        for values in (self._q, *hull):
-            if not (np.abs(values) < FARTHEST).all():
+        for series in (self._q, *hull):
+            if not (np.abs(series) < FARTHEST).all():
                 raise ConfigurationError(
                     f"{past.folder}: a recorded pose is not finite, or beyond {FARTHEST:g} m"
                 )

@@ -88,6 +88,7 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
     if _weighs(links[robot.root]):
         return robot, notes
 
+    # MuJoCo needs a mass at the root: it may take that of a link fixed to it.
     for joint in robot.xml.findall("joint"):
         child = links[_end(joint, "child")]
         fixed = joint.get("type") == "fixed" and _end(joint, "parent") == robot.root
@@ -119,6 +120,7 @@ def _missing_meshes(xml: Element, folder: Path) -> Iterator[str]:
             mesh = shape.find("geometry/mesh")
             if mesh is None:
                 continue
+
             filename = mesh.get("filename", "")
             readable = Path(filename).suffix.lower() in urdf.MESHES
             path = urdf.mesh_file(filename, folder) if readable else None
@@ -127,6 +129,7 @@ def _missing_meshes(xml: Element, folder: Path) -> Iterator[str]:
                 link.remove(shape)
             else:
                 mesh.set("filename", str(path))
+
     if missing:
         endings = ", ".join(urdf.MESHES)
         yield f"meshes left out, not found or not of {endings}: {', '.join(sorted(missing))}"
@@ -144,6 +147,7 @@ def _held_joints(xml: Element) -> Iterator[str]:
             limit = joint.find("limit")
             limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
             limit.attrib.update({"lower": str(-np.pi), "upper": str(np.pi)})
+
     if held:
         yield f"joints held at zero, mimic, floating or planar: {', '.join(held)}"
 

@@ -74,6 +74,8 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
         if mass <= 0.0 or not inertia[2] > 0.0:
             continue
+
+        # The largest moment is at most the sum of the others.
         if inertia[2] > 1.001 * (inertia[0] + inertia[1]):
             yield VehicleFinding(
                 code="inertia",
@@ -84,6 +86,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 figure=float(inertia[2]),
             )
 
+        # The radius of gyration against the size of its shapes.
         extent = max(
             (
                 float(np.linalg.norm(model.geom_pos[g] - model.body_ipos[b]))
@@ -109,6 +112,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Missing and implausible coefficients, and the room of the time step."""
+    # Bodies with mass and no water; what is welded to a watered one counts with it.
     watered = {
         int(model.body_weldid[b])
         for b in range(1, model.nbody)
@@ -230,6 +234,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
     if not B.size:
         return
 
+    # Directions that no thruster drives: the rest of the left singular vectors.
     rank = int(np.linalg.matrix_rank(B, tol=1e-6))
     if rank < 6:
         missing = [

@@ -66,20 +66,23 @@ def touched(
     series: list[Array] = []
     places: list[Array] = []
     for _ in range(PLACES_TRIED):
+        # A point well apart from the others, with the tool along the way.
         q = rng.uniform(bounds[:, 0], bounds[:, 1])
         p = arm.tips(q[None], tcp)[0]
-        # Touches have flange directions of their own. A point reached with a posture far from the
-        # limits takes many.
         if any(float(np.linalg.norm(p - other)) < apart for other in places):
             continue
         if arm.flange(q[None])[0, :3, 2] @ np.asarray(way) < np.cos(CONE):
             continue
+
+        # Touches have flange directions of their own. A point reached with a posture far from the
+        # limits takes many.
         try:
             series += simulation.touch(
                 arm, tcp, rng, points=p[None], touches=touches, noise=noise, postures=postures
             )
         except ReachError:
             continue
+
         places.append(p)
         if len(places) == points:
             return series, np.array(places)

@@ -387,7 +387,7 @@ def identify(
     rows = np.concatenate([offsets[i] + touches.kept[i] for i in touches.live])
     data = Data(
         q=q,
-        starts=np.cumsum([0, *(len(each) for each in used[:-1])]),
+        starts=np.cumsum([0, *(len(q_series) for q_series in used[:-1])]),
         distances=_checked_distances(distances, touches.live, len(counts)),
         load=None if bound is None else bound.at(q, rows),
         weights=np.ones(len(q)),
@@ -426,7 +426,9 @@ def _map_fit(
     how: MapFit,
 ) -> tuple[Fit, Data, Parameters]:
     """Maximum a posteriori estimate: fit, data with outliers at weight 0, free parameters."""
-    arm, mean, elastic = observed.arm, observed.mean, observed.loads is not None
+    arm = observed.arm
+    mean = observed.mean
+    elastic = observed.loads is not None
     default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
     try:
         words: list[str] = (
@@ -447,7 +449,7 @@ def _map_fit(
     solver = (
         solve_robustly
         if how.robust
-        else lambda *given, **options: (solve(*given, **options), given[0].data)
+        else lambda *arguments, **options: (solve(*arguments, **options), arguments[0].data)
     )
 
     def run(chosen: Parameters, on: Data) -> tuple[Fit, Data]:
@@ -467,9 +469,9 @@ def _map_fit(
     named = free is not None and any(word.startswith("beta") for word in words)
     if len(betas) and not named and not np.any(mean[parameters.index[betas]]):
         # Betas that are not significant are dropped, and the rest estimated anew.
-        found = fit.full[parameters.index[betas]]
-        chance = found @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], found)
-        if chance < chi2.isf(_BETA_LEVEL, len(betas)):
+        estimated = fit.full[parameters.index[betas]]
+        significance = estimated @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], estimated)
+        if significance < chi2.isf(_BETA_LEVEL, len(betas)):
             parameters = parameters.only(np.setdiff1d(np.arange(len(parameters.names)), betas))
             fit, used = run(parameters, data)
 
@@ -486,7 +488,7 @@ def _checked_distances(
     """Known distances between series in use, by their index among those, each with a deviation."""
     out = []
     try:
-        rows = [tuple(given) for given in distances]
+        rows = [tuple(entry) for entry in distances]
     except TypeError as error:
         raise ConfigurationError(
             f"distances: expected (i, j, length[, deviation]), got {shown(distances)}"
@@ -521,7 +523,8 @@ def _assemble(
     observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]
 ) -> Calibration:
     arm, mean, bound = observed.arm, observed.mean, observed.loads
-    touches, kept, live = observed.touches.series, observed.touches.kept, observed.touches.live
+    touches, live = observed.touches.series, observed.touches.live
+    places_used = observed.touches.kept
     n, size = arm.n, ROW * arm.n
     identified = arm.with_table(fit.full[:size].reshape(n, ROW))
     tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]
@@ -539,21 +542,22 @@ def _assemble(
     offsets = np.cumsum([0, *(len(q) for q in touches)])
 
     # Points as means of the touches in use, and the distance of every touch.
-    points, residuals, outliers = np.empty((len(touches), 3)), [], []
+    points = np.empty((len(touches), 3))
+    residuals, outliers = [], []
     weights = [np.zeros(len(q)) for q in touches]
 
     for s, i in enumerate(live):
-        weights[i][kept[i]] = data.weights[data.series == s]
+        weights[i][places_used[i]] = data.weights[data.series == s]
     weight = {i: data.weights[data.series == s] > 0.0 for s, i in enumerate(live)}
 
     for i, q in enumerate(touches):
         mine = tips[offsets[i] : offsets[i] + len(q)]
-        places = kept[i][weight[i]] if i in live and weight[i].any() else np.arange(len(q))
+        places = places_used[i][weight[i]] if i in live and weight[i].any() else np.arange(len(q))
         points[i] = mine[places].mean(axis=0)
         residuals.append(readonly(np.linalg.norm(mine - points[i], axis=1)))
 
         if i in live:
-            left_out = kept[i][~weight[i]]
+            left_out = places_used[i][~weight[i]]
             outliers += [
                 Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out
             ]
@@ -562,16 +566,14 @@ def _assemble(
     if data.degrees - fit.effective < LEAST_FREEDOM:
         warnings.append(
             f"{len(data.q)} touches leave {data.degrees - fit.effective:.2g} degrees of freedom: "
-            "the fit proves "
-            f"nothing, and a noise of {1e3 * fit.noise:.2g} mm is taken"
+            f"the fit proves nothing, and a noise of {1e3 * fit.noise:.2g} mm is taken"
         )
     warnings += [f"left out, for it does not belong: {outlier}" for outlier in outliers]
 
     if fit.noise > _FAR_OFF:
         warnings.append(
             f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not "
-            "of this arm, or its "
-            "table, joint signs or zeros are wrong"
+            "of this arm, or its table, joint signs or zeros are wrong"
         )
 
     moved = np.abs(fit.full - mean)[dh_numbers.index[:-3]]
@@ -583,8 +585,7 @@ def _assemble(
         amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
         warnings.append(
             f"the arm found is far from the nominal one ({dh_numbers.names[k]} by {amount}): are "
-            "the table, the joint "
-            "signs and the joint zeros right?"
+            "the table, the joint signs and the joint zeros right?"
         )
 
     warnings += _at_the_bound(arm, parameters, fit)
@@ -602,7 +603,7 @@ def _assemble(
         # of every point and touch
         points=readonly(points),
         residuals=tuple(residuals),
-        weights=tuple(readonly(each) for each in weights),
+        weights=tuple(readonly(w) for w in weights),
         outliers=tuple(outliers),
         estimate=Estimate(
             parameters=parameters,
@@ -639,9 +640,8 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
 
     return [
         f"the arm found is far from the nominal one: its {', '.join(bounds)} and more, beyond "
-        "which arms are not made "
-        "and the prior is held; are the table, the joint signs and the joint zeros right? (a "
-        "prior may be stated)"
+        "which arms are not made and the prior is held; are the table, the joint signs and the "
+        "joint zeros right? (a prior may be stated)"
     ]
 
 

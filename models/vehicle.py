@@ -166,6 +166,8 @@ def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
     """
     X = np.eye(4)
     at = body
+
+    # Up the tree, as long as nothing moves in between.
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
             raise ConfigurationError(
@@ -204,6 +206,7 @@ def _free_joint(model: mujoco.MjModel, hull: int) -> int:
         raise ConfigurationError(
             f"body {model.body(hull).name!r} must have exactly one joint, a free joint"
         )
+
     if not np.array_equal(body_in_body(model, hull, at), np.eye(4)):
         raise ConfigurationError(
             f"body {model.body(hull).name!r} must lie on its free joint, without an offset"

@@ -83,7 +83,7 @@ class KernelJob:
             raise UuvError(f"list of kernels: {self.kernel} is not there; {anew}") from error
 
     def _types(self) -> tuple[Any, ...]:
-        return tuple(decoded(each) for each in self.takes or ())
+        return tuple(decoded(described) for described in self.takes or ())
 
 
 @cache
@@ -108,9 +108,9 @@ def encoded(kind: Any) -> Any:
     # A named tuple is a tuple too: it comes first.
     if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
         of = kind.instance_class
-        return {f"{of.__module__}:{of.__qualname__}": [encoded(each) for each in kind.types]}
+        return {f"{of.__module__}:{of.__qualname__}": [encoded(inner) for inner in kind.types]}
     if isinstance(kind, (types.Tuple, types.UniTuple)):
-        return [encoded(each) for each in kind.types]
+        return [encoded(inner) for inner in kind.types]
     if isinstance(kind, RecordBoxType):
         return {"box": encoded(kind.field_dict["record"])}
     if isinstance(kind, types.Literal):
@@ -128,7 +128,7 @@ def decoded(value: Any) -> Any:
     if isinstance(value, str):
         return getattr(types, {"bool": "boolean"}.get(value, value))
     if isinstance(value, list):
-        return types.BaseTuple.from_types([decoded(each) for each in value])
+        return types.BaseTuple.from_types([decoded(inner) for inner in value])
 
     ((word, inner),) = value.items()
     if word == "record":
@@ -141,7 +141,7 @@ def decoded(value: Any) -> Any:
     if ":" in word:
         module, name = word.split(":")
         return types.BaseTuple.from_types(
-            [decoded(each) for each in inner], getattr(importlib.import_module(module), name)
+            [decoded(entry) for entry in inner], getattr(importlib.import_module(module), name)
         )
 
     *flags, form = word.split()
@@ -282,7 +282,8 @@ def _progress(seconds: Mapping[int, float], workers: int) -> Iterator[Callable[[
 
     about = max(whole / workers, 1.0)
     began = time.monotonic()
-    done, ended = [], threading.Event()
+    done = []
+    ended = threading.Event()
 
     def say_on() -> None:
         while not ended.wait(SILENCE):
@@ -305,7 +306,7 @@ def _say(message: str) -> None:
 
 def _in_order(
     rows: Sequence[KernelJob],
-    wanted: Collection[int],
+    chosen: Collection[int],
     submit: Callable[[int], Future[bool]],
     most: int,
 ) -> Iterator[tuple[int, bool]]:
@@ -319,7 +320,7 @@ def _in_order(
         for before in rows[row].after:
             longest[before] = max(longest[before], rows[before].seconds + longest[row])
 
-    left = set(wanted)
+    left = set(chosen)
     done = set(range(len(rows))) - left
     running = dict[Future[bool], int]()
 
@@ -339,9 +340,12 @@ def kernels() -> Iterator[tuple[str, Any]]:
     """All kernels of the project that are imported, with their names module:name."""
     for module in list(sys.modules.values()):
         if getattr(module, "__name__", "").partition(".")[0] == PACKAGE:
-            for name, value in list(vars(module).items()):
-                if isinstance(value, CPUDispatcher) and value.py_func.__module__ == module.__name__:
-                    yield f"{module.__name__}:{name}", value
+            for name, member in list(vars(module).items()):
+                if (
+                    isinstance(member, CPUDispatcher)
+                    and member.py_func.__module__ == module.__name__
+                ):
+                    yield f"{module.__name__}:{name}", member
 
 
 def _work() -> None:

@@ -92,9 +92,9 @@ def _search(spec: mujoco.MjSpec) -> PostureSearch | None:
         return None
 
 
-def _add_key(spec: mujoco.MjSpec, search: PostureSearch, name: str, found: FoundPosture) -> None:
+def _add_key(spec: mujoco.MjSpec, search: PostureSearch, name: str, posture: FoundPosture) -> None:
     qpos = np.array(search.model.qpos0)
-    qpos[search.vehicle.qpos] = found.q
+    qpos[search.vehicle.qpos] = posture.q
     spec.add_key(name=name, qpos=qpos)
 
 

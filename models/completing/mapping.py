@@ -145,24 +145,24 @@ def _check_root(spec: mujoco.MjSpec, hull: mujoco.MjsBody, before: str | None, n
         )
 
 
-def _missing(name: str, kind: str, wanted: str, there: list[str]) -> ConfigurationError:
+def _missing(name: str, kind: str, sought: str, names: list[str]) -> ConfigurationError:
     return ConfigurationError(
-        f"{name}: the model has no {kind} {wanted!r}; it has "
-        f"{', '.join(filter(None, there)) or 'none with a name'}"
-        f"{did_you_mean(wanted, there)}"
+        f"{name}: the model has no {kind} {sought!r}; it has "
+        f"{', '.join(filter(None, names)) or 'none with a name'}"
+        f"{did_you_mean(sought, names)}"
     )
 
 
-def _body(spec: mujoco.MjSpec, wanted: str, name: str, hull: str | None = None) -> mujoco.MjsBody:
+def _body(spec: mujoco.MjSpec, sought: str, name: str, hull: str | None = None) -> mujoco.MjsBody:
     bodies = [body for body in spec.bodies if body.name != "world"]
-    if hull is not None and wanted == hull:
+    if hull is not None and sought == hull:
         raise ConfigurationError(
-            f"{name}: arm_base: must be a body of its own, fixed to the hull, got {wanted!r}"
+            f"{name}: arm_base: must be a body of its own, fixed to the hull, got {sought!r}"
         )
     for body in bodies:
-        if body.name == wanted:
+        if body.name == sought:
             return body
-    raise _missing(name, "body", wanted, [body.name for body in bodies])
+    raise _missing(name, "body", sought, [body.name for body in bodies])
 
 
 def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
@@ -197,15 +197,15 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
             actuator.target = to
 
 
-def _rename_geom(spec: mujoco.MjSpec, wanted: str, name: str) -> None:
-    geom = next((geom for geom in spec.geoms if geom.name == wanted), None)
+def _rename_geom(spec: mujoco.MjSpec, sought: str, name: str) -> None:
+    geom = next((geom for geom in spec.geoms if geom.name == sought), None)
     if geom is None:
-        raise _missing(name, "geom", wanted, [geom.name for geom in spec.geoms])
+        raise _missing(name, "geom", sought, [geom.name for geom in spec.geoms])
     geom.name = TOOL_GEOM
 
     for pair in spec.pairs:
-        pair.geomname1 = TOOL_GEOM if pair.geomname1 == wanted else pair.geomname1
-        pair.geomname2 = TOOL_GEOM if pair.geomname2 == wanted else pair.geomname2
+        pair.geomname1 = TOOL_GEOM if pair.geomname1 == sought else pair.geomname1
+        pair.geomname2 = TOOL_GEOM if pair.geomname2 == sought else pair.geomname2
 
 
 def _add_site(

@@ -220,6 +220,7 @@ def attach_tree(
         _check_names(sections.bodies, bodies, "body")
         _check_names(sections.thrusters, actuators, "actuator")
 
+        # Water and thrusters are read whole before any of them is written.
         wet = {}
         driven = {}
         for name, entry in sections.bodies.items():
@@ -392,8 +393,8 @@ class _Sections:
     thrusters: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _check_names(given: Mapping[str, Any], known: Mapping[str, Any], kind: str) -> None:
-    for name in given:
+def _check_names(entries: Mapping[str, Any], known: Mapping[str, Any], kind: str) -> None:
+    for name in entries:
         if name not in known:
             near = did_you_mean(name, known) or f"; there are {', '.join(known)}"
             raise ConfigurationError(f"unknown {kind} {shown(name)}{near}")
@@ -418,6 +419,7 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes and "volume" not in entry:
         raise ConfigurationError(f"{where}: volume or a shape ({', '.join(SHAPES)}) is missing")
 
+    # Fields of the body; of a matrix the diagonal is enough.
     stated = {name: figure for name, figure in entry.items() if name not in SHAPES}
     for name in ("added_mass", "linear_damping"):
         if name in stated:
@@ -427,6 +429,7 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes:
         return _READER.made(BodyHydrodynamics, stated, where)
 
+    # The shape's coefficients, which the fields replace.
     shape = shapes[0]
     path = inside(where, shape)
     density = {} if water_density is None else {_DENSITY: water_density}
@@ -446,6 +449,7 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     Raises:
         ConfigurationError: another form, or fields beside the name of what makes the thruster.
     """
+    # A form: one key with its fields below.
     if kind is Form:
         _READER.check_keys(table, _FORM_MAKERS, where)
         if len(table) != 1:
@@ -456,6 +460,7 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     if kind is not Thruster:
         return kind, table, where
 
+    # A thruster: by what makes it, or by its own fields.
     makers = [name for name in table if name in _THRUSTER_MAKERS]
     if makers and len(table) > 1:
         got = ", ".join(table)
@@ -517,11 +522,11 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
 # -- writing ---------------------------------------------------------------------------------------
 
 
-def _written(thing: Any) -> dict[str, Any]:
+def _written(record: Any) -> dict[str, Any]:
     """Fields of a dataclass that differ from their defaults: plain numbers, rows and mappings."""
     tree = {}
-    for entry in fields(thing):
-        content = getattr(thing, entry.name)
+    for entry in fields(record):
+        content = getattr(record, entry.name)
         if entry.name == "linear_damping" and _same(content, np.diag(np.diag(content))):
             content = np.diag(content)
 

@@ -118,6 +118,7 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
     if _weighs(links[robot.root]):
         return robot, notes
 
+    # MuJoCo needs a mass at the root: it may take that of a link fixed to it.
     for joint in robot.xml.findall("joint"):
         child = links[_end(joint, "child")]
         fixed = joint.get("type") == "fixed" and _end(joint, "parent") == robot.root

@@ -186,17 +186,21 @@ def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[
     return _compiling(spec, robot.name), notes
 
 
-def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
+def _compiling(spec: mujoco.MjSpec, message: str) -> mujoco.MjSpec:
     """`spec` if MuJoCo compiles it, else with the inertia of its meshes' surfaces, maybe open."""
     try:
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         if "inertia of moving bodies" in str(error):
             raise ConfigurationError(
-                f"{said}: each link that moves needs an <inertial>: {_line(error)}"
+                f"{message}: each link that moves needs an <inertial>: {_line(error)}"
             ) from error
+
+        # Meshes that are not closed have no volume; their surfaces have an inertia.
         if "mesh" not in str(error):
-            raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(error)}") from error
+            raise ConfigurationError(
+                f"{message}: MuJoCo cannot compile it: {_line(error)}"
+            ) from error
 
         for mesh in spec.meshes:
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
@@ -204,7 +208,7 @@ def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
             spec.compile()
         except (ValueError, mujoco.FatalError) as second:
             raise ConfigurationError(
-                f"{said}: MuJoCo cannot compile it: {_line(second)}"
+                f"{message}: MuJoCo cannot compile it: {_line(second)}"
             ) from second
     return spec
 

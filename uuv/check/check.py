@@ -78,7 +78,7 @@ def check_vehicle(
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
         arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow)
-        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)
+        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, by_spec=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
     name = vehicle.modelname or "vehicle"
@@ -86,28 +86,28 @@ def check_vehicle(
     try:
         spec = vehicle_spec(vehicle, tool, file)
     except UuvError as error:
-        said = " ".join(str(error).split())
-        code = "inertia" if "inertia" in said else "contract"
+        message = " ".join(str(error).split())
+        code = "inertia" if "inertia" in message else "contract"
         return VehicleCheck(
-            vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),)
+            vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=message),)
         )
 
     return _Check(
-        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), given=True
+        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), by_spec=True
     ).run(jobs)
 
 
 class _Check:
     """The check while it is made."""
 
-    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, given: bool) -> None:
-        self._name, self._spec, self._jobs, self._given = name, spec, arm_jobs, given
+    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, by_spec: bool) -> None:
+        self._name, self._spec, self._jobs, self._by_spec = name, spec, arm_jobs, by_spec
         self._findings: list[VehicleFinding] = []
         self._figures: list[VehicleFigure] = []
 
     def run(self, jobs: Sequence[str]) -> VehicleCheck:
         """All findings."""
-        there = self._parts()
+        rows = self._parts()
         wet = self._compiled()
         model = wet if wet is not None else self._spec.compile()
         vehicle = self._vehicle(model)
@@ -122,21 +122,22 @@ class _Check:
         verdicts = tuple(self._verdict(job, model, usable, blocked) for job in jobs)
         return VehicleCheck(
             vehicle=self._name,
-            parts=tuple(there),
+            parts=tuple(rows),
             figures=tuple(self._figures),
             findings=tuple(self._findings),
             jobs=verdicts,
         )
 
     def _parts(self) -> list[VehiclePart]:
-        added, found = computed(self._spec), []
+        added = computed(self._spec)
+        rows = []
 
-        for word, name, use, there in parts(self._spec.compile()):
-            state = "computed" if name in added else "there" if there else "missing"
-            found.append(
+        for word, name, use, present in parts(self._spec.compile()):
+            state = "computed" if name in added else "there" if present else "missing"
+            rows.append(
                 VehiclePart(name=f"{word} {name}", use=use, state=state, said=added.get(name, ""))
             )
-            if not there:
+            if not present:
                 self._note(
                     "missing",
                     "doubt",
@@ -145,19 +146,19 @@ class _Check:
                     else "thrusters (hold the hull)",
                 )
 
-        if any(part.state == "missing" for part in found):
-            said = (
+        if any(part.state == "missing" for part in rows):
+            hint = (
                 "the model's own names for what is missing go into NAME.parts.yaml beside it, see "
                 "docs/own_vehicle.md"
             )
-            self._note("mapping", "note", said)
+            self._note("mapping", "note", hint)
 
         for name, line in added.items():
             self._note(f"computed-{name}" if not name.startswith("note") else "file", "note", line)
-        return found
+        return rows
 
-    def _note(self, code: str, level: Level, said: str) -> None:
-        self._findings.append(VehicleFinding(code=code, level=level, said=said))
+    def _note(self, code: str, level: Level, message: str) -> None:
+        self._findings.append(VehicleFinding(code=code, level=level, said=message))
 
     def _compiled(self) -> mujoco.MjModel | None:
         """The wet model; None, and a fault, if the water cannot act on it."""
@@ -166,16 +167,16 @@ class _Check:
                 warnings.simplefilter("ignore", PhysicsWarning)  # its doubts are findings here
                 return hydrodynamics.compile(self._spec.copy())
         except HydrodynamicsError as error:
-            said = str(error)
+            message = str(error)
             code = (
                 "timestep"
-                if said.startswith("timestep")
+                if message.startswith("timestep")
                 else "density"
-                if "volume" in said
+                if "volume" in message
                 else "water"
             )
 
-            self._note(code, "fault", said)
+            self._note(code, "fault", message)
             if code == "density":
                 self._densities()
         except UuvError as error:
@@ -193,8 +194,8 @@ class _Check:
             self._note("contract", "fault", str(error))
             return None
 
-    def _figure(self, name: str, said: str) -> None:
-        self._figures.append(VehicleFigure(name=name, said=said))
+    def _figure(self, name: str, text: str) -> None:
+        self._figures.append(VehicleFigure(name=name, said=text))
 
     def _described(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> None:
         """Trim, thrust and step, and doubts about them."""
@@ -204,13 +205,15 @@ class _Check:
         self._findings += doubts.thruster_doubts(vehicle)
         if wet:
             doubted = [
-                each.said.partition(":")[0] for each in self._findings if each.code == "inertia"
+                finding.said.partition(":")[0]
+                for finding in self._findings
+                if finding.code == "inertia"
             ]
             self._findings += [
-                each
-                for each in doubts.water_doubts(model, vehicle)
+                finding
+                for finding in doubts.water_doubts(model, vehicle)
                 # told by the inertia
-                if each.code != "coefficients" or each.said.partition(":")[0] not in doubted
+                if finding.code != "coefficients" or finding.said.partition(":")[0] not in doubted
             ]
 
             self._findings += doubts.stiff_contact(model)
@@ -235,17 +238,17 @@ class _Check:
             self._figure("thrusters", f"{len(names)}, rank {rank} of 6: {', '.join(names)}")
 
             # Limits along each axis, and the current that they hold.
-            said = []
+            limits = []
             for i, axis in enumerate(AXES):
                 back, ahead = authority(vehicle, i)
                 unit, held = ("N", "") if i < 3 else ("N m", "")
                 if i < 3 and wet:
                     speed = strongest_current(model, vehicle, i, min(back, ahead))
                     held = f" ({speed:.2f} m/s)" if speed < FASTEST else f" (> {FASTEST:g} m/s)"
-                said.append(f"{axis} -{back:.0f} to {ahead:.0f} {unit}{held}")
+                limits.append(f"{axis} -{back:.0f} to {ahead:.0f} {unit}{held}")
 
-            self._figure("authority", "; ".join(said[:3]))
-            self._figure("", "; ".join(said[3:]))
+            self._figure("authority", "; ".join(limits[:3]))
+            self._figure("", "; ".join(limits[3:]))
 
         if wet:
             rate = doubts.drag_rate(model)
@@ -287,10 +290,10 @@ class _Check:
         self._findings += doubts.light_joints(model, vehicle)
 
         X_BC = doubts.camera_pose(model, vehicle)
-        seen = seen_workspace(search, X_BC)
+        share = seen_workspace(search, X_BC)
         self._figure(
             "reach",
-            f"{search.reach:.2f} m from the arm's base; {seen:.0%} of a ball of that "
+            f"{search.reach:.2f} m from the arm's base; {share:.0%} of a ball of that "
             "width before the camera",
         )
 
@@ -316,10 +319,10 @@ class _Check:
         self, job: str, model: mujoco.MjModel, vehicle: Vehicle | None, blocked: float
     ) -> JobVerdict:
         if vehicle is None:
-            faults = [each for each in self._findings if each.level == "fault"]
-            said = faults[0].said if faults else "no vehicle by the contract"
+            faults = [finding for finding in self._findings if finding.level == "fault"]
+            message = faults[0].said if faults else "no vehicle by the contract"
             code = faults[0].code if faults else "parts"
-            return JobVerdict(job=job, promised=False, code=code, said=said)
+            return JobVerdict(job=job, promised=False, code=code, said=message)
 
         if not vehicle.thruster_names:
             return JobVerdict(
@@ -335,7 +338,7 @@ class _Check:
         if job in HOVERING:
             return hover_verdict(job, model)
         assert job in ARM_JOBS
-        return self._jobs.verdict(job, blocked, self._spec if self._given else None)
+        return self._jobs.verdict(job, blocked, self._spec if self._by_spec else None)
 
 
 def _trim_said(trim: Trim) -> str:

@@ -52,11 +52,11 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
 
     angle = max(abs(trim.roll), abs(trim.pitch))
     if not angle <= LIST:  # NaN as well: it turns over
-        said = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
+        motion = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
         yield VehicleFinding(
             code="list",
             level="doubt",
-            said=f"at rest with the arm at home it {said}, at most {np.degrees(LIST):.0f} deg: "
+            said=f"at rest with the arm at home it {motion}, at most {np.degrees(LIST):.0f} deg: "
             "centre of buoyancy "
             f"{1e3 * trim.height:.0f} mm above that of mass and {1e3 * trim.apart:.0f} mm aside "
             "of it",
@@ -67,12 +67,15 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
 def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """Principal inertias that no body can have, or not one of its mass and size."""
     for b in range(1, model.nbody):
-        mass, name = float(model.body_mass[b]), model.body(b).name or f"body {b}"
+        mass = float(model.body_mass[b])
+        name = model.body(b).name or f"body {b}"
         inertia = np.sort(np.array(model.body_inertia[b]))
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
 
         if mass <= 0.0 or not inertia[2] > 0.0:
             continue
+
+        # The largest moment is at most the sum of the others.
         if inertia[2] > 1.001 * (inertia[0] + inertia[1]):
             yield VehicleFinding(
                 code="inertia",
@@ -83,6 +86,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 figure=float(inertia[2]),
             )
 
+        # The radius of gyration against the size of its shapes.
         extent = max(
             (
                 float(np.linalg.norm(model.geom_pos[g] - model.body_ipos[b]))
@@ -108,6 +112,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Missing and implausible coefficients, and the room of the time step."""
+    # Bodies with mass and no water; what is welded to a watered one counts with it.
     watered = {
         int(model.body_weldid[b])
         for b in range(1, model.nbody)
@@ -229,6 +234,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
     if not B.size:
         return
 
+    # Directions that no thruster drives: the rest of the left singular vectors.
     rank = int(np.linalg.matrix_rank(B, tol=1e-6))
     if rank < 6:
         missing = [
@@ -247,16 +253,16 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
         )
 
     # Thrusters that may be reversed: what each axis would gain by turning one round.
-    now = [max(authority(vehicle, axis)) for axis in range(6)]
+    as_built = [max(authority(vehicle, axis)) for axis in range(6)]
     for i, j in _against(B):
         turned = np.array(B)
         turned[:, i] *= -1.0
         then = [max(authority(vehicle, axis, turned)) for axis in range(6)]
-        axis = int(np.argmax(np.array(then) / np.maximum(now, 1e-6)))
+        axis = int(np.argmax(np.array(then) / np.maximum(as_built, 1e-6)))
         first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
 
         gain = (
-            f"{AXES[axis]} has {now[axis]:.0f}, with {first} turned round {then[axis]:.0f} "
+            f"{AXES[axis]} has {as_built[axis]:.0f}, with {first} turned round {then[axis]:.0f} "
             f"{'N' if axis < 3 else 'N m'}"
         )
 
@@ -264,8 +270,12 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             code="thruster-against-pair",
             level="doubt",
             said=f"thruster {first} pushes against its mirror image {second}: reversed? "
-            + (gain if then[axis] > 1.01 * now[axis] else "no axis would gain by turning it round"),
-            figure=now[axis],
+            + (
+                gain
+                if then[axis] > 1.01 * as_built[axis]
+                else "no axis would gain by turning it round"
+            ),
+            figure=as_built[axis],
         )
 
 
@@ -325,8 +335,10 @@ def posture_doubts(
             )
 
     # Joints that would touch less with the other sign of their axis.
-    now = search.share_touching()
-    turned = [search.share_touching(j) for j in range(len(low))] if now > OFTEN or touching else []
+    share = search.share_touching()
+    turned = (
+        [search.share_touching(j) for j in range(len(low))] if share > OFTEN or touching else []
+    )
     for j, then in enumerate(turned):
         freed = [
             key
@@ -334,15 +346,15 @@ def posture_doubts(
             if search.is_clear(q * np.where(np.arange(len(q)) == j, -1.0, 1.0))
         ]
 
-        if freed or (now > OFTEN and then < FLIPPED * now):
+        if freed or (share > OFTEN and then < FLIPPED * share):
             why = f"{' and '.join(freed)} would be clear, and " if freed else ""
             yield VehicleFinding(
                 code="axis-flipped",
                 level="doubt",
                 said=f"joint {vehicle.joint_names[j]}: its axis may be turned round; with the "
                 f"other sign {why}"
-                f"{then:.0%} of all postures would touch, now {now:.0%}",
-                figure=now,
+                f"{then:.0%} of all postures would touch, now {share:.0%}",
+                figure=share,
             )
 
 
@@ -409,7 +421,7 @@ def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
             )
 
 
-def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[VehicleFinding]:
+def arm_doubts(vehicle: Vehicle, force: TipForce, set_force: float) -> Iterator[VehicleFinding]:
     """Joints loaded by the arm's own weight, and a tip that bears less than the set force."""
     worst = int(np.argmax(force.load))
     if force.load[worst] > LOADED:
@@ -422,13 +434,13 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
             figure=float(force.load[worst]),
         )
 
-    if force.along < wanted:
+    if force.along < set_force:
         yield VehicleFinding(
             code="arm-weak",
             level="doubt",
             said=f"the tip bears {force.along:.0f} N along the tool in {READY_KEY} ({force.by} is "
             "the limit), the "
-            f"set force is {wanted:.0f} N",
+            f"set force is {set_force:.0f} N",
             figure=force.along,
         )
 

@@ -47,7 +47,8 @@ def hover(
         UuvError: The vehicle cannot be steered at all.
     """
     plant = Plant(model, current=Current(np.array(current_W)))
-    vehicle, true = plant.vehicle, plant.observe()
+    vehicle = plant.vehicle
+    true = plant.observe()
 
     # The arm holds its home posture; its weight is fed forward to the hull's control.
     q, none = np.array(vehicle.q_home), np.zeros(len(vehicle.joints))
@@ -56,7 +57,8 @@ def hover(
     arm_B = ArmDynamics(model).wrench_at_rest(q) if armed else np.zeros(6)
 
     control = HullControl(model, period=_PERIOD)
-    state, ticks = control.init(), max(1, round(_PERIOD / plant.timestep))
+    state = control.init()
+    ticks = max(1, round(_PERIOD / plant.timestep))
 
     drift = tilt = turn = rest = quiet = 0.0
     saturated = steps = 0

@@ -51,8 +51,8 @@ SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the sma
 
 def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
     """Verdict on station keeping, by simulation."""
-    kept = _hovering(model, HOVERING[name])
-    return replace(kept, job=name) if isinstance(kept, JobVerdict) else _kept(name, kept)
+    hovered = _hovering(model, HOVERING[name])
+    return replace(hovered, job=name) if isinstance(hovered, JobVerdict) else _kept(name, hovered)
 
 
 def _hovering(
@@ -65,18 +65,20 @@ def _hovering(
         return JobVerdict(job="hover", promised=False, code="thrust", said=str(error))
 
 
-def _kept(name: str, kept: HoverFigures) -> JobVerdict:
+def _kept(name: str, hovered: HoverFigures) -> JobVerdict:
     figures = (
-        f"{1e3 * kept.drift:.0f} mm off, {np.degrees(kept.tilt):.1f} deg, "
-        f"{kept.saturated:.0%} saturated"
+        f"{1e3 * hovered.drift:.0f} mm off, {np.degrees(hovered.tilt):.1f} deg, "
+        f"{hovered.saturated:.0%} saturated"
     )
 
-    if kept.said:
-        return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift)
+    if hovered.said:
+        return JobVerdict(
+            job=name, promised=False, code="hover", said=hovered.said, figure=hovered.drift
+        )
 
-    bounds = ((kept.drift, DRIFT), (kept.tilt, TILT), (kept.saturated, SATURATED))
+    bounds = ((hovered.drift, DRIFT), (hovered.tilt, TILT), (hovered.saturated, SATURATED))
     good = all(value <= most for value, most in bounds)
-    said = (
+    text = (
         figures
         if good
         else (
@@ -85,7 +87,7 @@ def _kept(name: str, kept: HoverFigures) -> JobVerdict:
     )
 
     return JobVerdict(
-        job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift
+        job=name, promised=good, code="ok" if good else "hover", said=text, figure=hovered.drift
     )
 
 
@@ -93,8 +95,9 @@ def restless(
     name: str, model: mujoco.MjModel, current: tuple[float, float, float]
 ) -> JobVerdict | None:
     """Refusal of a vehicle that does not keep station, or come to rest, in a job's current."""
-    kept, speed = _hovering(model, current), float(np.linalg.norm(current))
-    verdict = kept if isinstance(kept, JobVerdict) else _kept(name, kept)
+    hovered = _hovering(model, current)
+    speed = float(np.linalg.norm(current))
+    verdict = hovered if isinstance(hovered, JobVerdict) else _kept(name, hovered)
 
     if not verdict.promised:
         return _refused(
@@ -105,13 +108,13 @@ def restless(
         )
 
     limits = RestLimits()
-    if isinstance(kept, HoverFigures) and kept.rest < limits.time:
-        said = (
+    if isinstance(hovered, HoverFigures) and hovered.rest < limits.time:
+        message = (
             f"in {speed:.2f} m/s it never rests for {limits.time:g} s: it turns by up to "
-            f"{kept.turn:.2g} rad/s, at "
+            f"{hovered.turn:.2g} rad/s, at "
             f"most {limits.turn:g} is rest; least thrust or dead band of the thrusters?"
         )
-        return _refused(name, "rest", said, kept.turn)
+        return _refused(name, "rest", message, hovered.turn)
 
     return None
 
@@ -137,17 +140,20 @@ class ArmJobs:
             forces: [N] set forces in place of the jobs' own.
             flow: Flow field on top of the jobs' current.
         """
-        self._vehicle, self._tool, self._flow = vehicle, tool, flow
-        self._parts, self.forces = parts, tuple(forces)
+        self._vehicle = vehicle
+        self._tool = tool
+        self._flow = flow
+        self._parts = parts
+        self.forces = tuple(forces)
         # by tools and current: station keeping is simulated once
         self._rest: dict[Any, JobVerdict | None] = {}
 
     def scenario(self, name: str) -> Scenario:
         """Scenario of a job for the vehicle."""
-        given: dict[str, Any] = {"vehicle": self._vehicle}
+        options: dict[str, Any] = {"vehicle": self._vehicle}
         if self.forces and ARM_JOBS[name].takes_forces:
-            given["forces"] = self.forces
-        scenario = ARM_JOBS[name](**given)
+            options["forces"] = self.forces
+        scenario = ARM_JOBS[name](**options)
 
         # a job with a tool of its own brings it
         tool = self._tool if scenario.task.tool is None else None
@@ -156,19 +162,22 @@ class ArmJobs:
             scenario, site=site, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool)
         )
 
-    def verdict(self, name: str, blocked: float, given: mujoco.MjSpec | None = None) -> JobVerdict:
+    def verdict(
+        self, name: str, blocked: float, override: mujoco.MjSpec | None = None
+    ) -> JobVerdict:
         """Verdict on a job.
 
         Args:
             name: Of the job.
             blocked: Share of the camera's view that is on the vehicle itself.
-            given: Spec of the vehicle in place of the one that its name stands for.
+            override: Spec of the vehicle in place of the one that its name stands for.
         """
         scenario = self.scenario(name)
-        task, setup = scenario.task, scenario.vehicle
+        task = scenario.task
+        setup = scenario.vehicle
 
         try:
-            vehicle = setup.vehicle if given is None else given
+            vehicle = setup.vehicle if override is None else override
             spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
             model = spec.compile()
             lacking = lacks(model, task.spares)
@@ -176,8 +185,8 @@ class ArmJobs:
                 hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
                 return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
 
-            own = OwnVehicle.of(spec, task.spares)
-            if (refused := ReadyForce.of(scenario, own).refusal(scenario, BEYOND)) is not None:
+            believed = OwnVehicle.of(spec, task.spares)
+            if (refused := ReadyForce.of(scenario, believed).refusal(scenario, BEYOND)) is not None:
                 return _refused(name, *refused)
             if (hidden := _view(name, scenario, blocked)) is not None:
                 return hidden
@@ -189,13 +198,13 @@ class ArmJobs:
             if (moving := self._rest[key]) is not None:
                 return replace(moving, job=name)
 
-            return _planned(name, scenario, own, spec)
+            return _planned(name, scenario, believed, spec)
         except UuvError as error:
             return _refused(name, "parts", str(error))
 
 
-def _refused(job: str, code: str, said: str, figure: float | None = None) -> JobVerdict:
-    return JobVerdict(job=job, promised=False, code=code, said=said, figure=figure)
+def _refused(job: str, code: str, message: str, figure: float | None = None) -> JobVerdict:
+    return JobVerdict(job=job, promised=False, code=code, said=message, figure=figure)
 
 
 def _tool_hint(model: mujoco.MjModel) -> str:
@@ -219,9 +228,11 @@ def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
     )
 
 
-def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec) -> JobVerdict:
+def _planned(
+    name: str, scenario: Scenario, believed: OwnVehicle, spec: mujoco.MjSpec
+) -> JobVerdict:
     """Verdict by the job's own planner, for the object at its true pose."""
-    placed = scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+    placed = scenario.task.place(scenario, believed, np.random.default_rng(scenario.seed))
     scene = placed.scene(spec.copy()).compile()
     try:
         check_start(scene, Vehicle.of(scene), placed.X_WB)
@@ -236,30 +247,30 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     except StrongCurrentError as error:
         return _refused(name, "current", str(error), speed)
     except ReachError as error:
-        if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
+        if (refused := ReadyForce.of(scenario, believed).refusal(scenario)) is not None:
             return _refused(name, *refused)
 
-        joints = len(own.vehicle.joints)
+        joints = len(believed.vehicle.joints)
         more = f"; the arm has {joints} joints" if joints < FULL else ""
         return _refused(
             name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None
         )
 
     margin = placement.margin
-    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
-        said = (
+    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, believed)) > HIDDEN:
+        message = (
             f"the vehicle hides {hidden:.0%} of the ground about the target from its sonar, at "
             f"most {HIDDEN:.0%}"
         )
-        return _refused(name, "view", said, hidden)
+        return _refused(name, "view", message, hidden)
 
-    if len(own.vehicle.joints) < FULL and margin < SHORT_MARGIN:
-        said = (
-            f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs "
+    if len(believed.vehicle.joints) < FULL and margin < SHORT_MARGIN:
+        message = (
+            f"margin {margin:.2f}; an arm of {len(believed.vehicle.joints)} joints needs "
             f"{SHORT_MARGIN:g}: it meets the "
             "hull's drift with its posture alone"
         )
-        return _refused(name, "margin", said, margin)
+        return _refused(name, "margin", message, margin)
 
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(
@@ -268,7 +279,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         code="ok",
         said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in "
         f"{speed:.2f} m/s{part}"
-        + _touching(own, placement.q_start)
+        + _touching(believed, placement.q_start)
         + (
             f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline"
             if gap < 0.0
@@ -278,18 +289,20 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     )
 
 
-def _touching(own: OwnVehicle, q: Array) -> str:
+def _touching(believed: OwnVehicle, q: Array) -> str:
     """Shapes of the vehicle that touch at joint angles `q` (n,); no planner refuses these."""
-    pairs = PostureSearch(own.model).touching(q)
-    named = sorted(f"{own.model.body(a).name} and {own.model.body(b).name}" for a, b in pairs)
+    pairs = PostureSearch(believed.model).touching(q)
+    named = sorted(
+        f"{believed.model.body(a).name} and {believed.model.body(b).name}" for a, b in pairs
+    )
     return f"; where the work begins {', '.join(named)} touch" if named else ""
 
 
-def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
+def _hidden(placed: PlacedSampling, believed: OwnVehicle) -> float:
     """Share of the ground about target 1 that the vehicle hides from its sonar at the start."""
-    model, vehicle = own.model, own.vehicle
+    model, vehicle = believed.model, believed.vehicle
     data = folded_at(model, vehicle, placed.start)
-    p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
+    p_W = (placed.start @ sonar_on_hull(believed.hull_box))[:3, 3]
 
     # Points on the ground in two rings about the target.
     B = np.array(placed.B_W[0])
@@ -300,7 +313,8 @@ def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
         *(B + r * np.array([np.cos(a), np.sin(a), 0.0]) for r in (0.1, 0.2) for a in angles),
     ]
 
-    met, nothing = np.zeros(1, dtype=np.int32), -1.0
+    met = np.zeros(1, dtype=np.int32)
+    nothing = -1.0
     hits = [
         mujoco.mj_ray(model, data, p_W, point - p_W, None, 1, vehicle.hull, met) != nothing
         and met[0] >= 0
@@ -310,11 +324,11 @@ def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
     return float(np.mean(hits))
 
 
-def _short(said: str) -> str:
+def _short(message: str) -> str:
     """What a planner says of the best place that it found, without the sentence before it."""
-    _, found, best = said.partition("at best ")
+    _, marker, best = message.partition("at best ")
     share, _, why = best.partition("%")
-    return f"at best {share}% of the path is within reach{why}" if found else said
+    return f"at best {share}% of the path is within reach{why}" if marker else message
 
 
 def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
@@ -327,26 +341,27 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
         target = _target(X_WT, path)
-        found, own = placed.standing(target, path, current), placed.own.at_work()
+        stand = placed.standing(target, path, current)
+        believed = placed.own.at_work()
 
-        before = lifted(own, found[0].X_WB, placed.X_WB, placed.job().arrival.lift)
-        path_in = around(own, placed.target)(target)
+        before = lifted(believed, stand[0].X_WB, placed.X_WB, placed.job().arrival.lift)
+        path_in = around(believed, placed.target)(target)
         gap = path_in.least_gap([placed.X_WB, *path_in.way(placed.X_WB, before)])
     elif isinstance(placed, PlacedInsertion):
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
-        found = placed.planner().stand(_target(placed.X_WT, path), path, current)
+        stand = placed.planner().stand(_target(placed.X_WT, path), path, current)
     elif isinstance(placed, PlacedSampling):
         # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])
         B[2] = float(placed.ground.height(B[None])[0])
         path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)
-        found = placed.planner().stand(
+        stand = placed.planner().stand(
             replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current
         )
     else:
         raise ConfigurationError(f"no rule for {type(placed).__name__}")
 
-    return found[0], float(found[2]), gap
+    return stand[0], float(stand[2]), gap
 
 
 def _points(placed: PlacedSampling, B: Array) -> Array:

@@ -117,17 +117,18 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
     rank = [row for row in others if np.abs(row).max() > _SMALL]
     equal = {"A_eq": np.array(rank), "b_eq": np.zeros(len(rank))} if rank else {}
 
-    found = []
+    largest = []
     for sign in (1.0, -1.0):
         solved = linprog(sign * B[axis], bounds=bounds_of(vehicle), **equal)
-        found.append(abs(float(solved.fun)) if solved.success else 0.0)
-    return found[0], found[1]
+        largest.append(abs(float(solved.fun)) if solved.success else 0.0)
+    return largest[0], largest[1]
 
 
 def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force: float) -> float:
     """Speed [m/s] of a current along an axis whose drag equals `force` [N], at most FASTEST."""
     data = resting(model, HOME_KEY)
-    at, still = vehicle.hull_dof + axis, float(data.qfrc_passive[vehicle.hull_dof + axis])
+    at = vehicle.hull_dof + axis
+    still = float(data.qfrc_passive[vehicle.hull_dof + axis])
 
     def drag(speed: float) -> float:
         data.qvel[:] = 0.0
@@ -158,19 +159,21 @@ class TipForce:
 
 def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
     """Force at the tip at joint angles `q` (n,), level and at rest."""
-    arm, rest, n = ArmDynamics(model), np.zeros(len(q)), len(q)
+    arm = ArmDynamics(model)
+    rest = np.zeros(len(q))
+    n = len(q)
     still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
 
     # Torque of the weight alone, and what each newton at the tip adds to it.
-    own = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
+    of_weight = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
     per_newton = np.array(
         [
             arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, np.zeros(3)]), **still)[0]
             for axis in np.eye(3)
         ]
     )
-    per_newton = per_newton - own  # (3, n) [m]
-    spare = np.maximum(vehicle.torque_limits - np.abs(own), 0.0)
+    per_newton = per_newton - of_weight  # (3, n) [m]
+    spare = np.maximum(vehicle.torque_limits - np.abs(of_weight), 0.0)
 
     def most(direction_G: Array) -> tuple[float, int]:
         lever = np.abs(direction_G @ per_newton)
@@ -180,7 +183,7 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
     along, by = most(np.array([0.0, 0.0, -1.0]))
     weakest, weak_by = min(
         (most(direction) for direction in spread_directions(_DIRECTIONS)),
-        key=lambda found: found[0],
+        key=lambda by_direction: by_direction[0],
     )
 
     lever = np.abs(per_newton[2])
@@ -196,7 +199,7 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
         weakest=weakest,
         by=vehicle.joint_names[by],
         weakest_by=vehicle.joint_names[weak_by],
-        load=np.abs(own) / vehicle.torque_limits,
+        load=np.abs(of_weight) / vehicle.torque_limits,
         friction=hidden,
     )
 

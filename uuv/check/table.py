@@ -29,8 +29,8 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         table = Table(box=None, show_header=False, pad_edge=False)
         table.add_column(style="dim", no_wrap=True)
         table.add_column()
-        for each in check.figures:
-            table.add_row(each.name, each.said)
+        for job in check.figures:
+            table.add_row(job.name, job.said)
         console.print(table)
 
     # What is unusual, and what it can do.
@@ -40,8 +40,8 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         )
         table.add_column(no_wrap=True)
         table.add_column()
-        for each in check.findings:
-            table.add_row(Text(each.code, style=_COLOURS[each.level]), each.said)
+        for job in check.findings:
+            table.add_row(Text(job.code, style=_COLOURS[job.level]), job.said)
         console.print(table)
 
     if check.jobs:
@@ -52,11 +52,11 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         table.add_column(no_wrap=True)
         table.add_column()
 
-        for each in check.jobs:
+        for job in check.jobs:
             verdict = (
-                Text("promised", "green") if each.promised else Text(f"refused: {each.code}", "red")
+                Text("promised", "green") if job.promised else Text(f"refused: {job.code}", "red")
             )
-            table.add_row(each.job, verdict, each.said)
+            table.add_row(job.job, verdict, job.said)
         console.print(table)
         _print_commands([verdict.job for verdict in check.jobs if verdict.promised], console)
 
@@ -75,9 +75,9 @@ def _print_commands(promised: Iterable[str], console: Console) -> None:
 
 def _parts(check: VehicleCheck) -> Text:
     """All parts in a line or two, those that are not there marked."""
-    said = Text("parts: ")
+    line = Text("parts: ")
     for i, part in enumerate(check.parts):
-        said.append(", " if i else "")
+        line.append(", " if i else "")
         name = part.name.removeprefix("actuators ")
-        said.append(name if part.state == "there" else f"{name} {part.state}", _COLOURS[part.state])
-    return said
+        line.append(name if part.state == "there" else f"{name} {part.state}", _COLOURS[part.state])
+    return line

@@ -158,10 +158,10 @@ def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
         return ABSENT, f"{use}; a system library is missing: {str(error).splitlines()[0]}"
 
     try:
-        found = version(_PACKAGES.get(module, module))
+        release = version(_PACKAGES.get(module, module))
     except PackageNotFoundError:  # under another name
-        found = ""
-    return OK, f"{found} {use}".strip()
+        release = ""
+    return OK, f"{release} {use}".strip()
 
 
 def rendering() -> tuple[str, str]:

@@ -465,7 +465,8 @@ def main(verb: str, args: Sequence[str]) -> int:
         )
 
     written = write(kind, name, Path())
-    use, by = SKELETONS[kind].use.replace("NAME", name), _wrapper()
+    use = SKELETONS[kind].use.replace("NAME", name)
+    by = _wrapper()
     print(
         f"written: {', '.join(map(str, written))}\n\ntry:   {by}{use}\ntest:  {by}python -m "
         f"pytest {written[1]}"
@@ -487,7 +488,8 @@ def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
     Raises:
         ConfigurationError: One of the files is there already.
     """
-    skeleton, files = SKELETONS[kind], (folder / f"{name}.py", folder / f"test_{name}.py")
+    skeleton = SKELETONS[kind]
+    files = (folder / f"{name}.py", folder / f"test_{name}.py")
 
     for file in files:
         if file.exists():

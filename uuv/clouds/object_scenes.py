@@ -95,18 +95,20 @@ def object_scene(
             raise ConfigurationError(f"no sensor {sensor!r}; there are {sorted(SENSORS)}")
         sensor = SENSORS[sensor]
 
-    # what is where
+    # What is where, in the camera's frame.
     X_CT, range_m = seeded_view(target, seed, ranges)
     if X_CN is not None:
         X_CT = inverse(X_CN) @ X_CT
     shown = there or target
+
+    # The scene; an absent object still decides where the ground is.
     spec = mujoco.MjSpec()
     if not absent:
         shown.add_to(spec, X_CT, felt=False)
     if gap is not None:
         _add_surroundings(spec, np.random.default_rng([seed, 1]), X_CT, shown, gap)
 
-    # the frame
+    # The frame; further looks have noise of their own.
     model = spec.compile()
     noise = np.random.default_rng([seed, 2, look] if look else [seed, 2])
     scan = sensor.look(model, noise)

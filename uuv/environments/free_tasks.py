@@ -160,10 +160,10 @@ class ReachPose(VehicleTask):
 
     def _turn(self, truth: Truth) -> Array:
         """Rotation vector (3,) [rad], W, that turns the tool's axis to the goal's."""
-        z, wanted = truth.R_WG[:, 2], self.X_WH[:3, 2]
-        axis = np.array(cross(z, wanted))
+        z, z_goal = truth.R_WG[:, 2], self.X_WH[:3, 2]
+        axis = np.array(cross(z, z_goal))
         sine = float(np.linalg.norm(axis))
-        return np.arctan2(sine, float(z @ wanted)) * axis / sine if sine > 1e-9 else np.zeros(3)
+        return np.arctan2(sine, float(z @ z_goal)) * axis / sine if sine > 1e-9 else np.zeros(3)
 
     def _off(self, truth: Truth) -> tuple[float, float]:
         return float(np.linalg.norm(self.X_WH[:3, 3] - truth.p_WG)), float(

@@ -371,14 +371,14 @@ class _Special:
         if not rows:
             return PagePart()
 
-        items = self.function(list(rows))
-        items = items if isinstance(items, list) else [items]
+        parts = self.function(list(rows))
+        parts = parts if isinstance(parts, list) else [parts]
 
         return PagePart(
-            metrics={k: v for item in items if isinstance(item, Mapping) for k, v in item.items()},
-            tables=[item for item in items if isinstance(item, Table)],
-            lines=[item for item in items if isinstance(item, str)],
-            pictures=[item for item in items if isinstance(item, tuple)],
+            metrics={k: v for part in parts if isinstance(part, Mapping) for k, v in part.items()},
+            tables=[part for part in parts if isinstance(part, Table)],
+            lines=[part for part in parts if isinstance(part, str)],
+            pictures=[part for part in parts if isinstance(part, tuple)],
         )
 
 

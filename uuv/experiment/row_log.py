@@ -42,7 +42,8 @@ class RowLog:
             ConfigurationError: The rows were made by other code or with other options, or the
                 folder holds other files.
         """
-        self.folder, self._of = folder, dict(of or {})
+        self.folder = folder
+        self._of = dict(of or {})
         self._about = folder / ABOUT
         foreign = [
             path.name
@@ -72,8 +73,7 @@ class RowLog:
         if (folder / _EARLIER).exists():
             raise ConfigurationError(
                 f"{folder} holds rows of an earlier version ({_EARLIER}); --anew throws them "
-                "away, or take another "
-                "--out"
+                "away, or take another --out"
             )
 
         # Old rows must be of the same options and the same code.
@@ -81,18 +81,18 @@ class RowLog:
         self._settings: Mapping[str, Any] = {}
         if has_rows(folder):
             about = _read_about(self._about)
-            self._code, self._settings = dict(about.code), about.settings
+            self._code = dict(about.code)
+            self._settings = about.settings
             before = about.of
 
             if other := [name for name, value in self._of.items() if before.get(name) != value]:
-                there, asked = (
+                present, requested = (
                     ", ".join(f"{name} {of.get(name)}" for name in other)
                     for of in (before, self._of)
                 )
                 raise ConfigurationError(
-                    f"{folder} holds runs of {there}, asked for are those of {asked}; --anew "
-                    "throws them away, or take "
-                    "another --out"
+                    f"{folder} holds runs of {present}, asked for are those of {requested}; --anew "
+                    "throws them away, or take another --out"
                 )
 
             if changed := self._changed(about):
@@ -199,8 +199,8 @@ class RowLog:
         write_json(self._about, about)
 
     def _changed(self, about: "RowsAbout") -> list[str]:
-        now = digests(self._code)
-        files = [file for file, digest in self._code.items() if now[file] != digest]
+        current = digests(self._code)
+        files = [file for file, digest in self._code.items() if current[file] != digest]
         return files if about.versions == versions() else [*files, "versions of packages"]
 
 

@@ -123,8 +123,8 @@ class Statistic:
         """The quantity in a record."""
         return self.of(record) if callable(self.of) else record[self.of]
 
-    def _left_out(self, item: Any) -> bool:
-        return item is None and self.none is None
+    def _left_out(self, entry: Any) -> bool:
+        return entry is None and self.none is None
 
     def missing(self, records: Sequence[Record]) -> int:
         """Number of records without a value, which are left out."""
@@ -181,7 +181,7 @@ class Statistic:
 
         # a sum of whole numbers is one
         whole = self.kind == "total" and self.column.digits is None and self.column.factor == 1.0
-        if whole and all(isinstance(item, int) for item in self.values(records)):
+        if whole and all(isinstance(entry, int) for entry in self.values(records)):
             return f"{numbers['total']:.0f}"
         return ", ".join(self.column.number(self.column.factor * n) for n in numbers.values())
 
@@ -240,8 +240,8 @@ def statistic_of(
     return (stat("value", entry) if isinstance(entry, str) else entry).bound_to(columns, what)
 
 
-def flattened(item: Any) -> list[Any]:
+def flattened(nested: Any) -> list[Any]:
     """Entries of nested lists, in their order; of a single value, itself."""
-    if not isinstance(item, list | tuple):
-        return [item]
-    return [inner for entry in item for inner in flattened(entry)]
+    if not isinstance(nested, list | tuple):
+        return [nested]
+    return [inner for entry in nested for inner in flattened(entry)]

@@ -171,10 +171,10 @@ def _page(entry: ResultsOfOne, summary: Summary) -> str:
 
 def _origin(entry: ResultsOfOne) -> str:
     """Sentence about the run that gave the rows."""
-    kept = entry.kept
-    assert kept is not None, "a page is of kept rows"
-    seeds = f", {kept.seeds}" if kept.seeds else ""
-    return f"{len(kept.rows)} runs{seeds}, {kept.date}, commit {kept.commit}."
+    record = entry.kept
+    assert record is not None, "a page is of kept rows"
+    seeds = f", {record.seeds}" if record.seeds else ""
+    return f"{len(record.rows)} runs{seeds}, {record.date}, commit {record.commit}."
 
 
 def _markdown(table: Table) -> str:

@@ -108,7 +108,9 @@ class CompiledTicks:
         rates = [getattr(observer, "slow_ticks", ()) for observer in run.observers]
         self._slow_ticks = frozenset(ticks for rate in rates for ticks in rate)
         self._in_plant = parts_in_python(run.plant)
-        self._watching = [each for each in run.observers if not hasattr(each, "slow_ticks")]
+        self._watching = [
+            observer for observer in run.observers if not hasattr(observer, "slow_ticks")
+        ]
         self._present = np.zeros(1, dtype=np.int64)
 
         # Sensors and navigation.
@@ -172,7 +174,7 @@ class CompiledTicks:
         return PythonControl(step, self._inputs, command, type(controller).__name__)
 
     def _name_slow_parts(self, control: ControlTick) -> None:
-        watching = (type(each).__name__ for each in self._watching)
+        watching = (type(observer).__name__ for observer in self._watching)
         sensors = self._python_sensors.names
         self.slow_parts = (*self._in_plant, *sensors, *control.slow, *watching)
 
@@ -187,8 +189,8 @@ class CompiledTicks:
             estimate = self._inputs.seen()
             command = control.done(estimate, run.reference, FINE)
             moment = run.moment(int(self._present[0]), estimate, command)
-            for each in self._watching:
-                each.observe(moment)
+            for observer in self._watching:
+                observer.observe(moment)
 
         return control.slots.add(watch)
 
@@ -250,7 +252,7 @@ class CompiledTicks:
             assert run.reference is not None
             if run.reference.scan:
                 break
-            samples = min((each.ready() for each in self._noise), default=end - tick)
+            samples = min((source.ready() for source in self._noise), default=end - tick)
             if samples <= 0:  # the sensors' own step draws the next block of their noise
                 break
             begun = PLANNED if run.stage else NEW

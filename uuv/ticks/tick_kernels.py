@@ -95,10 +95,10 @@ def run_ticks(box, first, ticks, begun, onward):
     stage = begun
 
     for done in range(ticks + 1):
-        wanted = onward if done == ticks else COMMANDED
+        last_stage = onward if done == ticks else COMMANDED
 
         # Sensors and navigation.
-        if stage < PLANNED and wanted > NEW:
+        if stage < PLANNED and last_stage > NEW:
             if observe(plant):
                 return done, NEW, FINE
             answer = perceive(world)
@@ -107,7 +107,7 @@ def run_ticks(box, first, ticks, begun, onward):
             stage = PLANNED
 
         # Controller.
-        if stage < COMMANDED and wanted == COMMANDED:
+        if stage < COMMANDED and last_stage == COMMANDED:
             if (first + done) % world.every == 0:
                 answer = call_control(control[0], control[1], control[2])
                 if answer == UNSOUND:
@@ -186,29 +186,29 @@ def record_row(world):
 
 
 @kernel(**_WITHIN)
-def _copy(one, other):
+def _copy(source, target):
     """Copy one EstimateRecord into another by loops, which compile ten times as fast as slices."""
-    other.time[0] = one.time[0]
-    other.attitude_sigma[0] = one.attitude_sigma[0]
+    target.time[0] = source.time[0]
+    target.attitude_sigma[0] = source.attitude_sigma[0]
 
     for i in range(4):
         for j in range(4):
-            other.X_WB[i, j] = one.X_WB[i, j]
+            target.X_WB[i, j] = source.X_WB[i, j]
 
     for i in range(3):
-        other.v_WB_B[i] = one.v_WB_B[i]
-        other.w_WB_B[i] = one.w_WB_B[i]
-        other.a_WB_B[i] = one.a_WB_B[i]
-        other.position_sigma[i] = one.position_sigma[i]
-        other.ages[i] = one.ages[i]
-        other.object_moved_W[i] = one.object_moved_W[i]
-        other.gyro_off_B[i] = one.gyro_off_B[i]
-        other.attitude_off_B[i] = one.attitude_off_B[i]
+        target.v_WB_B[i] = source.v_WB_B[i]
+        target.w_WB_B[i] = source.w_WB_B[i]
+        target.a_WB_B[i] = source.a_WB_B[i]
+        target.position_sigma[i] = source.position_sigma[i]
+        target.ages[i] = source.ages[i]
+        target.object_moved_W[i] = source.object_moved_W[i]
+        target.gyro_off_B[i] = source.gyro_off_B[i]
+        target.attitude_off_B[i] = source.attitude_off_B[i]
 
-    for j in range(one.q.shape[0]):
-        other.q[j] = one.q[j]
-        other.qd[j] = one.qd[j]
-        other.tau[j] = one.tau[j]
+    for j in range(source.q.shape[0]):
+        target.q[j] = source.q[j]
+        target.qd[j] = source.qd[j]
+        target.tau[j] = source.tau[j]
 
 
 def sensed_by(plant: Plant, memories: Sequence[np.ndarray]) -> Sensed:

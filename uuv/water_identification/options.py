@@ -94,9 +94,9 @@ def settings_of(options: WaterOptions) -> FitSettings:
         ConfigurationError: A number is out of bounds, or a channel is unknown.
     """
     noise = dict(NOISE)
-    for name, value in options.noise:
+    for name, sigma in options.noise:
         noise[one_of(name, tuple(CHANNELS), "--noise")] = finite_number(
-            value, f"--noise {name}", above=0.0
+            sigma, f"--noise {name}", above=0.0
         )
 
     return FitSettings(

@@ -129,7 +129,7 @@ def test_a_simulated_log_tells_the_vehicle(rov):
     assert np.abs(errors).max() < 4.5
     assert np.mean(fit.named.told[:n]) > 0.7
     assert all(0.8 < factor < 1.6 for factor in fit.widened.values())
-    assert residuals.own == [21] * 2
+    assert residuals.local == [21] * 2
 
 
 def test_windows_keep_out_of_gaps(rov):

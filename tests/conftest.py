@@ -102,11 +102,11 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """`rng` on the fixed seeds; `seed` on those of the test's own mark `seeds`, which are as
     fixed.
     """
-    asked = metafunc.config.option.seeds
+    seeds = metafunc.config.option.seeds
     if "rng" in metafunc.fixturenames:
-        metafunc.parametrize("rng", asked or FIXED_SEEDS, indirect=True)
+        metafunc.parametrize("rng", seeds or FIXED_SEEDS, indirect=True)
     for mark in metafunc.definition.iter_markers("seeds"):
-        metafunc.parametrize("seed", asked or mark.args)
+        metafunc.parametrize("seed", seeds or mark.args)
 
 
 def pytest_collection_finish() -> None:
@@ -146,10 +146,8 @@ def pytest_make_collect_report(collector: pytest.Collector):
         else []
     )
     if reasons and not os.environ.get("CI"):
-        report.outcome, report.longrepr = (
-            "skipped",
-            (str(collector.path), 0, f"Skipped: {reasons[-1]}"),
-        )
+        report.outcome = "skipped"
+        report.longrepr = (str(collector.path), 0, f"Skipped: {reasons[-1]}")
     return report
 
 
@@ -242,8 +240,8 @@ def ended(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
         capfd.readouterr()
         with pytest.raises(SystemExit) as stop:
             command()
-        said = capfd.readouterr()
-        return Run(int(stop.value.code or 0), said.out, said.err)
+        output = capfd.readouterr()
+        return Run(int(stop.value.code or 0), output.out, output.err)
 
     return run
 

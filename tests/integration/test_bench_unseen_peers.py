@@ -29,26 +29,26 @@ def test_two_scenes_with_the_peers_that_are_installed(script, tmp_path: Path):
         *quick,
     )
     assert run.returncode == 0, run.stderr
-    there = [name for name in quick if not PEERS[name].missing]
-    for name in set(quick) - set(there):
+    installed = [name for name in quick if not PEERS[name].missing]
+    for name in set(quick) - set(installed):
         assert (
             f"left out: {PEERS[name].title}, not installed: {', '.join(PEERS[name].missing)}"
             in run.stdout
         )
-    rows, figures = (
-        read_rows(tmp_path),
-        json.loads((tmp_path / "metrics.json").read_text())["methods"],
-    )
+    rows = read_rows(tmp_path)
+    figures = json.loads((tmp_path / "metrics.json").read_text())["methods"]
     assert len(rows) == 2
-    assert set(figures) == {"ours", *there}
-    for name, each in figures.items():
+    assert set(figures) == {"ours", *installed}
+    for name, row in figures.items():
         of = [row["methods"][name] for row in rows]
-        assert each["found"] == sum(one["found"] for one in of)
-        assert each["errors"] == 0
-        assert each["find_ms"] == pytest.approx(1e3 * median(one["find_s"] for one in of))
+        assert row["found"] == sum(scene_row["found"] for scene_row in of)
+        assert row["errors"] == 0
+        assert row["find_ms"] == pytest.approx(
+            1e3 * median(scene_row["find_s"] for scene_row in of)
+        )
         assert (
-            sum(found for label, (found, _) in each["found_of"].items() if ":" not in label)
-            == each["found"]
+            sum(count for label, (count, _) in row["found_of"].items() if ":" not in label)
+            == row["found"]
         )
     assert figures["ours"]["found"] == 2
 
@@ -65,11 +65,12 @@ def test_a_peer_finds_three_blocks_without_noise(name: str):
     X_ST = pose(R_TS.T, [0.0, 0.0, 1.2])
     center = transform_points(X_ST, model.center)
     R = X_ST[:3, :3] @ exp_so3([0.0, 0.1, 0.0])
-    points, normals = transform_points(X_ST, model.points), model.normals @ X_ST[:3, :3].T
-    seen = np.einsum("ni,ni->n", points, normals) < 0.0
+    points = transform_points(X_ST, model.points)
+    normals = model.normals @ X_ST[:3, :3].T
+    front = np.einsum("ni,ni->n", points, normals) < 0.0
     task = RegistrationTask(
-        points=points[seen],
-        normals=normals[seen],
+        points=points[front],
+        normals=normals[front],
         sigma=0.001,
         model=model,
         approach=center + np.array([0.1, 0.0, 0.1]),

@@ -33,9 +33,9 @@ def test_a_cloud_with_blemishes_is_searched(verb, scene, tmp_path):
     done = verb("identify", "object", *known, "--scale", 0.001, "--out", tmp_path / "out")
     assert done.returncode in (0, 1), done.stderr
     assert "not finite" in done.stdout
-    found = json.loads((tmp_path / "out" / "identification.json").read_text("utf-8"))
-    assert (done.returncode == 0) == (found["decision"] == "accept")
-    assert len(found["notes"]) == 3
+    identification = json.loads((tmp_path / "out" / "identification.json").read_text("utf-8"))
+    assert (done.returncode == 0) == (identification["decision"] == "accept")
+    assert len(identification["notes"]) == 3
     for name in ("cloud.ply", "model.ply", "identification.png"):
         assert (tmp_path / "out" / name).stat().st_size > 5000
 
@@ -80,9 +80,11 @@ def test_deformed_object_is_mapped(verb, tmp_path):
         tmp_path,
     )
     assert done.returncode == 0, done.stderr
-    found = json.loads((tmp_path / "identification.json").read_text("utf-8"))["deformation"]
-    assert {np.sign(region["largest_m"]) for region in found["regions"]} == {1.0, -1.0}
-    assert all(found["size_m"] < abs(region["largest_m"]) < 0.06 for region in found["regions"])
+    deformation = json.loads((tmp_path / "identification.json").read_text("utf-8"))["deformation"]
+    assert {np.sign(region["largest_m"]) for region in deformation["regions"]} == {1.0, -1.0}
+    assert all(
+        deformation["size_m"] < abs(region["largest_m"]) < 0.06 for region in deformation["regions"]
+    )
     assert "Off the model" in done.stdout
     for name in ("deformation.ply", "deformation.png"):
         assert (tmp_path / name).stat().st_size > 5000
@@ -101,9 +103,12 @@ def test_which_of_several_objects_it_is(verb, tmp_path):
         tmp_path,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    said = json.loads((tmp_path / "identification.json").read_text())
-    assert said["object"] == "starfish"
-    assert [each["object"] for each in said["candidates"]] == ["starfish", "valve"]
+    identification = json.loads((tmp_path / "identification.json").read_text())
+    assert identification["object"] == "starfish"
+    assert [candidate["object"] for candidate in identification["candidates"]] == [
+        "starfish",
+        "valve",
+    ]
     refused = verb("identify", "object", "--among", "valve", "valve", "--out", tmp_path / "twice")
     assert refused.returncode == 2
     assert "'valve' is there twice" in refused.stdout + refused.stderr

@@ -30,13 +30,13 @@ def test_all_kinds_of_scenes(script, tmp_path: Path):
         script, tmp_path, "--runs", 4, "--wrong", 4, "--piles", 1, "--sonar", 1, "--start", "any"
     )
     assert len(rows) == 4 + 4 + 5 + 1
-    there = [row for row in rows if row["content"] == "present" and row["sensor"] != "sonar"]
-    assert metrics["present"]["all"]["scenes"] == len(there) == 4
-    assert metrics["present"]["all"]["found"] == sum(row["found"] for row in there)
+    present = [row for row in rows if row["content"] == "present" and row["sensor"] != "sonar"]
+    assert metrics["present"]["all"]["scenes"] == len(present) == 4
+    assert metrics["present"]["all"]["found"] == sum(row["found"] for row in present)
     assert metrics["present"]["all"]["identify_ms"] == pytest.approx(
-        1e3 * median(row["identify_s"] for row in there)
+        1e3 * median(row["identify_s"] for row in present)
     )
-    for row in there:
+    for row in present:
         near = row["position_m"] < 0.005 + 0.003 * row["range_m"] and row["angle_deg"] < 3.0
         assert row["found"] == near
     assert metrics["piles"]["all"]["scenes"] == 5

@@ -139,11 +139,9 @@ def rotation(quat_wxyz: Array) -> Array:
 
 def rigid(model: mujoco.MjModel, body: int) -> tuple[float, Array, Array]:
     """Mass, centre (3,) and inertia (3, 3) about the body's origin."""
-    R, m, c = (
-        rotation(model.body_iquat[body]),
-        float(model.body_mass[body]),
-        np.array(model.body_ipos[body]),
-    )
+    R = rotation(model.body_iquat[body])
+    m = float(model.body_mass[body])
+    c = np.array(model.body_ipos[body])
     return m, c, R @ np.diag(model.body_inertia[body]) @ R.T - m * skew(c) @ skew(c)
 
 
@@ -165,23 +163,24 @@ def test_the_names_that_others_rely_on():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_description_says_what_the_model_has(name):
-    told, model = models.describe(name), compiled(name)
-    assert told.source
-    assert (told.name, told.floating) == (name, name in FLOATING)
-    assert (told.thrusters == 1) == (name in ONE_PROPELLER)
-    assert (told.dof, told.thrusters) == (
+    description = models.describe(name)
+    model = compiled(name)
+    assert description.source
+    assert (description.name, description.floating) == (name, name in FLOATING)
+    assert (description.thrusters == 1) == (name in ONE_PROPELLER)
+    assert (description.dof, description.thrusters) == (
         model.nv,
         sum(n.startswith("thruster_") for n in actuators(model)),
     )
-    assert told.mass == pytest.approx(float(np.sum(model.body_mass)))
-    if told.floating:
-        assert 1025.0 * told.volume == pytest.approx(told.mass, rel=1e-12)
+    assert description.mass == pytest.approx(float(np.sum(model.body_mass)))
+    if description.floating:
+        assert 1025.0 * description.volume == pytest.approx(description.mass, rel=1e-12)
         vehicle = Vehicle.of(model)
-        assert told.joints == vehicle.joint_names
-        assert told.drive == ("thrusters" if len(vehicle.thruster_names) else "wrench")
-        assert (told.drive == "wrench") == ("wrench_yaw" in actuators(model))
+        assert description.joints == vehicle.joint_names
+        assert description.drive == ("thrusters" if len(vehicle.thruster_names) else "wrench")
+        assert (description.drive == "wrench") == ("wrench_yaw" in actuators(model))
     else:
-        assert told.drive == "fixed base"
+        assert description.drive == "fixed base"
         assert model.body_jntnum[model.body(ARM_BASE_BODY).id] == 0
         with pytest.raises(ConfigurationError, match="no body named 'hull'"):
             Vehicle.of(model)
@@ -222,11 +221,12 @@ def test_axes_turn_as_wrenches_and_twists_do(rng):
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_figures_of_the_source_arrive_in_the_model(name, within):
-    model, source = compiled(name), SOURCES[name]
+    model = compiled(name)
+    source = SOURCES[name]
     hull = model.body(HULL_BODY).id
     m, c, inertia = rigid(model, hull)
-    found = coefficients(model, hull)
-    assert found is not None
+    water_of_hull = coefficients(model, hull)
+    assert water_of_hull is not None
     within("mass [kg]", m - source["mass"], 1e-12)
     within("centre of gravity [m]", SIGNS[:3] * c - source["gravity"], 1e-15)
     turned = SIGNS[:3, None] * inertia * SIGNS[:3]
@@ -234,21 +234,23 @@ def test_figures_of_the_source_arrive_in_the_model(name, within):
     within("inertia, relative", (turned - source["inertia"]) / np.max(inertia), 1e-13)
     within(
         "centre of buoyancy, height [m]",
-        -found.center_of_buoyancy[2] - source["buoyancy"][2],
+        -water_of_hull.center_of_buoyancy[2] - source["buoyancy"][2],
         1e-14,
     )
-    within("linear damping", found.linear_damping - np.diag(source["linear"]), 1e-15)
-    assert found.quadratic_damping == pytest.approx(
+    within("linear damping", water_of_hull.linear_damping - np.diag(source["linear"]), 1e-15)
+    assert water_of_hull.quadratic_damping == pytest.approx(
         np.array(source["quadratic"], dtype=float), rel=1e-13
     )
-    added = SIGNS[:, None] * found.added_mass * SIGNS
+    added = SIGNS[:, None] * water_of_hull.added_mass * SIGNS
     if "added" in source:
         within("added mass", added - source["added"], 1e-15)
     else:
         total = np.zeros((6, 6))
-        total[:3, :3], total[3:, 3:] = m * np.eye(3), turned
+        total[:3, :3] = m * np.eye(3)
+        total[3:, 3:] = turned
         S = m * skew(SIGNS[:3] * c)
-        total[:3, 3:], total[3:, :3] = -S, S
+        total[:3, 3:] = -S
+        total[3:, :3] = S
         scale = np.sqrt(np.outer(np.diag(PHOENIX_M), np.diag(PHOENIX_M)))
         # 3e-4
         within(
@@ -262,9 +264,9 @@ def test_figures_of_the_source_arrive_in_the_model(name, within):
     ("name", "B"), [("bluerov2_heavy_benzon2022", BENZON_B), ("bluerov2_heavy_wu2018", WU_B)]
 )
 def test_thrusters_act_as_the_source_says(name, B, within):
-    found = Vehicle.of(compiled(name)).thruster_wrench
+    wrench = Vehicle.of(compiled(name)).thruster_wrench
     # measured 1.1e-4: 0.06 for 0.0601
-    within("wrench per thrust [-, m]", SIGNS[:, None] * found - B, 3e-4)
+    within("wrench per thrust [-, m]", SIGNS[:, None] * wrench - B, 3e-4)
 
 
 def test_arm_of_phoenix_is_its_denavit_hartenberg_table(rng, within):
@@ -281,7 +283,8 @@ def test_arm_of_phoenix_is_its_denavit_hartenberg_table(rng, within):
         (0, 0, 0.103),
     ]
     model = compiled("phoenix_smart3s")
-    data, q = mujoco.MjData(model), rng.uniform(-np.pi, np.pi, 6)
+    data = mujoco.MjData(model)
+    q = rng.uniform(-np.pi, np.pi, 6)
     data.qpos[Vehicle.of(model).qpos] = q
     mujoco.mj_kinematics(model, data)
     X = pose(None, [0.0, 0.0, 1.5])
@@ -317,7 +320,8 @@ def test_arm_of_the_alpha_5_is_that_of_its_urdf(rng, within):
         parts += [(link + "</inertial></link>").format(i), joint.format(i, i - 1)]
         parts.append(f'<origin xyz="{xyz}" rpy="{rpy}"/></joint>')
     urdf = mujoco.MjModel.from_xml_string(f'<robot name="alpha">{"".join(parts)}</robot>')
-    model, q = compiled("reach_alpha_5"), rng.uniform(-np.pi, np.pi, 4)
+    model = compiled("reach_alpha_5")
+    q = rng.uniform(-np.pi, np.pi, 4)
     theirs, ours = mujoco.MjData(urdf), mujoco.MjData(model)
     for data in (theirs, ours):
         data.qpos = q
@@ -341,9 +345,9 @@ def test_drag_of_the_alpha_5_in_uniform_flow_is_the_published():
         ("elbow", 0.26, 0.3),
         ("wrist", 1.8, 0.3),
     ):
-        found = coefficients(model, model.body(name).id)
-        assert found is not None
-        (strip,) = found.segments
+        water_of_body = coefficients(model, model.body(name).id)
+        assert water_of_body is not None
+        (strip,) = water_of_body.segments
         length = float(np.linalg.norm(strip.end - strip.start))
         assert (strip.normal * length, strip.tangential * length) == pytest.approx((across, along))
 
@@ -363,14 +367,14 @@ def test_links_of_the_alpha_5_have_the_published_mass_and_water(name, within):
     mass, volume, added = ALPHA_LINKS[name]
     model = compiled("reach_alpha_5")
     body = model.body(name).id
-    found = coefficients(model, body)
-    assert found is not None
+    water_of_link = coefficients(model, body)
+    assert water_of_link is not None
     within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
-    within("relative volume", found.volume / (1e-3 * volume) - 1.0, 1e-15)
+    within("relative volume", water_of_link.volume / (1e-3 * volume) - 1.0, 1e-15)
     if added is not None:  # twice across, none along
         within(
             "relative added mass",
-            np.linalg.eigvalsh(found.added_mass[:3, :3]) / added - [0.0, 1.0, 1.0],
+            np.linalg.eigvalsh(water_of_link.added_mass[:3, :3]) / added - [0.0, 1.0, 1.0],
             1e-14,
         )
 
@@ -392,18 +396,18 @@ def test_links_of_phoenix_have_the_published_mass_and_water(link, within):
     mass, radius, length = PHOENIX_LINKS[link]
     model = compiled("phoenix_smart3s")
     body = model.body(f"link{link + 1}").id
-    found = coefficients(model, body)
-    assert found is not None
+    water_of_link = coefficients(model, body)
+    assert water_of_link is not None
     displaced = RHO * np.pi * radius**2 * length
     within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
-    within("relative volume", RHO * found.volume / displaced - 1.0, 1e-14)
+    within("relative volume", RHO * water_of_link.volume / displaced - 1.0, 1e-14)
     across_along = sorted([0.1 * mass, displaced, displaced])
     within(
         "relative added mass",
-        np.linalg.eigvalsh(found.added_mass[:3, :3]) / across_along - 1.0,
+        np.linalg.eigvalsh(water_of_link.added_mass[:3, :3]) / across_along - 1.0,
         1e-13,
     )
-    (strip,) = found.segments
+    (strip,) = water_of_link.segments
     within("length of the strip [m]", np.linalg.norm(strip.end - strip.start) - length, 1e-15)
     within("relative drag across", strip.normal / (0.5 * RHO * 0.6 * 2.0 * radius) - 1.0, 1e-15)
     assert strip.tangential == 0.0
@@ -488,8 +492,8 @@ def braked(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
         locked = spec.body(model.body(body).name)
         locked.pos = R @ (data.xpos[body] - data.xpos[parent])
         locked.quat = quat_wxyz_from_rotation(R @ data.xmat[body].reshape(3, 3))
-        for item in [spec.actuator(joint), spec.joint(joint), *spec.keys]:
-            spec.delete(item)
+        for element in [spec.actuator(joint), spec.joint(joint), *spec.keys]:
+            spec.delete(element)
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -500,7 +504,8 @@ def lever(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, Array]:
     """Net buoyancy [N], and the centre of buoyancy from the centre of mass (3,) [m], of the whole
     model.
     """
-    displaced, moment = 0.0, np.zeros(3)
+    displaced = 0.0
+    moment = np.zeros(3)
     for b in range(1, model.nbody):
         if (body := coefficients(model, b)) is not None:
             displaced += 1025.0 * body.volume
@@ -542,7 +547,8 @@ def test_fixed_arm_is_held_by_the_torque_of_its_weight_in_water(name, within):
     model = compiled(name)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(HOME_KEY).id)
-    home, step = data.qpos.copy(), 1e-6
+    home = data.qpos.copy()
+    step = 1e-6
 
     def potential(q: Array) -> float:
         data.qpos = q
@@ -582,7 +588,8 @@ def test_heeled_it_rights_itself(name, axis):
     period = 2.0 * np.pi * np.sqrt(inertia / (9.81 * float(np.sum(model.body_mass)) * arm[2]))
     heel = np.radians(10.0)
     data.qpos[3:7] = [np.cos(heel / 2.0), *(np.sin(heel / 2.0) * np.eye(3)[axis])]
-    hull, tilt = model.body(HULL_BODY).id, []
+    hull = model.body(HULL_BODY).id
+    tilt = []
     for _ in range(100):
         mujoco.mj_step(model, data, round(period / model.opt.timestep / 100))
         tilt.append(float(np.arccos(min(data.xmat[hull].reshape(3, 3)[2, 2], 1.0))))
@@ -595,12 +602,14 @@ def test_towed_hull_reaches_the_speed_of_its_damping(name, within):
     """A surge force F on a hull that a rail keeps straight: F = a u + b u^2, in the end."""
     spec = models.load(name)
     hull = spec.body(HULL_BODY)
-    for item in [*spec.keys, *spec.actuators, *hull.bodies, *hull.joints]:
-        spec.delete(item)
+    for element in [*spec.keys, *spec.actuators, *hull.bodies, *hull.joints]:
+        spec.delete(element)
     hull.add_joint(name="rail", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
-    a, b, speed = SOURCES[name]["linear"][0], SOURCES[name]["quadratic"][0], 4.0
+    a = SOURCES[name]["linear"][0]
+    b = SOURCES[name]["quadratic"][0]
+    speed = 4.0
     data.xfrc_applied[model.body(HULL_BODY).id, 0] = force = a * speed + b * speed**2
     mass = float(model.body_mass[1]) + unpack(model.body_user[1]).added_mass[0, 0]
     # 15 time constants
@@ -622,12 +631,16 @@ def test_it_hovers(name, within):
     model = compiled(name)
     X_start = pose(exp_so3([0.1, -0.1, 0.1]), [0.2, -0.2, 0.1])
     plant = Plant(model, current=Current(np.array(CURRENT)), X_WB=X_start)
-    vehicle, true, none = plant.vehicle, plant.observe(), np.zeros(3)
+    vehicle = plant.vehicle
+    true = plant.observe()
+    none = np.zeros(3)
     hover = StationKeeping(model)
     allocation = Allocation(vehicle) if vehicle.thruster_names else None
     arm = ArmDynamics(model) if vehicle.joint_names else None
     wrench_actuators = [i for i in range(model.nu) if model.actuator(i).name.startswith("wrench_")]
-    state, thrusters, wrench = hover.init(), np.zeros(len(vehicle.thruster_names)), np.zeros(6)
+    state = hover.init()
+    thrusters = np.zeros(len(vehicle.thruster_names))
+    wrench = np.zeros(6)
     rest = np.zeros(len(vehicle.joint_names))
     stiffness = vehicle.torque_limits / 0.05  # [N m]/[rad]
     misses = []
@@ -680,7 +693,7 @@ def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
     names: dict[str, Any] = {}
     exec(compile(code, "own_vehicle.md", "exec"), names)
     assert "nan" not in capfd.readouterr().out
-    plant = next(value for value in names.values() if isinstance(value, Plant))
+    plant = next(member for member in names.values() if isinstance(member, Plant))
     net, arm = lever(plant.model, plant.data)
     within("own_vehicle.md: net weight [N]", net, 1e-9)
     assert arm[2] > 0.01
@@ -693,7 +706,7 @@ def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
 
 
 def test_the_verb_lists_every_model(verb):
-    told = verb("models").stdout
-    assert not [name for name in NAMES if f" {name} " not in told]
+    output = verb("models").stdout
+    assert not [name for name in NAMES if f" {name} " not in output]
     (figures,) = json.loads(verb("models", NAMES[0], "--json").stdout).values()
     assert figures["mass_kg"] > 0.0

@@ -12,14 +12,16 @@ from uuv.calib.water.planning import information, planned
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-THRUSTERS, JOINTS = ("bow", "stern"), {"elbow": (-1.5, 1.5)}
+THRUSTERS = ("bow", "stern")
+JOINTS = {"elbow": (-1.5, 1.5)}
 
 
 class Lines:
     """Three blocks of straight lines with one slope and an offset of each block."""
 
     def __init__(self, slope: float, offsets: Array, noise: float = 0.1) -> None:
-        self.x, self.noise = np.linspace(0.0, 1.0, 12), noise
+        self.x = np.linspace(0.0, 1.0, 12)
+        self.noise = noise
         self.y = [slope * self.x + offset for offset in offsets]
         self.own = [1] * len(offsets)
         self.parameters = (NamedParameter(name="slope", unit="1", nominal=1.0, sigma=2.0),)
@@ -42,7 +44,8 @@ def test_blocks_with_numbers_of_their_own_give_the_joint_posterior():
     # All unknowns at once: slope, three offsets, unit priors.
     A = np.zeros((36, 4))
     for k in range(3):
-        A[12 * k : 12 * k + 12, 0], A[12 * k : 12 * k + 12, 1 + k] = 2.0 * lines.x / 0.1, 10.0
+        A[12 * k : 12 * k + 12, 0] = 2.0 * lines.x / 0.1
+        A[12 * k : 12 * k + 12, 1 + k] = 10.0
     y = (np.concatenate(lines.y) - np.tile(lines.x, 3)) / 0.1
     H = A.T @ A + np.eye(4)
     exact = np.linalg.solve(H, A.T @ y)
@@ -84,13 +87,13 @@ def test_straight_steps_find_factors_far_from_nominal():
     assert fit.values["gain of bow"] / fit.values["added mass surge"] == pytest.approx(
         0.2, rel=1e-3
     )
-    (said,) = together(fit, 3)
-    assert "only their ratios are told" in said
-    assert "tow" in said
-    found = {each.name: each for each in findings(fit, 3)}
-    assert found["net buoyancy"].verdict == "not told"
-    assert "drift" in found["net buoyancy"].helps
-    assert found["gain of bow"].verdict == "partly"
+    (doubt,) = together(fit, 3)
+    assert "only their ratios are told" in doubt
+    assert "tow" in doubt
+    verdicts = {finding.name: finding for finding in findings(fit, 3)}
+    assert verdicts["net buoyancy"].verdict == "not told"
+    assert "drift" in verdicts["net buoyancy"].helps
+    assert verdicts["gain of bow"].verdict == "partly"
 
 
 def test_the_plan_names_what_sharpens_its_aim():
@@ -110,7 +113,7 @@ def columns(**changed: Array) -> dict[str, Array]:
     """A log of ten seconds at 20 Hz; columns may be changed or added."""
     t = np.arange(201) / 20.0
     zero = np.zeros_like(t)
-    made = {
+    table = {
         "time": t,
         "x": 0.3 * np.sin(t),
         "y": zero,
@@ -120,9 +123,9 @@ def columns(**changed: Array) -> dict[str, Array]:
         "qz": np.sin(0.2 * np.sin(t)),
         "qw": np.cos(0.2 * np.sin(t)),
     }
-    made |= {"wx": zero, "wy": zero, "wz": 0.4 * np.cos(t), "joint.elbow": np.sin(t)}
-    made |= {"thruster.bow": 0.5 * np.sin(t), "thruster.stern": zero}
-    return {**made, **{name.replace("__", "."): values for name, values in changed.items()}}
+    table |= {"wx": zero, "wy": zero, "wz": 0.4 * np.cos(t), "joint.elbow": np.sin(t)}
+    table |= {"thruster.bow": 0.5 * np.sin(t), "thruster.stern": zero}
+    return {**table, **{name.replace("__", "."): column for name, column in changed.items()}}
 
 
 def test_csv_and_parquet_hold_the_same_log(tmp_path):
@@ -133,7 +136,7 @@ def test_csv_and_parquet_hold_the_same_log(tmp_path):
     blank = np.arange(201) % 2 == 1  # a slower sensor: every other cell is null
     for name in ("x", "y", "z"):
         table[name] = np.where(blank, np.nan, table[name])
-    arrays = {name: pa.array(values, mask=np.isnan(values)) for name, values in table.items()}
+    arrays = {name: pa.array(column, mask=np.isnan(column)) for name, column in table.items()}
     pq.write_table(pa.table(arrays), tmp_path / "b.parquet")
     a, b = (
         read_log(tmp_path / name, thrusters=THRUSTERS, joints=JOINTS)
@@ -174,7 +177,7 @@ def test_a_gap_divides_a_log():
     keep = (table["time"] < 4.0) | (table["time"] > 5.5)
     log = log_of(
         "log",
-        {name: values[keep] for name, values in table.items()},
+        {name: column[keep] for name, column in table.items()},
         thrusters=THRUSTERS,
         joints=JOINTS,
     )

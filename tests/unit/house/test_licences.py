@@ -55,12 +55,12 @@ def licence_of(package: Distribution) -> str:
     stated = package.metadata
     if "License-Expression" in stated:
         return stated["License-Expression"]
-    own = [
+    files = [
         file
         for file in package.files or []
         if re.match(r"(licen[cs]e|copying)(\.|$)", file.name, flags=re.I)
     ]
-    texts = [file.read_text() for file in own if ".dist-info" in str(file)][:1]
+    texts = [file.read_text() for file in files if ".dist-info" in str(file)][:1]
     text = " ".join((*texts, *(stated.get_all("License") or ()))).lower()
     return next(licence for phrase, licence in PHRASES.items() if phrase in " ".join(text.split()))
 
@@ -68,8 +68,8 @@ def licence_of(package: Distribution) -> str:
 def locked() -> dict[str, str]:
     """Version of each package in uv.lock."""
     return {
-        each["name"]: each["version"]
-        for each in tomllib.loads((ROOT / "uv.lock").read_text())["package"]
+        package["name"]: package["version"]
+        for package in tomllib.loads((ROOT / "uv.lock").read_text())["package"]
     }
 
 
@@ -78,7 +78,9 @@ def test_every_dependency_is_listed_with_what_brings_it():
 
 
 def test_licences_are_those_that_packages_state():
-    stated, versions, compared = table(), locked(), 0
+    stated = table()
+    versions = locked()
+    compared = 0
     for name in required():
         try:
             package = distribution(name)

@@ -83,11 +83,16 @@ class Script(Told):
 
     def run(self, seconds: float = 200.0) -> "Script":
         vehicle = Vehicle.of(OWN)
-        own = WorkVehicle(vehicle=vehicle, chain=CHAIN, hull_box=np.zeros((2, 3)))
+        work_vehicle = WorkVehicle(vehicle=vehicle, chain=CHAIN, hull_box=np.zeros((2, 3)))
         planner = HoleInsertion(
-            own, BLOCK.target, HOLE, self.job, X_WB_scan=SCAN_POSE, period=PERIOD
+            work_vehicle, BLOCK.target, HOLE, self.job, X_WB_scan=SCAN_POSE, period=PERIOD
         )
-        X_WB, state, command, seen, scanning, zero = SCAN_POSE, None, None, None, False, np.zeros(3)
+        X_WB = SCAN_POSE
+        state = None
+        command = None
+        target = None
+        scanning = False
+        zero = np.zeros(3)
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD
             estimate = StateEstimate(
@@ -101,11 +106,11 @@ class Script(Told):
                 tau=np.zeros(6),
             )
             state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, seen, command)
+            state, reference = planner.step(state, estimate, target, command)
             self.references.append(reference)
             X_WB = reference.X_WB
             if reference.scan and not scanning:
-                seen = Target(
+                target = Target(
                     time=time,
                     X_WT=X_WT,
                     accepted=self.found,
@@ -172,12 +177,12 @@ def test_a_free_hole_is_entered_along_its_axis_and_left(within):
     within("tool axis", axes - X_WH[:3, 2], 1e-12)
     # What is asked of the tool's speed is how its place moves.
     moved = np.diff(tips[:, 2]) / PERIOD
-    asked = [
+    setpoints = [
         r.v_WG_W @ X_WH[:3, 2] for r in script.references if r.state in (WorkState.APPROACH, *AFTER)
     ]
     within(
         "speed [m/s]",
-        moved[:-1] - np.array(asked)[1 : len(moved)],
+        moved[:-1] - np.array(setpoints)[1 : len(moved)],
         script.job.axial.acceleration * PERIOD + 1e-9,
     )
     stay = script.of(WorkState.WORK)
@@ -346,7 +351,8 @@ def test_a_controller_that_feels_nothing_is_refused():
 def test_error_of_the_hole_is_across_its_axis(within):
     rng = np.random.default_rng(5)
     for _ in range(5):
-        aside, turn = rng.normal(scale=0.002, size=2), rng.uniform(0.001, 0.02)
+        aside = rng.normal(scale=0.002, size=2)
+        turn = rng.uniform(0.001, 0.02)
         X = X_WH @ pose(
             exp_so3([turn, 0.0, 0.0]) @ exp_so3([0.0, 0.0, 1.0]), [*aside, rng.normal(scale=0.01)]
         )

@@ -20,7 +20,9 @@ from uuv.sim.interfaces.errors import PerceptionError
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
-FOCAL, WIDTH, HEIGHT = 554.0, 320, 240
+FOCAL = 554.0
+WIDTH = 320
+HEIGHT = 240
 K = np.array([[FOCAL, 0.0, 159.5], [0.0, FOCAL, 119.5], [0.0, 0.0, 1.0]])
 # holds milk_cartoon_all_small_clorox.pcd, milk.pcd and milk_other_view.pcd of PCL's tests
 REAL = "UUV_KINECT_FOLDER"
@@ -60,10 +62,10 @@ def test_an_organised_cloud_keeps_its_pixels(rng, within):
         "rows for columns": scan.points.swapaxes(0, 1),
         "upside down": scan.points[::-1, ::-1],
     }.items():
-        found = Scan.from_cloud(cloud)
-        assert found.depth.shape == scan.depth.shape
-        within(f"{name}: depth [m]", np.nan_to_num(found.depth) - zeros[..., 2], 1e-6)
-        within(f"{name}: tangents", found.tangent_x - scan.tangent_x, 1e-7)
+        gridded = Scan.from_cloud(cloud)
+        assert gridded.depth.shape == scan.depth.shape
+        within(f"{name}: depth [m]", np.nan_to_num(gridded.depth) - zeros[..., 2], 1e-6)
+        within(f"{name}: tangents", gridded.tangent_x - scan.tangent_x, 1e-7)
 
 
 def test_a_picture_in_no_order_has_no_pixels():
@@ -132,10 +134,10 @@ def test_a_list_in_any_order_gets_its_pixels_back(rng, within):
         ("every other row", (slice(None, None, 2), slice(None))),
     ):
         part = scan.part(window)
-        found = Scan.from_cloud(rng.permutation(listed(part)))
-        within(f"{name}: pitches", found.pitches / part.pitches - 1.0, 1e-9)
-        row, column, _ = found.pixels(listed(part))
-        within(f"{name}: points [m]", found.points[row, column] - listed(part), 1e-9)
+        gridded = Scan.from_cloud(rng.permutation(listed(part)))
+        within(f"{name}: pitches", gridded.pitches / part.pitches - 1.0, 1e-9)
+        row, column, _ = gridded.pixels(listed(part))
+        within(f"{name}: points [m]", gridded.points[row, column] - listed(part), 1e-9)
 
 
 def test_millimetres_as_whole_numbers(rng, within):
@@ -153,9 +155,9 @@ def test_the_picture_is_completed_where_it_went_on(rng, within):
     below, disc = scan.points.copy(), scan.points.copy()
     below[:90] = np.nan
     disc[scan.depth > 1.2] = np.nan
-    found = Scan.from_cloud(below.reshape(-1, 3))
-    within("lines [px]", FOCAL * (found.tangent_x - scan.tangent_x), 1e-6)
-    within("lines [px]", FOCAL * (found.tangent_y - scan.tangent_y), 1e-6)
+    gridded = Scan.from_cloud(below.reshape(-1, 3))
+    within("lines [px]", FOCAL * (gridded.tangent_x - scan.tangent_x), 1e-6)
+    within("lines [px]", FOCAL * (gridded.tangent_y - scan.tangent_y), 1e-6)
     alone = Scan.from_cloud(disc.reshape(-1, 3)).depth
     for edge in (alone[:20], alone[-20:], alone[:, :20], alone[:, -20:]):
         assert not np.isfinite(edge).any()
@@ -163,14 +165,16 @@ def test_the_picture_is_completed_where_it_went_on(rng, within):
 
 def test_several_frames_of_one_view_are_averaged(rng, within):
     frames = [frame(rng, lost=0.0) for _ in range(4)]
-    merged = Scan.from_cloud(rng.permutation(np.vstack([listed(each) for each in frames])))
-    mean = 1.0 / np.mean([1.0 / each.depth for each in frames], axis=0)
+    merged = Scan.from_cloud(rng.permutation(np.vstack([listed(frame) for frame in frames])))
+    mean = 1.0 / np.mean([1.0 / frame.depth for frame in frames], axis=0)
     within("depth [m]", merged.depth - mean, 1e-9)
 
 
 def test_scatter_is_averaged_without_bias(within):
     """A plane under noise: the surface that is left lies on it, not sigmas before it."""
-    sigma, count, rng = 0.01, 100_000, np.random.default_rng(1)
+    sigma = 0.01
+    count = 100_000
+    rng = np.random.default_rng(1)
     tangents = rng.uniform([-0.5, -0.4], [0.5, 0.4], (count, 2))
     normal = np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
     rays = np.column_stack([tangents, np.ones(count)])
@@ -261,7 +265,8 @@ DOORS = "tests/unit/perception/clouds/test_cloud_grid.py::test_every_door_finds_
 def test_every_door_finds_the_same_pose(tmp_path, floor: bool, within):
     """As nearest points of cells the same clouds lay 8 mm before the frame."""
     target = barrel()
-    surface, X_ST = ModelSurface.of(target), seen_from(np.array([0.1, -0.9, 0.75]))
+    surface = ModelSurface.of(target)
+    X_ST = seen_from(np.array([0.1, -0.9, 0.75]))
     rng = np.random.default_rng(5)
     scan = Scan.from_depth(look(target, X_ST, rng, floor=floor))
     coarse = X_ST[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ X_ST[:3, :3]
@@ -274,11 +279,11 @@ def test_every_door_finds_the_same_pose(tmp_path, floor: bool, within):
         for name in (("text.ply",) if floor else ("picture.pcd",))
     }
     for name, cloud in doors.items():
-        found = identify(cloud, surface, *coarse)
-        assert found.accepted, f"{name}: {found.reason}"
+        identification = identify(cloud, surface, *coarse)
+        assert identification.accepted, f"{name}: {identification.reason}"
         within(
             f"{name}: model [m]",
-            farthest(surface, found.X_sensor_target, truth.X_sensor_target),
+            farthest(surface, identification.X_sensor_target, truth.X_sensor_target),
             1e-4,
         )
 
@@ -294,16 +299,20 @@ def test_thinned_scatter_does_not_stand_before_its_surface(within):
     """The barrel's frame with every point moved along its own ray's surroundings: no lattice is
     left.
     """
-    target, X_ST = barrel(), seen_from(np.array([0.1, -0.9, 0.75]))
-    surface, rng = ModelSurface.of(target), np.random.default_rng(5)
+    target = barrel()
+    X_ST = seen_from(np.array([0.1, -0.9, 0.75]))
+    surface = ModelSurface.of(target)
+    rng = np.random.default_rng(5)
     scan = Scan.from_depth(look(target, X_ST, rng))
     points = listed(scan) + rng.normal(
         0.0, [2e-3, 2e-3, 0.0], (int(np.isfinite(scan.depth).sum()), 3)
     )
     assert lattice_grid(points) is None
-    found = identify(points, surface, X_ST[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ X_ST[:3, :3])
-    assert found.accepted, found.reason
-    within("position [m]", target.symmetry.error(found.X_sensor_target, X_ST)[0], 3e-3)
+    identification = identify(
+        points, surface, X_ST[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ X_ST[:3, :3]
+    )
+    assert identification.accepted, identification.reason
+    within("position [m]", target.symmetry.error(identification.X_sensor_target, X_ST)[0], 3e-3)
 
 
 @pytest.mark.parametrize(
@@ -317,7 +326,8 @@ def test_organised_clouds_that_hold_nothing(cloud: Array):
 @pytest.mark.skipif(REAL not in os.environ, reason=f"{REAL} names no folder with the real frame")
 @pytest.mark.parametrize("name", ["milk.pcd", "milk_other_view.pcd"])
 def test_every_door_finds_the_same_pose_in_a_real_frame(name: str, open3d, within):
-    o3d, folder = open3d, Path(os.environ[REAL])
+    o3d = open3d
+    folder = Path(os.environ[REAL])
     file = folder / "milk_cartoon_all_small_clorox.pcd"
     picture = load_cloud(file).points
     K = np.array([[525.0, 0.0, 319.5], [0.0, 525.0, 239.5], [0.0, 0.0, 1.0]])
@@ -338,7 +348,11 @@ def test_every_door_finds_the_same_pose_in_a_real_frame(name: str, open3d, withi
     assert truth.accepted, truth.reason
     flat = np.random.default_rng(0).permutation(listed(scan))
     for cloud in (picture, flat, flat.astype(np.float32)):
-        found = identify(cloud, surface)
-        assert found.accepted, found.reason
+        identification = identify(cloud, surface)
+        assert identification.accepted, identification.reason
         # 2 um
-        within("model [m]", farthest(surface, found.X_sensor_target, truth.X_sensor_target), 1e-3)
+        within(
+            "model [m]",
+            farthest(surface, identification.X_sensor_target, truth.X_sensor_target),
+            1e-3,
+        )

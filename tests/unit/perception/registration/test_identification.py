@@ -109,16 +109,19 @@ def test_barrel_from_all_sides(surface: ModelSurface, fresh_seeds: list[int], wi
     Of 250 seeds 4 were refused, one of them rightly and three for want of edges in view; of those
     of --fresh one in twenty may be.
     """
-    errors, refused = [], {}
+    errors = []
+    refused = {}
     for seed in (0, 10, 31, 142, 214, *fresh_seeds):
         rng = np.random.default_rng(seed)
         X_CT = random_view(rng)
         image = look(BARREL, X_CT, rng)
-        result = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, BARREL.center))
-        if result.accepted:
-            errors.append(BARREL.symmetry.error(result.X_sensor_target, X_CT))
+        identification = identify(
+            Scan.from_depth(image), surface, *coarse(rng, X_CT, BARREL.center)
+        )
+        if identification.accepted:
+            errors.append(BARREL.symmetry.error(identification.X_sensor_target, X_CT))
         else:
-            refused[seed] = result.reason
+            refused[seed] = identification.reason
     assert set(refused) <= set(fresh_seeds), refused
     assert len(refused) <= 1 + len(fresh_seeds) // 20, refused
     position, angle = np.array(errors).T
@@ -134,12 +137,12 @@ def test_objects_it_was_not_made_for(shape: Callable[[], TargetModel], within):
         rng = np.random.default_rng(seed)
         X_CT = random_view(rng, 0.8, 1.2)
         image = look(target, X_CT, rng, floor=seed % 2 == 0)
-        result = identify(Scan.from_depth(image), target, *coarse(rng, X_CT, target.center))
-        assert result.accepted, f"seed {seed}: {result.reason}"
-        position, angle = target.symmetry.error(result.X_sensor_target, X_CT)
+        identification = identify(Scan.from_depth(image), target, *coarse(rng, X_CT, target.center))
+        assert identification.accepted, f"seed {seed}: {identification.reason}"
+        position, angle = target.symmetry.error(identification.X_sensor_target, X_CT)
         within("position [m]", position, 5e-3)  # 1.1 mm
         within("angle [rad]", angle, np.deg2rad(2.0))  # 0.4 deg
-        assert "none needed" in result.symmetry.policy
+        assert "none needed" in identification.symmetry.policy
 
 
 def test_a_start_that_ends_across_is_leant_before_the_barrel_is_slid(within):
@@ -147,11 +150,11 @@ def test_a_start_that_ends_across_is_leant_before_the_barrel_is_slid(within):
 
     # from this start a fit lies across the barrel, or 90 mm along it
     scene = object_scene("barrel", 6)
-    found = identify(
+    identification = identify(
         scene.scan, scene.target, scene.approach, scene.orientation, sensor=scene.sensor.model
     )
-    off, turn = scene.error(found.X_sensor_target)
-    assert found.accepted, found.reason
+    off, turn = scene.error(identification.X_sensor_target)
+    assert identification.accepted, identification.reason
     within("position [m]", off, 0.005)  # 0.4 mm
     within("attitude [deg]", np.rad2deg(turn), 0.5)  # 0.03 deg
 
@@ -162,10 +165,14 @@ def test_normals_are_the_principal_components_of_least_spread(within):
     near = points[cKDTree(points).query(points, k=20)[1]]
     offset = near - near.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
-    found = facing_normals(points)
+    normals_found = facing_normals(points)
     # 7e-16
-    within("1 - |cosine|", np.abs(1.0 - np.abs(np.einsum("ni,ni->n", normals, found))).max(), 1e-13)
-    assert np.all(np.einsum("ni,ni->n", found, points) <= 0.0)
+    within(
+        "1 - |cosine|",
+        np.abs(1.0 - np.abs(np.einsum("ni,ni->n", normals, normals_found))).max(),
+        1e-13,
+    )
+    assert np.all(np.einsum("ni,ni->n", normals_found, points) <= 0.0)
     flat = facing_normals(points * [1.0, 1.0, 0.0] + [0.0, 0.0, 2.0])
     within("a plane's normal", np.abs(flat - [0.0, 0.0, -1.0]).max(), 1e-12)
 
@@ -175,37 +182,37 @@ def test_unknown_attitude_is_searched_for(within):
     target = manifold()
     X_CT = random_view(rng, 0.8, 1.2)
     image = look(target, X_CT @ pose(exp_so3([0, 0, 2.5])), rng)
-    result = identify(Scan.from_depth(image), target)
-    assert result.accepted, result.reason
+    identification = identify(Scan.from_depth(image), target)
+    assert identification.accepted, identification.reason
     position, angle = target.symmetry.error(
-        result.X_sensor_target, X_CT @ pose(exp_so3([0, 0, 2.5]))
+        identification.X_sensor_target, X_CT @ pose(exp_so3([0, 0, 2.5]))
     )
     within("position [m]", position, 5e-3)
     within("angle [rad]", angle, np.deg2rad(2.0))
-    assert result.symmetry.angle_known
+    assert identification.symmetry.angle_known
 
 
 def test_symmetry_that_nobody_declared_is_found_in_the_mesh(frame: DepthImage, within):
     undeclared = replace(BARREL, symmetry=Symmetry())
-    result = identify(Scan.from_depth(frame), undeclared, VIEW[:3, 3])
-    assert result.accepted, result.reason
-    assert result.symmetry.axis is not None
-    within("axis", np.abs(result.symmetry.axis) - [1.0, 0.0, 0.0], 1e-6)
-    assert result.symmetry.turns == len(BARREL.symmetry.rotations)
-    position, angle = BARREL.symmetry.error(result.X_sensor_target, VIEW)
+    identification = identify(Scan.from_depth(frame), undeclared, VIEW[:3, 3])
+    assert identification.accepted, identification.reason
+    assert identification.symmetry.axis is not None
+    within("axis", np.abs(identification.symmetry.axis) - [1.0, 0.0, 0.0], 1e-6)
+    assert identification.symmetry.turns == len(BARREL.symmetry.rotations)
+    position, angle = BARREL.symmetry.error(identification.X_sensor_target, VIEW)
     within("position [m]", position, 5e-3)
     within("axis [rad]", angle, np.deg2rad(1.0))
 
 
 def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: ModelSurface):
     lone = replace(surface, symmetry=Symmetry())  # as if its turns did not look the same
-    result = identify(Scan.from_depth(frame), lone, VIEW[:3, 3])
-    first, *others = result.hypotheses
+    identification = identify(Scan.from_depth(frame), lone, VIEW[:3, 3])
+    first, *others = identification.hypotheses
     assert others
-    assert not result.accepted
-    likely = [each.log_likelihood for each in result.hypotheses]
+    assert not identification.accepted
+    likely = [hypothesis.log_likelihood for hypothesis in identification.hypotheses]
     assert likely == sorted(likely, reverse=True)
-    assert result.margin == likely[0] - likely[1]
+    assert identification.margin == likely[0] - likely[1]
     for other in others:
         assert lone.symmetry.error(other.X_sensor_target, first.X_sensor_target)[1] > np.deg2rad(
             5.0
@@ -216,9 +223,9 @@ def test_clouds_without_a_grid(surface: ModelSurface, frame: DepthImage, within)
     rng = np.random.default_rng(1)
     points = Scan.from_depth(frame).points.reshape(-1, 3)
     for cloud in (rng.permutation(points)[:20_000], points[::3]):
-        result = perception.identify(cloud, surface, VIEW[:3, 3] + 0.1, VIEW[:3, :3])
-        assert result.accepted, result.reason
-        within("position [m]", BARREL.symmetry.error(result.X_sensor_target, VIEW)[0], 5e-3)
+        identification = perception.identify(cloud, surface, VIEW[:3, 3] + 0.1, VIEW[:3, :3])
+        assert identification.accepted, identification.reason
+        within("position [m]", BARREL.symmetry.error(identification.X_sensor_target, VIEW)[0], 5e-3)
 
 
 def test_result_tells_how_it_came_about(found: Identification, within):
@@ -253,7 +260,8 @@ def test_the_origin_of_a_model_may_lie_anywhere(far: float, within):
     """As in files of a survey: found, and not refused for poses that move the origin and leave the
     object.
     """
-    known, away = bracket(), far * np.array([0.6, 0.0, -0.8])
+    known = bracket()
+    away = far * np.array([0.6, 0.0, -0.8])
     moved = TargetModel(name="moved", vertices=known.vertices + away, triangles=known.triangles)
     X_WC = seen_from(np.array([0.35, -0.55, 0.5]))
     scan = Scan.from_depth(look(known, X_WC, np.random.default_rng(5)))
@@ -261,14 +269,14 @@ def test_the_origin_of_a_model_may_lie_anywhere(far: float, within):
         X_WC[:3, 3] + X_WC[:3, :3] @ known.center + 0.05,
         exp_so3([0.1, -0.1, 0.1]) @ X_WC[:3, :3],
     )
-    near, found = (identify(scan, each, *start) for each in (known, moved))
+    near, of_moved = (identify(scan, surface, *start) for surface in (known, moved))
     assert near.accepted
-    assert found.accepted, found.reason
-    place, other = (
-        transform_points(each.X_sensor_target, p)
-        for each, p in ((near, known.center), (found, moved.center))
+    assert of_moved.accepted, of_moved.reason
+    p_center, other = (
+        transform_points(identification.X_sensor_target, p)
+        for identification, p in ((near, known.center), (of_moved, moved.center))
     )
-    within("place [m]", np.linalg.norm(place - other), 1e-4)  # measured 2e-6
+    within("place [m]", np.linalg.norm(p_center - other), 1e-4)  # measured 2e-6
 
 
 def test_wrong_poses_are_refused(surface: ModelSurface, found: Identification):
@@ -314,9 +322,11 @@ def test_other_shapes_are_refused(surface: ModelSurface, kind: mujoco.mjtGeom, s
     )
     add_floor(spec, VIEW)
     image = shoot(spec, np.random.default_rng(2), DEFAULT_NOISE)
-    result = identify(Scan.from_depth(image), surface, VIEW[:3, 3] + [0.1, 0.05, 0.1], VIEW[:3, :3])
-    assert not result.accepted
-    assert result.reason
+    identification = identify(
+        Scan.from_depth(image), surface, VIEW[:3, 3] + [0.1, 0.05, 0.1], VIEW[:3, :3]
+    )
+    assert not identification.accepted
+    assert identification.reason
 
 
 RNG = np.random.default_rng(0)
@@ -340,9 +350,9 @@ NOTHING = {
 @pytest.mark.parametrize("prior", [True, False])
 def test_nothing_there_is_said_not_raised(surface: ModelSurface, name: str, prior: bool):
     hint = (np.array([0.0, 0.0, 1.3]), np.eye(3)) if prior else (None, np.eye(3))
-    result = identify(NOTHING[name], surface, *hint)
-    assert not result.accepted
-    assert result.reason
+    identification = identify(NOTHING[name], surface, *hint)
+    assert not identification.accepted
+    assert identification.reason
 
 
 @pytest.mark.parametrize(
@@ -378,25 +388,26 @@ def test_a_mesh_of_trimesh_is_a_target():
 
 def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):
     """No start is left: a refusal in words, not an error."""
-    found = identify(
+    identification = identify(
         Scan.from_depth(frame),
         BARREL,
         VIEW[:3, 3] + [0.0, 0.0, 0.55],
         VIEW[:3, :3],
         approach_error=0.1,
     )
-    assert not found.accepted
-    assert found.reason
+    assert not identification.accepted
+    assert identification.reason
 
 
 @pytest.mark.parametrize("p_TC", [(0.1, -0.9, 0.75), (-0.7, 0.8, 0.5)])
 def test_an_exact_frame_gives_the_pose_without_bias(surface: ModelSurface, p_TC, within):
     """No noise, so what is left in depth is the method's own: pixels, voxels, facets."""
-    X_CT, rng = seen_from(np.array(p_TC)), np.random.default_rng(1)
+    X_CT = seen_from(np.array(p_TC))
+    rng = np.random.default_rng(1)
     scan = Scan.from_depth(look(BARREL, X_CT, rng, noise=None))
-    result = identify(scan, surface, *coarse(rng, X_CT, BARREL.center))
-    assert result.accepted, result.reason
-    off = transform_points(result.X_sensor_target, BARREL.center) - transform_points(
+    identification = identify(scan, surface, *coarse(rng, X_CT, BARREL.center))
+    assert identification.accepted, identification.reason
+    off = transform_points(identification.X_sensor_target, BARREL.center) - transform_points(
         X_CT, BARREL.center
     )
     within("in depth [m]", off @ X_CT[:3, 3] / np.linalg.norm(X_CT[:3, 3]), 5e-4)
@@ -409,7 +420,8 @@ def test_a_face_whose_plane_cuts_the_bed_is_no_background(rng):
     x = y = np.arange(-0.3, 0.3, 0.003)
     tx, ty = np.meshgrid(x, y)
     # the camera looks down on the bed, which lies 1.35 m below it
-    pitch, height = np.deg2rad(30.0), 1.35
+    pitch = np.deg2rad(30.0)
+    height = 1.35
     with np.errstate(divide="ignore"):
         z = height / (np.cos(pitch) * ty + np.sin(pitch))
     z[(z < 0.0) | (z > 2.3)] = np.nan
@@ -489,9 +501,9 @@ def test_a_view_that_holds_not_all_of_the_pose_is_refused():
     bar = barrel_like_bar()
     X_CT = seen_from(np.array([0.0, -0.5, 0.05]))
     image = look(bar, X_CT, np.random.default_rng(0), floor=False)
-    result = identify(Scan.from_depth(image), bar, X_CT[:3, 3], X_CT[:3, :3])
-    assert not result.accepted
-    assert result.reason
+    identification = identify(Scan.from_depth(image), bar, X_CT[:3, 3], X_CT[:3, :3])
+    assert not identification.accepted
+    assert identification.reason
 
 
 def barrel_like_bar() -> TargetModel:

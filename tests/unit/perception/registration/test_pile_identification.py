@@ -48,14 +48,15 @@ def test_picture_and_contact_agree(within):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     rng = np.random.default_rng(0)
-    azimuth, height = rng.uniform(-np.pi, np.pi, 300), rng.uniform(-1.45, 1.45, 300)
+    azimuth = rng.uniform(-np.pi, np.pi, 300)
+    height = rng.uniform(-1.45, 1.45, 300)
     outward = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(300)])
     start = outward + height[:, None] * [0.0, 0.0, 1.0]
     scene = RayScene(PILE.vertices, PILE.triangles)
-    seen = scene.cast(start, -outward)["t"]
+    ranges = scene.cast(start, -outward)["t"]
     hit = np.zeros(1, dtype=np.int32)
     felt = [mujoco.mj_ray(model, data, start[i], -outward[i], None, 1, -1, hit) for i in range(300)]
-    within("distance [m]", seen - felt, 1e-3)
+    within("distance [m]", ranges - felt, 1e-3)
     assert sorted(np.unique(np.round(felt, 3))) == pytest.approx([0.62, 0.7])
 
 
@@ -121,17 +122,20 @@ def test_flange_tells_the_height(within):
     Now and then (7 and 21 of the first 60 seeds) a right pose is refused, its shape 0.1 to 0.3 mm
     over the limit.
     """
-    surface, errors = ModelSurface.of(PILE), []
+    surface = ModelSurface.of(PILE)
+    errors = []
     for seed in (0, 1, 2, 3, 46):
         rng = np.random.default_rng(seed)
         heading, height, distance = rng.uniform([-np.pi, -0.2, 1.7], [np.pi, 0.2, 1.9])
         outward = np.array([np.cos(heading), np.sin(heading), 0.0])
         X_CT = seen_from(distance * outward + [0, 0, height], np.array([0.0, 0.0, height]))
         image = look(PILE, X_CT, rng, floor=False)
-        result = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, PILE.center))
-        assert result.accepted, f"seed {seed}: {result.reason}"
-        assert len(result.symmetry.twists) == 1  # to turn about the pile's axis, and no more
-        errors.append(PILE.symmetry.error(result.X_sensor_target, X_CT))
+        identification = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, PILE.center))
+        assert identification.accepted, f"seed {seed}: {identification.reason}"
+        assert (
+            len(identification.symmetry.twists) == 1
+        )  # to turn about the pile's axis, and no more
+        errors.append(PILE.symmetry.error(identification.X_sensor_target, X_CT))
     position, angle = np.array(errors).T
     within("position [m]", position, 5e-3)
     within("axis [rad]", angle, np.deg2rad(0.5))
@@ -145,10 +149,10 @@ def test_a_plain_pile_is_not_said_to_be_known():
         rng = np.random.default_rng(seed)
         X_CT = seen_from(np.array([1.8, 0.0, 0.0]))
         image = look(plain, X_CT @ pose(exp_so3([0.0, 0.0, seed])), rng, floor=False)
-        result = identify(Scan.from_depth(image), plain, *coarse(rng, X_CT, plain.center))
-        assert not result.accepted
-        assert "slide" in result.reason
-        assert len(result.symmetry.twists) == 2
+        identification = identify(Scan.from_depth(image), plain, *coarse(rng, X_CT, plain.center))
+        assert not identification.accepted
+        assert "slide" in identification.reason
+        assert len(identification.symmetry.twists) == 2
 
 
 def test_the_flange_out_of_view_is_not_guessed():
@@ -156,5 +160,5 @@ def test_the_flange_out_of_view_is_not_guessed():
     at = np.array([0.0, 0.0, -0.75])
     X_CT = seen_from(at + np.array([1.2, 0.0, 0.0]), at)
     image = look(PILE, X_CT, rng, floor=False)
-    result = identify(Scan.from_depth(image), PILE, X_CT[:3, 3] + 0.1, X_CT[:3, :3])
-    assert not result.accepted
+    identification = identify(Scan.from_depth(image), PILE, X_CT[:3, 3] + 0.1, X_CT[:3, :3])
+    assert not identification.accepted

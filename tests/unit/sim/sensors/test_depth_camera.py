@@ -95,8 +95,11 @@ def test_sphere_and_cylinder_in_closed_form(within):
         quat = [1, 0, 0, 0] if flat.all() else [np.sqrt(0.5), 0, np.sqrt(0.5), 0]
         spec.worldbody.add_geom(type=kind, size=size, pos=[0, 0, 1.5], quat=quat)
         depth, rays = exact(spec)
-        rays, center = rays * flat, np.array([0.0, 0.0, 1.5])
-        a, b, c = (rays**2).sum(-1), -2.0 * rays @ center, center @ center - 0.4**2
+        rays = rays * flat
+        center = np.array([0.0, 0.0, 1.5])
+        a = (rays**2).sum(-1)
+        b = -2.0 * rays @ center
+        c = center @ center - 0.4**2
         root = b**2 - 4 * a * c
         truth = (-b - np.sqrt(np.maximum(root, 0.0))) / (2 * a)
         well = root > 0.4 * b**2 * (1 - c * 4 * a.min() / b.max() ** 2)  # away from the limb
@@ -118,7 +121,8 @@ def test_agrees_with_mujocos_rays(scene: mujoco.MjModel, within):
     X_WC = pose(data.cam_xmat[0].reshape(3, 3) @ np.diag([1.0, -1.0, -1.0]), data.cam_xpos[0])
     groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
     geom = np.zeros(1, dtype=np.int32)
-    gap, hit = [], set()
+    gap = []
+    hit = set()
     for v in range(2, 480, 17):
         for u in range(2, 640, 17):
             ray = np.array([(u - camera.K[0, 2]) / 554.0, (v - camera.K[1, 2]) / 554.0, 1.0])
@@ -152,15 +156,17 @@ def test_a_look_is_the_same_anywhere_in_the_world(p: tuple[float, ...], within):
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.4, 0, 0], pos=p_W + np.array([0.0, 0.1, 1.5])
         )
-        model, small = spec.compile(), Optics(width=64, height=48, focal=60.0)
+        model = spec.compile()
+        small = Optics(width=64, height=48, focal=60.0)
         camera = DepthCamera(model, "world", pose(exp_so3([0.05, 0.03, 0.0]), p_W), optics=small)
         poses = Poses.of(model)
         return camera.render(poses.xpos, poses.xmat)[0]
 
-    here, there = look(np.zeros(3)), look(np.array(p))
-    seen = np.isfinite(here)
-    assert 200 < seen.sum() == np.isfinite(there).sum()
-    within("depth [m]", there[seen] - here[seen], 3e-6)  # 2.4e-7
+    here = look(np.zeros(3))
+    displaced = look(np.array(p))
+    measured = np.isfinite(here)
+    assert 200 < measured.sum() == np.isfinite(displaced).sum()
+    within("depth [m]", displaced[measured] - here[measured], 3e-6)  # 2.4e-7
 
 
 def test_camera_moves_with_its_hull_and_sees_the_arm_move(scene: mujoco.MjModel):
@@ -197,8 +203,8 @@ def test_mocap_targets_move(within):
 
 def flat_wall(z: float, noise: StereoNoise, seed: int) -> Array:
     depth = np.full((480, 640), z, dtype=np.float32)
-    result = add_noise(depth, np.ones_like(depth), 554.0, noise, np.random.default_rng(seed))
-    return result.astype(np.float64)
+    noisy = add_noise(depth, np.ones_like(depth), 554.0, noise, np.random.default_rng(seed))
+    return noisy.astype(np.float64)
 
 
 @pytest.mark.parametrize("z", [1.0, 2.0])
@@ -238,18 +244,18 @@ def test_turbid_water(within):
     clear, turbid = (StereoNoise(flying=0.0, disparity_step=0.0, attenuation=c) for c in (0.0, 1.5))
     depth = np.full((480, 640), 1.2, dtype=np.float32)
     focal = 5540.0  # so narrow that all rays are of one length, to 0.3 %
-    seen = []
+    disparities = []
     for noise in (clear, turbid):
         frames = [
             add_noise(depth, np.ones_like(depth), focal, noise, np.random.default_rng(s))
             for s in range(6)
         ]
-        seen.append(focal * 0.12 / np.stack(frames).astype(np.float64))
+        disparities.append(focal * 0.12 / np.stack(frames).astype(np.float64))
     contrast = np.exp(-1.5 * 1.2)
-    assert np.all(seen[0] > 0.0)
+    assert np.all(disparities[0] > 0.0)
     lost = 1.0 - np.exp(-((0.05 / contrast) ** 2))
-    within("lost", (seen[1] == 0.0).mean() - lost, 0.01)
-    sigma = (seen[1][seen[1] > 0.0] - focal * 0.12 / 1.2).std()
+    within("lost", (disparities[1] == 0.0).mean() - lost, 0.01)
+    sigma = (disparities[1][disparities[1] > 0.0] - focal * 0.12 / 1.2).std()
     within("sigma, relative", sigma * contrast / 0.25 - 1.0, 0.03)
     dark = add_noise(depth * 8, np.ones_like(depth), focal, turbid, np.random.default_rng(0))
     assert np.isinf(dark).mean() > 0.999
@@ -262,9 +268,9 @@ def test_edges_fly_and_grazing_surfaces_vanish():
     cosine = np.ones_like(depth)
     cosine[:100] = np.cos(np.deg2rad(76.0))
     only_edges = StereoNoise(disparity_sigma=0.0, disparity_step=0.0)
-    result = add_noise(depth, cosine, 554.0, only_edges, np.random.default_rng(0))
-    assert np.isinf(result[:100]).all()
-    between = (result[100:] > 1.001) & (result[100:] < 1.999)
+    noisy = add_noise(depth, cosine, 554.0, only_edges, np.random.default_rng(0))
+    assert np.isinf(noisy[:100]).all()
+    between = (noisy[100:] > 1.001) & (noisy[100:] < 1.999)
     assert 0.4 < between[:, 319:321].any(axis=1).mean() < 0.6
     assert not between[:, :319].any()
     assert not between[:, 321:].any()
@@ -274,21 +280,22 @@ def test_same_seed_same_frame_and_state_is_explicit():
     spec = mujoco.MjSpec()
     barrel().add_to(spec, seen_from(np.array([0.2, -0.9, 0.7])))
     model = spec.compile()
-    camera, truth = DepthCamera(model, "world", np.eye(4), delay=0.1), Poses.of(model)
+    camera = DepthCamera(model, "world", np.eye(4), delay=0.1)
+    truth = Poses.of(model)
     first = camera.init(np.random.default_rng(7))
-    second, one = camera.step(first, truth)
+    second, image = camera.step(first, truth)
     _, again = camera.step(first, truth)
     _, next_one = camera.step(second, truth)
     _, other = camera.step(camera.init(np.random.default_rng(8)), truth)
-    assert isinstance(one, DepthImage)
-    assert one.time == truth.time
-    assert np.array_equal(one.depth, again.depth, equal_nan=True)
-    assert not np.array_equal(one.depth, next_one.depth, equal_nan=True)
-    assert not np.array_equal(one.depth, other.depth, equal_nan=True)
-    assert not one.depth.flags.writeable
-    seen = one.depth[np.isfinite(one.depth)]
-    assert seen.min() >= 0.3
-    assert seen.max() <= 10.0
+    assert isinstance(image, DepthImage)
+    assert image.time == truth.time
+    assert np.array_equal(image.depth, again.depth, equal_nan=True)
+    assert not np.array_equal(image.depth, next_one.depth, equal_nan=True)
+    assert not np.array_equal(image.depth, other.depth, equal_nan=True)
+    assert not image.depth.flags.writeable
+    depth = image.depth[np.isfinite(image.depth)]
+    assert depth.min() >= 0.3
+    assert depth.max() <= 10.0
 
 
 def test_impossible_cameras_are_refused(scene: mujoco.MjModel):

@@ -95,12 +95,12 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
         mujoco.mjtGeom.mjGEOM_ELLIPSOID,
     ]
     for i in range(12):
-        place = {"pos": rng.uniform(-1.0, 1.0, 3), "quat": rng.standard_normal(4)}
-        parent = spec.worldbody.add_body(**place) if i % 2 else spec.worldbody
+        placing = {"pos": rng.uniform(-1.0, 1.0, 3), "quat": rng.standard_normal(4)}
+        parent = spec.worldbody.add_body(**placing) if i % 2 else spec.worldbody
         if i % 2:
             parent.add_freejoint()
         parent.add_geom(
-            type=kinds[i % 3], size=rng.uniform(0.01, 0.3, 3), **({} if i % 2 else place)
+            type=kinds[i % 3], size=rng.uniform(0.01, 0.3, 3), **({} if i % 2 else placing)
         )
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -116,7 +116,9 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
         X_WS, Rays.of(way, 0.0, start), data.xpos, data.xmat
     )
 
-    vertices, faces, first = [], [], 0
+    vertices = []
+    faces = []
+    first = 0
     for geom in range(model.ngeom):
         p, f = tessellate(model, geom)
         vertices.append(p @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
@@ -124,10 +126,10 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
         first += len(p)
     scene = RayScene(np.concatenate(vertices), np.concatenate(faces))
     hit = scene.cast(start @ X_WS[:3, :3].T + X_WS[:3, 3], way @ X_WS[:3, :3].T)
-    seen = np.isfinite(hit["t"])
+    hits = np.isfinite(hit["t"])
     # of 3500: a ray along a silhouette may go either way
-    assert (np.isfinite(distance) != seen).sum() <= 7
-    both = seen & np.isfinite(distance)
+    assert (np.isfinite(distance) != hits).sum() <= 7
+    both = hits & np.isfinite(distance)
     assert (np.abs(distance[both] - hit["t"][both]) > 1e-4).sum() <= 17
     assert np.all((cosine >= 0.0) & (cosine < 1.0 + 1e-5))
 
@@ -151,12 +153,12 @@ def test_first_echo_of_a_leaning_wall(lean: float, within):
     """r = h / cos(lean - a), where a is how far the ring of rays lies off the beam's axis."""
     model, data = wall(np.array([np.sin(lean), 0.0, -np.cos(lean)]), 2.0)
     width = np.deg2rad(1.2)
-    one = SonarBeams(rows=1, columns=1, width=width)
-    sonar = Sonar(model, "world", np.eye(4), beams=replace(one, echo="first"), noise=None)
+    beam = SonarBeams(rows=1, columns=1, width=width)
+    sonar = Sonar(model, "world", np.eye(4), beams=replace(beam, echo="first"), noise=None)
     r = sonar.ping(data, np.random.default_rng(0))[0, 0, 2]
     off = min(lean, 0.8 * 0.5 * width)
     within("first echo [m]", r - 2.0 * np.cos(lean) / np.cos(lean - off), 2e-5)
-    strongest = Sonar(model, "world", np.eye(4), beams=one, noise=None)
+    strongest = Sonar(model, "world", np.eye(4), beams=beam, noise=None)
     within(
         "strongest echo [m]", strongest.ping(data, np.random.default_rng(0))[0, 0, 2] - 2.0, 1e-3
     )
@@ -179,10 +181,10 @@ def test_footprint_widens_an_edge(within):
     for echo, wider in kinds:
         sonar = Sonar(model, "world", np.eye(4), beams=replace(beams, echo=echo), noise=None)
         z = sonar.ping(data, np.random.default_rng(0))[0, :, 2]
-        seen = fan / 2000 * np.count_nonzero(z < 2.5)
+        width_seen = fan / 2000 * np.count_nonzero(z < 2.5)
         within(
             f"{echo}: angle of the plate [rad]",
-            seen - (2.0 * np.arctan(0.1 / 2.0) + wider),
+            width_seen - (2.0 * np.arctan(0.1 / 2.0) + wider),
             0.15 * width,
         )
 
@@ -193,7 +195,8 @@ def test_range_noise_is_as_stated(within):
     noise = SonarNoise(outliers=0.0, pointing=0.0)
     sonar = Sonar(model, "world", np.eye(4), beams=beams, noise=noise)
     pings = np.stack([sonar.ping(data, np.random.default_rng(seed)) for seed in range(4)])
-    r, true = np.linalg.norm(pings, axis=-1), 3.0 / beams.axes()[..., 2]
+    r = np.linalg.norm(pings, axis=-1)
+    true = 3.0 / beams.axes()[..., 2]
     z = (r - true) / np.sqrt((0.003 * true) ** 2 + 0.01**2 / 12.0)
     within("sigma, relative", z.std() - 1.0, 0.03)
     within("bias, in sigmas", z.mean(), 0.03)
@@ -236,24 +239,27 @@ def test_same_state_same_ping_in_the_step_loop():
             "<worldbody>", '<worldbody><site name="eye" pos="0 0 1.5" euler="180 0 0"/>'
         )
     )
-    sonar, truth = Sonar.at_site(model, "eye", delay=0.1), Poses.of(model)
+    sonar = Sonar.at_site(model, "eye", delay=0.1)
+    truth = Poses.of(model)
     assert isinstance(sonar, Sensor)
     first = sonar.init(np.random.default_rng(3))
-    second, one = sonar.step(first, truth)
+    second, scan = sonar.step(first, truth)
     _, again = sonar.step(first, truth)
     _, other = sonar.step(second, truth)
-    assert isinstance(one, SonarScan)
-    assert one.points.shape == (72, 96, 3)
-    assert not one.points.flags.writeable
-    assert np.array_equal(one.points, again.points, equal_nan=True)
-    assert not np.array_equal(one.points, other.points, equal_nan=True)
+    assert isinstance(scan, SonarScan)
+    assert scan.points.shape == (72, 96, 3)
+    assert not scan.points.flags.writeable
+    assert np.array_equal(scan.points, again.points, equal_nan=True)
+    assert not np.array_equal(scan.points, other.points, equal_nan=True)
 
 
 def before_a_barrel() -> tuple[TargetModel, Array, Sonar, Poses]:
     """A barrel seen so that both its end and its side show, its pose (4, 4) in S, the sonar, and
     the world's poses.
     """
-    target, X_ST, spec = barrel(), seen_from(np.array([1.0, -0.9, 0.8])), mujoco.MjSpec()
+    target = barrel()
+    X_ST = seen_from(np.array([1.0, -0.9, 0.8]))
+    spec = mujoco.MjSpec()
     target.add_to(spec, X_ST)
     model = spec.compile()
     return target, X_ST, Sonar(model, "world", np.eye(4)), Poses.of(model)
@@ -268,9 +274,11 @@ def test_barrel_is_found_in_a_sonar_scan(within):
     assert (np.linalg.norm(points, axis=-1) > 3.0).sum() > 50
     assert np.nanmax(off) < 1.0
     sensor = sonar_model(SonarBeams().pitch)
-    found = identify(clean, target, X_ST[:3, 3] + [0.1, -0.1, 0.05], X_ST[:3, :3], sensor=sensor)
-    assert found.accepted, found.reason
-    within("position [m]", found.X_sensor_target[:3, 3] - X_ST[:3, 3], 0.01)  # 0.001
+    identification = identify(
+        clean, target, X_ST[:3, 3] + [0.1, -0.1, 0.05], X_ST[:3, :3], sensor=sensor
+    )
+    assert identification.accepted, identification.reason
+    within("position [m]", identification.X_sensor_target[:3, 3] - X_ST[:3, 3], 0.01)  # 0.001
 
 
 def test_finder_lays_a_path_on_the_median_of_pings(within):
@@ -285,15 +293,15 @@ def test_finder_lays_a_path_on_the_median_of_pings(within):
     )
     estimate = standing(np.eye(4))  # W is the sonar's own frame
     heard, scan = sonar.step(sonar.init(np.random.default_rng(1)), truth)
-    state, found = finder.step(finder.init(), estimate, scan)
+    state, target_found = finder.step(finder.init(), estimate, scan)
     for _ in range(7):
-        assert found is None
+        assert target_found is None
         heard, scan = sonar.step(heard, truth)
-        state, found = finder.step(state, estimate, scan)
-    assert found is not None
-    assert found.accepted, found.reason
-    assert found.path is not None
-    p_T = transform_points(inverse(X_ST), found.path.p)
+        state, target_found = finder.step(state, estimate, scan)
+    assert target_found is not None
+    assert target_found.accepted, target_found.reason
+    assert target_found.path is not None
+    p_T = transform_points(inverse(X_ST), target_found.path.p)
     # 0.0007
     within("path off the barrel's side [m]", np.linalg.norm(p_T[:, 1:], axis=1) - 0.3, 0.003)
     silence = replace(scan, points=np.full_like(scan.points, np.nan))

@@ -20,8 +20,8 @@ EXPERIMENTS = Path("scripts", "experiments")
 
 
 def test_numbers_come_back_to_the_last_digit(tmp_path: Path, rng: np.random.Generator):
-    values = {"site.gust": rng.random(), "site.current": rng.normal(size=3).tolist(), "seed": 7}
-    cases = tuple(DrawnCase(case=number, values=values) for number in (4, 2))
+    draws = {"site.gust": rng.random(), "site.current": rng.normal(size=3).tolist(), "seed": 7}
+    cases = tuple(DrawnCase(case=number, values=draws) for number in (4, 2))
     write_cases(tmp_path / "cases.json", "pushes", cases)
     assert read_cases(tmp_path / "cases.json", "pushes") == cases
 
@@ -74,7 +74,7 @@ def test_the_cases_that_the_project_keeps_can_be_run(root: Path):
     assert len({case.scenario().seed for case in sound}) == 40
 
     unseen = home / "identification" / "unseen" / "drawn_cases.json"
-    scenes = [each.scene for each in made_cases(unseen, "unseen objects", UnseenTrial)]
+    scenes = [trial.scene for trial in made_cases(unseen, "unseen objects", UnseenTrial)]
     assert len({(scene.content, scene.index, scene.member) for scene in scenes}) == 19
     clean = build(scenes[0])
     assert clean.range_m == pytest.approx(RANGE, abs=1e-12)

@@ -93,6 +93,6 @@ def wanted() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        if (told := missing(error)) is not None:
-            raise told from error
+        if (absence := missing(error)) is not None:
+            raise absence from error
         raise

@@ -87,7 +87,8 @@ def joint_record(joints: int) -> JointRecord:
 def estimate_record(joints: int) -> EstimateRecord:
     """Record of a vehicle at rest at the origin of the world, with so many joints."""
     v, w, a, sigma, moved, gyro, attitude = np.zeros((7, 3))
-    unknown, ages = np.full(1, math.nan), np.zeros(4)
+    unknown = np.full(1, math.nan)
+    ages = np.zeros(4)
     joint = joint_record(joints)
     off = gyro, attitude, np.zeros(joints)
     beside = sigma, unknown, ages, moved, *off

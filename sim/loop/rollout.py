@@ -313,7 +313,8 @@ class Rollout:
 
     def act(self, moment: Moment) -> None:
         """Show what `decide` has returned to the observers, and step the plant."""
-        self.stage, self.frame = Stage.NEW, None
+        self.stage = Stage.NEW
+        self.frame = None
 
         for observer in self.observers:
             observer.observe(moment)
@@ -328,7 +329,7 @@ class Rollout:
             ConfigurationError: A wrapper of the plant has no attribute `plant` (`SteppedPlant`).
         """
         everything = vars(self).items()
-        changing = {name: value for name, value in everything if name not in self._OF_THE_RUN}
+        changing = {name: entry for name, entry in everything if name not in self._OF_THE_RUN}
         return {"plant": _keeper(self.plant).save(), "loop": changing}
 
     def resume(self, saved: dict[str, Any]) -> None:
@@ -386,13 +387,13 @@ class Rollout:
         return self.target.accepted and self.reference.state is WorkState.SCAN
 
     @property
-    def told(self) -> bool:
+    def message_waits(self) -> bool:
         """True if a message waits for the estimator's next step."""
         return bool(self._arrived)
 
     def next_due(self, tick: int) -> int:
         """Tick from `tick` on at which a slow sensor measures, or a message or a frame is due."""
-        if self.looking or self.told:
+        if self.looking or self.message_waits:
             return tick
 
         due = min((tick + -tick % every for every in self._slow), default=tick + self._look_ticks)
@@ -402,12 +403,10 @@ class Rollout:
         """Let the sensors that are due measure, and collect what arrives."""
         scan = self.command is not None and self.command.scan
         followed = self.following and not tick % self._follower_ticks
-        truth, states, sensors, arrived = (
-            self.truth,
-            self.sensor_states,
-            self.parts.sensors,
-            self._arrived,
-        )
+        truth = self.truth
+        states = self.sensor_states
+        sensors = self.parts.sensors
+        arrived = self._arrived
 
         # Sensors without a period send frames: when asked, or for the follower.
         for i, every in enumerate(self._every):
@@ -451,7 +450,9 @@ class Rollout:
             self._arrived = []
 
         # A frame goes to the finder with the estimate at its exposure.
-        frame, finder, follower = self.frame, self.parts.finder, self.parts.follower
+        frame = self.frame
+        finder = self.parts.finder
+        follower = self.parts.follower
         if frame is None or finder is None:
             return
         then = self._seen_from.pop(frame.time, self.estimate)
@@ -460,8 +461,8 @@ class Rollout:
             self._followed.discard(frame.time)
             self.frame = None
         else:
-            self._finder_state, found = finder.step(self._finder_state, then, frame)
-            self.target = found or self.target  # None: the finder needs more frames first
+            self._finder_state, new_target = finder.step(self._finder_state, then, frame)
+            self.target = new_target or self.target  # None: the finder needs more frames first
 
         if follower is not None and self.target is not None and self.target.accepted:
             self._follower_state, motion = follower.step(

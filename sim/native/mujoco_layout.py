@@ -116,7 +116,8 @@ def _differences(
     name: str, live: mujoco.MjModel | mujoco.MjData, needed: Collection[str]
 ) -> list[str]:
     struct = structure(name).from_address(live._address)
-    differing, compared = [], set[str]()
+    differing = []
+    compared = set[str]()
 
     for field in structs.STRUCTS[name].fields:
         if not isinstance(field, ast_nodes.StructFieldDecl):

@@ -36,16 +36,16 @@ class DrivenWater:
         self._data = data
         wet = is_wet(model)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
-        place = place_of(model)
+        first = place_of(model)
 
-        self._in_data = place >= 0
+        self._in_data = first >= 0
 
         # Views, which compiled steps write too.
 
         self._model_wind = model.opt.wind
         self._model_flow = water[LAYOUT.current_acceleration :][:6]
         if self._in_data:
-            row = data.userdata[place : place + FLOW.size]
+            row = data.userdata[first : first + FLOW.size]
             self._head = row[FLOW.kind : FLOW.velocity + 3]
             self._wind = row[FLOW.velocity :][:3]
             self._acceleration = row[FLOW.acceleration :][:3]

@@ -58,8 +58,11 @@ STATE_COLORS = dict(
 
 def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
     """Corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms, or None."""
-    corners, normals, colors = [], [], []
-    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    corners = []
+    normals = []
+    colors = []
+    first = int(model.body_geomadr[body])
+    count = int(model.body_geomnum[body])
 
     for geom in range(first, first + count):
         rgba = np.asarray(model.geom_rgba[geom])

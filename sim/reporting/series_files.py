@@ -88,10 +88,11 @@ def write_table(file: Path, columns: Sequence[Column]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    fields, arrays = [], []
+    fields = []
+    arrays = []
     for column in columns:
         arrays.append(pa.array(column.values))
-        about = {key.encode(): value.encode() for key, value in column.about.items()}
+        about = {key.encode(): entry.encode() for key, entry in column.about.items()}
         fields.append(pa.field(column.name, arrays[-1].type, metadata=about))
 
     pq.write_table(
@@ -132,7 +133,7 @@ def read_table(file: Path) -> dict[str, Column]:
             raise ConfigurationError(f"{what}: {shown(column.unit)} is no unit")
 
         if column.values.dtype.kind == "O":  # of Arrow: texts, or numbers with gaps
-            if not all(isinstance(each, str) for each in column.values):
+            if not all(isinstance(word, str) for word in column.values):
                 raise ConfigurationError(
                     f"{what}: {shown(column.name)} is neither numbers nor texts"
                 )
@@ -157,16 +158,16 @@ def arrow_table(file: Path) -> "pa.Table":
     raw = bytes_of(file, "series", _MOST_BYTES // 2)
     try:
         stored = pq.ParquetFile(pa.BufferReader(raw), page_checksum_verification=True)
-        told = stored.metadata
+        metadata = stored.metadata
         parts = [
-            told.row_group(i).column(k)
-            for i in range(told.num_row_groups)
-            for k in range(told.num_columns)
+            metadata.row_group(i).column(k)
+            for i in range(metadata.num_row_groups)
+            for k in range(metadata.num_columns)
         ]
 
         # What it takes in memory, checked before it is read.
         unpacked = sum(part.total_uncompressed_size for part in parts)
-        if told.num_rows * told.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
+        if metadata.num_rows * metadata.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
             raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")
         if any(
             part.has_dictionary_page or not _ENCODINGS.issuperset(part.encodings) for part in parts
@@ -187,9 +188,10 @@ def arrow_table(file: Path) -> "pa.Table":
 def _from_parquet(table: "pa.Table") -> list[Column]:
     columns = []
     for field in table.schema:
-        told = field.metadata or {}
+        metadata = field.metadata or {}
         about = {
-            key: told.get(key.encode(), b"").decode(errors="replace") for key in ("unit", "series")
+            key: metadata.get(key.encode(), b"").decode(errors="replace")
+            for key in ("unit", "series")
         }
         columns.append(Column(field.name, table[field.name].to_numpy(), **about))
 
@@ -207,7 +209,8 @@ def _from_npz(file: Path, what: str) -> list[Column]:
             about = parsed_json(str(stored[_ABOUT]), f"{what}: about")
             names = TableReader("about").made(_Abouts, {"columns": about}).columns
             return [
-                Column(name, stored[name], each.unit, each.series) for name, each in names.items()
+                Column(name, stored[name], field.unit, field.series)
+                for name, field in names.items()
             ]
     except (*_BROKEN, RecursionError) as error:
         if isinstance(error, ConfigurationError):

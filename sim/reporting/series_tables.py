@@ -38,7 +38,10 @@ if TYPE_CHECKING:  # the figures of a run are read without the kernels of what r
 
 METRICS = "metrics.json"  # in the folder of a run
 STATES = (*WorkState, "interrupted", "crashed")  # in which a run may end
-LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
+LOOP = "loop"
+SLOW = "slow"
+POSES = "poses"
+EVENTS = "events"
 # after the name of a table whose series begin later than those of another of its rate
 LATE = "_late"
 _CLOUD = "cloud_"  # before the name of a cloud
@@ -81,13 +84,13 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
         if len(series.time):
             by_time.setdefault((len(series.time), float(series.time[0])), []).append((name, series))
 
-    made: dict[str, list[Column]] = {}
+    tables: dict[str, list[Column]] = {}
     for group in by_time.values():
         title = next((_NAMES[name] for name, _ in group if name in _NAMES), SLOW)
-        while title in made:  # series that begin later, such as an estimate after the tare
+        while title in tables:  # series that begin later, such as an estimate after the tare
             title += LATE
 
-        made[title] = [Column("time", group[0][1].time, "s")]
+        tables[title] = [Column("time", group[0][1].time, "s")]
         for name, series in group:
             labels = series.labels
             if name == "body_pose":
@@ -101,11 +104,11 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
             if len(labels) != width:
                 labels = tuple(map(str, range(width))) if width > 1 else ()
             words = [f"{name}.{label}" for label in labels] or [name]
-            made[title] += [
+            tables[title] += [
                 Column(word, series.value[:, i], series.unit, name) for i, word in enumerate(words)
             ]
 
-    return made
+    return tables
 
 
 @dataclass(frozen=True, slots=False)
@@ -221,13 +224,13 @@ class PastRun:
         Raises:
             ConfigurationError: There is no such column, or it is texts.
         """
-        values = self.column(name, rate)
-        if values.dtype.kind not in "bifu":
+        numbers = self.column(name, rate)
+        if numbers.dtype.kind not in "bifu":
             raise ConfigurationError(
                 f"{self.folder}: the column {shown(name)} of {rate!r} is not numeric"
             )
 
-        return values
+        return numbers
 
     def units(self, rate: str = LOOP) -> dict[str, str]:
         """Unit of each column."""
@@ -259,8 +262,10 @@ class PastRun:
                     parts.setdefault(column.series, []).append(column)
             for name, group in parts.items():
                 labels = tuple(column.label for column in group) if group[0].label else ()
-                value = np.column_stack([self.numbers(column.name, rate) for column in group])
-                series[name] = Series(time=time, value=value, unit=group[0].unit, labels=labels)
+                components = np.column_stack([self.numbers(column.name, rate) for column in group])
+                series[name] = Series(
+                    time=time, value=components, unit=group[0].unit, labels=labels
+                )
 
         self._check_layout(series)
         return RecordedSeries(duration=self.simulated_s, series=series, events=self.events)
@@ -282,15 +287,15 @@ class PastRun:
         if not np.isfinite(times).all() or sorted(times) != times:
             raise ConfigurationError(f"{self.folder}: the times of its events do not rise")
 
-        made = []
+        events = []
         for time, state, note, abort in zip(times, *texts, strict=True):
             one_of(state, [*WorkState], f"{self.folder}: state of an event")
             if abort:
                 one_of(abort, [*AbortCode], f"{self.folder}: cause of an event")
             cause = AbortCode(abort) if abort else None
-            made.append(Event(time=float(time), state=WorkState(state), note=note, abort=cause))
+            events.append(Event(time=float(time), state=WorkState(state), note=note, abort=cause))
 
-        return tuple(made)
+        return tuple(events)
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
         """Refuses series of every step with other numbers of columns, or of rows, than `state`."""
@@ -322,8 +327,10 @@ class PastRun:
     def _columns(self, rate: str) -> dict[str, Column]:
         if rate not in self._kept:
             read = read_table(self._file(rate))
-            there = [column for table in (*self._kept.values(), read) for column in table.values()]
-            if sum(column.values.size for column in there) > MOST_NUMBERS:
+            columns = [
+                column for table in (*self._kept.values(), read) for column in table.values()
+            ]
+            if sum(column.values.size for column in columns) > MOST_NUMBERS:
                 raise ConfigurationError(
                     f"{self.folder}: its tables have more than {MOST_NUMBERS} values"
                 )
@@ -354,9 +361,9 @@ class PastRun:
             ("true path deviation, peak", "path", "true_deviation_max_m", 1e3, "mm"),
         ):
             figures = self.metrics.get(table)
-            value = figures.get(name) if isinstance(figures, Mapping) else None
-            if isinstance(value, int | float):
-                rows.append((title, f"{scale * value:.2f}", unit))
+            figure = figures.get(name) if isinstance(figures, Mapping) else None
+            if isinstance(figure, int | float):
+                rows.append((title, f"{scale * figure:.2f}", unit))
 
         return page.card(
             str(self.folder), bool(self.metrics["accepted"]), self.metrics["failed"], rows

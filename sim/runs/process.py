@@ -34,7 +34,9 @@ def parts_from_the_working_folder() -> None:
     """
     here = os.getcwd()
     sys.path[:] = [
-        each for each in sys.path if each and os.path.realpath(each) != os.path.realpath(here)
+        folder
+        for folder in sys.path
+        if folder and os.path.realpath(folder) != os.path.realpath(here)
     ] + [here]
 
 

@@ -159,7 +159,7 @@ def predict(
     """
     rays = camera.rays(GRID)
     good = np.isfinite(depth) & ~hidden & (depth >= camera.near) & (depth <= camera.far)
-    seen = float(good.mean())
+    visible = float(good.mean())
     if good.sum() < 4:
         nothing = np.zeros((6, 6))
         return Prediction(
@@ -192,7 +192,7 @@ def predict(
     )
 
     return Prediction(
-        texture=H_texture, shape=H_shape, condition=condition, seen=seen, range=range_m
+        texture=H_texture, shape=H_shape, condition=condition, seen=visible, range=range_m
     )
 
 
@@ -385,9 +385,9 @@ class ArmCamera:
             float(np.hypot(X_KC[0, 3], X_KC[1, 3])) if state.tracking else 0.0,
         )
 
-        chance = view.chance_lost(self._errors)
+        probability = view.chance_lost(self._errors)
         drawn = rng.standard_normal(3), rng.uniform(size=2)
-        if drawn[1][0] < chance:
+        if drawn[1][0] < probability:
             state.lost += 1
             state.tracking &= state.lost < MOST_LOST
             return state, None

@@ -116,7 +116,9 @@ def current(model: mujoco.MjModel, data: mujoco.MjData | Array) -> WaterMotion:
     if rows is not None:
         is_set = rows[..., FLOW.kind, None] == FLOW.uniform
         numbers = np.where(is_set, rows[..., FLOW.velocity : FLOW.size], numbers)
-    velocity, acceleration, shear = numbers[..., :3], numbers[..., 3:6], numbers[..., 6:]
+    velocity = numbers[..., :3]
+    acceleration = numbers[..., 3:6]
+    shear = numbers[..., 6:]
     return WaterMotion(velocity.copy(), acceleration.copy(), shear.copy())
 
 

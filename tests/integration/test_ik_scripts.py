@@ -39,8 +39,8 @@ def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> Non
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     metrics = json.loads((tmp_path / "metrics.json").read_text())
-    for found in metrics["single"].values():
-        x, y, z, course, trim, roll = found["row"]
+    for crossing in metrics["single"].values():
+        x, y, z, course, trim, roll = crossing["row"]
         assert (x - 100.0) ** 2 + (y + 400.0) ** 2 + z**2 <= 1.0  # [mm]
         assert abs(trim + 50.0) <= 0.6  # [deg]
         assert abs(course - 5.0) + abs(roll) < 2.0

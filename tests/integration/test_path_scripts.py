@@ -67,8 +67,8 @@ def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPat
 def placed(scenario: Scenario) -> PlacedSurfaceWork:
     """The work at its site, without plant and parts."""
     assert isinstance(scenario.task, SurfaceWorkTask)
-    own = OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle))
-    return scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+    vehicle = OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle))
+    return scenario.task.place(scenario, vehicle, np.random.default_rng(scenario.seed))
 
 
 BOTH = pytest.mark.long(
@@ -84,9 +84,9 @@ def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
     where both are.
     """
     work = placed(clean_barrel(seed=1, fouled=fouled, dented=dented))
-    there = work.truth.model
-    off = signed_distance(work.target.vertices, work.target.triangles, there.vertices)
-    off, near = off[np.abs(off) > 0.004], there.vertices[np.abs(off) > 0.004]
+    model = work.truth.model
+    off = signed_distance(work.target.vertices, work.target.triangles, model.vertices)
+    off, near = off[np.abs(off) > 0.004], model.vertices[np.abs(off) > 0.004]
     path = work.target.path(work.truth.path)
     assert np.linalg.norm(near[:, None] - path.p[::10], axis=-1).min(axis=1).max() < 0.3
     for height, sign in ((fouled, 1.0), (dented, -1.0)):
@@ -107,7 +107,8 @@ def test_clean_job_has_nothing_else_there():
 
 
 def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):
-    known, file = barrel(), tmp_path / "drum.ply"
+    known = barrel()
+    file = tmp_path / "drum.ply"
     write_ply(file, known.vertices, known.triangles)
     work = placed(clean_object(object=str(file)))
     path = work.target.path(work.truth.path)

@@ -160,7 +160,7 @@ def test_the_story_of_a_drag_has_its_profile_with_both_axes():
         ground=plane,
     )
     scan = SonarScan(time=0.0, points=np.zeros((1, 1, 3)), X_BS=np.eye(4))
-    found, _ = finder.step(finder.init(), estimate, scan)
+    finder_state, _ = finder.step(finder.init(), estimate, scan)
     shown: dict[str, np.ndarray] = {}
     log = SimpleNamespace(
         log_cloud=lambda name, points, *_, **__: shown.update({name: points}),
@@ -169,7 +169,7 @@ def test_the_story_of_a_drag_has_its_profile_with_both_axes():
     )
     recorder = SimpleNamespace(add_cloud=lambda *_: None)
     moment = SimpleNamespace(
-        frame=scan, found=found, estimate=estimate, truth=SimpleNamespace(time=0.0)
+        frame=scan, found=finder_state, estimate=estimate, truth=SimpleNamespace(time=0.0)
     )
     SeabedRecorder(untyped(recorder), untyped(log)).observe(untyped(moment))
     assert shown.keys() == {"scan", "coarse_plane", "seabed", "targets", "profile_a", "profile_n"}

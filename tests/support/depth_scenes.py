@@ -54,7 +54,9 @@ def dented_barrel(
     """The barrel with a smooth dent of `depth` [m] (a bulge if negative) and Gaussian `width`
     [m].
     """
-    half, radius, rim = 0.5 * BARREL_LENGTH, 0.3, 0.31
+    half = 0.5 * BARREL_LENGTH
+    radius = 0.3
+    rim = 0.31
     shell = np.linspace(0.03 - half, half - 0.03, 141)
     xs = np.concatenate([[-half, -half, 0.03 - half], shell, [half - 0.03, half, half]])
     radii = np.concatenate([[0.0, rim, rim], np.full(len(shell), radius), [rim, rim, 0.0]])

@@ -76,11 +76,11 @@ class Setting:
 
     def environment(self) -> Any:
         """The environment, made once in a process."""
-        return _made(self)
+        return _loaded(self)
 
 
 @cache
-def _made(setting: Setting) -> Any:
+def _loaded(setting: Setting) -> Any:
     domain, _, name = setting.task.partition("/")
     return composer.load(domain, name, actions=setting.actions, time_limit=setting.time_limit)
 
@@ -88,7 +88,7 @@ def _made(setting: Setting) -> Any:
 def observed(observation: dict[str, Array]) -> Array:
     """Goal and velocities, in the vehicle's own axes."""
     return np.concatenate(
-        [value for name, value in observation.items() if "goal" in name or name in SEEN]
+        [entry for name, entry in observation.items() if "goal" in name or name in SEEN]
     )
 
 
@@ -107,54 +107,53 @@ def main() -> int:
     """Learns, and returns 0 if the learnt policy is better than that of the start by three standard
     errors.
     """
-    options, console = parse(Options), Console()
+    options = parse(Options)
+    console = Console()
     folder = new_folder("task_learning", options.out, options.seed)
 
-    setting, rng = (
-        Setting(options.task, options.actions, options.time_limit),
-        np.random.default_rng(options.seed),
-    )
+    setting = Setting(options.task, options.actions, options.time_limit)
+    rng = np.random.default_rng(options.seed)
 
-    environment, pool = setting.environment(), ProcessPoolExecutor(os.cpu_count())
+    environment = setting.environment()
+    pool = ProcessPoolExecutor(os.cpu_count())
     size = environment.action_spec().shape[0] * len(observed(environment.reset().observation))
 
     def totals(policies: Array, seeds: np.ndarray) -> Array:
         return np.array(list(pool.map(act, [setting] * len(policies), policies, seeds.tolist())))
 
-    mean, deviation, curve, begin = (
-        np.zeros(size),
-        np.full(size, options.spread),
-        [],
-        time.perf_counter(),
-    )
+    mean = np.zeros(size)
+    deviation = np.full(size, options.spread)
+    curve = []
+    begin = time.perf_counter()
 
     while (spent := time.perf_counter() - begin) < 60.0 * options.minutes:
         drawn = mean + deviation * rng.standard_normal((options.population, size))
-        found = totals(drawn, np.full(options.population, rng.integers(2**31)))
+        returns = totals(drawn, np.full(options.population, rng.integers(2**31)))
 
         # The distribution moves towards the best quarter.
-        best = drawn[np.argsort(found)[-max(2, round(BEST * options.population)) :]]
+        best = drawn[np.argsort(returns)[-max(2, round(BEST * options.population)) :]]
         mean = mean + SMOOTH * (best.mean(axis=0) - mean)
         deviation = np.sqrt((1.0 - SMOOTH) * deviation**2 + SMOOTH * best.var(axis=0))
         deviation = np.maximum(deviation, LEAST * options.spread)
 
-        curve.append({"time_s": spent, "mean": float(found.mean()), "best": float(found.max())})
+        curve.append({"time_s": spent, "mean": float(returns.mean()), "best": float(returns.max())})
         if len(curve) % 5 == 0:
             console.print(
-                f"generation {len(curve):3d}, {spent:4.0f} s: mean return {found.mean():6.1f}"
+                f"generation {len(curve):3d}, {spent:4.0f} s: mean return {returns.mean():6.1f}"
             )
 
     # The mean and the policy of the start, in the same fresh episodes.
     fresh = rng.integers(2**31, size=FRESH)
-    before, after = totals(np.zeros((FRESH, size)), fresh), totals(np.tile(mean, (FRESH, 1)), fresh)
+    before = totals(np.zeros((FRESH, size)), fresh)
+    after = totals(np.tile(mean, (FRESH, 1)), fresh)
     error = float(np.hypot(before.std(ddof=1), after.std(ddof=1)) / np.sqrt(FRESH))
     gain = float(after.mean() - before.mean())
 
-    told = (
+    verdict = (
         f"return {before.mean():.1f} before, {after.mean():.1f} after, {gain / error:.1f} "
         "standard errors more"
     )
-    console.print(f"{options.task}, {FRESH} fresh episodes: {told}")
+    console.print(f"{options.task}, {FRESH} fresh episodes: {verdict}")
 
     figures = {
         "before": before.tolist(),
@@ -177,15 +176,15 @@ def _draw(file: Path, curve: list[dict[str, float]], task: str) -> None:
     figure = Figure(figsize=(7.0, 3.5), layout="constrained")
     axes = figure.subplots()
 
-    times = [each["time_s"] for each in curve]
+    times = [generation["time_s"] for generation in curve]
     axes.plot(
         times,
-        [each["best"] for each in curve],
+        [generation["best"] for generation in curve],
         linewidth=0.8,
         alpha=0.6,
         label="best of a generation",
     )
-    axes.plot(times, [each["mean"] for each in curve], label="mean of a generation")
+    axes.plot(times, [generation["mean"] for generation in curve], label="mean of a generation")
     axes.set(xlabel="time [s]", ylabel="return of an episode", title=task)
     axes.grid(alpha=0.3)
     axes.legend()

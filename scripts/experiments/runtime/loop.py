@@ -42,7 +42,10 @@ GOAL = 4.5  # largest time of the loop over that of MuJoCo's own step
 GOAL_WHOLE = 9.0  # the same with identification and placement
 # share of a part's slowest calls that is left out: in those the machine did something else
 SLOWEST = 0.01
-WHOLE, SEEING, PLACING, LOOP = "whole run", "identification", "placement", "loop alone"
+WHOLE = "whole run"
+SEEING = "identification"
+PLACING = "placement"
+LOOP = "loop alone"
 ONCE = ("sensor DepthCamera", "finder", "placement")  # no parts of every step
 REST = "loop itself"
 _READINGS = 20_000  # of the clock, by which its overhead is measured
@@ -70,8 +73,8 @@ class LoopCase:
             words = shlex.split(self.job)
         except ValueError as error:
             raise ConfigurationError(f"--job {self.job!r}: {error}") from error
-        values, _ = parsed(clean_barrel, words)
-        return clean_barrel(**values)
+        settings, _ = parsed(clean_barrel, words)
+        return clean_barrel(**settings)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,15 +112,16 @@ class Stopwatch:
 
     def around(self, call: Callable[..., Any]) -> Callable[..., Any]:
         """`call`, with its durations recorded."""
-        clock, add = self._clock, self.spent.append
+        clock = self._clock
+        add = self.spent.append
 
         def timed(*values: Any) -> Any:
             began = clock()
-            result = call(*values)
+            outcome = call(*values)
             spent = clock() - began
             add(spent)
             self.tally += spent
-            return result
+            return outcome
 
         return timed
 
@@ -147,8 +151,11 @@ class PlannerPart:
     """Proxy of a planner; its one long call, the placement of the hull, has its own stopwatch."""
 
     def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
-        self.period, self.init = part.period, part.init
-        self._step, self._spent, self._placing = watch.around(part.step), watch.spent, placing.spent
+        self.period = part.period
+        self.init = part.init
+        self._step = watch.around(part.step)
+        self._spent = watch.spent
+        self._placing = placing.spent
         self._state = WorkState.SETTLE  # of the last reference
 
     def step(self, state: Any, *values: Any) -> Any:
@@ -166,7 +173,8 @@ class Rest:
 
     def __init__(self, watches: Mapping[str, Stopwatch]) -> None:
         self.watch = Stopwatch(time.perf_counter_ns)
-        self._watches, self._last = watches, time.perf_counter_ns()
+        self._watches = watches
+        self._last = time.perf_counter_ns()
 
     def observe(self, moment: Moment) -> None:
         """Records the rest of one step and resets the tallies."""
@@ -187,7 +195,9 @@ class Instants:
     """
 
     def __init__(self, built: Assembly) -> None:
-        self._model, self._data, self.copies = built.plant.model, built.plant.data, []
+        self._model = built.plant.model
+        self._data = built.plant.data
+        self.copies = []
         self.slow_ticks = (round(1.0 / built.plant.timestep),)
 
     def observe(self, moment: Moment) -> None:
@@ -262,7 +272,9 @@ def by_part(case: LoopCase) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
     def watch(name: str) -> Stopwatch:
         return watches.setdefault(name, Stopwatch(time.perf_counter_ns))
 
-    parts, plant, recorder = built.parts, built.plant, Recorder(built.plant.model, full=case.record)
+    parts = built.parts
+    plant = built.plant
+    recorder = Recorder(built.plant.model, full=case.record)
     timed = replace(
         parts,
         sensors=[Part(s, "step", watch(f"sensor {type(s).__name__}")) for s in parts.sensors],
@@ -324,7 +336,7 @@ def loop(case: LoopCase) -> LoopRow:
         calls=calls,
         call=call,
         step=step,
-        share={name: value / whole for name, value in step.items()},
+        share={name: duration / whole for name, duration in step.items()},
     )
 
 

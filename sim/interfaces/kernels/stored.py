@@ -101,7 +101,8 @@ def _compile_on_first_use(compiled: Any, signature: Any) -> None:
         make()
         return compiled.get_call_template(args, kws)
 
-    compiled._compile_for_args, compiled.get_call_template = compile_for_args, get_call_template
+    compiled._compile_for_args = compile_for_args
+    compiled.get_call_template = get_call_template
 
 
 def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:
@@ -116,15 +117,15 @@ def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:
     """
 
     def decorate(function: Any) -> Any:
-        made: Any = CFunc(
+        callback: Any = CFunc(
             function,
             normalize_signature(signature),
             locals={},
             options={"nopython": True, **options},
         )
-        made._cache = StoredKernel(function, {"C": str(signature), **options})
-        made.compile()
-        return made
+        callback._cache = StoredKernel(function, {"C": str(signature), **options})
+        callback.compile()
+        return callback
 
     return decorate
 
@@ -133,8 +134,8 @@ def is_stored(compiled: Any, signature: Any) -> bool:
     """True if the store has the machine code of a `kernel` for these argument types."""
     if signature in compiled.overloads:
         return True
-    kept = getattr(compiled, "_cache", None)
-    return isinstance(kept, StoredKernel) and kept.is_stored(signature, compiled.targetctx)
+    cache = getattr(compiled, "_cache", None)
+    return isinstance(cache, StoredKernel) and cache.is_stored(signature, compiled.targetctx)
 
 
 class StoredKernel(_Cache):
@@ -254,7 +255,7 @@ def toolchain() -> list[Any]:
 def _can_be_kept(compiled: Any) -> bool:
     """True unless the machine code holds addresses of this process."""
     return not compiled.library.has_dynamic_globals and not any(
-        not each.can_cache for each in compiled.lifted
+        not lifted.can_cache for lifted in compiled.lifted
     )
 
 

@@ -26,7 +26,7 @@ def is_long(node: ast.AST) -> bool:
 @cache
 def marks() -> dict[str, list[str]]:
     """Guards that the marks of each test file name; an empty one for a mark without."""
-    found: dict[str, list[str]] = {}
+    marked: dict[str, list[str]] = {}
     for file in sorted((ROOT / "tests").rglob("test_*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         constants = {
@@ -43,10 +43,10 @@ def marks() -> dict[str, list[str]]:
                 for word in keywords
             }
             assert words.keys() <= {"guarded_by"}, file
-            found.setdefault(file.relative_to(ROOT).as_posix(), []).append(
+            marked.setdefault(file.relative_to(ROOT).as_posix(), []).append(
                 words.get("guarded_by", "")
             )
-    return found
+    return marked
 
 
 def is_plain(guard: str) -> bool:

@@ -44,7 +44,8 @@ def unlimited_motor(spec: mujoco.MjSpec) -> None:
 
 def thruster_on_a_joint(spec: mujoco.MjSpec) -> None:
     thruster = spec.actuator("thruster_sway")
-    thruster.trntype, thruster.target = mujoco.mjtTrn.mjTRN_JOINT, "pad"
+    thruster.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    thruster.target = "pad"
 
 
 def tip_on_the_hull(spec: mujoco.MjSpec) -> None:

@@ -50,7 +50,8 @@ FARTHER = pytest.mark.long(
 @pytest.mark.parametrize("shift", [0.01, pytest.param(0.05, marks=FARTHER)])
 def test_a_push_is_noticed_in_two_frames_and_measured(surface, shift, within):
     tracker = ObjectTracker(surface, VIEW)
-    state, motion = tracker.init(), None
+    state = tracker.init()
+    motion = None
     way = np.array([0.6, 0.0, 0.8])
     for k in range(STILL + MOVED):
         at = VIEW if k < STILL else pose(p=shift * way) @ VIEW

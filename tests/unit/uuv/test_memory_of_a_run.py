@@ -28,7 +28,9 @@ KINDS = (Plant, Rollout, Recorder, Recording, Scan, Evidence, mujoco.MjSpec)
 def alive() -> Counter[str]:
     """Number of instances of each of KINDS; a proxy of what is gone is none."""
     return Counter(
-        type(each).__name__ for each in gc.get_objects() if issubclass(type(each), KINDS)
+        type(instance).__name__
+        for instance in gc.get_objects()
+        if issubclass(type(instance), KINDS)
     )
 
 
@@ -47,12 +49,12 @@ def test_a_run_leaves_nothing_behind_also_without_the_collector() -> None:
     def one_run(seed: int) -> list[ref[Any]]:
         done = run(assemble(jobs.open_water(seed=seed), full=True), longest=0.2)
         plant = done.assembly.plant
-        return [ref(each) for each in (plant, plant.model, plant.data)]
+        return [ref(part) for part in (plant, plant.model, plant.data)]
 
     with without_collector():
         before = alive()
         parts = one_run(3) + one_run(4)
-        assert [each() for each in parts] == [None] * 6
+        assert [reference() for reference in parts] == [None] * 6
         assert alive() == before
 
 

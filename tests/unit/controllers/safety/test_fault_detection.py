@@ -43,10 +43,8 @@ class Rig:
     command: Array = field(default_factory=COMMAND.copy)  # of the thrusters
 
     def run(self, duration: float) -> tuple[Fault, ...]:
-        health, rng = (
-            FaultDetection(MODEL, period=DT, limits=self.limits),
-            np.random.default_rng(self.seed),
-        )
+        health = FaultDetection(MODEL, period=DT, limits=self.limits)
+        rng = np.random.default_rng(self.seed)
         state: Any = None
         thrust = np.array(
             [
@@ -94,13 +92,13 @@ class Rig:
 
 def stuck(since: float, joint: int) -> Callable[[float, Array], Array]:
     """Torque readings of which one stands still from `since` [s] on."""
-    kept: list[float] = []
+    torque_then: list[float] = []
 
     def change(t: float, tau: Array) -> Array:
         tau = np.array(tau)
         if t >= since:
-            kept.append(tau[joint])
-            tau[joint] = kept[0]
+            torque_then.append(tau[joint])
+            tau[joint] = torque_then[0]
         return tau
 
     return change
@@ -128,7 +126,9 @@ def test_a_sensor_of_coarse_steps_is_not_taken_for_frozen():
 
 
 def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
-    joint, rate, limits = 1, 5.0, FaultLimits()
+    joint = 1
+    rate = 5.0
+    limits = FaultLimits()
 
     def drift(t: float, tau: Array) -> Array:
         return tau + (np.arange(N) == joint) * rate * max(t - 10.0, 0.0)
@@ -148,30 +148,33 @@ def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
 
 
 def test_an_encoder_whose_angle_stands_still_is_found_by_its_speed():
-    joint, kept = 2, []
+    joint = 2
+    readings_then = []
 
     def encoder(t: float, q: Array, qd: Array) -> tuple[Array, Array]:
         q = np.array(q)
         if t >= 10.0:
-            kept.append((q[joint], qd[joint]))
-            q[joint] = kept[0][0]
+            readings_then.append((q[joint], qd[joint]))
+            q[joint] = readings_then[0][0]
         return q, qd
 
     (fault,) = Rig(encoder=encoder).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.ENCODER, joint)
-    run = np.cumsum([abs(speed) * DT for _, speed in kept])  # what the joint has moved unseen
+    run = np.cumsum(
+        [abs(speed) * DT for _, speed in readings_then]
+    )  # what the joint has moved unseen
     expected = 10.0 + DT * int(np.argmax(run > FaultLimits().encoder_slip))
     assert expected - DT <= fault.time < expected + 0.05  # the comparison forgets, a little
 
 
 def test_an_encoder_that_stands_still_whole_is_found():
-    kept = []
+    readings_then = []
 
     def encoder(t: float, q: Array, qd: Array) -> tuple[Array, Array]:
         q, qd = np.array(q), np.array(qd)
         if t >= 10.0:
-            kept.append((q[2], qd[2]))
-            q[2], qd[2] = kept[0]
+            readings_then.append((q[2], qd[2]))
+            q[2], qd[2] = readings_then[0]
         return q, qd
 
     faults = Rig(encoder=encoder).run(11.0)
@@ -215,13 +218,11 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
     """What the controller asks for on top, so that a current takes nothing, is not a thrust that is
     missing.
     """
-    current, thrust, w = (
-        rng.uniform(-0.6, 0.6, 3),
-        rng.uniform(-60.0, 60.0, M),
-        rng.uniform(-0.2, 0.2, 3),
-    )
+    current = rng.uniform(-0.6, 0.6, 3)
+    thrust = rng.uniform(-60.0, 60.0, M)
+    w = rng.uniform(-0.2, 0.2, 3)
     X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
-    asked = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-X_WB[:3, :3].T @ current, w]))
+    command = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-X_WB[:3, :3].T @ current, w]))
 
     def missing(commands: Array, arm_wrench_B: Array) -> Array:
         health = FaultDetection(MODEL, period=DT)
@@ -235,14 +236,15 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
         return state.hull.missing
 
     drag = missing(np.zeros(M), np.zeros(6))
-    within("missing [N, N m]", missing(asked, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
+    within("missing [N, N m]", missing(command, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
 
 
 def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, within: Any):
     """A hull that flies a steady curve askew through a current: Kirchhoff's equations with drag, in
     vectors.
     """
-    X_WB, current_W = pose(exp_so3(rng.uniform(-1.0, 1.0, 3))), rng.uniform(-0.4, 0.4, 3)
+    X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
+    current_W = rng.uniform(-0.4, 0.4, 3)
     v, w, arm_B = rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.3, 0.3, 3), rng.uniform(-20.0, 20.0, 6)
     health = FaultDetection(MODEL, period=DT)
     state = health.init(at_rest(X_WB=X_WB, v_WB_B=v, w_WB_B=w))
@@ -254,7 +256,8 @@ def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, wi
         judge_hull(health, state, at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
 
     water = hydrodynamics.unpack(MODEL.body_user[VEHICLE.hull])
-    nu, flow = np.concatenate([v, w]), np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])
+    nu = np.concatenate([v, w])
+    flow = np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])
     nu_r = nu - flow
     momentum = hull_inertia(MODEL, VEHICLE.hull, 1.0) @ nu - water.added_mass @ flow
     turned = np.concatenate(
@@ -262,9 +265,9 @@ def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, wi
     )
     drag = water.linear_damping @ nu_r + water.quadratic_damping * np.abs(nu_r) * nu_r
     thrust = np.array([in_flow(i, 0.0, nu_r) for i in range(M)])
-    wanted = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
+    expected = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
     assert np.linalg.norm(turned) > 1.0
-    within("missing [N, N m]", state.hull.missing - wanted, 1e-5)
+    within("missing [N, N m]", state.hull.missing - expected, 1e-5)
 
 
 @pytest.mark.parametrize("thruster", range(M))
@@ -275,7 +278,8 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
     velocity = accelerated(-thrust * column)
     (fault,) = Rig(velocity=velocity, command=alone).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
-    limits, turns = FaultLimits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
+    limits = FaultLimits()
+    turns = np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
     if not turns:  # it is probed
         (missing,) = (float(word) for word in re.findall(r"([-\d]+)%", fault.figures))
         assert missing == pytest.approx(100.0, abs=15.0)
@@ -285,11 +289,11 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
             < 2.0 * limits.probe_time + 0.65
         )
         return
-    gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
-    assert asked == pytest.approx(
+    gave, commanded = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
+    assert commanded == pytest.approx(
         in_flow(thruster, COMMAND[thruster], velocity(fault.time)), abs=1.0
     )
-    assert abs(gave) < 0.5 * abs(asked)  # what is left, as it was judged then
+    assert abs(gave) < 0.5 * abs(commanded)  # what is left, as it was judged then
     assert limits.thruster_confirm < fault.time - 10.0 < limits.thruster_confirm + 0.65
 
 
@@ -298,8 +302,9 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
 def test_a_thruster_stuck_at_full_thrust_is_found_with_what_it_gives(name: str, end: float, within):
     thruster = VEHICLE.thruster_names.index(name)
     curve = curves(VEHICLE.thruster_table)[thruster]
-    gives, asked = thrust_at(curve, end), thrust_at(curve, 0.3 * COMMAND[thruster])
-    pushed = accelerated((gives - asked) * VEHICLE.thruster_wrench[:, thruster])
+    gives = thrust_at(curve, end)
+    commanded = thrust_at(curve, 0.3 * COMMAND[thruster])
+    pushed = accelerated((gives - commanded) * VEHICLE.thruster_wrench[:, thruster])
     (fault,) = Rig(velocity=pushed, command=0.3 * COMMAND).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
     within("time to find it [s]", fault.time - 10.0, 1.0)
@@ -324,7 +329,8 @@ def test_a_push_on_the_hull_is_no_lost_thruster(axis: int):
 
 def test_old_vision_is_a_fault_until_it_is_new_again():
     health = FaultDetection(MODEL, period=DT)
-    zero, six = np.zeros(3), np.zeros(N)
+    zero = np.zeros(3)
+    six = np.zeros(N)
     command = Command(time=0.0, joint_torque=six, thrusters=np.zeros(M), scan=False)
 
     def look(age: float) -> list[FaultKind]:
@@ -356,8 +362,10 @@ def test_old_vision_is_a_fault_until_it_is_new_again():
 
 
 def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
-    health, ages = FaultDetection(MODEL, period=DT), (np.nan, np.inf, 0.5, 1.5)
-    state, told = health.init(at_rest()), []
+    health = FaultDetection(MODEL, period=DT)
+    ages = (np.nan, np.inf, 0.5, 1.5)
+    state = health.init(at_rest())
+    faults = []
     for k, age in enumerate(ages):
         load = HullLoad(arm_wrench_B=np.zeros(6))
         command = Command(
@@ -367,11 +375,11 @@ def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
             scan=False,
             hull_load=load,
         )
-        told.append(health.step(state, at_rest(time=float(k), imu_jump_age=age), command))
-    assert told[:2] == [(), ()]
-    (fault,) = told[2]
+        faults.append(health.step(state, at_rest(time=float(k), imu_jump_age=age), command))
+    assert faults[:2] == [(), ()]
+    (fault,) = faults[2]
     assert (fault.kind, fault.part, fault.time) == (FaultKind.IMU, "accelerometer", 1.5)
-    assert told[3] == told[2]
+    assert faults[3] == faults[2]
 
 
 def test_limits_are_positive():

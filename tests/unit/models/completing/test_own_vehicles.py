@@ -101,13 +101,13 @@ def stepped(model: mujoco.MjModel) -> mujoco.MjData:
     """State after half a second under constant thrust and torque."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(READY_KEY).id)
-    for name, value in {
+    for name, command in {
         "thruster_ahead": 10.0,
         "thruster_up_port": 2.0,
         "lift": 1.0,
         "bend": -0.5,
     }.items():
-        data.actuator(name).ctrl = value
+        data.actuator(name).ctrl = command
     mujoco.mj_step(model, data, nstep=250)
     return data
 
@@ -141,9 +141,9 @@ def test_a_urdf_with_a_mapping_moves_as_the_mjcf_does(tmp_path: Path, within) ->
 
 
 def test_what_a_file_leaves_out_is_said(tmp_path: Path) -> None:
-    said = computed(vehicle_spec(written(tmp_path, ".urdf", URDF)))
-    assert "not_there.dae" in said["note_1"]
-    assert set(said) == {"note_1", HOME_KEY, READY_KEY}
+    notes = computed(vehicle_spec(written(tmp_path, ".urdf", URDF)))
+    assert "not_there.dae" in notes["note_1"]
+    assert set(notes) == {"note_1", HOME_KEY, READY_KEY}
 
 
 def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:
@@ -221,20 +221,21 @@ ROS = """<robot name="rov"><link name="world"/>
 def test_a_root_of_ros_floats_with_the_mass_that_is_fixed_to_it(tmp_path: Path, within) -> None:
     (tmp_path / "rov.urdf").write_text(ROS, encoding="utf-8")
     spec = vehicle_spec(tmp_path / "rov.urdf")
-    model, said = spec.compile(), computed(spec)
-    assert said["note_1"] == "link world left out: base floats"
-    assert "it takes that of 'heavy'" in said["note_2"]
+    model = spec.compile()
+    notes = computed(spec)
+    assert notes["note_1"] == "link world left out: base floats"
+    assert "it takes that of 'heavy'" in notes["note_2"]
     joint, inertial = (
         Rotation.from_euler("xyz", angles) for angles in ([0.4, -0.3, 1.2], [-0.2, 0.5, 0.3])
     )
-    place = np.array([0.2, -0.1, 0.3]) + joint.apply([0.1, 0.0, -0.2])
+    p_com = np.array([0.2, -0.1, 0.3]) + joint.apply([0.1, 0.0, -0.2])
     R = (joint * inertial).as_matrix()
     tensor = R @ np.array([[3.0, 0.1, -0.2], [0.1, 2.0, 0.3], [-0.2, 0.3, 1.5]]) @ R.T
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, model.body_iquat[1])
     axes = axes.reshape(3, 3)
     assert model.body_mass[1] == 30.0
-    within("centre of mass [m]", model.body_ipos[1] - place, 1e-12)
+    within("centre of mass [m]", model.body_ipos[1] - p_com, 1e-12)
     within("inertia [kg m^2]", axes * model.body_inertia[1] @ axes.T - tensor, 1e-12)
 
 
@@ -375,19 +376,19 @@ def test_computed_postures_are_clear_and_better_conditioned_than_those_by_hand(n
     for key in list(spec.keys):
         spec.delete(key)
     assert len(complete(spec)) == 2
-    found = Vehicle.of(spec.compile())
+    vehicle = Vehicle.of(spec.compile())
     again = models.load(name)
     for key in list(again.keys):
         again.delete(key)
     complete(again)
     # the same every time
-    np.testing.assert_array_equal(found.q_home, Vehicle.of(again.compile()).q_home)
-    low, high = found.q_limits.T
-    for q in (found.q_home, found.q_ready):
+    np.testing.assert_array_equal(vehicle.q_home, Vehicle.of(again.compile()).q_home)
+    low, high = vehicle.q_limits.T
+    for q in (vehicle.q_home, vehicle.q_ready):
         assert np.all((low <= q) & (q <= high))
         assert search.is_clear(q)
-    assert search.view_blocked(found.q_home) == 0.0
-    assert search.singular_value(found.q_ready) > search.singular_value(theirs[READY_KEY])
+    assert search.view_blocked(vehicle.q_home) == 0.0
+    assert search.singular_value(vehicle.q_ready) > search.singular_value(theirs[READY_KEY])
 
 
 def test_an_arm_that_cannot_be_read_is_told_by_who_needs_it(tmp_path: Path) -> None:

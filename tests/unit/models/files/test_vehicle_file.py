@@ -69,11 +69,11 @@ def test_what_cannot_be_a_vehicle_is_named(tmp_path: Path) -> None:
     water = tmp_path / "rov.water.yaml"
     water.write_text("bodies: {base: {sphere: {radius: 0.2}}}")
     assert hydrodynamics.attached(read(file, water=water).spec)
-    for own in ("uuv_puma", read(file).spec):
+    for source in ("uuv_puma", read(file).spec):
         with pytest.raises(
             ConfigurationError, match="has its own water, so a water file is refused"
         ):
-            read(own, water=water)
+            read(source, water=water)
 
 
 def test_a_function_and_a_spec_go_the_way_of_a_file(tmp_path: Path, monkeypatch) -> None:
@@ -130,9 +130,9 @@ def test_an_arm_whose_root_hangs_on_the_world_of_ros_is_mounted(tmp_path: Path) 
         'link="base"/></joint>'
     )
     rov = models.load("bluerov2_heavy")
-    place = {"p": [0.2, 0.0, -0.15], "rpy": [np.pi, 0.0, 0.0]}
+    mounting = {"p": [0.2, 0.0, -0.15], "rpy": [np.pi, 0.0, 0.0]}
     links = mount_arm(
-        rov, urdf(tmp_path, world, BASE, ARM), **place, tip="link", tip_p=[0.0, 0.0, 0.1]
+        rov, urdf(tmp_path, world, BASE, ARM), **mounting, tip="link", tip_p=[0.0, 0.0, 0.1]
     )
     assert links == ["arm_base", "arm_link"]
     assert rov.compile().actuator("arm_lift").ctrlrange.tolist() == [-7.0, 7.0]

@@ -56,9 +56,9 @@ def test_found_among_stones_with_nothing_known(within, name: str, seed: int):
     from uuv.clouds.object_scenes import object_scene
 
     scene = object_scene(name, seed)
-    found = identify(scene.scan, scene.target, sensor=scene.sensor.model)
-    position, angle = scene.error(found.X_sensor_target)
-    assert found.accepted, found.reason
+    identification = identify(scene.scan, scene.target, sensor=scene.sensor.model)
+    position, angle = scene.error(identification.X_sensor_target)
+    assert identification.accepted, identification.reason
     within("position, of range", position / scene.range_m, 0.01)  # 0.15 %
     within("attitude [deg]", np.rad2deg(angle), 5.0)  # 1 deg
 

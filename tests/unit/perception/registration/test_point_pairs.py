@@ -49,7 +49,8 @@ def test_neighbours_that_touch_it_do_not_hide_it():
         ("anode", [0.0, -0.25, 0.05]),
     ):
         beside, facing = oriented(name, 1)
-        points, normals = np.vstack([points, beside + shift]), np.vstack([normals, facing])
+        points = np.vstack([points, beside + shift])
+        normals = np.vstack([normals, facing])
     assert near(point_pair_poses(points, normals, ROCK)[:60]).any()
 
 

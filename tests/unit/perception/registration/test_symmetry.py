@@ -48,18 +48,18 @@ def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(
     target = barrel(bung_azimuth=azimuth)
     scan = Scan.from_depth(look(target, VIEW, np.random.default_rng(3)))
     prior = VIEW[:3, :3] @ exp_so3([off, 0.1, 0.1])
-    found = identify(scan, target, VIEW[:3, 3] + 0.1, prior)
-    assert found.accepted, found.reason
-    R_error = VIEW[:3, :3].T @ found.X_sensor_target[:3, :3]
+    identification = identify(scan, target, VIEW[:3, 3] + 0.1, prior)
+    assert identification.accepted, identification.reason
+    R_error = VIEW[:3, :3].T @ identification.X_sensor_target[:3, :3]
     if azimuth in (None, HIDDEN):
-        assert not found.symmetry.angle_known
-        assert "nearest to the coarse orientation" in found.symmetry.policy
+        assert not identification.symmetry.angle_known
+        assert "nearest to the coarse orientation" in identification.symmetry.policy
         within(
             "turn from the prior [rad]", np.arccos(0.5 * (np.trace(R_error) - 1.0)) - abs(off), 0.2
         )
     else:
-        assert found.symmetry.angle_known
-        assert "told" in found.symmetry.policy
+        assert identification.symmetry.angle_known
+        assert "told" in identification.symmetry.policy
         within("turn [deg]", np.rad2deg(np.arccos(0.5 * (np.trace(R_error) - 1.0))), 2.0)  # 0.4
 
 
@@ -67,22 +67,25 @@ def test_two_thirds_of_a_bung_are_none():
     """Where every third column shows a bare body, the bung explains the scan better than that, and
     yet is not there.
     """
-    target, rng = barrel(bung_azimuth=SEEN), np.random.default_rng(3)
-    whole, bare = (look(each, VIEW, rng, noise=None, floor=False) for each in (target, barrel()))
+    target = barrel(bung_azimuth=SEEN)
+    rng = np.random.default_rng(3)
+    whole, bare = (
+        look(target_of, VIEW, rng, noise=None, floor=False) for target_of in (target, barrel())
+    )
     depth = np.array(whole.depth)
     depth[:, ::3] = bare.depth[:, ::3]
     surface = ModelSurface.of(target)
-    told = []
+    turns = []
     for image in (whole, replace(whole, depth=depth)):
         scan = Scan.from_depth(image)
         mask = np.isfinite(image.depth)
-        told.append(
+        turns.append(
             resolve_symmetry(
                 Evidence.of(scan, mask, 0.8 * surface.spacing, SensorModel()), surface, VIEW
             )
         )
-    assert told[0] is not None
-    assert told[1] is None
+    assert turns[0] is not None
+    assert turns[1] is None
 
 
 def test_a_bung_stands_out_and_a_whole_barrel_has_nothing_that_does():
@@ -110,7 +113,8 @@ def test_a_declared_axis_is_not_searched_and_the_answer_is_that_of_the_search(mo
     by turning it too.
     """
     surface = drum(exp_so3([0.3, -0.5, 0.8])).thinned(1500)
-    settled, turns = symmetry._settled, []
+    settled = symmetry._settled
+    turns = []
     monkeypatch.setattr(symmetry, "_settled", lambda *args: turns.append(1) or settled(*args))
     passed_over = untyped(ambiguous_poses).__wrapped__(surface)
     tried = len(turns)

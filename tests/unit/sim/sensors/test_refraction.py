@@ -101,9 +101,9 @@ def test_calibration_near_the_axis_in_closed_form(within):
     1).
     """
     port = FlatPort(distance=0.02, thickness=0.01)
-    found = in_water(port, FOCAL, corner=2.0)
-    within("focal length, relative", found.focal / (1.333 * FOCAL) - 1.0, 1e-5)
-    within("centre [m]", found.center + 0.02 * 0.333 + 0.01 * (1.333 / 1.49 - 1.0), 1e-5)
+    camera = in_water(port, FOCAL, corner=2.0)
+    within("focal length, relative", camera.focal / (1.333 * FOCAL) - 1.0, 1e-5)
+    within("centre [m]", camera.center + 0.02 * 0.333 + 0.01 * (1.333 / 1.49 - 1.0), 1e-5)
 
 
 @pytest.mark.parametrize("z", [0.6, 1.5])

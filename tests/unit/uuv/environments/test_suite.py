@@ -112,7 +112,9 @@ def test_the_expert_earns_more_than_nothing_and_chance():
 
 def test_a_sparse_reward_is_success():
     environment = uuv.load("water", "reach", seed=2, sparse=True, time_limit=5.0)
-    policy, moment, rewards = uuv.expert(environment), environment.reset(), []
+    policy = uuv.expert(environment)
+    moment = environment.reset()
+    rewards = []
     while not moment.last():
         moment = environment.step(policy(moment))
         rewards.append(moment.reward)
@@ -160,7 +162,8 @@ def test_thrusters_and_torques_by_names():
 
 def test_a_collision_ends_the_episode_without_discount():
     environment = uuv.load("barrel", "press", actions="thrusters_torques", seed=0, time_limit=20.0)
-    moment, dive = environment.reset(), np.zeros(12)
+    moment = environment.reset()
+    dive = np.zeros(12)
     dive[3:6] = -1.0
     while not moment.last():
         moment = environment.step(dive)
@@ -187,17 +190,17 @@ def test_the_set_point_of_the_tool_stays_near_it():
 def test_records_of_episodes(tmp_path):
     environment = uuv.load("water", "hover", seed=0, time_limit=0.4)
     file = tmp_path / "hover.parquet"
-    found = uuv.record_episodes(
+    record = uuv.record_episodes(
         environment, uuv.zero(environment), file, episodes=2, task="water/hover"
     )
     table = pq.read_table(file)
-    assert table.num_rows == 42 == sum(episode.steps + 1 for episode in found.episodes)
+    assert table.num_rows == 42 == sum(episode.steps + 1 for episode in record.episodes)
     assert pq.ParquetFile(file).num_row_groups == 2
     assert table.schema.metadata[b"task"] == b"water/hover"
     assert table.schema.metadata[b"actions"].startswith(b"surge_left,")
     assert len(table["action"][0].as_py()) == 6
     assert table["episode"].to_pylist() == [0] * 21 + [1] * 21
-    assert sum(table["reward"].to_pylist()[:20]) == pytest.approx(found.episodes[0].total)
+    assert sum(table["reward"].to_pylist()[:20]) == pytest.approx(record.episodes[0].total)
     # the last moment has none
     assert table["action"][20].as_py() is table["reward"][20].as_py() is None
     assert table["discount"].to_pylist() == [1.0] * 42
@@ -453,5 +456,5 @@ def test_the_code_of_the_page_runs(root, tmp_path, monkeypatch):
     assert (tmp_path / "reach.parquet").exists()
     task = next(block for block in blocks if "class Dive" in block)
     assert len(task.splitlines()) <= 60
-    own = next(block for block in blocks if "observable.Generic" in block)
-    assert len(own.splitlines()) <= 10
+    listing = next(block for block in blocks if "observable.Generic" in block)
+    assert len(listing.splitlines()) <= 10

@@ -90,9 +90,9 @@ def test_a_wheel_has_no_experiments(monkeypatch, tmp_path: Path):
 
 def solved_by_hybrid() -> str:
     """Sentence of the README about the inverse kinematics."""
-    kept = kept_rows("ik_success")
-    assert kept is not None
-    rows: list[dict[str, Any]] = kept.rows
+    kept_table = kept_rows("ik_success")
+    assert kept_table is not None
+    rows: list[dict[str, Any]] = kept_table.rows
     # the Puma with a tool is no arm of its own
     arms = {row["arm"].partition(",")[0].removesuffix("_tool") for row in rows}
     (targets,) = {row["tried"]["within limits"] for row in rows}

@@ -152,7 +152,7 @@ class Registry(Generic[T]):
         if name in self._built_in:
             make = self._built_in[name]
             return cast(Callable[..., T], _attribute(make)) if isinstance(make, str) else make
-        return self._own(name) if ":" in name else self._imported(self._of_packages()[name])
+        return self._of_user(name) if ":" in name else self._imported(self._of_packages()[name])
 
     def class_of(self, name: str, base: type, where: str) -> type[T]:
         """The dataclass of that name, which has to be a `base`.
@@ -193,7 +193,7 @@ class Registry(Generic[T]):
             }
         return self._found
 
-    def _own(self, name: str) -> Callable[..., T]:
+    def _of_user(self, name: str) -> Callable[..., T]:
         """The callable MODULE:ATTRIBUTE of a user."""
         try:
             make = _attribute(name)

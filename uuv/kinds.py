@@ -55,7 +55,7 @@ def class_of(name: str, option: str) -> Callable[..., Any]:
         return getattr(importlib.import_module(module), word)
     except (Exception, SystemExit) as error:
         raise ConfigurationError(
-            f"{option} {shown(name)}: cannot be imported; {told(error)}"
+            f"{option} {shown(name)}: cannot be imported; {cause_of(error)}"
         ) from error
 
 
@@ -86,7 +86,7 @@ def _places(spec: ModuleSpec) -> list[str]:
     return [*filter(None, (spec.origin,)), *(spec.submodule_search_locations or ())]
 
 
-def told(error: BaseException, *ours: str) -> str:
+def cause_of(error: BaseException, *ours: str) -> str:
     """Type and message of a foreign error, and the line that raised it outside files `ours`."""
     if isinstance(error, SyntaxError) and error.filename:
         where = f" ({error.filename}:{error.lineno})"

@@ -48,9 +48,8 @@ from uuv.sim.interfaces.spatial import Array
 REACHES = (0.05, 50.0)  # [m] of arms; beyond, the unit of the lengths is wrong
 # factor of `HAND_NOISE` that is one standard deviation of how well a point is touched
 _LIKE_HAND = 3.0
-# noise over the motion of the joints; factor that is one deviation of it
-_SHARE_OF_MOTION = 3e-4
-_LIKE_SHARE = 4.0
+_SHARE_OF_MOTION = 3e-4  # noise over the motion of the joints
+_LIKE_SHARE = 4.0  # factor of it that is one standard deviation
 # scatter by a nominal arm, as a share of the motion of the joints, that is no accident
 _COINCIDE = 0.15
 _BLUNDERS = 20.0  # blunders are rare: their share is drawn from the density 20 (1 - share)^19

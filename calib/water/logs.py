@@ -329,17 +329,17 @@ def _cell(file: str, line: int, column: str, cell: str) -> float:
     if not cell.strip():
         return np.nan
     try:
-        value = float(cell)
+        number = float(cell)
     except ValueError:
         raise ConfigurationError(
             f"log {file}: line {line}, column {column!r}: expected a number, got {shown(cell)}"
         ) from None
-    if not np.isfinite(value):
+    if not np.isfinite(number):
         raise ConfigurationError(
             f"log {file}: line {line}, column {column!r} is {cell.strip()}; leave a cell blank "
             "where there is no sample"
         )
-    return value
+    return number
 
 
 def _parquet(path: Path) -> dict[str, Array]:

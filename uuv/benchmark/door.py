@@ -103,7 +103,7 @@ class EntryProcess:
         self._connection = Connection(os.dup(parent.fileno()))
 
         try:
-            stated = self._ready(self._told(_pickled(briefing), START_LIMIT)).partition(" ")
+            stated = self._ready(self._reply(_pickled(briefing), START_LIMIT)).partition(" ")
             self.controller_period = self._period(stated[0])
             # [s]; None: it has none
             self.estimator_period = self._period(stated[2]) if briefing.estimator else None
@@ -128,7 +128,7 @@ class EntryProcess:
 
     def start(self, message: bytes) -> None:
         """Lets the entry make a state, which stays with it. Raises EntryError."""
-        self._ready(self._told(message, START_LIMIT))  # it may compile its code here
+        self._ready(self._reply(message, START_LIMIT))  # it may compile its code here
 
     def answer(self, message: bytes, *, first: bool) -> bytes:
         """The entry's answer at a tick.
@@ -141,7 +141,7 @@ class EntryProcess:
             EntryError: The entry crashed, or was silent for too long.
         """
         began = time.perf_counter()
-        reply = self._told(message, START_LIMIT if first else self._step_limit)
+        reply = self._reply(message, START_LIMIT if first else self._step_limit)
         took = time.perf_counter() - began
 
         self.steps += 1
@@ -152,7 +152,7 @@ class EntryProcess:
             raise EntryError(f"the entry took more than {self._run_limit:g} s for its steps")
         return reply
 
-    def _told(self, message: bytes, limit: float) -> bytes:
+    def _reply(self, message: bytes, limit: float) -> bytes:
         """The reply to a message."""
         if limit != self._limit:
             seconds = int(limit)

@@ -13,6 +13,7 @@ def outcome(row: Row, bounds: Mapping[str, float]) -> str:
     """
     if not is_done(row):
         return ": ".join(filter(None, (row.get("ended") or row["state"], row["code"])))
+
     if not bounds:
         return KEPT if row["accepted"] else MISSED
     missed = beyond(row, bounds)

@@ -97,7 +97,7 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
             cloud.points,
             options.approach,
             R,
-            told(SensorModel(), options.sigma),
+            with_noise(SensorModel(), options.sigma),
             [*cloud.notes],
             None,
         )
@@ -110,7 +110,7 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
         cloud=scene.scan,
         approach=scene.approach if options.approach is None else options.approach,
         orientation=scene.orientation if R is None else R,
-        sensor=told(scene.sensor.model, options.sigma),
+        sensor=with_noise(scene.sensor.model, options.sigma),
         notes=[],
         scene=scene,
     )
@@ -184,7 +184,7 @@ def _notes(
     return [*notes, f"scene of seed {options.seed}, {options.sensor}: {error}"]
 
 
-def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
+def with_noise(sensor: SensorModel, sigma: float | None) -> SensorModel:
     """`sensor` with depth noise `sigma` [m] at 1 m range; unchanged where `sigma` is None."""
     return (
         sensor

@@ -14,7 +14,7 @@ from uuv.controllers.arm.published_force_law import PublishedForceLaw, Tangentia
 from uuv.controllers.estimation.closed_form_force import ClosedFormForce
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import ELASTIC_GEARS, ArmTuning
-from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
+from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, cause_of, class_of
 from uuv.methods import NAVIGATION
 from uuv.models.arms import dh_geometry
 from uuv.models.files.notes import computed
@@ -171,7 +171,7 @@ def controller(control: Control, model: mujoco.MjModel, *, water_error: float) -
     if tuning != ArmTuning():
         parts["tuning"] = tuning
 
-    composed = _made(partial(kind, model, water_error=water_error, **parts), name, CONTROLLER)
+    composed = _part(partial(kind, model, water_error=water_error, **parts), name, CONTROLLER)
     return SafetyWrapper(composed, model)
 
 
@@ -186,10 +186,10 @@ def estimator(name: str, model: mujoco.MjModel) -> Estimator:
         ConfigurationError: The class does not exist, or its module or constructor raises; the
             message names the place.
     """
-    return _made(partial(class_of(name, _ESTIMATOR), model), name, _ESTIMATOR)
+    return _part(partial(class_of(name, _ESTIMATOR), model), name, _ESTIMATOR)
 
 
-def _made(make: Callable[[], Any], name: str, option: str) -> Any:
+def _part(make: Callable[[], Any], name: str, option: str) -> Any:
     """A part with a period and the methods `init` and `step`."""
     try:
         part = make()
@@ -204,6 +204,6 @@ def _made(make: Callable[[], Any], name: str, option: str) -> Any:
         raise ConfigurationError(f"{option} {shown(name)}: {error}") from error
     except (Exception, SystemExit) as error:
         raise ConfigurationError(
-            f"{option} {shown(name)}: cannot be made of a model; {told(error, __file__)}"
+            f"{option} {shown(name)}: cannot be made of a model; {cause_of(error, __file__)}"
         ) from error
     return part

@@ -44,7 +44,7 @@ class HoldStation(VehicleTask):
         """As `VehicleTask`."""
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.X_WH = np.eye(4)  # pose to hold
-        self._judge = KeptFor(self._there, self.seconds)
+        self._judge = KeptFor(self._at_goal, self.seconds)
         self.add_goals(FARTHEST, goal_position=3, goal_attitude=3)
 
     seconds = STATION_TIME
@@ -67,7 +67,7 @@ class HoldStation(VehicleTask):
         X_BH = self.X_BH(truth)
         return float(np.linalg.norm(X_BH[:3, 3])), float(np.linalg.norm(log_so3(X_BH[:3, :3])))
 
-    def _there(self, truth: Truth) -> bool:
+    def _at_goal(self, truth: Truth) -> bool:
         distance, angle = self._off(truth)
         return distance <= CLOSE[0] and angle <= ALIGNED[0]
 
@@ -125,7 +125,7 @@ class ReachPose(VehicleTask):
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self._chain: Chain = vehicle.own.chain()
         self.X_WH = np.eye(4)  # tool pose to reach; its turn about the tool's axis is free
-        self._judge = KeptFor(self._there, REACHED_TIME)
+        self._judge = KeptFor(self._at_goal, REACHED_TIME)
 
         self.add_goals(FARTHEST, goal_position=3, goal_turn=3)
 
@@ -170,7 +170,7 @@ class ReachPose(VehicleTask):
             np.linalg.norm(self._turn(truth))
         )
 
-    def _there(self, truth: Truth) -> bool:
+    def _at_goal(self, truth: Truth) -> bool:
         distance, angle = self._off(truth)
         return distance <= REACHED[0] and angle <= POINTED[0]
 

@@ -222,7 +222,7 @@ class Study(Generic[Case]):
             pace = _pace(rows, len(left), engine.place, time.perf_counter() - began)
             if lost := sum(not log.has(key) for key in keyed):
                 pace += f" {lost} runs: {DIED}; the same command does them again."
-            return self._told(folder, rows, title, made_by, pace, console)
+            return self._conclude(folder, rows, title, made_by, pace, console)
 
     def sum_up(self, name: str, options: PoolOptions, title: str) -> int:
         """Prints and writes the results of the rows that are there, without a run, of any code.
@@ -248,9 +248,9 @@ class Study(Generic[Case]):
             raise ConfigurationError(f"{folder} holds no row of this study")
 
         pace = f"{len(rows)} of {len(self.cases)} runs; {_pace(rows, 0, '', 0.0)}"
-        return self._told(folder, rows, title, provenance(name, options), pace, _console())
+        return self._conclude(folder, rows, title, provenance(name, options), pace, _console())
 
-    def _told(
+    def _conclude(
         self,
         folder: Path,
         rows: list[Row],

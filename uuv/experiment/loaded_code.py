@@ -40,8 +40,8 @@ def new_digests() -> dict[str, str]:
     So a process that loads a changed file later than another one tells another digest of it. With
     them are those that processes started by this one have told since (`told_by_another`).
     """
-    files = loaded_files() - _told
-    _told.update(files)
+    files = loaded_files() - _reported
+    _reported.update(files)
     new = digests(files) | _of_others
     _of_others.clear()
     return new
@@ -70,7 +70,7 @@ def file_of(module: str) -> str:
     return _named(Path(spec.origin).resolve())
 
 
-_told: set[str] = set()
+_reported: set[str] = set()
 _of_others: dict[str, str] = {}
 
 

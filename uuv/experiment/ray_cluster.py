@@ -121,7 +121,7 @@ def _carried_out(
 ) -> Iterator[Sequence[tuple[Task, Result]]]:
     """The tasks with their results; `run` is the reference of a function that the cluster holds."""
     # again, if need be, by this loop: it counts the deaths
-    remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)
+    remote: Any = ray.remote(num_cpus=1, max_retries=0)(_run_task)
     waiting = deque(range(len(tasks)))
     deaths = [0] * len(tasks)
     under_way: dict[Any, int] = {}
@@ -167,7 +167,7 @@ def _carried_out(
             yield outcomes
 
 
-def _one(run: Callable[[Task], Result], task: Task, limits: Limits) -> Result:
+def _run_task(run: Callable[[Task], Result], task: Task, limits: Limits) -> Result:
     """The result of a task, in a worker."""
     limit_memory(limits)
     return run(task)

@@ -127,7 +127,7 @@ def write_page(runs: "Sequence[PastRun]", rows_by_title: Mapping[str, Rows]) -> 
     parts = [page.heading(title)]
     for head, rows in rows_by_title.items():
         if rows:
-            cells = [(key, *map(_said, values)) for key, values in rows]
+            cells = [(key, *map(_cell, values)) for key, values in rows]
             parts.append(page.section(head, page.table(columns, cells)))
     parts.append(page.section("Time series", page.Html(drawn)))
 
@@ -177,7 +177,7 @@ def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[A
         page_table.add_column(Path(name).name, justify="right", overflow="fold")
 
     for key, values in rows:
-        page_table.add_row(key, *map(_said, values))
+        page_table.add_row(key, *map(_cell, values))
     return page_table
 
 
@@ -194,7 +194,7 @@ def _rows(several: Sequence[Mapping[str, Any]]) -> Rows:
     return [(key, [figures.get(key) for figures in several]) for key in keys]
 
 
-def _said(value: Any) -> str:
+def _cell(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, bool) or not isinstance(value, float):

@@ -56,6 +56,9 @@ VERBS = {  # by the one or two words that are typed
         "--log FILE",
         "added mass, damping, trim and thrust from logs",
     ),
+    "logs": Verb(
+        "logs", "LogsOptions", "FILE", "what a vehicle's log holds: .BIN, .tlog, MCAP, bag"
+    ),
     "calibrate": Verb(
         "calibrate",
         "CalibrateVerb",

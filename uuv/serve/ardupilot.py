@@ -11,8 +11,7 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from uuv.serve.ardupilot_packets import ServoPacket, VehicleMotion, answer, servo_packet
-from uuv.serve.ardusub_frames import (
+from uuv.logs.ardusub_frames import (
     LARGEST_PULSE,
     LEAST_PULSE,
     NEUTRAL,
@@ -20,6 +19,7 @@ from uuv.serve.ardusub_frames import (
     USUAL_VEHICLES,
     MotorMap,
 )
+from uuv.serve.ardupilot_packets import ServoPacket, VehicleMotion, answer, servo_packet
 from uuv.serve.served_vehicle import DiveSite, ServedVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 
@@ -64,7 +64,7 @@ class ArduPilotDoor:
         """Match the frame's motors with the vehicle's thrusters.
 
         Args:
-            frame: ArduSub's motor frame (`uuv.serve.ardusub_frames.FRAMES`).
+            frame: ArduSub's motor frame (`uuv.logs.ardusub_frames.FRAMES`).
             vehicle: Named vehicle; empty: that which usually has the frame.
             water: Where it begins; None: at rest, 1 m deep.
             directions: MOT_n_DIRECTION, 1 or -1 for each motor; empty: all 1.

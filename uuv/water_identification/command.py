@@ -80,7 +80,7 @@ def run(options: WaterOptions, console: Console) -> int:
     finite_number(options.seconds, "--seconds [s]", least=10.0, most=3600.0)
     spec, replay = vehicle_of(options)
     n = len(replay.water.parameters)
-    logs = logs_of(options, replay.names, ranges_of(replay.vehicle))
+    logs = logs_of(options, replay.vehicle, replay.names, ranges_of(replay.vehicle))
 
     if not logs and options.plan:
         folder = new_folder(COMMAND, options.out, options.seed)

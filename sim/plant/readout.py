@@ -170,20 +170,20 @@ def gears_and_contacts(readout, substep, substeps):
         contacts[MOST] = -np.inf
 
     # Contacts of the vehicle with the world.
-    here = pointer(d, places[CONTACT])
+    contact_at = pointer(d, places[CONTACT])
     force = np.empty(3)
     total = np.zeros(4)
     for _ in range(i32(d + places[NCON], 0)):
-        geom_1 = i32(here + places[GEOM], 0)
-        geom_2 = i32(here + places[GEOM], 1)
-        address = i32(here + places[EFC_ADDRESS], 0)
+        geom_1 = i32(contact_at + places[GEOM], 0)
+        geom_2 = i32(contact_at + places[GEOM], 1)
+        address = i32(contact_at + places[EFC_ADDRESS], 0)
 
         if own_geom[geom_1] != own_geom[geom_2] and address >= 0:
             if places[PAD] == geom_1 or places[PAD] == geom_2:
                 _contact_force(
                     efc_force + 8 * address,
-                    here + places[FRICTION],
-                    i32(here + places[DIM], 0),
+                    contact_at + places[FRICTION],
+                    i32(contact_at + places[DIM], 0),
                     places[PYRAMIDS],
                     force,
                 )
@@ -191,7 +191,7 @@ def gears_and_contacts(readout, substep, substeps):
                 total[NORMAL] += force[0]
                 sign = 1.0 if geom_2 == places[PAD] else -1.0
                 for k in range(3):  # the rows of the contact frame are the axes of the force
-                    at = here + places[FRAME]
+                    at = contact_at + places[FRAME]
                     turned = (
                         f64(at, k) * force[0]
                         + f64(at, 3 + k) * force[1]
@@ -206,7 +206,7 @@ def gears_and_contacts(readout, substep, substeps):
                     )
                     collided[2] = f64(d + places[TIME], 0)
 
-        here += places[SIZE]
+        contact_at += places[SIZE]
 
     # Means over the substeps, and the extremes of the normal force.
     for k in range(4):

@@ -21,10 +21,9 @@ from uuv.sim.native.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`
 NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
-# 1 if another part touched; smallest and largest normal force of a substep [N]
-COLLISION = 4
-LEAST = 5
-MOST = 6
+COLLISION = 4  # 1 if another part touched
+LEAST = 5  # [N] smallest normal force of a substep
+MOST = 6  # [N] largest one
 CONTACTS = 7  # number of entries
 
 # Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets;

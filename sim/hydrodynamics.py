@@ -176,20 +176,20 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         )
 
     # Numbers that MuJoCo itself found to be bad: it has reset the simulation.
-    for kind, what in (
+    for kind, array_name in (
         (kinds.mjWARN_BADQPOS, "qpos"),
         (kinds.mjWARN_BADQVEL, "qvel"),
         (kinds.mjWARN_BADQACC, "qacc"),
     ):
         if data.warning[kind].number:
             index = int(data.warning[kind].lastinfo)
-            if what == "qpos":  # a free joint has seven qpos for six degrees of freedom
+            if array_name == "qpos":  # a free joint has seven qpos for six degrees of freedom
                 joint = int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
                 body = int(model.jnt_bodyid[joint])
             else:
                 body = int(model.dof_bodyid[index])
             raise HydrodynamicsError(
-                f"the simulation became unstable near t = {data.time:g} s: {what}[{index}] "
+                f"the simulation became unstable near t = {data.time:g} s: {array_name}[{index}] "
                 f"(body {model.body(body).name!r}) was not "
                 f"finite or too large; timestep {model.opt.timestep:g} s may be too long for drag "
                 "or contact"
@@ -500,12 +500,12 @@ def _refused(model: mujoco.MjModel) -> list[str]:
         "flags spring and damper both disabled (MuJoCo then calls no passive callback)": uncalled,
         f"timestep {step:g} s; it must be positive": not 0.0 < step < np.inf,
     }
-    wild = [
+    out_of_range = [
         f"{name} {array.tolist()}; it must be finite and below {LARGEST:g}"
         for name, array in numbers.items()
         if not np.all(np.abs(array) <= LARGEST)
     ]
-    return [name for name, present in refused.items() if present] + wild
+    return [name for name, present in refused.items() if present] + out_of_range
 
 
 def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:

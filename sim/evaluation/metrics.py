@@ -770,15 +770,15 @@ def _identification(recording: "Recording", truth: TrueObject) -> Identification
     if not recording.targets:
         return unmeasured(IdentificationMetrics, accepted=False, views=0)
     last_target = recording.targets[-1]
-    worked_on = recording.goes_by or last_target
-    position, orientation = truth.model.symmetry.error(worked_on.X_WT, truth.X_WT)
+    target_in_use = recording.goes_by or last_target
+    position, orientation = truth.model.symmetry.error(target_in_use.X_WT, truth.X_WT)
 
     return IdentificationMetrics(
         position_error_m=_finite(position),
         orientation_error_rad=_finite(orientation),
         range_m=_finite(last_target.range_m),
         check_m=_finite(last_target.check_m),
-        accepted=worked_on.accepted,
+        accepted=target_in_use.accepted,
         views=len(recording.targets),
     )
 

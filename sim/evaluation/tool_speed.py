@@ -40,15 +40,15 @@ def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
     tip = recording["p_pad"].value[work]
     tangent = velocity[1:] / np.maximum(commanded[1:], STANDSTILL)[:, None]
     way = np.sum(np.diff(tip, axis=0) * tangent, axis=1)
-    took = np.diff(time)
-    together = moving[1:] & moving[:-1] & (took < 1.5 * recording.timestep)
+    intervals = np.diff(time)
+    together = moving[1:] & moving[:-1] & (intervals < 1.5 * recording.timestep)
 
     fast = together & (commanded[1:] >= AT_SPEED * set_speed)
-    travelled = float(commanded[1:][together] @ took[together])
-    at_speed = float(commanded[1:][fast] @ took[fast])
+    travelled = float(commanded[1:][together] @ intervals[together])
+    at_speed = float(commanded[1:][fast] @ intervals[fast])
 
     return SpeedMetrics(
         set=set_speed,
-        mean=float(way[fast].sum() / took[fast].sum()) if fast.any() else None,
+        mean=float(way[fast].sum() / intervals[fast].sum()) if fast.any() else None,
         share=at_speed / travelled if travelled > 0.0 else None,
     )

@@ -61,11 +61,11 @@ def check_dm_control_physics() -> None:
     """
     from importlib.metadata import version
 
-    here = version("mujoco")
-    if int(here.partition(".")[0]) > DM_CONTROL_RUNS:
+    installed = version("mujoco")
+    if int(installed.partition(".")[0]) > DM_CONTROL_RUNS:
         raise MissingLibraryError(
             f"this needs dm_control's physics, which runs on MuJoCo {DM_CONTROL_RUNS} (here "
-            f"{here}): {to_install('rl')}"
+            f"{installed}): {to_install('rl')}"
         )
 
 

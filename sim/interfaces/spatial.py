@@ -328,8 +328,10 @@ def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
     """
     words = tuple(allowed)
     if not isinstance(value, str) or value not in words:
-        meant = did_you_mean(value, words)
-        raise ConfigurationError(f"{name}: allowed {', '.join(words)}, got {shown(value)}{meant}")
+        suggestion = did_you_mean(value, words)
+        raise ConfigurationError(
+            f"{name}: allowed {', '.join(words)}, got {shown(value)}{suggestion}"
+        )
     return value
 
 

@@ -331,9 +331,9 @@ _WORDS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
 def _chosen(allowed: Iterable[Any], entry: Any, spot: _Spot) -> Any:
     words = list(allowed)
     if entry not in words:
-        meant = did_you_mean(entry, [word for word in words if isinstance(word, str)])
+        suggestion = did_you_mean(entry, [word for word in words if isinstance(word, str)])
         known = ", ".join(map(str, words))
-        raise ConfigurationError(f"{spot.where}: allowed {known}, got {shown(entry)}{meant}")
+        raise ConfigurationError(f"{spot.where}: allowed {known}, got {shown(entry)}{suggestion}")
     return entry
 
 

@@ -455,18 +455,18 @@ class Rollout:
         follower = self.parts.follower
         if frame is None or finder is None:
             return
-        then = self._seen_from.pop(frame.time, self.estimate)
+        estimate_then = self._seen_from.pop(frame.time, self.estimate)
 
         if frame.time in self._followed:
             self._followed.discard(frame.time)
             self.frame = None
         else:
-            self._finder_state, new_target = finder.step(self._finder_state, then, frame)
+            self._finder_state, new_target = finder.step(self._finder_state, estimate_then, frame)
             self.target = new_target or self.target  # None: the finder needs more frames first
 
         if follower is not None and self.target is not None and self.target.accepted:
             self._follower_state, motion = follower.step(
-                self._follower_state, then, self.target, frame
+                self._follower_state, estimate_then, self.target, frame
             )
             self.motion = motion or self.motion
 

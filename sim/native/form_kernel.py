@@ -77,10 +77,10 @@ def _munk(row: Address, at: int, mass_at: int, v: Vector, w: Vector) -> tuple[Ve
         a[2] * v[0] + c[1] * v[1] + d[2] * v[2] + dot(e, w),
     )
 
-    gone = 1.0 - _f64(row, at), 1.0 - _f64(row, at + 1), 1.0 - _f64(row, at + 2)
+    share_left = 1.0 - _f64(row, at), 1.0 - _f64(row, at + 1), 1.0 - _f64(row, at + 2)
     couple = cross(v, p)
-    force = cross((gone[0] * w[0], gone[1] * w[1], gone[2] * w[2]), p)
-    return force, (gone[0] * couple[0], gone[1] * couple[1], gone[2] * couple[2])
+    force = cross((share_left[0] * w[0], share_left[1] * w[1], share_left[2] * w[2]), p)
+    return force, (share_left[0] * couple[0], share_left[1] * couple[1], share_left[2] * couple[2])
 
 
 @njit(error_model="numpy", fastmath={"contract"})

@@ -99,9 +99,9 @@ class DrivenWater:
         # What is the same everywhere cancels.
 
         share = 1.0 if current.profile is None else current.profile(time)[0]
-        here = total_velocity(current.flows, p_WB, time)
+        velocity_there = total_velocity(current.flows, p_WB, time)
 
-        return velocity + share * (total_velocity(current.flows, p_W, time) - here)
+        return velocity + share * (total_velocity(current.flows, p_W, time) - velocity_there)
 
     def check(self) -> None:
         """Refuse water that something else has written.

@@ -21,10 +21,9 @@ from uuv.sim.native.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`
 NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
-# 1 if another part touched; smallest and largest normal force of a substep [N]
-COLLISION = 4
-LEAST = 5
-MOST = 6
+COLLISION = 4  # 1 if another part touched
+LEAST = 5  # [N] smallest normal force of a substep
+MOST = 6  # [N] largest one
 CONTACTS = 7  # number of entries
 
 # Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets;
@@ -170,20 +169,20 @@ def gears_and_contacts(readout, substep, substeps):
         contacts[MOST] = -np.inf
 
     # Contacts of the vehicle with the world.
-    here = pointer(d, places[CONTACT])
+    contact_at = pointer(d, places[CONTACT])
     force = np.empty(3)
     total = np.zeros(4)
     for _ in range(i32(d + places[NCON], 0)):
-        geom_1 = i32(here + places[GEOM], 0)
-        geom_2 = i32(here + places[GEOM], 1)
-        address = i32(here + places[EFC_ADDRESS], 0)
+        geom_1 = i32(contact_at + places[GEOM], 0)
+        geom_2 = i32(contact_at + places[GEOM], 1)
+        address = i32(contact_at + places[EFC_ADDRESS], 0)
 
         if own_geom[geom_1] != own_geom[geom_2] and address >= 0:
             if places[PAD] == geom_1 or places[PAD] == geom_2:
                 _contact_force(
                     efc_force + 8 * address,
-                    here + places[FRICTION],
-                    i32(here + places[DIM], 0),
+                    contact_at + places[FRICTION],
+                    i32(contact_at + places[DIM], 0),
                     places[PYRAMIDS],
                     force,
                 )
@@ -191,7 +190,7 @@ def gears_and_contacts(readout, substep, substeps):
                 total[NORMAL] += force[0]
                 sign = 1.0 if geom_2 == places[PAD] else -1.0
                 for k in range(3):  # the rows of the contact frame are the axes of the force
-                    at = here + places[FRAME]
+                    at = contact_at + places[FRAME]
                     turned = (
                         f64(at, k) * force[0]
                         + f64(at, 3 + k) * force[1]
@@ -206,7 +205,7 @@ def gears_and_contacts(readout, substep, substeps):
                     )
                     collided[2] = f64(d + places[TIME], 0)
 
-        here += places[SIZE]
+        contact_at += places[SIZE]
 
     # Means over the substeps, and the extremes of the normal force.
     for k in range(4):

@@ -11,10 +11,10 @@ from uuv.sim.reporting.rerun_scene import body_mesh
 
 # direction to the light, W
 _LIGHT = np.array([0.25, -0.35, 0.9]) / np.linalg.norm([0.25, -0.35, 0.9])
-# shares of the light: from all sides, from the camera, from above
-_AMBIENT = 0.35
-_HEAD = 0.3
-_TOP = 0.45
+# Shares of the light:
+_AMBIENT = 0.35  # from all sides
+_HEAD = 0.3  # from the camera
+_TOP = 0.45  # from above
 
 
 class RayPicture:

@@ -351,10 +351,10 @@ class RerunLog:
         K[2, 2] = 1.0
 
         w, x, y, z = quat_wxyz_from_rotation(X_WC[:3, :3])
-        where = rr.Transform3D(translation=X_WC[:3, 3], quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
+        view = rr.Transform3D(translation=X_WC[:3, 3], quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
         eye = rr.Pinhole(image_from_camera=K, width=width, height=height, image_plane_distance=0.4)
 
-        self._stream.event("world/camera", where, time)
+        self._stream.event("world/camera", view, time)
         self._stream.event("world/camera", eye, time)
         self._stream.event("world/camera/depth", rr.DepthImage(depth, meter=1000.0), time)
 

@@ -101,9 +101,9 @@ def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> A
     """
     fixed = [b for b in range(1, model.nbody) if model.body_weldid[b] == 0]
     fields = np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_HFIELD
-    stands = np.vstack([data.xpos[fixed], data.geom_xpos[fields]])
+    p_fixed = np.vstack([data.xpos[fixed], data.geom_xpos[fields]])
     hull = data.xpos[vehicle.hull]
-    return 0.5 * (hull + stands.mean(axis=0)) if len(stands) else hull
+    return 0.5 * (hull + p_fixed.mean(axis=0)) if len(p_fixed) else hull
 
 
 def _plane(size: Array) -> tuple[Array, np.ndarray]:
@@ -119,7 +119,7 @@ def blueprint(middle: Array) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    so_far = rr.VisibleTimeRange(
+    until_now = rr.VisibleTimeRange(
         TIMELINE,
         start=rr.TimeRangeBoundary.infinite(),
         end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
@@ -137,7 +137,7 @@ def blueprint(middle: Array) -> Any:
         eye_controls=rrb.EyeControls3D(
             position=middle + np.array([2.0, -3.2, 1.4]), look_target=middle
         ),
-        overrides={"world/path/done": rrb.VisibleTimeRanges(so_far)},
+        overrides={"world/path/done": rrb.VisibleTimeRanges(until_now)},
     )
 
     return rrb.Blueprint(

@@ -119,27 +119,31 @@ def read_table(file: Path) -> dict[str, Column]:
             `MOST_NUMBERS` values.
         MissingLibraryError: It is a Parquet file, and the package pyarrow is not installed.
     """
-    what = f"series {shown(str(file))}"
-    columns = _from_npz(file, what) if file.suffix == ".npz" else _from_parquet(arrow_table(file))
+    subject = f"series {shown(str(file))}"
+    columns = (
+        _from_npz(file, subject) if file.suffix == ".npz" else _from_parquet(arrow_table(file))
+    )
     lengths = {column.values.shape for column in columns}
     if len(lengths) != 1 or len(next(iter(lengths))) != 1 or not next(iter(lengths))[0]:
-        raise ConfigurationError(f"{what}: its columns must have one length, at least 1")
+        raise ConfigurationError(f"{subject}: its columns must have one length, at least 1")
 
     for column in columns:
         named = column.name + column.series
         if len(named) > 2 * _LONGEST_NAME or commands_a_terminal(named):
-            raise ConfigurationError(f"{what}: {shown(column.name)} is no name of a column")
+            raise ConfigurationError(f"{subject}: {shown(column.name)} is no name of a column")
         if len(column.unit) > 20 or commands_a_terminal(column.unit):
-            raise ConfigurationError(f"{what}: {shown(column.unit)} is no unit")
+            raise ConfigurationError(f"{subject}: {shown(column.unit)} is no unit")
 
         if column.values.dtype.kind == "O":  # of Arrow: texts, or numbers with gaps
             if not all(isinstance(word, str) for word in column.values):
                 raise ConfigurationError(
-                    f"{what}: {shown(column.name)} is neither numbers nor texts"
+                    f"{subject}: {shown(column.name)} is neither numbers nor texts"
                 )
             checked(column.values.tolist(), column.name)
         elif column.values.dtype.kind not in "bifuU":
-            raise ConfigurationError(f"{what}: {shown(column.name)} is neither numbers nor texts")
+            raise ConfigurationError(
+                f"{subject}: {shown(column.name)} is neither numbers nor texts"
+            )
 
     return {column.name: column for column in columns}
 
@@ -154,7 +158,7 @@ def arrow_table(file: Path) -> "pa.Table":
     with wanted():
         import pyarrow as pa
         import pyarrow.parquet as pq
-    what = f"series {shown(str(file))}"
+    subject = f"series {shown(str(file))}"
     raw = bytes_of(file, "series", _MOST_BYTES // 2)
     try:
         stored = pq.ParquetFile(pa.BufferReader(raw), page_checksum_verification=True)
@@ -168,20 +172,20 @@ def arrow_table(file: Path) -> "pa.Table":
         # What it takes in memory, checked before it is read.
         unpacked = sum(part.total_uncompressed_size for part in parts)
         if metadata.num_rows * metadata.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
-            raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")
+            raise ConfigurationError(f"{subject}: more than {MOST_NUMBERS} values")
         if any(
             part.has_dictionary_page or not _ENCODINGS.issuperset(part.encodings) for part in parts
         ):
-            raise ConfigurationError(f"{what}: encoded otherwise than a run writes it")
+            raise ConfigurationError(f"{subject}: encoded otherwise than a run writes it")
 
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
         if isinstance(error, ConfigurationError):
             raise
-        raise ConfigurationError(f"{what}: is no whole Parquet file") from error
+        raise ConfigurationError(f"{subject}: is no whole Parquet file") from error
 
     if len(set(table.schema.names)) < len(table.schema.names):
-        raise ConfigurationError(f"{what}: two columns have one name")
+        raise ConfigurationError(f"{subject}: two columns have one name")
     return table
 
 

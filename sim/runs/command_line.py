@@ -138,8 +138,10 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
         unknown = re.search(r"Unrecognized options?: (--[\w-]+)", mistake)
         known = [f"--{option.name.replace('_', '-')}" for option in fields(cast(Any, kind))]
-        meant = did_you_mean(unknown[1], known) if unknown else ""
-        raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options){meant}") from None
+        suggestion = did_you_mean(unknown[1], known) if unknown else ""
+        raise _refusal(
+            f"{mistake.strip().rstrip('.')} (--help lists the options){suggestion}"
+        ) from None
 
     global _typed
     _typed = kind
@@ -261,16 +263,18 @@ def _blame(error: Exception) -> tuple[str, int]:
     # A user's own module counts before the program that called it.
     places = list(_places(error.__traceback__))
     folders = [_HOME / name for name in ("uuv", *ROOMS, "scripts")]
-    ours = [frame for frame in places if any(frame[2].is_relative_to(folder) for folder in folders)]
-    of_user = [frame for frame in places if frame not in ours and not is_installed(frame[2])]
+    of_project = [
+        frame for frame in places if any(frame[2].is_relative_to(folder) for folder in folders)
+    ]
+    of_user = [frame for frame in places if frame not in of_project and not is_installed(frame[2])]
     if of_user:
         frame, line, file = of_user[-1]
         module = frame.f_globals.get("__name__", file.stem)
         return f"{module}: {frame.f_code.co_qualname} raised {failure} ({file}:{line})", BAD_INPUT
 
-    _, line, file = (ours or places)[-1]
-    where = file.relative_to(_HOME) if file.is_relative_to(_HOME) else file
-    return f"internal: {failure} ({where}:{line}; {TRACEBACK} shows the way there)", INTERNAL
+    _, line, file = (of_project or places)[-1]
+    shown_path = file.relative_to(_HOME) if file.is_relative_to(_HOME) else file
+    return f"internal: {failure} ({shown_path}:{line}; {TRACEBACK} shows the way there)", INTERNAL
 
 
 def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]]:

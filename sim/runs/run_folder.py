@@ -103,8 +103,8 @@ def checked_format(document: Any, what: str) -> None:
 
 def _next_to_others(home: Path, name: str) -> Path:
     """Create folder `name` in `home`, or `name`.2 and so on if another began in that second."""
-    for again in count(1):
-        folder = home / (name if again == 1 else f"{name}.{again}")
+    for number in count(1):
+        folder = home / (name if number == 1 else f"{name}.{number}")
         try:
             folder.mkdir(parents=True)
         except FileExistsError as error:

@@ -193,7 +193,9 @@ class Current:
             return f"the current has a flow field, {type(self.flows[0]).__name__}"
         # Of a subclass, or set on this object.
         methods = (self.step, Current.step), (self.at, Current.at)
-        replaced = any(getattr(method, "__func__", None) is not usual for method, usual in methods)
+        replaced = any(
+            getattr(method, "__func__", None) is not base_method for method, base_method in methods
+        )
         return f"current {type(self).__name__} has a step of its own" if replaced else ""
 
     @property

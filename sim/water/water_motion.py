@@ -87,11 +87,11 @@ def set_current(
         )
 
     # All are looked at before the first is written.
-    many = rows.shape[:-1]
+    shape = rows.shape[:-1]
     numbers = (
-        (FLOW.velocity, _fitted(velocity_W, many, "current velocity_W [m/s]")),
-        (FLOW.acceleration, _fitted(acceleration_W, many, "current acceleration_W [m/s^2]")),
-        (FLOW.shear, _fitted(shear, many, "current shear [1/s]")),
+        (FLOW.velocity, _fitted(velocity_W, shape, "current velocity_W [m/s]")),
+        (FLOW.acceleration, _fitted(acceleration_W, shape, "current acceleration_W [m/s^2]")),
+        (FLOW.shear, _fitted(shear, shape, "current shear [1/s]")),
     )
     for first, vectors in numbers:
         rows[..., first : first + 3] = vectors

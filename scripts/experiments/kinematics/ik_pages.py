@@ -130,6 +130,7 @@ def ratios_picture(rows: list[Row]) -> tuple[str, str, Figure]:
         ratios = [mean_ratio(shown_rows(rows, start), name) for name in names]
         quotients = np.array([ratio or (np.nan,) * 3 for ratio in ratios])
         places = np.arange(len(names)) + 0.38 * (k - 0.5)
+
         bars = _bars(quotients)
         axes.barh(places, quotients[:, 0], 0.36, color=color, label=start, xerr=bars)
         for y_bar, (quotient, _, high) in zip(places, quotients, strict=True):

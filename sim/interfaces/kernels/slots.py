@@ -176,12 +176,12 @@ def gives_kernel(part: object, name: str) -> bool:
     one of its own.
     """
     classes = type(part).__mro__
-    giver = next((row for row, kind in enumerate(classes) if name in vars(kind)), None)
-    if giver is None:
+    defining = next((row for row, kind in enumerate(classes) if name in vars(kind)), None)
+    if defining is None:
         return False
-    bodies = [member for kind in classes[giver:] for member in vars(kind).items()]
+    bodies = [member for kind in classes[defining:] for member in vars(kind).items()]
     methods = {word for word, member in bodies if _is_method(word, member)}
-    later = {word for kind in classes[:giver] for word in vars(kind)}
+    later = {word for kind in classes[:defining] for word in vars(kind)}
     return methods.isdisjoint(later | set(getattr(part, "__dict__", ())))
 
 

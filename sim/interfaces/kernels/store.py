@@ -264,29 +264,29 @@ def _place_for(setting: str, caches: str) -> _Place:
     # As the environment says.
     if setting:
         folder = Path(setting).expanduser().resolve()
-        why = _unfit(folder)
-        if why:
-            print(f"no store of compiled kernels: {FOLDER}={setting}: {why}", file=sys.stderr)
-        return _Place(None if why else folder, why)
+        reason = _unfit(folder)
+        if reason:
+            print(f"no store of compiled kernels: {FOLDER}={setting}: {reason}", file=sys.stderr)
+        return _Place(None if reason else folder, reason)
 
     # In the user's cache.
     try:
         folder = (Path(caches) if caches else Path.home() / ".cache") / "uuv-arm" / "kernel-store"
-        why = _unfit(folder)
+        reason = _unfit(folder)
     except RuntimeError:  # no home
-        why = "there is no home folder"
+        reason = "there is no home folder"
     else:
-        if not why:
+        if not reason:
             return _Place(folder)
 
     # Else among temporary files.
     beside = Path(tempfile.gettempdir()) / f"uuv-arm-kernels-{os.getuid()}"
     if not _unfit(beside):
-        print(f"compiled kernels are kept in {beside}: {why}", file=sys.stderr)
-        return _Place(beside, why)
+        print(f"compiled kernels are kept in {beside}: {reason}", file=sys.stderr)
+        return _Place(beside, reason)
 
-    print(f"no store of compiled kernels, each start compiles: {why}", file=sys.stderr)
-    return _Place(None, why)
+    print(f"no store of compiled kernels, each start compiles: {reason}", file=sys.stderr)
+    return _Place(None, reason)
 
 
 def _unfit(folder: Path) -> str:

@@ -168,8 +168,8 @@ class StoredKernel(_Cache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these argument types, None where it must be compiled."""
         target_context.refresh()  # as numba's own cache does: machine code finds its symbols then
-        where = self._stamp(sig, target_context.codegen())
-        code = store.load(where) if where is not None else None
+        key = self._stamp(sig, target_context.codegen())
+        code = store.load(key) if key is not None else None
         if code is None:
             return None
         try:
@@ -183,16 +183,16 @@ class StoredKernel(_Cache):
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a kernel that has just been compiled."""
         counts.compiled += 1
-        where = self._stamp(sig, data.codegen)
-        if where is None or not _can_be_kept(data) or not store.save(where, dumps(data._reduce())):
+        key = self._stamp(sig, data.codegen)
+        if key is None or not _can_be_kept(data) or not store.save(key, dumps(data._reduce())):
             counts.unkept += 1
         else:
             _trim_at_exit()
 
     def is_stored(self, sig: Any, target_context: Any) -> bool:
         """True if the store has it."""
-        where = self._stamp(sig, target_context.codegen())
-        return where is not None and store.holds(where)
+        key = self._stamp(sig, target_context.codegen())
+        return key is not None and store.holds(key)
 
     def _stamp(self, sig: Any, codegen: Any) -> str | None:
         """All that the machine code depends on; None if that is unknown, or there is no store."""

@@ -15,6 +15,7 @@ from uuv.models.meshes.closed_shells import Shell, joined
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import (
     Array,
@@ -52,10 +53,12 @@ class Camera:
             model: The scene in C.
             rng: Draws the noise.
         """
+        # C is the camera that the calibration says, so that the lens lies behind it.
         lens = pose(None, [0.0, 0.0, -self.optics.rectified.center])
         camera = DepthCamera(model, "world", lens, optics=self.optics, noise=self.stereo)
         _, image = camera.step(camera.init(rng), resting(model))
 
+        # White noise is along the ray, and the image holds depth.
         if self.white > 0.0:
             u, v = (
                 np.arange(n) - c
@@ -83,6 +86,7 @@ class Camera:
             width=self.optics.width, height=self.optics.height, focal=self.optics.rectified.focal
         )
         camera = DepthCamera(model, "world", np.eye(4), optics=pinhole_optics, noise=None)
+
         bodies = resting(model)
         return camera.render(bodies.xpos, bodies.xmat)[0]
 
@@ -162,6 +166,20 @@ class ObjectScene:
         return bool(off < _FOUND[0] * self.range_m and np.rad2deg(angle) < _FOUND[1])
 
 
+def sensor_of(sensor: str | Camera | Imager) -> Camera | Imager:
+    """A sensor, or the one of that name in SENSORS.
+
+    Raises:
+        ConfigurationError: There is none of that name; the message lists the known ones.
+    """
+    if not isinstance(sensor, str):
+        return sensor
+
+    if sensor not in SENSORS:
+        raise ConfigurationError(f"no sensor {sensor!r}; there are {sorted(SENSORS)}")
+    return SENSORS[sensor]
+
+
 def resting(model: mujoco.MjModel, qpos: Array | None = None) -> mujoco.MjData:
     """Bodies' poses of a scene at rest, by default where its model has them.
 
@@ -214,7 +232,9 @@ def camera_pose(eye: Array, at: Array = _ORIGIN, roll: float = 0.0) -> Array:
         roll: [rad] about that axis, from a level image.
     """
     z = at - eye
-    R_FC = rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0])) @ exp_so3([0.0, 0.0, roll])
+    level = rotation_from_z(z, np.cross(z, [0.0, 0.0, 1.0]))
+    R_FC = level @ exp_so3([0.0, 0.0, roll])
+
     return inverse(pose(R_FC, eye))
 
 
@@ -231,6 +251,7 @@ def coarse_pose(
         turn: [rad] error of the attitude, and a vector (3,) in C along its axis.
     """
     off, turned = (size * way / np.linalg.norm(way) for size, way in (shift, turn))
+
     approach = transform_points(X_CT, target.center) + off
     return readonly(approach), readonly(exp_so3(turned) @ X_CT[:3, :3])
 

@@ -13,12 +13,12 @@ import mujoco
 import numpy as np
 
 from uuv.clouds.frames import (
-    SENSORS,
     Camera,
     Imager,
     ObjectScene,
     camera_pose,
     coarse_pose,
+    sensor_of,
     viewpoint,
 )
 from uuv.models.objects import targets
@@ -90,10 +90,7 @@ def object_scene(
     """
     check_limits(ranges, start_error)
     target = target_of(target) if isinstance(target, str) else target
-    if isinstance(sensor, str):
-        if sensor not in SENSORS:
-            raise ConfigurationError(f"no sensor {sensor!r}; there are {sorted(SENSORS)}")
-        sensor = SENSORS[sensor]
+    sensor = sensor_of(sensor)
 
     # What is where, in the camera's frame.
     X_CT, range_m = seeded_view(target, seed, ranges)

@@ -86,6 +86,7 @@ def timed(function: Callable[[], Result]) -> tuple[float, Result]:
     """Processor time [s] of a function, of all threads, and what it returns."""
     began = process_time()
     result = function()
+
     return process_time() - began, result
 
 
@@ -96,10 +97,12 @@ def conditions(rows: list[Row]) -> list[str]:
         "place": "position within {0} m known, attitude unknown",
         "any": "position and attitude unknown",
     }
+
     lines = [
         f"{words[row['start']].format(*row['start_error'])}; camera {row['ranges'][0]:g} to "
         f"{row['ranges'][1]:g} m from the object, which is {row['gap'][0]:g} to "
         f"{row['gap'][1]:g} m above the seabed"
         for row in rows
     ]
+    # one line where all rows share them
     return list(dict.fromkeys(lines))

@@ -105,7 +105,7 @@ class Attempt:
     error: str = ""
 
 
-@experiment("unseen_peers", cases=cases, quick={"present": 4})
+@experiment("unseen_peers", cases=cases, quick={"present": 2})
 def unseen_peers(case: UnseenPeerCase) -> UnseenPeerRow:
     """Runs all methods on one scene."""
     scene = build(case)

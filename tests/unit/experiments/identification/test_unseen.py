@@ -2,15 +2,18 @@
 its covariances.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from experiments.identification.unseen.scenes import present
 from experiments.identification.unseen.unseen import (
     _TITLES,
     FIGURES,
+    case_of,
     confusion,
     consistency,
     known_beforehand,
@@ -97,3 +100,10 @@ def test_a_line_is_printed_for_what_went_wrong(found, decision, content, wrong: 
     text = line(row(found, decision, content, hidden_share=0.2, index=7, around="alone"))
     assert bool(text) == wrong
     assert not wrong or text.startswith(f"{content} 7, ")
+
+
+def test_the_scene_of_a_row_is_the_drawn_one():
+    """A row holds lists where its case has pairs of names and states."""
+    case = replace(present(3, 4), streams=(("shape", "12ab 34cd 0 0"),))
+    stored = {**vars(case), "streams": [list(pair) for pair in case.streams]}
+    assert case_of(row(True, Decision.ACCEPT, **stored)) == case

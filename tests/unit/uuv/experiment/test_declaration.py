@@ -1,7 +1,10 @@
 """An experiment of one file: its options, cases, rows and page, and what it refuses."""
 
+import ast
+import importlib.util
 import json
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -380,3 +383,56 @@ def test_the_example_of_the_page_is_the_file_and_runs_as_a_command(root, tmp_pat
 
 def test_experiments_of_a_module_are_those_that_it_declares():
     assert experiments_in(sys.modules[__name__])[0] is throws
+
+
+def test_the_example_around_a_job_is_the_file_and_fits_its_page(root):
+    page = (root / "docs" / "own_experiment.md").read_text(encoding="utf-8")
+    file = root / "docs" / "examples" / "my_current.py"
+    assert f"```python\n{file.read_text(encoding='utf-8')}```" in page
+
+    spec = importlib.util.spec_from_file_location("my_current", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert len(module.my_current.space.cases(module.my_current.options_with({}))) == 4
+
+
+@pytest.mark.long(
+    guarded_by="tests/unit/uuv/experiment/test_declaration.py::"
+    "test_the_example_around_a_job_is_the_file_and_fits_its_page"
+)
+def test_the_example_around_a_job_runs_as_a_command(root, tmp_path):
+    words = "--runs 1 --speed 0.1 --workers 1"
+    subprocess.run(
+        [
+            sys.executable,
+            root / "docs" / "examples" / "my_current.py",
+            *words.split(),
+            "--out",
+            tmp_path / "out",
+        ],
+        cwd=tmp_path,
+        check=True,
+    )
+    (row,) = read_rows(tmp_path / "out")
+    assert row["accepted"]
+    assert row["ended"] == "done"
+    assert row["checked"]["force error, peak"] < 10.0
+
+
+def test_the_names_of_checks_on_the_page_are_those_of_the_assessments(root):
+    """Names that are put together, of the gears' friction, end in words of their own."""
+    page = (root / "docs" / "own_experiment.md").read_text(encoding="utf-8")
+    table = page.partition("| work | checks |")[2].partition("\n\n")[0]
+    listed = set(re.findall(r"`([^`]+)`", table))
+
+    written = set()
+    for file in (*(root / "sim" / "evaluation").glob("*.py"), *(root / "uuv").rglob("tasks/*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(func=ast.Name(id="Requirement"), args=[ast.Constant(value=name), *_]):
+                    written.add(name)
+    composed = {name for name in listed if name.endswith(", worst joint off")}
+    assert listed - composed == written
+    assert len(composed) == 3

@@ -141,7 +141,8 @@ class Page:
         """Adds what a function of all rows returns; nothing while there are no rows.
 
         A `Table`, a line of text, a mapping of figures for metrics.json, a picture as (title,
-        caption, figure), or a list of these.
+        caption, figure), or a list of these. A figure may be a function that draws it, which is
+        asked for it when a report is written.
         """
         return self._with(_Special(function))
 
@@ -378,8 +379,14 @@ class _Special:
             metrics={k: v for item in items if isinstance(item, Mapping) for k, v in item.items()},
             tables=[item for item in items if isinstance(item, Table)],
             lines=[item for item in items if isinstance(item, str)],
-            pictures=[item for item in items if isinstance(item, tuple)],
+            pictures=_pictures([item for item in items if isinstance(item, tuple)]),
         )
+
+
+def _pictures(items: Sequence[Any]) -> "Iterator[tuple[str, str, Figure]]":
+    """Pictures, each drawn when it is asked for."""
+    for title, caption, figure in items:
+        yield title, caption, figure() if callable(figure) else figure
 
 
 def _check_key(columns: Columns, key: str, what: str) -> None:

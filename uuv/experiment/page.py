@@ -386,7 +386,8 @@ class _Special:
 def _pictures(items: Sequence[Any]) -> "Iterator[tuple[str, str, Figure]]":
     """Pictures, each drawn when it is asked for."""
     for title, caption, figure in items:
-        yield title, caption, figure() if callable(figure) else figure
+        drawn: Any = figure() if callable(figure) else figure
+        yield title, caption, drawn
 
 
 def _check_key(columns: Columns, key: str, what: str) -> None:

@@ -19,7 +19,6 @@ from rich.console import Console
 
 from experiments.papers.stated_runs import stated_runs
 from experiments.papers.statements import PaperStatement, Statements, leaves, read
-from uuv.experiment import Experiment
 from uuv.results.pages import STATUS, ResultsOfOne, all_experiments, results, write_page
 
 PAGE = Path("papers.md")
@@ -40,11 +39,14 @@ class PaperFigures:
     @classmethod
     def kept(cls, statements: Statements) -> "PaperFigures":
         """Those of the experiments that statements name, and of the jobs."""
-        wanted = {stated_runs.name, *(row.experiment for row in statements.rows)}
-        chosen: list[Experiment[Any, Any]] = [
-            entry for entry in all_experiments() if entry.name in wanted
-        ]
-        sources = {entry.experiment.name: entry for entry in results(chosen, data=False)}
+        named = {stated_runs.name, *(row.experiment for row in statements.rows)}
+        chosen = [entry for entry in all_experiments() if entry.name in named]
+        return cls.of(results(chosen, data=False))
+
+    @classmethod
+    def of(cls, entries: Sequence[ResultsOfOne]) -> "PaperFigures":
+        """Those of some experiments; none of rows that their check found changed."""
+        sources = {entry.experiment.name: entry for entry in entries}
 
         figures: dict[str, Mapping[str, Any]] = {}
         for name, entry in sources.items():
@@ -71,7 +73,7 @@ class PaperFigures:
         """Why there is no figure."""
         entry = self.sources.get(row.experiment or stated_runs.name)
         if entry is None:
-            return f"no experiment {row.experiment!r}"
+            return f"{row.experiment or stated_runs.name}: no such experiment"
         if entry.kept is None or entry.kept.check.deviations:
             return f"{entry.experiment.name}: {entry.status}"
         lacking = [name for name in row.names if name not in self.figures.get(row.command, {})]

@@ -20,5 +20,7 @@ def test_only_the_recipes_that_pass_keep_the_limit_and_the_default_leaves_least(
         "joint speed over the limit: 1.05, at most 1 is allowed"
     ]
     beaten = [*fair, row("auto", 0.05, 2.0)]
-    (line,) = singular_crossings.summary(beaten).failed or ()
-    assert line.startswith("share off by the default recipe, over the least: 0.05, at most 0")
+    failed = singular_crossings.summary(beaten).failed
+    assert failed is not None
+    assert len(failed) == 1
+    assert failed[0].startswith("share off by the default recipe, over the least: 0.05, at most 0")

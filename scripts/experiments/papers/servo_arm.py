@@ -96,7 +96,10 @@ class ServoRow:
 @experiment("servo_arm", vary={"method": METHODS}, quick={"method": ("jacobian_free", DEFAULT)})
 def servo_arm(case: ServoCase) -> ServoRow:
     """Solves the three experiments."""
-    chain, drives = servo_chain(), servo_model(published_arms.SERVO_ARM, Servo(), UP)
+    chain = servo_chain()
+    drives = servo_model(published_arms.SERVO_ARM, Servo(), UP)
+
+    # Experiment 1, then 2 and 3.
     single = single_solution(case.method)
     runs = {name: motion(name, case.poses, case.method) for name in MOTIONS}
     shares = {name: _motion_figures(chain, drives, results) for name, results in runs.items()}
@@ -132,6 +135,8 @@ def _motion_figures(
 ) -> dict[str, float]:
     """Figures of a motion, among them the largest static errors on proportional drives."""
     steps = np.abs(np.diff(np.vstack([motion_start(), *(result.q for result in results)]), axis=0))
+
+    # Poses of the tool as solved, and where the arm rests.
     pairs = [(chain.forward(result.q), chain.forward(rest(drives, result.q))) for result in results]
     return {
         "reached": float(np.mean([result.converged for result in results])),
@@ -147,6 +152,7 @@ def _motion_figures(
 def published(rows: list[Row]) -> Table:
     """The rows of table 1 in the paper."""
     del rows
+
     lines = {"initial": INITIAL, "given": GIVEN, "solved": SOLVED, "measured": MEASURED}
     return Table(
         title="Published",
@@ -160,7 +166,9 @@ def published(rows: list[Row]) -> Table:
 
 def pictures(rows: list[Row]) -> list[object]:
     """Joint values and goals over iterations, and over the motions."""
-    methods, poses = [row["method"] for row in rows], rows[0]["poses"]
+    methods = [row["method"] for row in rows]
+    poses = rows[0]["poses"]
+
     return [
         (
             "Experiment 1: a single solution",

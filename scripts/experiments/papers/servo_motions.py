@@ -41,6 +41,8 @@ def tool_pose(row: Array) -> Array:
     """
     course, trim, roll = np.radians(row[3:])
     R = exp_so3([0.0, course, 0.0]) @ exp_so3([0.0, 0.0, trim]) @ exp_so3([roll, 0.0, 0.0])
+
+    # From the published axes to ours.
     return pose(np.column_stack([R[:, 2], np.cross(R[:, 0], R[:, 2]), R[:, 0]]), 1e-3 * row[:3])
 
 
@@ -49,14 +51,12 @@ def row_of(X: Array) -> Array:
     [-90, 90] deg.
     """
     R = np.column_stack([X[:3, 2], np.cross(X[:3, 0], X[:3, 2]), X[:3, 0]])
-    course, roll = math.atan2(-R[2, 0], R[0, 0]), math.atan2(-R[1, 2], R[1, 1])
 
-    return np.array(
-        [
-            *(1e3 * X[:3, 3]),
-            *np.degrees([course, math.atan2(R[1, 0], math.hypot(R[0, 0], R[2, 0])), roll]),
-        ]
-    )
+    # Angles about y, then z, then x.
+    course = math.atan2(-R[2, 0], R[0, 0])
+    trim = math.atan2(R[1, 0], math.hypot(R[0, 0], R[2, 0]))
+    roll = math.atan2(-R[1, 2], R[1, 1])
+    return np.array([*(1e3 * X[:3, 3]), *np.degrees([course, trim, roll])])
 
 
 def solved(row: Array, q: Array, method: Method, *, track: bool) -> IkResult:
@@ -104,7 +104,9 @@ def motion(name: str, poses: int, method: Method) -> list[IkResult]:
     rows = np.tile(GIVEN, (poses, 1))
     rows[:, MOTIONS[name][0]] = motion_values(name, poses)
 
-    q, results = motion_start(), []
+    # Each pose from the joint values of the one before.
+    q = motion_start()
+    results = []
     for row in rows:
         results.append(solved(row, q, method, track=True))
         q = np.array(results[-1].q)

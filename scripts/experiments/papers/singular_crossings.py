@@ -146,12 +146,14 @@ def crossing_of(name: str, step: float, reach: float) -> Crossing:
     chain = Chain.from_arm(arm)
 
     if arm_name == ERA:
-        q, along, across = lock(arm), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-        reach = REACH_ERA
+        q, reach = lock(arm), REACH_ERA
+        along = np.array([0.0, 1.0, 0.0])
+        across = np.array([0.0, 0.0, 1.0])
     else:
         q, first, second = WRISTS[arm_name]
         ways = fast_first(chain, q)
-        along, across = ways[first], ways[second]
+        along = ways[first]
+        across = ways[second]
 
     # The line, and the way back from its middle.
     X = chain.forward(q)

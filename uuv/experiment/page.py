@@ -141,7 +141,8 @@ class Page:
         """Adds what a function of all rows returns; nothing while there are no rows.
 
         A `Table`, a line of text, a mapping of figures for metrics.json, a picture as (title,
-        caption, figure), or a list of these.
+        caption, figure), or a list of these. A figure may be a function that draws it, which is
+        asked for it when a report is written.
         """
         return self._with(_Special(function))
 
@@ -378,8 +379,15 @@ class _Special:
             metrics={k: v for part in parts if isinstance(part, Mapping) for k, v in part.items()},
             tables=[part for part in parts if isinstance(part, Table)],
             lines=[part for part in parts if isinstance(part, str)],
-            pictures=[part for part in parts if isinstance(part, tuple)],
+            pictures=_pictures([part for part in parts if isinstance(part, tuple)]),
         )
+
+
+def _pictures(items: Sequence[Any]) -> "Iterator[tuple[str, str, Figure]]":
+    """Pictures, each drawn when it is asked for."""
+    for title, caption, figure in items:
+        drawn: Any = figure() if callable(figure) else figure
+        yield title, caption, drawn
 
 
 def _check_key(columns: Columns, key: str, what: str) -> None:

@@ -95,8 +95,9 @@ def _mean_figure(name: str) -> Callable[[Sequence[Row]], float | None]:
 
     def figure(rows: Sequence[Row]) -> float | None:
         curves = responses(rows)
-        low, high = rows[0]["low"], rows[0]["high"]
-        return figures(curves.mean(axis=0), low, high)[name] if len(curves) else None
+        if not len(curves):
+            return None
+        return figures(curves.mean(axis=0), rows[0]["low"], rows[0]["high"])[name]
 
     return figure
 
@@ -118,7 +119,8 @@ def picture(rows: list[Row]) -> tuple[str, str, "Figure"]:
 
     for i, (axes, stiffness) in enumerate(zip(all_axes, surfaces, strict=True)):
         group = [row for row in rows if row["stiffness"] == stiffness]
-        curves, color = responses(group), _CURVES[i % len(_CURVES)]
+        curves = responses(group)
+        color = _CURVES[i % len(_CURVES)]
 
         axes.plot(times(), curves.T, color=color, linewidth=0.4, alpha=0.35)
         if len(curves):

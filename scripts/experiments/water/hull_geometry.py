@@ -84,7 +84,9 @@ def _from_geometry(hull: str) -> hydrodynamics.BodyHydrodynamics:
     if hull == PARTS:
         spec, geoms = mujoco.MjSpec.from_string(SKETCH), "auto"
     else:
+        # all that is seen, or the box that stands for it in contacts
         spec, geoms = models.load(MODEL), "visual" if hull == VISIBLE else "collision"
+
     return wet(spec, geoms=geoms, density=DENSITY).bodies["hull"]
 
 

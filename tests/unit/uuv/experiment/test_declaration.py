@@ -330,6 +330,15 @@ def test_a_statistic_of_a_group_is_what_a_function_of_its_rows_gives():
     ]
 
 
+def test_a_picture_may_be_drawn_when_it_is_asked_for():
+    drawn: list[int] = []
+    page = Page().add(lambda rows: ("title", "caption", lambda: drawn.append(len(rows))))
+    summary = summary_of(page)
+    assert drawn == []
+    assert [picture[:2] for picture in summary.pictures] == [("title", "caption")]
+    assert drawn == [6]
+
+
 def test_shares_and_figures_of_a_function():
     page = Page().share("good", "far").add(lambda rows: [f"{len(rows)} rows", {"last": 5}])
     summary = summary_of(page)

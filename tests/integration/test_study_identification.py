@@ -10,7 +10,7 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
     run = script(
         "experiments.identification.identification",
         "--objects",
-        "manifold",
+        "starfish",
         "--runs",
         1,
         "--out",
@@ -21,7 +21,7 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
     assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
     figures = json.loads((tmp_path / "metrics.json").read_text())["figures"]
     for row in rows:
-        assert figures[f"manifold, {row['sensor']}"]["median_mm"] == 1e3 * row["position_m"]
+        assert figures[f"starfish, {row['sensor']}"]["median_mm"] == 1e3 * row["position_m"]
         assert row["found"] == (
             row["position_m"] < 0.01 * row["range_m"] and row["angle_deg"] < 5.0
         )

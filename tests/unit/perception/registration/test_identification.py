@@ -112,6 +112,9 @@ MORE_SEEDS = pytest.mark.long(
 NEARER_ORIGIN = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_identification.py::test_the_origin_of_a_model_may_lie_anywhere"
 )
+EVERY_THIRD = pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_identification.py::test_clouds_without_a_grid"
+)
 ANOTHER_SIDE = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_identification.py::test_an_exact_frame_gives_the_pose_without_bias"
 )
@@ -232,13 +235,14 @@ def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: Model
         )
 
 
-def test_clouds_without_a_grid(surface: ModelSurface, frame: DepthImage, within):
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize("order", ["none", pytest.param("rows", marks=EVERY_THIRD)])
+def test_clouds_without_a_grid(surface: ModelSurface, frame: DepthImage, order: str, within):
     points = Scan.from_depth(frame).points.reshape(-1, 3)
-    for cloud in (rng.permutation(points)[:20_000], points[::3]):
-        result = perception.identify(cloud, surface, VIEW[:3, 3] + 0.1, VIEW[:3, :3])
-        assert result.accepted, result.reason
-        within("position [m]", BARREL.symmetry.error(result.X_sensor_target, VIEW)[0], 5e-3)
+    drawn = np.random.default_rng(1).permutation(points)[:20_000]
+    cloud = drawn if order == "none" else points[::3]
+    result = perception.identify(cloud, surface, VIEW[:3, 3] + 0.1, VIEW[:3, :3])
+    assert result.accepted, result.reason
+    within("position [m]", BARREL.symmetry.error(result.X_sensor_target, VIEW)[0], 5e-3)
 
 
 def test_result_tells_how_it_came_about(found: Identification, within):

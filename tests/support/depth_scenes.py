@@ -1,6 +1,6 @@
 """Scenes for depth cameras, seen from the camera's own frame: the world is the camera's frame C."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -13,6 +13,7 @@ from uuv.sim.interfaces.spatial import (
     inverse,
     pose,
     quat_wxyz_from_rotation,
+    readonly,
     rotation_from_z,
 )
 from uuv.sim.sensors.depth_camera import DepthCamera, StereoNoise
@@ -67,6 +68,12 @@ def look(
     if floor:
         add_floor(spec, X_CT)
     return shoot(spec, rng, noise)
+
+
+def halved(frame: DepthImage) -> DepthImage:
+    """Every second row and column of a frame, which is searched faster."""
+    K = np.diag([0.5, 0.5, 1.0]) @ frame.K
+    return replace(frame, depth=readonly(frame.depth[::2, ::2]), K=readonly(K))
 
 
 def seen_from(p_TC: Array, at_T: Array | None = None) -> Array:

@@ -17,6 +17,7 @@ from depth_scenes import (
     DEFAULT_NOISE,
     add_floor,
     coarse,
+    halved,
     look,
     random_view,
     seen_from,
@@ -222,7 +223,7 @@ def test_symmetry_that_nobody_declared_is_found_in_the_mesh(frame: DepthImage, w
 
 def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: ModelSurface):
     lone = replace(surface, symmetry=Symmetry())  # as if its turns did not look the same
-    result = identify(Scan.from_depth(frame), lone, VIEW[:3, 3])
+    result = identify(Scan.from_depth(halved(frame)), lone, VIEW[:3, 3])
     first, *others = result.hypotheses
     assert others
     assert not result.accepted
@@ -337,7 +338,7 @@ def test_other_shapes_are_refused(surface: ModelSurface, kind: mujoco.mjtGeom, s
         type=kind, size=size, pos=VIEW[:3, 3], quat=quat_wxyz_from_rotation(along_x)
     )
     add_floor(spec, VIEW)
-    image = shoot(spec, np.random.default_rng(2), DEFAULT_NOISE)
+    image = halved(shoot(spec, np.random.default_rng(2), DEFAULT_NOISE))
     result = identify(Scan.from_depth(image), surface, VIEW[:3, 3] + [0.1, 0.05, 0.1], VIEW[:3, :3])
     assert not result.accepted
     assert result.reason

@@ -57,11 +57,10 @@ _ANOTHER = pytest.mark.long(
 _OF_ITS_KIND = ("hover", "reach", "press")
 
 for _name in uuv.ALL_TASKS:
-    _class = type(
-        f"Test{_name[1].capitalize()}", (_Contract, TestCase), {"name": _name, "__test__": True}
-    )
-    globals()[_class.__name__] = _class if _name[1] in _OF_ITS_KIND else _ANOTHER(_class)
-del _class  # it would be collected once more
+    _title = f"Test{_name[1].capitalize()}"
+    globals()[_title] = type(_title, (_Contract, TestCase), {"name": _name, "__test__": True})
+    if _name[1] not in _OF_ITS_KIND:
+        globals()[_title] = _ANOTHER(globals()[_title])
 
 
 @cache

@@ -115,12 +115,7 @@ def test_only_what_has_a_hand_has_a_rival(within):
     )
 
 
-LARGER = pytest.mark.long(
-    guarded_by="tests/unit/perception/registration/test_rival_shapes.py::test_an_object_of_another_size_is_likelier_as_that"
-)
-
-
-@pytest.mark.parametrize("size", [0.95, pytest.param(1.05, marks=LARGER)])
+@pytest.mark.parametrize("size", [0.95, 1.05])
 def test_an_object_of_another_size_is_likelier_as_that(size):
     """Five percent: the scan is likelier at the right size by far more than what separates a pose
     from its rivals.

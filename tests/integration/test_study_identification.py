@@ -11,7 +11,7 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
     run = script(
         "experiments.identification.identification",
         "--object",
-        "manifold",
+        "starfish",
         "--runs",
         1,
         "--workers",
@@ -24,7 +24,7 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
     assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
     figures = json.loads((tmp_path / "metrics.json").read_text())["Poses by object and sensor"]
     for row in rows:
-        median = figures[f"manifold {row['sensor']}"]["position, median"]["median"]
+        median = figures[f"starfish {row['sensor']}"]["position, median"]["median"]
         assert median == row["position"]
         assert row["found"] == (
             row["position"] < 0.01 * row["range"] and row["angle"] < radians(5.0)

@@ -2,6 +2,8 @@
 frame C.
 """
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 
@@ -9,7 +11,7 @@ from uuv.clouds.frames import Camera, camera_pose, coarse_pose, viewpoint
 from uuv.clouds.object_scenes import add_seabed
 from uuv.models.objects.targets import BARREL_LENGTH, TargetModel, revolve
 from uuv.sim.interfaces.messages import DepthImage, StateEstimate
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, readonly
 from uuv.sim.sensors.depth_camera import StereoNoise
 
 DEFAULT_NOISE = StereoNoise()
@@ -29,6 +31,12 @@ def look(
     if floor:
         add_seabed(spec, X_CT, FLOOR)
     return Camera(stereo=noise).frame(spec.compile(), rng)
+
+
+def halved(frame: DepthImage) -> DepthImage:
+    """Every second row and column of a frame, which is searched faster."""
+    K = np.diag([0.5, 0.5, 1.0]) @ frame.K
+    return replace(frame, depth=readonly(frame.depth[::2, ::2]), K=readonly(K))
 
 
 def random_view(rng: np.random.Generator, near: float = 1.0, far: float = 1.5) -> Array:

@@ -24,11 +24,17 @@ def is_long(node: ast.AST) -> bool:
 
 
 @cache
+def tree_of(file: Path) -> ast.Module:
+    """Syntax of a test file."""
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+@cache
 def marks() -> dict[str, list[str]]:
     """Guards that the marks of each test file name; an empty one for a mark without."""
     marked: dict[str, list[str]] = {}
     for file in sorted((ROOT / "tests").rglob("test_*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        tree = tree_of(file)
         constants = {
             target.id: node.value
             for node in tree.body
@@ -55,7 +61,7 @@ def is_plain(guard: str) -> bool:
     file = ROOT / name
     if not file.is_file():
         return False
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(file)):
         if isinstance(node, ast.FunctionDef) and node.name == function.partition("[")[0]:
             return not any(
                 is_long(part)

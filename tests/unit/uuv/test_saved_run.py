@@ -74,13 +74,24 @@ def test_the_example_goes_on_to_the_bits_of_the_whole_run(as_documented):
     assert as_documented["lost"].recording.final.state is WorkState.ABORT
 
 
+ANOTHER_SENSOR = pytest.mark.long(
+    guarded_by="tests/unit/uuv/test_saved_run.py::test_a_failure_to_come_acts_as_in_a_scenario_that_always_had_it"
+)
+
+
 @pytest.mark.parametrize(
     "failure",
     [
         ThrusterFailure(thruster="heave_front", stuck=True, state="scan"),
-        SensorFailure(sensor="encoders", effect="frozen", field="q", index=1, state="scan"),
+        pytest.param(
+            SensorFailure(sensor="encoders", effect="frozen", field="q", index=1, state="scan"),
+            marks=ANOTHER_SENSOR,
+        ),
         SensorFailure(sensor="dvl", effect="frozen", field="v_WB_B", state="settle", after=5.2),
-        SensorFailure(sensor="vision", effect="lost", at=5.3, duration=0.4),
+        pytest.param(
+            SensorFailure(sensor="vision", effect="lost", at=5.3, duration=0.4),
+            marks=ANOTHER_SENSOR,
+        ),
     ],
     ids=["thruster", "encoders", "dvl", "vision"],
 )

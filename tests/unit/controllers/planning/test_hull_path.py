@@ -95,3 +95,17 @@ def test_goes_around_what_the_folded_arm_would_strike(passing, site, seed):
         straight = passing.least_gap([X_from, X_to])
         assert (len(way) == 1) == (straight >= CLEARANCE), seed
         assert nearest(site, [X_from, *way]) > NEAREST, seed
+
+
+def test_a_clearance_is_kept_where_the_gap_is_as_large(passing, rng):
+    """The sooner answer is that of the gap, to its last bit."""
+    answers = set()
+    for _ in range(40):
+        bearing, heading = rng.uniform(-np.pi, np.pi, 2)
+        X_WB = beside(bearing, heading, rng.uniform(1.2, 2.2))
+        gap = passing.gap(X_WB)
+        for clearance in (gap, np.nextafter(gap, np.inf), rng.uniform(0.0, 0.6)):
+            kept = passing.keeps(X_WB, clearance)
+            assert kept == (gap >= clearance)
+            answers.add((kept, clearance == gap))
+    assert answers == {(True, True), (True, False), (False, False)}

@@ -13,7 +13,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from depth_scenes import DEFAULT_NOISE, FLOOR, coarse, look, random_view, standing
+from depth_scenes import DEFAULT_NOISE, FLOOR, coarse, halved, look, random_view, standing
 from uuv import perception
 from uuv.clouds.frames import Camera, camera_pose
 from uuv.clouds.object_scenes import add_seabed
@@ -104,6 +104,9 @@ MORE_SEEDS = pytest.mark.long(
 )
 NEARER_ORIGIN = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_identification.py::test_the_origin_of_a_model_may_lie_anywhere"
+)
+EVERY_THIRD = pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_identification.py::test_clouds_without_a_grid"
 )
 ANOTHER_SIDE = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_identification.py::test_an_exact_frame_gives_the_pose_without_bias"
@@ -212,7 +215,7 @@ def test_symmetry_that_nobody_declared_is_found_in_the_mesh(frame: DepthImage, w
 
 def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: ModelSurface):
     lone = replace(surface, symmetry=Symmetry())  # as if its turns did not look the same
-    result = identify(Scan.from_depth(frame), lone, VIEW[:3, 3])
+    result = identify(Scan.from_depth(halved(frame)), lone, VIEW[:3, 3])
     first, *others = result.hypotheses
     assert others
     assert not result.accepted
@@ -225,13 +228,14 @@ def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: Model
         )
 
 
-def test_clouds_without_a_grid(surface: ModelSurface, frame: DepthImage, within):
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize("order", ["none", pytest.param("rows", marks=EVERY_THIRD)])
+def test_clouds_without_a_grid(surface: ModelSurface, frame: DepthImage, order: str, within):
     points = Scan.from_depth(frame).points.reshape(-1, 3)
-    for cloud in (rng.permutation(points)[:20_000], points[::3]):
-        result = perception.identify(cloud, surface, VIEW[:3, 3] + 0.1, VIEW[:3, :3])
-        assert result.accepted, result.reason
-        within("position [m]", BARREL.symmetry.error(result.X_sensor_target, VIEW)[0], 5e-3)
+    drawn = np.random.default_rng(1).permutation(points)[:20_000]
+    cloud = drawn if order == "none" else points[::3]
+    result = perception.identify(cloud, surface, VIEW[:3, 3] + 0.1, VIEW[:3, :3])
+    assert result.accepted, result.reason
+    within("position [m]", BARREL.symmetry.error(result.X_sensor_target, VIEW)[0], 5e-3)
 
 
 def test_result_tells_how_it_came_about(found: Identification, within):
@@ -326,7 +330,7 @@ def test_other_shapes_are_refused(surface: ModelSurface, kind: mujoco.mjtGeom, s
         type=kind, size=size, pos=VIEW[:3, 3], quat=quat_wxyz_from_rotation(along_x)
     )
     add_seabed(spec, VIEW, FLOOR)
-    image = Camera(stereo=DEFAULT_NOISE).frame(spec.compile(), np.random.default_rng(2))
+    image = halved(Camera(stereo=DEFAULT_NOISE).frame(spec.compile(), np.random.default_rng(2)))
     result = identify(Scan.from_depth(image), surface, VIEW[:3, 3] + [0.1, 0.05, 0.1], VIEW[:3, :3])
     assert not result.accepted
     assert result.reason

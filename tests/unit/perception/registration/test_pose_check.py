@@ -102,12 +102,7 @@ def test_a_model_of_a_part_of_what_is_seen_is_not_accepted(clear: Evidence, surf
     assert check(clear, surface, VIEW).beyond < 0.02
 
 
-LARGER = pytest.mark.long(
-    guarded_by="tests/unit/perception/registration/test_pose_check.py::test_the_object_in_another_size_is_not_accepted"
-)
-
-
-@pytest.mark.parametrize("share", [0.85, pytest.param(1.15, marks=LARGER)])
+@pytest.mark.parametrize("share", [0.85, 1.15])
 def test_the_object_in_another_size_is_not_accepted(
     clear: Evidence, surface: ModelSurface, share: float, within
 ):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ VIEW = camera_pose(np.array([0.2, -0.75, 0.85]))
 AZIMUTH = 0.3  # [rad] of the dent and of the path over it
 
 
+@cache
 def found_on(
     depth: float, seed: int = 0, spoil: Callable[[Array], None] | None = None
 ) -> Identification:

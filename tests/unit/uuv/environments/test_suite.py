@@ -5,6 +5,7 @@ input is told.
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 from unittest import TestCase
@@ -56,11 +57,18 @@ _ANOTHER = pytest.mark.long(
 _OF_ITS_KIND = ("hover", "reach", "press")
 
 for _name in uuv.ALL_TASKS:
-    _class = type(
-        f"Test{_name[1].capitalize()}", (_Contract, TestCase), {"name": _name, "__test__": True}
-    )
-    globals()[_class.__name__] = _class if _name[1] in _OF_ITS_KIND else _ANOTHER(_class)
-del _class  # it would be collected once more
+    _title = f"Test{_name[1].capitalize()}"
+    globals()[_title] = type(_title, (_Contract, TestCase), {"name": _name, "__test__": True})
+    if _name[1] not in _OF_ITS_KIND:
+        globals()[_title] = _ANOTHER(globals()[_title])
+
+
+@cache
+def begun() -> Any:
+    """A hover that has begun, for tests that do not step it."""
+    environment = uuv.load("water", "hover", seed=0)
+    environment.reset()
+    return environment
 
 
 SHORT = [
@@ -135,9 +143,7 @@ def test_a_sparse_reward_is_success():
 )
 def test_the_reward_of_holding_station(offset: float, angle: float, reward: float):
     """Full within CLOSE and ALIGNED; each further margin costs a factor of ten."""
-    environment = uuv.load("water", "hover", seed=0)
-    environment.reset()
-    task = environment.task
+    task = begun().task
     X_HB = pose(exp_so3([0.0, 0.0, angle]), [0.0, offset, 0.0])
     task.X_WH = pose(exp_so3([0.2, -0.1, 0.7]), [0.5, -0.3, -5.0])
     X_WB = task.X_WH @ X_HB
@@ -263,10 +269,8 @@ def test_refuses(arguments: tuple[str, str], options: dict[str, Any], message: s
     ],
 )
 def test_refuses_an_action(action: Array, message: str):
-    environment = uuv.load("water", "hover", seed=0)
-    environment.reset()
     with pytest.raises(ConfigurationError, match=message):
-        environment.step(action)
+        begun().step(action)
 
 
 EPISODE = (

@@ -13,7 +13,7 @@ from uuv.models.completing.axes import UP, turn_hull
 from uuv.models.completing.masses import give_masses
 from uuv.models.files.keyframes import keyframes_kept
 from uuv.models.files.mjcf_files import compiled, reason_of
-from uuv.models.files.notes import note
+from uuv.models.files.notes import keep_entries, note
 from uuv.models.files.parts_file import PartPlace, PartsMap
 from uuv.models.files.vehicle_file import VehicleFile
 from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM
@@ -42,6 +42,7 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
     """
     spec = file.spec
     note(spec, file.notes)
+    keep_entries(spec, file.entries)
     if file.bare or file.parts is not None:
         _apply(spec, file)
     elif line := _name_hull(spec):

@@ -33,7 +33,7 @@ from uuv.check.statics import (
 from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics as coefficients
 from uuv.models.completing.postures import PostureSearch
-from uuv.models.files.notes import computed
+from uuv.models.files.notes import computed, entries_of
 from uuv.models.naming import HOME_KEY, READY_KEY, parts
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
@@ -123,6 +123,7 @@ class _Check:
         return VehicleCheck(
             vehicle=self._name,
             parts=tuple(there),
+            file=entries_of(self._spec),
             figures=tuple(self._figures),
             findings=tuple(self._findings),
             jobs=verdicts,

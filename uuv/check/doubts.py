@@ -23,6 +23,7 @@ from uuv.sim.sensors.proprioception import Encoders
 HEAVY = 0.005  # share of the weight that may be left over at rest
 LEAST_HEAVY = 5.0  # [N] that may be left over in any case
 LIST = float(np.radians(5.0))  # [rad] of list or trim at rest that may be left to the thrusters
+VAST = 10.0  # [m] of a body's shapes, from which on their unit is doubted
 LIGHT = 1e-3  # share of the vehicle's mass below which a fixed body's inertia does not matter
 LOADED = 0.5  # share of a joint's torque that the arm's own weight in water may take
 BLOCKED = 0.15  # share of the camera's rays that may hit the vehicle itself, the arm at home
@@ -96,7 +97,8 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
         )
 
         gyration = float(np.sqrt(inertia[2] / mass))
-        if unit := _unit_of(gyration, extent):
+        meshed = any(model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH for g in geoms)
+        if meshed and extent > VAST and (unit := _unit_of(gyration, extent)):
             yield VehicleFinding(
                 code="inertia",
                 level="doubt",
@@ -120,8 +122,6 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 def _unit_of(gyration: float, extent: float) -> tuple[str, str] | None:
     """Unit of shapes [m] that are far too large for a radius of gyration [m], and its scale."""
-    if not gyration < SLENDER * extent * 0.1:
-        return None
     for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
         if SLENDER * extent * factor <= gyration <= BULKY * extent * factor:
             return unit, f"{factor:g} {factor:g} {factor:g}"

@@ -26,6 +26,7 @@ from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_
 BARE_ARM = "it looks like a bare arm"
 MOUNT = "uuv.models.completing.mounting.mount_arm puts it on a hull (docs/own_vehicle.md)"
 _ARM = 3  # joints from which on a file without thrusters is taken for an arm
+_HULL = 0.5  # share of the mass that a hull has at least
 _BELOW = 0.005  # [m] of the centre of buoyancy below that of mass, from which on it is named
 _UP = (0.0, 0.0, 1.0)
 _AHEAD = (1.0, 0.0, 0.0)
@@ -57,7 +58,7 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
 
     # What compiled before, as an MJCF does when it is read, was broken by the mapping.
     model = compiled(spec, file.name if file.bare else file.parts_name)
-    note(spec, [*_upside_down(spec, model), *_bare_arm(spec, file)])
+    note(spec, [*_upside_down(spec, model), *_bare_arm(spec, file, model)])
     return spec
 
 
@@ -74,11 +75,12 @@ def _upside_down(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
         )
 
 
-def _bare_arm(spec: mujoco.MjSpec, file: VehicleFile) -> Iterator[str]:
-    """A line about a file that is an arm alone: nothing pushes it, and it had joints."""
+def _bare_arm(spec: mujoco.MjSpec, file: VehicleFile, model: mujoco.MjModel) -> Iterator[str]:
+    """A line about a file that is an arm alone: nothing pushes it, and its links are its mass."""
     parts = file.parts or PartsMap()
     pushed = parts.thrusters or file.thrusters or len(spec.actuators)
-    if file.bare and not pushed and len(file.speeds) >= _ARM:
+    share = float(model.body_mass[1] / model.body_subtreemass[1]) if model.nbody > 1 else 1.0
+    if file.bare and not pushed and len(file.speeds) >= _ARM and share < _HULL:
         yield f"{BARE_ARM}: no thrusters, {len(file.speeds)} joints; {MOUNT}"
 
 

@@ -257,7 +257,12 @@ def _check_limits(
         if not model.jnt_limited[joint]:
             raise ConfigurationError(f"joint {name!r} of the arm must have a range")
         if not model.actuator_ctrllimited[actuator]:
-            raise ConfigurationError(f"the actuator of joint {name!r} must have a ctrlrange [N m]")
+            most = float(np.abs(model.actuator_forcerange[actuator]).min())
+            known = most if model.actuator_forcelimited[actuator] and most > 0.0 else 10.0
+            raise ConfigurationError(
+                f"the actuator of joint {name!r} must be a motor with a ctrlrange [N m]; a mapping "
+                f"puts one in place of a servo: joints: {{{name}: {known:g}, ...}}"
+            )
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:

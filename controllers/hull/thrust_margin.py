@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, inverse_dynamics
+from uuv.controllers.hull.allocation import AXES, undriven_axes
 from uuv.controllers.hull.station_keeping import StationKeeping
 from uuv.models import hydrodynamics
 from uuv.models.hydrodynamics import BodyHydrodynamics
@@ -63,8 +64,13 @@ class ThrustMargin:
 
         most = np.maximum(self._forward, self._reverse)
         # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a
-        # single solution.
-        self._thrust = most[:, None] * np.linalg.pinv(vehicle.thruster_wrench * most)
+        # single solution. What weight and buoyancy right is left to these.
+        spared = undriven_axes(vehicle.thruster_wrench)
+        driven = [i for i, axis in enumerate(AXES) if axis not in spared]
+        self._thrust = np.zeros((len(most), 6))
+        self._thrust[:, driven] = most[:, None] * np.linalg.pinv(
+            vehicle.thruster_wrench[driven] * most
+        )
 
         self._advance = np.array(vehicle.thruster_wrench[:3])
         self._parameters = tuple(arm.parameters)

@@ -21,6 +21,7 @@ from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_
 JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 START_UP = 2e-3  # [s] in which full torque brings a rotor alone to a joint's speed: a prior
 _SPEED = 1.0  # [rad/s] or [m/s] of a joint whose file states none
+_PARALLEL = 0.99  # cosine from which on a joint is taken for a propeller's own
 _AHEAD = (1.0, 0.0, 0.0)
 
 
@@ -38,6 +39,11 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
     """
     parts = file.parts or PartsMap()
     name = file.parts_name
+    turning = {
+        joint.parent.name: (joint.name, np.array(joint.axis))
+        for joint in spec.joints
+        if joint.type == mujoco.mjtJoint.mjJNT_HINGE
+    }
     arm = joints_between(spec)
     _check_followers(spec, arm, name)
     if parts.torque_limits is not None:
@@ -56,6 +62,16 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
 
     for thruster in parts.thrusters or file.thrusters:
         _add_thruster(spec, thruster, renamed, name)
+        place = thruster.place
+        joint, axis = turning.get("" if place is None else place.body, ("", np.zeros(3)))
+        if place is not None and joint and abs(float(axis @ place.z)) < _PARALLEL:
+            note(
+                spec,
+                [
+                    f"thruster {thruster.name} turns with joint {joint!r}, which is held: it "
+                    "pushes in one direction"
+                ],
+            )
 
 
 def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:

@@ -5,21 +5,29 @@
 `mapped` changes the spec of the file in place.
 """
 
+from collections.abc import Iterator
+
 import mujoco
 import numpy as np
 
+from uuv.models import hydrodynamics
 from uuv.models.completing.actuators import actuate
 from uuv.models.completing.axes import UP, turn_hull
 from uuv.models.completing.masses import give_masses
 from uuv.models.files.keyframes import keyframes_kept
 from uuv.models.files.mjcf_files import compiled, reason_of
-from uuv.models.files.notes import note
+from uuv.models.files.notes import keep_entries, note
 from uuv.models.files.parts_file import PartPlace, PartsMap
 from uuv.models.files.vehicle_file import VehicleFile
 from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
+BARE_ARM = "it looks like a bare arm"
+MOUNT = "uuv.models.completing.mounting.mount_arm puts it on a hull (docs/own_vehicle.md)"
+_ARM = 3  # joints from which on a file without thrusters is taken for an arm
+_HULL = 0.5  # share of the mass that a hull has at least
+_BELOW = 0.005  # [m] of the centre of buoyancy below that of mass, from which on it is named
 _UP = (0.0, 0.0, 1.0)
 _AHEAD = (1.0, 0.0, 0.0)
 
@@ -42,14 +50,38 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
     """
     spec = file.spec
     note(spec, file.notes)
+    keep_entries(spec, file.entries)
     if file.bare or file.parts is not None:
         _apply(spec, file)
     elif line := _name_hull(spec):
         note(spec, [line])
 
     # What compiled before, as an MJCF does when it is read, was broken by the mapping.
-    compiled(spec, file.name if file.bare else file.parts_name)
+    model = compiled(spec, file.name if file.bare else file.parts_name)
+    note(spec, [*_upside_down(spec, model), *_bare_arm(spec, file, model)])
     return spec
+
+
+def _upside_down(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
+    """A line about a hull whose water is borne below its mass, as where a file has z down."""
+    water = hydrodynamics.attached(spec).get(HULL_BODY)
+    if water is None or not water.volume > 0.0:
+        return
+    above = float(water.center_of_buoyancy[2] - model.body(HULL_BODY).ipos[2])
+    if above < -_BELOW:
+        yield (
+            f"the hull's centre of buoyancy is {-1e3 * above:.0f} mm below that of mass: has its "
+            "file z down? `up: -z` in the mapping turns it"
+        )
+
+
+def _bare_arm(spec: mujoco.MjSpec, file: VehicleFile, model: mujoco.MjModel) -> Iterator[str]:
+    """A line about a file that is an arm alone: nothing pushes it, and its links are its mass."""
+    parts = file.parts or PartsMap()
+    pushed = parts.thrusters or file.thrusters or len(spec.actuators)
+    share = float(model.body_mass[1] / model.body_subtreemass[1]) if model.nbody > 1 else 1.0
+    if file.bare and not pushed and len(file.speeds) >= _ARM and share < _HULL:
+        yield f"{BARE_ARM}: no thrusters, {len(file.speeds)} joints; {MOUNT}"
 
 
 def _apply(spec: mujoco.MjSpec, file: VehicleFile) -> None:

@@ -18,13 +18,19 @@ TURNING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _ZERO = 1e-12  # [rad] or [m] that counts as no motion
 
 
-def hold(spec: mujoco.MjSpec, joints: Sequence[mujoco.MjsJoint], why: str) -> list[str]:
+def hold(
+    spec: mujoco.MjSpec,
+    joints: Sequence[mujoco.MjsJoint],
+    why: str,
+    stated: Mapping[str, float] | None = None,
+) -> list[str]:
     """Delete joints of a spec, in place, each body at the place where its joint is held.
 
     Args:
         spec: model; what drives the joints or holds them to others goes too.
         joints: hinges and slides of it.
         why: they are held, in a line about them.
+        stated: values [rad] or [m] at which to hold some of them, by name.
 
     Returns:
         A line about those held at 0, and one about the others with their values.
@@ -33,7 +39,10 @@ def hold(spec: mujoco.MjSpec, joints: Sequence[mujoco.MjsJoint], why: str) -> li
         return []
     leaders = followed(spec)
     by_name = {joint.name: joint for joint in spec.joints if joint.type in TURNING}
-    values = {id(joint): _value(spec, joint, by_name, leaders) for joint in joints}
+    values = {
+        id(joint): (stated or {}).get(joint.name, _value(spec, joint, by_name, leaders))
+        for joint in joints
+    }
 
     # A keyframe keeps the values of the joints that stay.
     still, away = [], []
@@ -69,6 +78,16 @@ def follow(spec: mujoco.MjSpec, coupled: Mapping[str, tuple[str, float, float]])
             name2=leader,
             data=[offset, factor, *(0.0,) * 10],
         )
+
+
+def loops(spec: mujoco.MjSpec) -> list[str]:
+    """Constraints that close loops of a spec, connections and welds, in words."""
+    kinds = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
+    return [
+        f"{kinds[equality.type]} of {equality.name1} and {equality.name2 or 'the world'}"
+        for equality in spec.equalities
+        if equality.type in kinds and equality.active
+    ]
 
 
 def massless(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:

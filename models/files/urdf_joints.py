@@ -162,12 +162,12 @@ def _settled(joint: Element, subject: str) -> str:
     """Rewrite a joint; returns what was changed, in words, or nothing."""
     lower, upper = _stated(joint, subject)
     kind = joint.get("type")
+    change = ""
 
     # No limits, or none that an arm can meet.
     if lower is None or upper is None:
         if kind == "revolute":
             joint.set("type", "continuous")
-            return "joints without limits turn without end"
         return ""
     if max(abs(lower), abs(upper)) > ENDLESS:
         _without_limits(joint)
@@ -185,8 +185,10 @@ def _settled(joint: Element, subject: str) -> str:
             _without_limits(joint)
             return "continuous joints whose lower limit lies above the upper turn without end"
         joint.set("type", "revolute")
-        return "continuous joints keep the limits that are stated beside"
-    return ""
+        change = "continuous joints keep the limits that are stated beside"
+    for limit in joint.findall("limit"):  # both, for a missing one counts as none elsewhere
+        limit.attrib.update(lower=repr(lower), upper=repr(upper))
+    return change
 
 
 def _stated(joint: Element, subject: str) -> tuple[float | None, float | None]:

@@ -17,7 +17,7 @@ from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.files import notes, sidecar
 from uuv.models.files.gazebo.blocks import content_of_urdf
-from uuv.models.files.gazebo.content import ReadEntry
+from uuv.models.files.gazebo.entries import ReadEntry
 from uuv.models.files.gazebo.sdf import SdfModel, parse_sdf
 from uuv.models.files.gazebo.sdf_vehicle import spec_of_sdf
 from uuv.models.files.mjcf_files import read_mjcf

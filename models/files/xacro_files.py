@@ -53,9 +53,10 @@ def expanded(
         with _packages_around(path.parent), contextlib.redirect_stderr(told):
             document: Any = xacro.process_file(str(path), mappings=dict(arguments or {}))
             return document.toxml(encoding="utf-8")
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{name}: {error}") from error
-    except Exception as error:  # whatever the macros of the file raise
+    except Exception as error:  # whatever the macros of the file raise, and what is raised here
+        inner = getattr(error, "exc", None) or error
+        if isinstance(inner, ConfigurationError):
+            raise ConfigurationError(f"{name}: {inner}") from error
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ConfigurationError(
             f"{name}: xacro refuses it: {reason[:300]} (its arguments: `xacro: {{NAME: VALUE}}` in "

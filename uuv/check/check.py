@@ -18,6 +18,7 @@ from uuv.check.findings import (
     VehicleFinding,
     VehiclePart,
 )
+from uuv.check.hover import rigid
 from uuv.check.jobs import ArmJobs, hover_verdict
 from uuv.check.statics import (
     AXES,
@@ -32,8 +33,10 @@ from uuv.check.statics import (
 )
 from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics as coefficients
+from uuv.models.completing.mapping import BARE_ARM, MOUNT
 from uuv.models.completing.postures import PostureSearch
-from uuv.models.files.notes import computed
+from uuv.models.files.holding import loops
+from uuv.models.files.notes import computed, entries_of
 from uuv.models.naming import HOME_KEY, READY_KEY, parts
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
@@ -117,12 +120,16 @@ class _Check:
             self._described(model, vehicle, wet is not None)
             if vehicle.tip >= 0:
                 blocked = self._arm(model, vehicle, wet is not None)
+        if closed := loops(self._spec):
+            said = f"closed loop: {', '.join(closed)}; hovering is judged with the arm held"
+            self._note("closed-loop", "doubt", said)
         usable = vehicle if wet is not None else None
 
         verdicts = tuple(self._verdict(job, model, usable, blocked) for job in jobs)
         return VehicleCheck(
             vehicle=self._name,
             parts=tuple(rows),
+            file=entries_of(self._spec),
             figures=tuple(self._figures),
             findings=tuple(self._findings),
             jobs=verdicts,
@@ -325,9 +332,9 @@ class _Check:
             return JobVerdict(job=job, promised=False, code=code, said=message)
 
         if not vehicle.thruster_names:
-            return JobVerdict(
-                job=job, promised=False, code="parts", said="lacks thrusters (hold the hull)"
-            )
+            bare = any(line.startswith(BARE_ARM) for line in computed(self._spec).values())
+            said = f"{BARE_ARM}: {MOUNT}" if bare else "lacks thrusters (hold the hull)"
+            return JobVerdict(job=job, promised=False, code="parts", said=said)
 
         for fault in self._findings:
             if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
@@ -335,8 +342,12 @@ class _Check:
                     job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure
                 )
 
+        closed = loops(self._spec)
         if job in HOVERING:
-            return hover_verdict(job, model)
+            return hover_verdict(job, rigid(self._spec, model) if closed else model)
+        if closed:
+            said = f"the arm is a closed loop ({closed[0]}), and the jobs know serial arms alone"
+            return JobVerdict(job=job, promised=False, code="closed-loop", said=said)
         assert job in ARM_JOBS
         return self._jobs.verdict(job, blocked, self._spec if self._by_spec else None)
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from uuv.check.findings import VehicleFinding
 from uuv.check.statics import AXES, TipForce, Trim, authority
+from uuv.controllers.hull.allocation import undriven_axes
 from uuv.models import hydrodynamics as coefficients
 from uuv.models.completing.actuators import JERKY
 from uuv.models.completing.postures import PostureSearch
@@ -22,6 +23,8 @@ from uuv.sim.sensors.proprioception import Encoders
 HEAVY = 0.005  # share of the weight that may be left over at rest
 LEAST_HEAVY = 5.0  # [N] that may be left over in any case
 LIST = float(np.radians(5.0))  # [rad] of list or trim at rest that may be left to the thrusters
+VAST = 10.0  # [m] of a body's shapes, from which on their unit is doubted
+LIGHT = 1e-3  # share of the vehicle's mass below which a fixed body's inertia does not matter
 LOADED = 0.5  # share of a joint's torque that the arm's own weight in water may take
 BLOCKED = 0.15  # share of the camera's rays that may hit the vehicle itself, the arm at home
 SLENDER = 0.08  # least radius of gyration, as a share of the body's extent
@@ -72,7 +75,8 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
         inertia = np.sort(np.array(model.body_inertia[b]))
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
 
-        if mass <= 0.0 or not inertia[2] > 0.0:
+        negligible = mass < LIGHT * float(model.body_subtreemass[model.body_rootid[b]])
+        if mass <= 0.0 or not inertia[2] > 0.0 or (negligible and not model.body_jntnum[b]):
             continue
 
         # The largest moment is at most the sum of the others.
@@ -97,7 +101,17 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
         )
 
         gyration = float(np.sqrt(inertia[2] / mass))
-        if extent > 0.0 and not SLENDER * extent <= gyration <= BULKY * extent:
+        meshed = any(model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH for g in geoms)
+        if meshed and extent > VAST and (unit := _unit_of(gyration, extent)):
+            yield VehicleFinding(
+                code="inertia",
+                level="doubt",
+                said=f"{name}: its shapes are {extent:.3g} m wide, its radius of gyration "
+                f'{1e3 * gyration:.0f} mm: its mesh is in {unit[0]}, so scale="{unit[1]}" '
+                "in its <mesh>",
+                figure=gyration,
+            )
+        elif extent > 0.0 and not SLENDER * extent <= gyration <= BULKY * extent:
             yield VehicleFinding(
                 code="inertia",
                 level="doubt",
@@ -108,6 +122,14 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 "are plausible",
                 figure=gyration,
             )
+
+
+def _unit_of(gyration: float, extent: float) -> tuple[str, str] | None:
+    """Unit of shapes [m] that are far too large for a radius of gyration [m], and its scale."""
+    for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
+        if SLENDER * extent * factor <= gyration <= BULKY * extent * factor:
+            return unit, f"{factor:g} {factor:g} {factor:g}"
+    return None
 
 
 def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
@@ -243,12 +265,13 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             )
             for v in np.linalg.svd(B)[0].T[rank:]
         ]
+        righted = bool(undriven_axes(B))
         yield VehicleFinding(
             code="thruster-rank",
-            level="fault",
+            level="doubt" if righted else "fault",
             said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; nothing drives "
-            f"{', '.join(missing)}, and a "
-            "righting moment does not stand for a thruster here",
+            f"{', '.join(missing)}"
+            + (": weight and buoyancy right it" if righted else ", which nothing rights"),
             figure=float(rank),
         )
 

@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from uuv.models.files.gazebo.entries import ReadEntry
+
 # of a finding: computed or worth knowing; likely wrong; jobs are refused
 Level = Literal["note", "doubt", "fault"]
 PartState = Literal["there", "computed", "missing"]
@@ -54,6 +56,8 @@ class VehicleCheck:
 
     vehicle: str
     parts: tuple[VehiclePart, ...] = ()
+    # water and thrusters of its file: read, guessed or left out
+    file: tuple[ReadEntry, ...] = ()
     figures: tuple[VehicleFigure, ...] = ()
     findings: tuple[VehicleFinding, ...] = ()
     jobs: tuple[JobVerdict, ...] = ()

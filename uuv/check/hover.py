@@ -8,6 +8,9 @@ import numpy as np
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.hull.hull_control import HullControl
 from uuv.controllers.tasks.hull_phases import RestLimits
+from uuv.models.files.holding import TURNING, hold
+from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, TIP_SITE
+from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.interfaces.messages import Command, Reference, WorkState
 from uuv.sim.interfaces.spatial import Array
@@ -102,6 +105,28 @@ def hover(
         )
 
     return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
+
+
+def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
+    """A vehicle whose arm is no serial one, with all its joints held at home.
+
+    Args:
+        spec: of the vehicle.
+        model: it compiled, whose keyframe `home` states the posture.
+    """
+    held = spec.copy()
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
+    qpos = model.qpos0 if key < 0 else model.key_qpos[key]
+    home = {model.joint(j).name: float(qpos[model.jnt_qposadr[j]]) for j in range(model.njnt)}
+    for part in [*held.equalities, *held.keys]:
+        held.delete(part)
+    hold(held, [joint for joint in held.joints if joint.type in TURNING], "for the check", home)
+
+    # A hull without an arm.
+    for site in [site for site in held.sites if site.name == TIP_SITE]:
+        held.delete(site)
+    held.body(ARM_BASE_BODY).name = f"{ARM_BASE_BODY}_held"
+    return hydrodynamics.compile(held)
 
 
 def _reference(time: float, q: Array) -> Reference:

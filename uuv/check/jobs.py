@@ -17,7 +17,7 @@ from uuv.check.checked_jobs import ARM_JOBS, HOVERING
 from uuv.check.findings import JobVerdict
 from uuv.check.hover import HoverFigures, hover
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
-from uuv.check.statics import tip_force
+from uuv.check.statics import Listing, listing_of, tip_force
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.arrival import around, lifted
@@ -41,6 +41,7 @@ from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
+LIST = float(np.radians(20.0))  # [rad] at most, of a hull that weight and buoyancy right
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
@@ -50,9 +51,24 @@ SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the sma
 
 
 def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
-    """Verdict on station keeping, by simulation."""
+    """Verdict on station keeping: the list by statics where an axis is undriven; by simulation."""
+    vehicle = Vehicle.of(model)
+    listing = listing_of(model, vehicle, np.array(vehicle.q_home))
+    if listing is not None and not listing.angle <= LIST:
+        return _listed(name, listing)
     hovered = _hovering(model, HOVERING[name])
-    return replace(hovered, job=name) if isinstance(hovered, JobVerdict) else _kept(name, hovered)
+    if isinstance(hovered, JobVerdict):
+        return replace(hovered, job=name)
+    verdict = _kept(name, hovered)
+    return (
+        verdict if listing is None else replace(verdict, said=f"{verdict.said}; {listing.said()}")
+    )
+
+
+def _listed(name: str, listing: Listing) -> JobVerdict:
+    """Refusal of a hull that lists too far."""
+    said = f"{listing.said()}, at most {np.degrees(LIST):.0f} deg"
+    return _refused(name, "list", said, float(np.degrees(listing.angle)))
 
 
 def _hovering(
@@ -267,10 +283,15 @@ def _planned(
     if len(believed.vehicle.joints) < FULL and margin < SHORT_MARGIN:
         message = (
             f"margin {margin:.2f}; an arm of {len(believed.vehicle.joints)} joints needs "
-            f"{SHORT_MARGIN:g}: it meets the "
-            "hull's drift with its posture alone"
+            f"{SHORT_MARGIN:g}: it meets the hull's drift with its posture alone"
         )
         return _refused(name, "margin", message, margin)
+
+    push = np.array([0.0, 0.0, -push_of(scenario)])
+    model = hydrodynamics.compile(spec.copy())
+    listing = listing_of(model, believed.vehicle, placement.q_start, push)
+    if listing is not None and not listing.angle <= LIST:
+        return _listed(name, listing)
 
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(
@@ -280,6 +301,7 @@ def _planned(
         said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in "
         f"{speed:.2f} m/s{part}"
         + _touching(believed, placement.q_start)
+        + ("" if listing is None else f"; {listing.said()}")
         + (
             f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline"
             if gap < 0.0

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.allocation import undriven_axes
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import HOME_KEY
 from uuv.models.vehicle import Vehicle
@@ -71,6 +72,62 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
 
     apart = float(np.linalg.norm(about_mass[:2])) / max(lift, _SMALL)
     return Trim(force=float(wrench[2]), roll=roll, pitch=pitch, height=height, apart=apart)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listing:
+    """List of a hull about the axes that no thrusters drive, from statics."""
+
+    axes: tuple[str, ...]  # of "roll" and "pitch"
+    moment: float  # [N m] left to weight and buoyancy
+    righting: float  # [N m/rad] W h; not positive: it turns over
+    angle: float  # [rad] at which both balance; NaN: there is none
+
+    def said(self) -> str:
+        """It in words."""
+        named = " and ".join(self.axes)
+        if not self.angle >= 0.0:
+            return f"nothing drives {named}, and weight and buoyancy do not right it"
+        return (
+            f"nothing drives {named}: {self.moment:.1f} N m against W h = {self.righting:.3g} "
+            f"N m/rad list it by {np.degrees(self.angle):.1f} deg"
+        )
+
+
+def listing_of(
+    model: mujoco.MjModel, vehicle: Vehicle, q: Array, f_tip_G: Array | None = None
+) -> Listing | None:
+    """List at joint angles `q` (n,) under a force (3,) [N] on the tip, tool axes.
+
+    The thrusters balance what they drive, with least effort; what they turn beside it counts.
+    None: they drive all axes.
+    """
+    axes = undriven_axes(vehicle.thruster_wrench)
+    if not axes:
+        return None
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = [1.0, 0.0, 0.0, 0.0]
+    data.qpos[vehicle.qpos] = q
+    mujoco.mj_forward(model, data)
+
+    # Wrench on the hull at its origin, level and at rest.
+    at = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
+    wrench = np.array(data.qfrc_passive[at] - data.qfrc_bias[at])
+    lift = float(wrench[2]) + weight_of(model, vehicle)
+    if f_tip_G is not None and vehicle.tip >= 0:
+        force = data.site_xmat[vehicle.tip].reshape(3, 3) @ f_tip_G
+        lever = data.site_xpos[vehicle.tip] - data.xpos[vehicle.hull]
+        wrench += np.concatenate([force, np.cross(lever, force)])
+
+    spared = [AXES.index(axis) for axis in axes]
+    driven = [i for i in range(6) if i not in spared]
+    B = vehicle.thruster_wrench
+    left = wrench + B @ (np.linalg.pinv(B[driven]) @ -wrench[driven])
+    moment = float(np.linalg.norm(left[spared]))
+    righting = lift * _height(model, vehicle, data, lift)
+    angle = float(np.arctan(moment / righting)) if righting > _SMALL else float("nan")
+    return Listing(axes=axes, moment=moment, righting=righting, angle=angle)
 
 
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:

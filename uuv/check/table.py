@@ -16,6 +16,9 @@ _COLOURS = {
     "there": "green",
     "computed": "cyan",
     "missing": "yellow",
+    "read": "green",
+    "guessed": "yellow",
+    "left out": "yellow",
 }
 
 
@@ -31,6 +34,15 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         table.add_column()
         for job in check.figures:
             table.add_row(job.name, job.said)
+        console.print(table)
+
+    if check.file:
+        table = Table(box=None, pad_edge=False, title="of its file", title_justify="left")
+        for column in ("part", "quantity", "value", "", "origin"):
+            table.add_column(column, overflow="fold")
+        for entry in check.file:
+            way = Text(entry.way, style=_COLOURS[entry.way])
+            table.add_row(entry.part, entry.quantity, entry.value, way, entry.origin)
         console.print(table)
 
     # What is unusual, and what it can do.

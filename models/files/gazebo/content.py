@@ -2,31 +2,14 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 from xml.etree.ElementTree import Element
 
+from uuv.models.files.gazebo.entries import ReadEntry, Way
 from uuv.models.files.parts_file import MappedThruster
 from uuv.models.files.urdf_places import figure
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
-
-Way = Literal["read", "guessed", "left out"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadEntry:
-    """One thing of a file: what became of it, and where it is from."""
-
-    part: str  # link, joint or thruster
-    quantity: str
-    value: str
-    way: Way
-    origin: str  # the element or plugin, or the reason
-
-    def line(self) -> str:
-        """It in one line."""
-        figure = f" {self.value}" if self.value else ""
-        return f"{self.part}: {self.quantity}{figure}, {self.way} ({self.origin})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -68,7 +68,7 @@ def base_on_a_joint(spec: mujoco.MjSpec) -> None:
         (fixed, r"body 'hull' must have exactly one joint, a free joint"),
         (without_actuators, r"no driven joint between body 'arm_base' and site 'tip'"),
         (unlimited_joint, r"joint 'joint3' of the arm must have a range"),
-        (unlimited_motor, r"actuator of joint 'joint2' must have a ctrlrange"),
+        (unlimited_motor, r"actuator of joint 'joint2' must be a motor with a ctrlrange"),
         (
             thruster_on_a_joint,
             r"thruster 'thruster_sway': its actuator must be.*on a site.*trntype",

@@ -11,7 +11,8 @@ import pytest
 from scipy.optimize import linprog, lsq_linear, nnls
 
 from uuv import models
-from uuv.controllers.hull.allocation import AXES, Allocation
+from uuv.controllers.hull.allocation import AXES, Allocation, undriven_axes
+from uuv.controllers.hull.priorities import PRIORITIES_AFTER_LOSS
 from uuv.controllers.hull.thruster_gaps import bounded, nearest_thrusts, normal_equations, preloads
 from uuv.controllers.tuning import HULL
 from uuv.models.vehicle import Vehicle
@@ -455,3 +456,58 @@ def test_wrenches_that_cannot_be(vehicle, wrench_B, says):
 def test_thrusts_of_another_number_are_refused(vehicle):
     with pytest.raises(ConfigurationError, match=r"thrusts wanted .* got \(9,\)"):
         Allocation(vehicle).command(np.zeros(9))
+
+
+# -- axes that weight and buoyancy hold ------------------------------------------------------------
+
+
+def vectored(lift: tuple[tuple[float, float], ...]) -> Array:
+    """Wrench (6, 4 + n): four vectored thrusters, and vertical ones at x, y [m]."""
+    vertical = np.array(
+        [np.concatenate([[0, 0, 1], np.cross([x, y, 0.0], [0.0, 0.0, 1.0])]) for x, y in lift]
+    )
+    return np.column_stack([eight()[:, :4], vertical.T])
+
+
+@pytest.mark.parametrize(
+    ("lift", "axes"),
+    [
+        (((0.0, 0.2), (0.0, -0.2)), ("pitch",)),
+        (((0.3, 0.0), (-0.3, 0.0)), ("roll",)),
+        (((0.0, 0.0),), ("pitch", "roll")),
+        (((0.3, 0.2), (-0.3, 0.2), (0.0, -0.2)), ()),
+    ],
+)
+def test_what_weight_and_buoyancy_right_is_left_out(vehicle, lift, axes, within):
+    """The other axes are met exactly, with the least effort of all thrusts that meet them."""
+    B = vectored(lift)
+    craft = with_thrusters(vehicle, B, Thruster(forward=400.0, reverse=400.0))
+    assert undriven_axes(B) == axes
+    driven = [i for i, axis in enumerate(AXES) if axis not in axes]
+    wrench_B = np.array([20.0, -30.0, 40.0, 5.0, -6.0, 7.0])
+    thrust = Allocation(craft).thrust(wrench_B)
+    within("wrench", (B @ thrust)[driven] - wrench_B[driven], 1e-11)  # 2e-14
+    null = np.linalg.svd(B[driven])[2][len(driven) :]
+    within("effort along what changes no axis", null @ thrust, 1e-11)
+
+    # So the undriven moment that is asked for changes nothing.
+    asked = wrench_B + [0, 0, 0, 90.0 * ("roll" in axes), -80.0 * ("pitch" in axes), 0]
+    within("thrust", Allocation(craft).thrust(asked) - thrust, 1e-11)
+
+
+def test_what_nothing_rights_is_refused(vehicle):
+    B = np.delete(eight(), 0, axis=1)
+    B[1] = 0.0  # nothing drives sway
+    craft = with_thrusters(vehicle, B, Thruster(forward=40.0, reverse=40.0))
+    assert undriven_axes(B) == ()
+    with pytest.raises(ConfigurationError, match="do not span all six"):
+        Allocation(craft)
+
+
+def test_a_lost_thruster_of_such_a_hull_leaves_the_axis_out_too(vehicle):
+    craft = with_thrusters(
+        vehicle, vectored(((0.0, 0.2), (0.0, -0.2))), Thruster(forward=400.0, reverse=400.0)
+    )
+    left = Allocation(craft).without(0, priorities=PRIORITIES_AFTER_LOSS)
+    wrench_B = np.array([0.0, 0.0, 40.0, 5.0, 50.0, 0.0])
+    assert left.thrust(wrench_B) == pytest.approx(left.thrust(wrench_B * [1, 1, 1, 1, 0, 1]))

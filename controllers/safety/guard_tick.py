@@ -26,6 +26,7 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import BROKEN, STOPPED, UNSOUND, Commanded, call_control
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
+from uuv.sim.interfaces.records import ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 
 # Entries of `GuardRecord.numbers`
@@ -60,6 +61,7 @@ class GuardRecord(NamedTuple):
     memory: int  # address of what that works on
     estimate: int  # address of the box of the estimate
     command: Commanded  # of the wrapped controller
+    reference: ReferenceRecord  # that it follows
     thrusters: Array  # (m,) sent, with the doublet of a probe
     residuals: JointResiduals
     hull: HullResiduals
@@ -105,7 +107,8 @@ def guard_tick(box, estimate):
     # Means for a blind departure.
     if command.hull_steps[0] != numbers[FOLLOWED]:
         numbers[FOLLOWED] = command.hull_steps[0]
-        follow(guard.hull_model.curves, limits.balance_time, command, e.time[0], guard.held)
+        curves = guard.hull_model.curves
+        follow(curves, limits.balance_time, command, guard.reference, e.time[0], guard.held)
 
     if numbers[FRESH] == 0.0:
         return answer

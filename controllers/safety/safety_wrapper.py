@@ -398,6 +398,7 @@ class GuardTick:
 
         # The record, and how a kernel finds it.
         self.command = inner.command._replace(thrusters=state.thrusters)
+        self.reference = inner.reference
         self.box = guard_box(as_annotated(self._record()))
         self.memory: int = address_of_box(self.box)
         self.address = address_of_kernel(guard_tick, self.box, inputs.box)
@@ -406,7 +407,6 @@ class GuardTick:
         """Take the set points of the ticks that follow, each at a new time."""
         state = self._state
         state.numbers[FRESH] = 1.0
-        state.held.refer(reference)
         state.lost = reference.lost_thrusters
         self._inner.refer(reference)
 
@@ -463,6 +463,7 @@ class GuardTick:
             memory=inner.memory,
             estimate=self.inputs.address,
             command=inner.command,
+            reference=inner.reference,
             thrusters=state.thrusters,
             residuals=state.health.joints,
             hull=state.health.hull,

@@ -273,10 +273,12 @@ class Since:
 class TareSensors(Phase):
     """Average the bias of the joint torques, free of contact; the tool is at the stand-off."""
 
+    foresee = Phase.foresee
+
     def __init__(self, after: float = 1.5, seconds: float = 2.0) -> None:
         """Set up the phase: a wait of `after` [s], then the mean of the bias over `seconds` [s]."""
         self._after = after
-        self._seconds = seconds
+        self.duration = after + seconds  # [s]
 
     def enter(self, held: Held, now: Context) -> Since:
         """Begin with the wait."""
@@ -286,7 +288,7 @@ class TareSensors(Phase):
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
         """Done after both times."""
         del held
-        return PhaseEvent.DONE if now.time - state.since > self._after + self._seconds else None
+        return PhaseEvent.DONE if now.time - state.since > self.duration else None
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool at rest, and the tare in its time."""

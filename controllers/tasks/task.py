@@ -1,15 +1,18 @@
 """A task: a table of phases with what follows each, and monitors; run by `TaskPlanner`."""
 
 import math
+from copy import copy
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from uuv.controllers.tasks.monitors import Monitor, Reaction, watch
+from uuv.controllers.tasks.monitors import Bounded, Monitor, Reaction, watch
 from uuv.controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels.foresight import Bounds, Foresight, is_plain
+from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.messages import (
     Command,
     Fault,
@@ -20,6 +23,9 @@ from uuv.sim.interfaces.messages import (
     WorkState,
 )
 from uuv.sim.interfaces.spatial import Array
+
+
+_FELT = Bounds(normal=1e9)  # any force, but a number
 
 
 class AtOnce(str):
@@ -55,6 +61,11 @@ class TaskState:
     false_at: list[float]  # [s] for each monitor, the time at which its condition was last false
     abort: Abort | None = None  # why the work was broken off
     lost_thrusters: tuple[Fault, ...] = ()
+
+
+def _copied(state: TaskState) -> TaskState:
+    """A state that may be stepped ahead of time (`Phase.foresee`)."""
+    return replace(state, phase=copy(state.phase), held=copy(state.held))
 
 
 class TaskPlanner:
@@ -137,6 +148,75 @@ class TaskPlanner:
         while isinstance(self._advance(state, now), AtOnce):
             pass
         return state, self._reference(state, now)
+
+    def ahead(
+        self,
+        state: TaskState,
+        estimate: StateEstimate,
+        target: Target | None,
+        times: Sequence[float],
+    ) -> Foresight | None:
+        """The next periods, as far as the present phase goes by the time alone.
+
+        Args:
+            state: after the present step; it is not changed.
+            estimate: of the present step.
+            target: newest target, or None.
+            times: [s] of the estimates of the next steps.
+
+        Returns:
+            The periods; None: not even the next one can be foreseen.
+        """
+        row = self._rows[state.row]
+        phase = row.phase
+        foreseen = phase.foresee(state.phase, state.held) if gives_kernel(phase, "foresee") else None
+        if foreseen is None:
+            return None
+        watched = [monitor.condition for monitor in self._monitors if row.work in monitor.during]
+        if not all(isinstance(condition, Bounded) for condition in watched):
+            return None
+
+        # Bounds of all periods, and those that change.
+        bounds = [condition.bounds for condition in watched if isinstance(condition, Bounded)]
+        steady = foreseen.within.and_within(*(b for b in bounds if isinstance(b, Bounds)))
+        if row.feels:
+            steady = steady.and_within(_FELT)
+        varying = [b for b in bounds if not isinstance(b, Bounds)]
+
+        # Steps on a copy.
+        trial = _copied(state)
+        references: list[Reference] = []
+        within: list[Bounds] = []
+        for time in times:
+            if not time < foreseen.until:
+                break
+            narrow = steady.and_within(*(of_period(trial.held) for of_period in varying))
+            now = Context(time, self.period, estimate, target, None)
+            ended = phase.step(trial.phase, trial.held, now) is not None
+            reference = None if ended else self._reference(trial, now)
+            if reference is None or not is_plain(reference):
+                trial = None
+                break
+            references.append(reference)
+            within.append(narrow)
+
+        if not references:
+            return None
+        seen = estimate, target
+        return Foresight(references, times[: len(references)], within, seen, trial)
+
+    def followed(self, state: TaskState, foresight: Foresight, periods: int) -> TaskState:
+        """State after so many of the foreseen periods, of which `ahead` was asked for `state`."""
+        after = foresight.after
+        if after is None or periods < len(foresight.times):
+            after = _copied(state)
+            phase = self._rows[state.row].phase
+            for time in foresight.times[:periods]:
+                now = Context(time, self.period, *foresight.seen, None)
+                phase.step(after.phase, after.held, now)
+
+        after.false_at = [foresight.times[periods - 1]] * len(self._monitors)
+        return after
 
     def _advance(self, state: TaskState, now: Context) -> str | None:
         """Watch, and step the present phase; the name of the row entered after it, if any."""

@@ -161,13 +161,14 @@ class WorkController:
         contact = self.contact.init(estimate)
         tool = self.tool.init(estimate)
         command = commanded(n, len(self._vehicle.thruster_names))
+        felt = contact.record
 
         return WorkControllerState(
             contact=contact,
             tool=tool,
             integral=np.zeros(n),
             hull=self._hull.init(),
-            command=command._replace(f_W=contact.record.f_W, felt=contact.record.felt),
+            command=command._replace(f_W=felt.f_W, felt=felt.felt, sigma_G=felt.sigma_G),
             reference=reference_record(n),
             softness=np.zeros(1),
             ticks=np.zeros(1, dtype=np.int64),
@@ -314,6 +315,7 @@ class WorkTick:
         self.inputs = inputs
         self.slots = PythonSlots()
         self.command = state.command
+        self.reference = state.reference
         record = controller.record(state, inputs, self.slots)
         self.slow = controller.slow
         self.box = drive_box(as_annotated(record))
@@ -347,11 +349,6 @@ class WorkTick:
             hull_load=load,
             believed=state.log,
         )
-
-
-def in_contact(reference: Reference) -> bool:
-    """True while the tool is to touch something."""
-    return reference.set_force > 0.0 or reference.force_control
 
 
 def _log(state: WorkControllerState) -> dict[str, Array]:

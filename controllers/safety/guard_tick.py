@@ -65,6 +65,8 @@ class GuardRecord(NamedTuple):
     thrusters: Array  # (m,) sent, with the doublet of a probe
     residuals: JointResiduals
     hull: HullResiduals
+    checks: tuple[Array, ...]  # entries of the estimate, of `sensor_checks.checked_entries`
+    quiet: Array  # value of each check's entries while its sensor is sound
     asked: Array  # (m,) thruster commands of the controller at the last balance
     held: HeldHull
     judge: Slot
@@ -153,10 +155,11 @@ def _balance(guard, e, stepped):
     numbers[BALANCE_DT], suspect = balance_hull(guard.hull_model, seen, guard.hull)
     numbers[ACCUSED] = suspect
 
-    # What navigation says of its sensors: the checks of `sensor_checks`.
-    off = np.isfinite(e.ages[3])
-    for i in range(3):
-        off = off or e.gyro_off_B[i] != 0.0 or e.attitude_off_B[i] != 0.0
+    # What navigation says of its sensors.
+    off = False
+    for k in range(len(guard.checks)):
+        for value in guard.checks[k]:
+            off = off or value != guard.quiet[k]
     return off or suspect != NOBODY or numbers[PROBING] != 0.0
 
 

@@ -44,6 +44,7 @@ from uuv.controllers.safety.guard_tick import (
     guard_tick,
 )
 from uuv.controllers.safety.hull_residuals import HullBalance
+from uuv.controllers.safety.sensor_checks import checked_entries
 from uuv.controllers.tuning import SAFETY, FaultLimits
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -450,6 +451,7 @@ class GuardTick:
 
         health = self._wrapper.health
         limits = health.limits
+        checks, quiet = checked_entries(self.inputs.record)
         return GuardRecord(
             limits=GuardLimits(
                 old_imu=SAFETY.old_imu,
@@ -467,6 +469,8 @@ class GuardTick:
             thrusters=state.thrusters,
             residuals=state.health.joints,
             hull=state.health.hull,
+            checks=checks,
+            quiet=quiet,
             asked=state.health.asked,
             held=state.held,
             judge=empty_slot()._replace(address=self.slots.add(self._judge)),

@@ -46,6 +46,7 @@ IN_CONTACT = frozenset({WorkState.APPROACH, WorkState.PRESS, WorkState.WORK})
 LEAVING = frozenset({WorkState.RETREAT})
 
 Condition = Callable[[Held, Context], str]  # the sentence if it holds, else empty
+BoundsOfPeriod = Callable[[Held], Bounds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class Bounded:
     """
 
     condition: Condition
-    bounds: Callable[[Held], Bounds] | Bounds  # those of a period, or of all
+    bounds: BoundsOfPeriod | Bounds  # those of a period, or of all
 
     def __call__(self, held: Held, now: Context) -> str:
         """The sentence of the condition."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from uuv.controllers.tasks.monitors import Bounded, Monitor, Reaction, watch
+from uuv.controllers.tasks.monitors import Bounded, BoundsOfPeriod, Monitor, Reaction, watch
 from uuv.controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels.foresight import Bounds, Foresight, is_plain
@@ -105,6 +105,22 @@ class TaskPlanner:
                         f"task row {name!r}: there is no row {after!r} to follow it"
                     )
 
+        # Bounds by which the rows' monitors and phases can be foreseen; those of others are missing.
+        by_row = {name: self._bounds_of(row) for name, row in self._rows.items()}
+        self._bounds = {name: bounds for name, bounds in by_row.items() if bounds is not None}
+
+    def _bounds_of(self, row: TaskRow) -> tuple[Bounds, tuple[BoundsOfPeriod, ...]] | None:
+        """Bounds of a row's monitors, in all periods and by period; None: it is not foreseen."""
+        watched = [monitor.condition for monitor in self._monitors if row.work in monitor.during]
+        bounded = [condition for condition in watched if isinstance(condition, Bounded)]
+        if len(bounded) < len(watched) or not gives_kernel(row.phase, "foresee"):
+            return None
+
+        bounds = [condition.bounds for condition in bounded]
+        felt = _FELT if row.feels else Bounds()
+        always = felt.and_within(*(each for each in bounds if isinstance(each, Bounds)))
+        return always, tuple(each for each in bounds if not isinstance(each, Bounds))
+
     @property
     def works(self) -> tuple[WorkState, ...]:
         """Phases, as reported, in the order of the table."""
@@ -169,19 +185,12 @@ class TaskPlanner:
         """
         row = self._rows[state.row]
         phase = row.phase
-        foreseen = phase.foresee(state.phase, state.held) if gives_kernel(phase, "foresee") else None
-        if foreseen is None:
+        bounds = self._bounds.get(state.row)
+        foreseen = None if bounds is None else phase.foresee(state.phase, state.held)
+        if foreseen is None or bounds is None:
             return None
-        watched = [monitor.condition for monitor in self._monitors if row.work in monitor.during]
-        if not all(isinstance(condition, Bounded) for condition in watched):
-            return None
-
-        # Bounds of all periods, and those that change.
-        bounds = [condition.bounds for condition in watched if isinstance(condition, Bounded)]
-        steady = foreseen.within.and_within(*(b for b in bounds if isinstance(b, Bounds)))
-        if row.feels:
-            steady = steady.and_within(_FELT)
-        varying = [b for b in bounds if not isinstance(b, Bounds)]
+        always, varying = bounds
+        steady = foreseen.within.and_within(always)
 
         # Steps on a copy.
         trial = _copied(state)
@@ -190,7 +199,7 @@ class TaskPlanner:
         for time in times:
             if not time < foreseen.until:
                 break
-            narrow = steady.and_within(*(of_period(trial.held) for of_period in varying))
+            narrow = steady.and_within(*[of_period(trial.held) for of_period in varying])
             now = Context(time, self.period, estimate, target, None)
             ended = phase.step(trial.phase, trial.held, now) is not None
             reference = None if ended else self._reference(trial, now)

@@ -173,5 +173,5 @@ def state_estimate(record: EstimateRecord) -> StateEstimate:
         object_moved_W=record.object_moved_W.copy(),
         gyro_off_B=record.gyro_off_B.copy(),
         attitude_off_B=record.attitude_off_B.copy(),
-        tau_doubt=record.tau_doubt.copy() if record.tau_doubt.any() else None,
+        tau_doubt=record.tau_doubt.copy() if np.count_nonzero(record.tau_doubt) else None,
     )

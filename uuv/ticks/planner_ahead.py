@@ -25,6 +25,8 @@ class PlannerAhead:
         self._substeps = round(plant.timestep / self._step)
         self._foresight: Foresight | None = None
         self._rest = 0  # periods for which nothing is asked
+        planner = run.parts.planner
+        self._planner = planner if foresees(planner) else None
         self.table = ReferenceTable(len(plant.truth.q))
 
     def look(self, tick: int, first: int, end: int) -> int:
@@ -36,16 +38,15 @@ class PlannerAhead:
             end: one after the last one that may be run.
         """
         run = self._run
-        planner = run.parts.planner
+        if self._planner is None:
+            return 0
         if self._rest:
             self._rest -= 1
-            return 0
-        if not foresees(planner):
             return 0
 
         known = tick if run.stage else tick - 1
         times = self._times(first - known, (end - first - 1) // run.planner_ticks + 1)
-        self._foresight = planner.ahead(run.planner_state, run.estimate, run.target, times)
+        self._foresight = self._planner.ahead(run.planner_state, run.estimate, run.target, times)
         if self._foresight is None:
             return 0
         self.table.fill(self._foresight)
@@ -66,7 +67,7 @@ class PlannerAhead:
     def close(self) -> Sequence[Reference]:
         """Bring the planner up to the rows that were taken; their set points."""
         foresight = self._foresight
-        if foresight is None:
+        if foresight is None or self._planner is None:
             return ()
         run = self._run
         taken = self.table.taken
@@ -76,7 +77,5 @@ class PlannerAhead:
             self._rest = _IN_VAIN
             return ()
 
-        planner = run.parts.planner
-        assert foresees(planner)
-        run.planner_state = planner.followed(run.planner_state, foresight, taken)
+        run.planner_state = self._planner.followed(run.planner_state, foresight, taken)
         return foresight.references[:taken]

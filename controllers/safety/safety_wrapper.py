@@ -53,6 +53,7 @@ from uuv.sim.interfaces.kernels.control import (
     REFUSED,
     STOPPED,
     UNSOUND,
+    BoundFields,
     Commanded,
     ControlTick,
     Inputs,
@@ -403,9 +404,15 @@ class GuardTick:
         self.box = guard_box(as_annotated(self._record()))
         self.memory: int = address_of_box(self.box)
         self.address = address_of_kernel(guard_tick, self.box, inputs.box)
+        self._bound = BoundFields(state, state.health)
 
     def refer(self, reference: Reference) -> None:
-        """Take the set points of the ticks that follow, each at a new time."""
+        """Take the set points of the ticks that follow, each at a new time.
+
+        Raises:
+            ConfigurationError: an array of the state was replaced.
+        """
+        self._bound.check()
         state = self._state
         state.numbers[FRESH] = 1.0
         state.lost = reference.lost_thrusters

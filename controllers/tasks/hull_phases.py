@@ -10,9 +10,9 @@ import numpy as np
 from uuv.controllers.planning.trajectories import JointMove, PoseMove
 from uuv.controllers.safety.blind_departure import ascent_direction
 from uuv.controllers.tasks.phase import (
+    INSTANT,
     ZERO,
     Abort,
-    INSTANT,
     Context,
     Foreseen,
     Held,

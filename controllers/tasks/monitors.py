@@ -231,9 +231,7 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
             f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
         )
 
-    return Bounded(
-        condition, Bounds(normal=limit) if felt is normal_force else Bounds(force=limit)
-    )
+    return Bounded(condition, Bounds(normal=limit) if felt is normal_force else Bounds(force=limit))
 
 
 def uncertain_force(limit: float) -> Condition:

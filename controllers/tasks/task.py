@@ -1,8 +1,8 @@
 """A task: a table of phases with what follows each, and monitors; run by `TaskPlanner`."""
 
 import math
-from copy import copy
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,7 +23,6 @@ from uuv.sim.interfaces.messages import (
     WorkState,
 )
 from uuv.sim.interfaces.spatial import Array
-
 
 _FELT = Bounds(normal=1e9)  # any force, but a number
 
@@ -105,7 +104,7 @@ class TaskPlanner:
                         f"task row {name!r}: there is no row {after!r} to follow it"
                     )
 
-        # Bounds by which the rows' monitors and phases can be foreseen; those of others are missing.
+        # Bounds of the rows that can be foreseen.
         by_row = {name: self._bounds_of(row) for name, row in self._rows.items()}
         self._bounds = {name: bounds for name, bounds in by_row.items() if bounds is not None}
 

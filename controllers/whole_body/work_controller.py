@@ -48,7 +48,7 @@ from uuv.controllers.whole_body.tool_control import (
     ToolControlState,
 )
 from uuv.models.vehicle import Vehicle
-from uuv.sim.interfaces.kernels.control import Commanded, Inputs, Unsaved, commanded
+from uuv.sim.interfaces.kernels.control import BoundFields, Commanded, Inputs, Unsaved, commanded
 from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.kernels.slots import (
     PythonSlots,
@@ -262,7 +262,7 @@ class WorkController:
             estimator.step(contact, inputs.seen(), inputs.reference, drives)
 
         def weigh() -> None:
-            feeling.weigh(contact, inputs.seen(), inputs.reference)
+            feeling.weigh(contact, inputs.record, inputs.reference)
 
         # Record.
         none = empty_slot()
@@ -321,9 +321,15 @@ class WorkTick:
         self.box = drive_box(as_annotated(record))
         self.memory: int = address_of_box(self.box)
         self.address = address_of_kernel(drive_tick, self.box, inputs.box)
+        self._bound = BoundFields(state, state.contact, state.tool, state.hull)
 
     def refer(self, reference: Reference) -> None:
-        """Take the set points of the ticks that follow."""
+        """Take the set points of the ticks that follow.
+
+        Raises:
+            ConfigurationError: an array of the state was replaced.
+        """
+        self._bound.check()
         self.inputs.reference = reference
         self._controller.refer(self._state, reference)
 

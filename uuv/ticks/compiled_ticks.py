@@ -6,10 +6,11 @@
 Only this room may wire plant, sensors, navigation and controller. Each of them gives a record of
 its arrays, and the compiled functions that its own step in Python calls too; the two ways therefore
 give the same bits. The controller is a slot, called by its address: a kernel, or plain Python
-through a trampoline, which takes its time at every tick (`slow_parts`). The planner is called
-between two compiled stretches, which are long where it foresees its steps. So is a sensor of every tick whose state has no record for the
-kernel, a faulty one for instance. Ticks at which something else is due run part by part: fixes,
-frames. So does a whole run with a plant, sensor or estimator without a kernel; `reason` names it.
+through a trampoline, which takes its time at every tick (`slow_parts`). So is a sensor of every
+tick whose state has no record for the kernel, a faulty one for instance. The planner is called
+between two compiled stretches, which are long where it foresees its steps. Ticks at which something
+else is due run part by part: fixes, frames. So does a whole run with a plant, sensor or estimator
+without a kernel; `reason` names it.
 """
 
 from typing import Any
@@ -267,9 +268,7 @@ class CompiledTicks:
                 break
         return tick
 
-    def _stretch(
-        self, run: Rollout, tick: int, end: int, control: ControlTick
-    ) -> tuple[int, int]:
+    def _stretch(self, run: Rollout, tick: int, end: int, control: ControlTick) -> tuple[int, int]:
         """Number of ticks from `tick` on that may run at once, and the stage of the one after."""
         observed = (-tick % every for every in self._slow_ticks)
         planned = run.planner_ticks - tick % run.planner_ticks
@@ -308,9 +307,7 @@ class CompiledTicks:
             return False
         return before is not None and reference.state is before.state
 
-    def _run(
-        self, run: Rollout, tick: int, ticks: int, onward: int, control: ControlTick
-    ) -> int:
+    def _run(self, run: Rollout, tick: int, ticks: int, onward: int, control: ControlTick) -> int:
         """Run `ticks`, as `run_ticks` does; returns how many were completed."""
         begun = PLANNED if run.stage else NEW
         reference = run.reference

@@ -2,12 +2,7 @@
 
 from collections.abc import Sequence
 
-from uuv.sim.interfaces.kernels.foresight import (
-    ROWS,
-    Foresight,
-    ReferenceTable,
-    foresees,
-)
+from uuv.sim.interfaces.kernels.foresight import ROWS, Foresight, ReferenceTable, foresees
 from uuv.sim.interfaces.messages import Reference
 from uuv.sim.loop.rollout import Rollout
 from uuv.sim.plant.plant import Plant

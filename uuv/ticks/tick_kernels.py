@@ -11,12 +11,7 @@ from uuv.sim.interfaces.kernels.control import REFUSED, UNSOUND, Commanded, call
 from uuv.sim.interfaces.kernels.foresight import TableRecord, take_row
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, call_at
-from uuv.sim.interfaces.records import (
-    EstimateRecord,
-    ImuRecord,
-    JointRecord,
-    ReferenceRecord,
-)
+from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import RecorderRecord, write_row
 from uuv.sim.loop.rollout import Stage

@@ -5,10 +5,12 @@ is called through `PythonControl`. Both leave their command in the arrays of `Co
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any, Generic, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import slots
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, address_of_box, call_at
@@ -87,7 +89,8 @@ class Inputs:
         # Of which `record` was made, or which was made of it.
         self.message: StateEstimate | None = None
         self._reference: Reference | None = None
-        self.ahead: Callable[[], Reference | None] | None = None  # set points of a table, while used
+        # Set points of a table, while that is used.
+        self.ahead: Callable[[], Reference | None] | None = None
 
     @property
     def reference(self) -> Reference:
@@ -133,6 +136,33 @@ class Unsaved(Generic[Made]):
 
     def __reduce__(self) -> tuple[Any, tuple[()]]:
         return Unsaved, ()
+
+
+class BoundFields:
+    """Fields of states whose arrays a tick is bound to: to be written into, not to be replaced."""
+
+    def __init__(self, *states: Any) -> None:
+        """Take the arrays, and records of arrays, that are fields of dataclasses."""
+        self._bound = [
+            (state, each.name, value)
+            for state in states
+            for each in fields(state)
+            if isinstance(value := getattr(state, each.name), np.ndarray)
+            or hasattr(value, "_fields")
+        ]
+
+    def check(self) -> None:
+        """Refuse arrays that have taken the place of those.
+
+        Raises:
+            ConfigurationError: a field was assigned after the first step.
+        """
+        for state, name, value in self._bound:
+            if getattr(state, name) is not value:
+                raise ConfigurationError(
+                    f"{type(state).__name__}.{name}: was replaced after the first step, which has "
+                    f"bound its arrays; write into them: state.{name}[...] = ..."
+                )
 
 
 class ControlTick(Protocol):

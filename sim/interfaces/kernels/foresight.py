@@ -6,7 +6,7 @@ time for which it was made. At the first estimate beyond a bound they stop, and 
 its usual step there: with foresight and without, a run has the same bits.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, TypeGuard
 
@@ -156,7 +156,7 @@ def take_row(table, estimate, command, reference):
         speed += estimate.v_WB_B[i] ** 2
         turn += estimate.w_WB_B[i] ** 2
         force += command.f_W[i] ** 2
-        moved = max(moved, abs(estimate.object_moved_W[i]))
+        moved += estimate.object_moved_W[i] ** 2
     felt = command.felt[0]
     force += felt**2
     seen = (
@@ -167,7 +167,7 @@ def take_row(table, estimate, command, reference):
         -felt,
         np.sqrt(force),
         command.sigma_G[2],
-        moved,
+        np.sqrt(moved),
     )
     for k in range(len(seen)):
         bound = table.bounds[row, k]

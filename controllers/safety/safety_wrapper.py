@@ -474,6 +474,7 @@ class GuardTick:
             command=inner.command,
             reference=inner.reference,
             thrusters=state.thrusters,
+            # What is judged, and by what.
             residuals=state.health.joints,
             hull=state.health.hull,
             checks=checks,

@@ -66,6 +66,7 @@ def _gyro(estimate: StateEstimate) -> Iterator[SensorFinding]:
 def _attitude(estimate: StateEstimate) -> Iterator[SensorFinding]:
     """An attitude that is off the integral of the rates."""
     off = estimate.attitude_off_B.tolist()
+
     if any(map(math.isnan, off)):
         yield SensorFinding("", -1, estimate.time, "no rotation")
         return
@@ -101,4 +102,5 @@ def checked_entries(record: EstimateRecord) -> tuple[tuple[Array, ...], Array]:
         record: of the estimate; the entries are its own.
     """
     entries = tuple(check.entries(record) for check in SENSOR_CHECKS)
+
     return entries, np.array([check.quiet for check in SENSOR_CHECKS])

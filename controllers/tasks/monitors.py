@@ -58,9 +58,9 @@ class Bounded:
     condition: Condition
     bounds: BoundsOfPeriod | Bounds  # those of a period, or of all
 
-    def __call__(self, held: Held, now: Context) -> str:
+    def __call__(self, held: Held, context: Context) -> str:
         """The sentence of the condition."""
-        return self.condition(held, now)
+        return self.condition(held, context)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -117,8 +117,8 @@ class TaskPlanner:
 
         bounds = [condition.bounds for condition in bounded]
         felt = _FELT if row.feels else Bounds()
-        always = felt.and_within(*(each for each in bounds if isinstance(each, Bounds)))
-        return always, tuple(each for each in bounds if not isinstance(each, Bounds))
+        always = felt.and_within(*(bound for bound in bounds if isinstance(bound, Bounds)))
+        return always, tuple(bound for bound in bounds if not isinstance(bound, Bounds))
 
     @property
     def works(self) -> tuple[WorkState, ...]:
@@ -199,9 +199,9 @@ class TaskPlanner:
             if not time < foreseen.until:
                 break
             narrow = steady.and_within(*[of_period(trial.held) for of_period in varying])
-            now = Context(time, self.period, estimate, target, None)
-            ended = phase.step(trial.phase, trial.held, now) is not None
-            reference = None if ended else self._reference(trial, now)
+            context = Context(time, self.period, estimate, target, None)
+            ended = phase.step(trial.phase, trial.held, context) is not None
+            reference = None if ended else self._reference(trial, context)
             if reference is None or not is_plain(reference):
                 trial = None
                 break
@@ -220,8 +220,8 @@ class TaskPlanner:
             after = _copied(state)
             phase = self._rows[state.row].phase
             for time in foresight.times[:periods]:
-                now = Context(time, self.period, *foresight.seen, None)
-                phase.step(after.phase, after.held, now)
+                context = Context(time, self.period, *foresight.seen, None)
+                phase.step(after.phase, after.held, context)
 
         after.false_at = [foresight.times[periods - 1]] * len(self._monitors)
         return after

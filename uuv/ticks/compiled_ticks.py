@@ -220,6 +220,7 @@ class CompiledTicks:
                 joints=navigation.joints,
                 estimate=navigation.estimate,
                 sound=self._sound,
+                # The controller, and what it follows.
                 control=np.array([control.address, control.memory, inputs.address]),
                 command=control.command,
                 reference=control.reference,
@@ -349,7 +350,7 @@ class CompiledTicks:
     def _follow(self, run: Rollout, reference: Reference) -> Reference:
         """Take over the periods of the planner that went by; the set points of the last one."""
         references = self._foresight.close()
-        for each in references:
-            self._recorder.refer(each)
+        for taken in references:
+            self._recorder.refer(taken)
         run.reference = references[-1] if references else reference
         return run.reference

@@ -144,10 +144,10 @@ class BoundFields:
     def __init__(self, *states: Any) -> None:
         """Take the arrays, and records of arrays, that are fields of dataclasses."""
         self._bound = [
-            (state, each.name, value)
+            (state, item.name, value)
             for state in states
-            for each in fields(state)
-            if isinstance(value := getattr(state, each.name), np.ndarray)
+            for item in fields(state)
+            if isinstance(value := getattr(state, item.name), np.ndarray)
             or hasattr(value, "_fields")
         ]
 

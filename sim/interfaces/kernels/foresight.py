@@ -90,8 +90,8 @@ class ReferenceTable:
 
     def __init__(self, joints: int) -> None:
         """Make room for a vehicle with so many joints."""
-        one = reference_record(joints)
-        stacked = ReferenceRecord(*(np.repeat(array[None], ROWS, axis=0) for array in one))
+        row = reference_record(joints)
+        stacked = ReferenceRecord(*(np.repeat(array[None], ROWS, axis=0) for array in row))
         self._views = [ReferenceRecord(*(array[k] for array in stacked)) for k in range(ROWS)]
         self._references: Sequence[Reference] = ()
         self.record = TableRecord(

@@ -22,9 +22,11 @@ from uuv.controllers.tasks.hull_phases import (
 )
 from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import (
+    INSTANT,
     Abort,
     Context,
     Decide,
+    Foreseen,
     Held,
     Outcome,
     Phase,
@@ -168,6 +170,11 @@ class ScanTarget(Phase):
         """Ask for a frame when it is time."""
         del held
         return Setpoint(scan=now.time >= state.look_from)
+
+    def foresee(self, state: ScanState, held: Held) -> Foreseen | None:
+        """The wait for the next look."""
+        del held
+        return Foreseen(until=state.look_from - INSTANT)
 
 
 def fuse_poses(finds: Sequence[Target]) -> Target:

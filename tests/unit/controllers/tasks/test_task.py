@@ -12,7 +12,7 @@ from at_rest import at_rest
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks import contact_phases as contact
 from uuv.controllers.tasks.approach_limits import ApproachLimits
-from uuv.controllers.tasks.arrival import TareSensors
+from uuv.controllers.tasks.arrival import ScanLimits, ScanTarget, TareSensors
 from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.controllers.tasks.hull_phases import (
     HullMotion,
@@ -30,7 +30,17 @@ from uuv.controllers.tasks.monitors import (
     normal_force,
     too_much_force,
 )
-from uuv.controllers.tasks.phase import Context, Decide, Held, Hold, Phase, PhaseEvent, ToolLine
+from uuv.controllers.tasks.phase import (
+    INSTANT,
+    Context,
+    Decide,
+    Foreseen,
+    Held,
+    Hold,
+    Phase,
+    PhaseEvent,
+    ToolLine,
+)
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from uuv.sim.interfaces.kernels.foresight import Bounds
 from uuv.sim.interfaces.messages import (
@@ -39,6 +49,7 @@ from uuv.sim.interfaces.messages import (
     ContactEstimate,
     Reference,
     StateEstimate,
+    Target,
     ToolPath,
     WorkState,
 )
@@ -215,6 +226,36 @@ def test_the_bounds_are_the_narrowest_of_phase_and_monitors():
     assert foresight is not None
     assert HullMotion.behind is not None
     assert {w.off for w in foresight.within} == {0.18}
+
+
+def test_the_wait_for_a_look_is_foreseen_up_to_it():
+    """Whatever the last look has shown."""
+    phase, where = ScanTarget(ScanLimits(interval=0.5)), Held(X_WB, X_WB, np.zeros(6))
+    target = Target(
+        time=1.0,
+        X_WT=X_WB_far,
+        accepted=True,
+        check_m=0.0,
+        range_m=2.0,
+        reason="",
+        path=line().path,
+    )
+    state = phase.enter(where, Context(1.0, PERIOD, seen(1.0), None, None))
+    assert phase.foresee(state, where) == Foreseen(until=1.0 - INSTANT)
+    look = Context(1.05, PERIOD, seen(1.05), target, None)
+    assert phase.step(state, where, look) is None
+
+    foreseen = phase.foresee(state, where)
+    assert foreseen is not None
+    kept = deepcopy(state)
+    times = [1.05 + k * PERIOD for k in range(1, 70)]
+    waiting = [time for time in times if time < foreseen.until]
+    assert len(waiting) == 49
+    for time in times:
+        later = Context(time, PERIOD, seen(time), target, None)
+        assert phase.step(state, where, later) is None
+        assert phase.setpoint(state, where, later).scan is (time not in waiting)
+    assert (state.look_from, state.looks, state.in_vain) == (kept.look_from, 1, 0)
 
 
 class Feeling(contact.Dwell):

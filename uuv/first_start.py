@@ -51,6 +51,7 @@ MOST = 8  # processes; more would wait for each other
 WORTH_IT = 4.0  # [s] of compilation from which processes of their own pay
 SILENCE = 10.0  # [s] between two lines where there is no terminal
 _READER = TableReader("a row of the list")
+_complete = False  # `build` has found all in the store, once in a process
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +202,8 @@ def build() -> int:
     Returns:
         How many kernels were compiled.
     """
-    if _config.DISABLE_JIT:
+    global _complete
+    if _config.DISABLE_JIT or _complete:
         return 0
 
     rows = jobs()
@@ -211,6 +213,7 @@ def build() -> int:
         if job.takes is not None and not job.is_stored()
     }
     if sum(lacking.values()) < WORTH_IT:
+        _complete = True
         return 0
 
     # What the calls compile is not listed; each takes a moment where the store has it.

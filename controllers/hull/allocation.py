@@ -290,13 +290,6 @@ class Allocation:
         left._set_up(vehicle, levels, effort, headroom, lost)
         return left
 
-    def lost_directions(self) -> Array:
-        """Uncontrollable wrenches (d, 6) [N, N m], hull axes: orthonormal, normal to all thrusts.
-
-        Force and moment count alike. d = 0 while the thrusters span all six directions.
-        """
-        return np.linalg.svd(self.record.B.T)[2][np.linalg.matrix_rank(self.record.B) :]
-
     def authority(self, *, spoiling: Sequence[str] = ()) -> Array:
         """Least and greatest wrench along each axis, all others zero; minimal thrusts are ignored.
 
@@ -346,18 +339,6 @@ class Allocation:
         """
         thrust = fitting(thrust, self.record.least.shape, "thrusts wanted [N]")
         return _commands(self._curves, thrust)
-
-    def lacking(self, wrench_B: Array, thrust: Array) -> Array:
-        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from `thrust` (m,) [N].
-
-        Zero while no thruster is saturated.
-        """
-        r = self.record
-        missing = wrench_B - r.B @ thrust
-        full = (thrust <= r.low * (1.0 - 1e-9)) | (thrust >= r.high * (1.0 - 1e-9))
-        if not np.any(full):
-            return np.zeros(6)
-        return np.where(np.abs(missing) > 1e-6 * np.abs(wrench_B).max(), missing, 0.0)
 
 
 def _axis(name: str) -> int:

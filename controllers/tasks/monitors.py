@@ -25,6 +25,7 @@ from enum import StrEnum
 import numpy as np
 
 from uuv.controllers.tasks.phase import Abort, Context, Held
+from uuv.sim.interfaces.kernels.foresight import Bounds
 from uuv.sim.interfaces.messages import AbortCode, FaultKind, WorkState
 
 
@@ -45,6 +46,21 @@ IN_CONTACT = frozenset({WorkState.APPROACH, WorkState.PRESS, WorkState.WORK})
 LEAVING = frozenset({WorkState.RETREAT})
 
 Condition = Callable[[Held, Context], str]  # the sentence if it holds, else empty
+BoundsOfPeriod = Callable[[Held], Bounds]
+
+
+@dataclass(frozen=True, slots=True)
+class Bounded:
+    """Condition that is known not to hold while the estimate is within bounds, and no fault is
+    reported.
+    """
+
+    condition: Condition
+    bounds: BoundsOfPeriod | Bounds  # those of a period, or of all
+
+    def __call__(self, held: Held, context: Context) -> str:
+        """The sentence of the condition."""
+        return self.condition(held, context)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,10 +147,13 @@ def fault_monitors(
     )
 
 
-def no_time(held: Held, now: Context) -> str:
+def _no_time(held: Held, now: Context) -> str:
     """The time of the estimate is not finite."""
     del held
     return "" if math.isfinite(now.estimate.time) else "the state estimate is lost"
+
+
+no_time = Bounded(_no_time, Bounds())
 
 
 def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math.inf) -> Condition:
@@ -164,7 +183,7 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
         figures = "; ".join(fault.figures for fault in alike if fault.figures)
         return f"{report} ({figures})" if figures else report
 
-    return condition
+    return Bounded(condition, Bounds())
 
 
 def adrift(limit: float) -> Condition:
@@ -178,7 +197,7 @@ def adrift(limit: float) -> Condition:
             else ""
         )
 
-    return condition
+    return Bounded(condition, Bounds(off=limit))
 
 
 def object_moves(limit: float) -> Condition:
@@ -200,11 +219,11 @@ def object_moves(limit: float) -> Condition:
         )
         return message if across > limit else ""
 
-    return condition
+    return Bounded(condition, Bounds(moved=0.0))
 
 
 def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Condition:
-    """Condition: the estimated force `felt` [N] is above `limit` [N]."""
+    """Condition: the estimated force `felt` [N], or a part of it, is above `limit` [N]."""
 
     def condition(held: Held, now: Context) -> str:
         force = felt(held, now)
@@ -212,7 +231,7 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
             f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
         )
 
-    return condition
+    return Bounded(condition, Bounds(normal=limit) if felt is normal_force else Bounds(force=limit))
 
 
 def uncertain_force(limit: float) -> Condition:
@@ -227,7 +246,7 @@ def uncertain_force(limit: float) -> Condition:
             f"{now.normal_sigma:.0f} N"
         )
 
-    return condition
+    return Bounded(condition, Bounds(sigma=limit))
 
 
 def normal_force(held: Held, now: Context) -> float:

@@ -33,7 +33,7 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import Commanded
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
-from uuv.sim.interfaces.records import CONTROLLED, TARE, ReferenceRecord
+from uuv.sim.interfaces.records import CONTROLLED, IN_CONTACT, TARE, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 
 
@@ -157,7 +157,7 @@ def _drive(record, e, since):
 
     # Loads that are fed forward.
     borne = BorneLoad(np.zeros(6), record.contact.friction)
-    if reference.set_force[0] > 0.0 or controlled:
+    if reference.flags[IN_CONTACT]:
         for i in range(3):
             borne.wrench_G[i] = gains.friction_feedforward * sensed.f_G[i]
     borne.wrench_G[2] = -reference.set_force[0] if presses else 0.0

@@ -253,7 +253,7 @@ class Rollout:
 
         state = parts.estimator.init(first)
         self.estimator_state, self.estimate = parts.estimator.step(state, first)
-        self._planner_state = parts.planner.init(self.estimate)
+        self.planner_state = parts.planner.init(self.estimate)
         self.controller_state = parts.controller.init(self.estimate)
 
         self.tick = 0  # the next one to be taken, or the one that has begun
@@ -348,8 +348,8 @@ class Rollout:
 
     def plan(self) -> Reference:
         """Step the planner; returns its set points."""
-        self._planner_state, self.reference = self.parts.planner.step(
-            self._planner_state, self.estimate, self.target, self.command
+        self.planner_state, self.reference = self.parts.planner.step(
+            self.planner_state, self.estimate, self.target, self.command
         )
 
         if self.reference.at_rest is not None:

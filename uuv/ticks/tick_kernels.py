@@ -8,9 +8,10 @@ import numpy as np
 from uuv.perception.navigation.filter_kernel import put_out, take_sample
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import REFUSED, UNSOUND, Commanded, call_control
+from uuv.sim.interfaces.kernels.foresight import TableRecord, take_row
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, call_at
-from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
+from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import RecorderRecord, write_row
 from uuv.sim.loop.rollout import Stage
@@ -57,11 +58,14 @@ class World(NamedTuple):
     sound: EstimateRecord  # that of the last tick completed
     control: np.ndarray  # (3,) addresses: of the controller's tick, its memory, the estimate's box
     command: Commanded
+    reference: ReferenceRecord  # that the controller follows
+    table: TableRecord  # of the next ones
     rows: RecorderRecord
     sampled: np.ndarray  # (3,) bool: sensors of `Sensed` that are compiled
     sensors: int  # address of the slot of the others; 0: there are none
     referred: np.ndarray  # (1,) index of the present reference in the recording
     every: int  # ticks in a period of the controller
+    plans: int  # ticks in one of the planner
     observers: int  # address of the slot of observers that see every tick; 0: there are none
     present: np.ndarray  # (1,) number of the present tick, for them
 
@@ -86,6 +90,7 @@ def run_ticks(box, first, ticks, begun, onward):
 
     Returns:
         Number of ticks completed; stage that the next one has reached; answer of the controller.
+        Fewer ticks than asked for, with PLANNED and FINE: the planner has to decide there.
     """
     world = box.record
     plant = world.plant
@@ -105,6 +110,10 @@ def run_ticks(box, first, ticks, begun, onward):
             if answer != FINE:
                 return done, NEW, answer
             stage = PLANNED
+
+            # Planner, as far as it foresaw its steps.
+            if (first + done) % world.plans == 0 and done < ticks and not _planned(world):
+                return done, PLANNED, FINE
 
         # Controller.
         if stage < COMMANDED and last_stage == COMMANDED:
@@ -133,6 +142,18 @@ def run_ticks(box, first, ticks, begun, onward):
         advance(plant, command.tau, command.thrusters)
         stage = NEW
     return ticks, stage, FINE
+
+
+@kernel(**_WITHIN)
+def _planned(world):
+    """Take the next set points from the table; False where the planner has to decide."""
+    rows = world.table.rows
+    if rows[0] == rows[1]:
+        return False
+    if not take_row(world.table, world.estimate, world.command, world.reference):
+        return False
+    world.referred[0] += 1
+    return True
 
 
 @kernel(**_WITHIN)

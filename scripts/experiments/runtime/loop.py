@@ -42,10 +42,7 @@ GOAL = 4.5  # largest time of the loop over that of MuJoCo's own step
 GOAL_WHOLE = 9.0  # the same with identification and placement
 # share of a part's slowest calls that is left out: in those the machine did something else
 SLOWEST = 0.01
-WHOLE = "whole run"
-SEEING = "identification"
-PLACING = "placement"
-LOOP = "loop alone"
+WHOLE, SEEING, PLACING, LOOP = "whole run", "identification", "placement", "loop alone"
 ONCE = ("sensor DepthCamera", "finder", "placement")  # no parts of every step
 REST = "loop itself"
 _READINGS = 20_000  # of the clock, by which its overhead is measured
@@ -73,8 +70,8 @@ class LoopCase:
             words = shlex.split(self.job)
         except ValueError as error:
             raise ConfigurationError(f"--job {self.job!r}: {error}") from error
-        settings, _ = parsed(clean_barrel, words)
-        return clean_barrel(**settings)
+        values, _ = parsed(clean_barrel, words)
+        return clean_barrel(**values)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,16 +109,15 @@ class Stopwatch:
 
     def around(self, call: Callable[..., Any]) -> Callable[..., Any]:
         """`call`, with its durations recorded."""
-        clock = self._clock
-        add = self.spent.append
+        clock, add = self._clock, self.spent.append
 
         def timed(*values: Any) -> Any:
             began = clock()
-            outcome = call(*values)
+            result = call(*values)
             spent = clock() - began
             add(spent)
             self.tally += spent
-            return outcome
+            return result
 
         return timed
 
@@ -151,12 +147,18 @@ class PlannerPart:
     """Proxy of a planner; its one long call, the placement of the hull, has its own stopwatch."""
 
     def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
-        self.period = part.period
-        self.init = part.init
-        self._step = watch.around(part.step)
-        self._spent = watch.spent
-        self._placing = placing.spent
+        self.period, self.init = part.period, part.init
+        self._foresees = part
+        self._step, self._spent, self._placing = watch.around(part.step), watch.spent, placing.spent
         self._state = WorkState.SETTLE  # of the last reference
+
+    def ahead(self, *values: Any) -> Any:
+        """Foresight of the planner."""
+        return self._foresees.ahead(*values)
+
+    def followed(self, *values: Any) -> Any:
+        """State after foreseen periods."""
+        return self._foresees.followed(*values)
 
     def step(self, state: Any, *values: Any) -> Any:
         """Step of the planner; a step that ends the scan counts as placement."""
@@ -173,8 +175,7 @@ class Rest:
 
     def __init__(self, watches: Mapping[str, Stopwatch]) -> None:
         self.watch = Stopwatch(time.perf_counter_ns)
-        self._watches = watches
-        self._last = time.perf_counter_ns()
+        self._watches, self._last = watches, time.perf_counter_ns()
 
     def observe(self, moment: Moment) -> None:
         """Records the rest of one step and resets the tallies."""
@@ -195,9 +196,7 @@ class Instants:
     """
 
     def __init__(self, built: Assembly) -> None:
-        self._model = built.plant.model
-        self._data = built.plant.data
-        self.copies = []
+        self._model, self._data, self.copies = built.plant.model, built.plant.data, []
         self.slow_ticks = (round(1.0 / built.plant.timestep),)
 
     def observe(self, moment: Moment) -> None:
@@ -272,9 +271,7 @@ def by_part(case: LoopCase) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
     def watch(name: str) -> Stopwatch:
         return watches.setdefault(name, Stopwatch(time.perf_counter_ns))
 
-    parts = built.parts
-    plant = built.plant
-    recorder = Recorder(built.plant.model, full=case.record)
+    parts, plant, recorder = built.parts, built.plant, Recorder(built.plant.model, full=case.record)
     timed = replace(
         parts,
         sensors=[Part(s, "step", watch(f"sensor {type(s).__name__}")) for s in parts.sensors],
@@ -336,7 +333,7 @@ def loop(case: LoopCase) -> LoopRow:
         calls=calls,
         call=call,
         step=step,
-        share={name: duration / whole for name, duration in step.items()},
+        share={name: value / whole for name, value in step.items()},
     )
 
 

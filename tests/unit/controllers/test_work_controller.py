@@ -14,6 +14,7 @@ from uuv.controllers.mkps import Chain
 from uuv.controllers.whole_body.work_controller import WorkController
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
@@ -173,3 +174,27 @@ def test_what_the_gears_lose_the_motors_give(controller, rng, within):
         passed.append(measured.tau)
     assert np.abs(lost).max() > 0.5
     within("torque beyond the gears [N m]", passed[1] - passed[0], 1e-6)
+
+
+def test_an_array_of_the_state_that_was_replaced_is_refused(controller):
+    """Before the first step it is bound as it is; after that it may be written into."""
+    asked = reference(pose(exp_so3([0.1, -0.2, 0.4]), [1.0, 2.0, -3.0]), VEHICLE.q_ready)
+    now = estimate(asked.X_WB, VEHICLE.q_ready, np.zeros(N))
+    for part, name in (("", "integral"), ("hull", "stuck_B"), ("tool", "motion"), ("tool", "X_AG")):
+        state = controller.init(now)
+        owner = getattr(state, part) if part else state
+
+        def replaced(owner: Any = owner, name: str = name) -> None:
+            value = getattr(owner, name)
+            one_array = isinstance(value, np.ndarray)
+            other = value.copy() if one_array else type(value)(*map(np.copy, value))
+            setattr(owner, name, other)
+
+        replaced()
+        state = controller.step(state, now, asked)[0]
+        value = getattr(owner, name)
+        (value if isinstance(value, np.ndarray) else value[0])[...] = 0.0
+        state = controller.step(state, now, asked)[0]
+        replaced()
+        with pytest.raises(ConfigurationError, match=rf"State\.{name}: was replaced"):
+            controller.step(state, now, asked)

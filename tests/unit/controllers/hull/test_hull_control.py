@@ -13,7 +13,7 @@ from held_thrusters import HeldThrusters
 from uuv import models
 from uuv.controllers.hull.allocation import Allocation
 from uuv.controllers.hull.hull_control import HullControl
-from uuv.controllers.hull.thruster_lead import ThrusterLead
+from uuv.controllers.hull.thruster_lead import ThrusterLead, static_commands
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONSTANT, curves
@@ -43,11 +43,7 @@ def follow(
     predicted (k, 6).
     """
     plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
-    state = lead.init()
-    speeds = []
-    commands = []
-    exerted = []
-    stated = []
+    state, speeds, commands, given, told = lead.init(), [], [], [], []
     for row in wanted:
         command = lead.step(state, row, nu_r_B, DT)
         thrust = np.zeros(len(row))
@@ -56,9 +52,9 @@ def follow(
             thrust += plant.thrust * STEP / DT
         speeds.append(plant.speed.copy())
         commands.append(command)
-        exerted.append(vehicle.thruster_wrench @ thrust)
-        stated.append(state.given_B.copy())
-    return np.array(speeds), np.array(commands), np.array(exerted), np.array(stated)
+        given.append(vehicle.thruster_wrench @ thrust)
+        told.append(state.given_B.copy())
+    return np.array(speeds), np.array(commands), np.array(given), np.array(told)
 
 
 def steps(level: float, count: int = 40) -> Array:
@@ -78,9 +74,9 @@ def test_the_speed_comes_with_the_lag_that_is_asked_for(vehicle, within):
 
 @pytest.mark.parametrize("response", [0.15, 0.2])
 def test_a_slow_response_leaves_the_command_alone(vehicle, response):
-    wrenches = steps(0.5)
+    wanted = steps(0.5)
     assert np.array_equal(
-        follow(vehicle, ThrusterLead(vehicle, response=response), wrenches)[1], wrenches
+        follow(vehicle, ThrusterLead(vehicle, response=response), wanted)[1], wanted
     )
 
 
@@ -90,17 +86,17 @@ def test_what_is_given_is_known(vehicle, level, within):
     stream.
     """
     for nu_r_B in (STILL, np.array([0.3, -0.2, 0.1, 0.05, 0.0, 0.1])):
-        _, commands, exerted, stated = follow(vehicle, ThrusterLead(vehicle), steps(level), nu_r_B)
+        _, commands, given, told = follow(vehicle, ThrusterLead(vehicle), steps(level), nu_r_B)
         assert (np.abs(commands).max() == 1.0) == (level == 0.9)
-        scale = np.abs(exerted).max(axis=0)
+        scale = np.abs(given).max(axis=0)
         # measured 8e-3: four points against ten physics steps
-        within("mean wrench", (stated - exerted)[1:] / scale, 0.05)
+        within("mean wrench", (told - given)[1:] / scale, 0.05)
 
 
 def test_slow_drives_are_reckoned_with(vehicle, within):
     slewing = changed(vehicle, SLEW_RATE, 2.0)
-    _, _, exerted, stated = follow(slewing, ThrusterLead(slewing), steps(0.6, 60))
-    within("settled wrench", (stated - exerted)[-1] / np.abs(exerted).max(axis=0), 1e-3)
+    _, _, given, told = follow(slewing, ThrusterLead(slewing), steps(0.6, 60))
+    within("settled wrench", (told - given)[-1] / np.abs(given).max(axis=0), 1e-3)
 
 
 def test_a_step_of_force_comes_sooner_also_with_a_wrong_lag(vehicle):
@@ -111,15 +107,17 @@ def test_a_step_of_force_comes_sooner_also_with_a_wrong_lag(vehicle):
     command = allocation.command(allocation.thrust(np.array([0.0, 0.0, -90.0, 0.0, 0.0, 0.0])))
 
     def missing(true_lag: float, lead: ThrusterLead) -> float:
-        exerted = follow(
-            changed(vehicle, TIME_CONSTANT, true_lag), lead, np.tile(command, (30, 1))
-        )[2]
-        return float(np.abs(exerted[:, 2] + 90.0).sum() * DT)
+        given = follow(changed(vehicle, TIME_CONSTANT, true_lag), lead, np.tile(command, (30, 1)))[
+            2
+        ]
+        return float(np.abs(given[:, 2] + 90.0).sum() * DT)
 
     # the lead believes 0.15: too long, right, too short by half
     for true_lag in (0.10, 0.15, 0.225):
-        none = missing(true_lag, ThrusterLead(vehicle, response=1.0))
-        some = missing(true_lag, ThrusterLead(vehicle))
+        none, some = (
+            missing(true_lag, ThrusterLead(vehicle, response=1.0)),
+            missing(true_lag, ThrusterLead(vehicle)),
+        )
         assert some < 0.65 * none, (true_lag, some, none)
 
 
@@ -133,10 +131,9 @@ def test_noise_of_the_command_grows_by_the_ratio_of_the_lags(vehicle, within):
     """White noise on what is wanted: its gain is that of the discrete filter, worked out by
     hand.
     """
-    wrenches = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((20_000, 6))
-    commands = follow(vehicle, ThrusterLead(vehicle, response=0.05), wrenches)[1]
-    keep = np.exp(-DT / 0.05)
-    g = np.expm1(-DT / 0.05) / np.expm1(-DT / 0.15)
+    wanted = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((20_000, 6))
+    commands = follow(vehicle, ThrusterLead(vehicle, response=0.05), wanted)[1]
+    keep, g = np.exp(-DT / 0.05), np.expm1(-DT / 0.05) / np.expm1(-DT / 0.15)
     # n' = keep n + (1 - keep) c, u = n + g (c - n): u is white g c beside (1 - g) n, and n is an
     # AR(1) of the past c.
     gain = np.sqrt(g**2 + (1.0 - g) ** 2 * (1.0 - keep) ** 2 / (1.0 - keep**2))
@@ -148,31 +145,29 @@ def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, 
     """Against the plant's own thrusters, run to their end; where full speed gives less, full
     speed.
     """
-    lead = ThrusterLead(vehicle)
-    low = vehicle.thruster_table[:, LEAST]
+    lead, low = ThrusterLead(vehicle), vehicle.thruster_table[:, LEAST]
     reached = full = 0
     for _ in range(200):
         nu_r_B = rng.normal(size=6) * [0.5, 0.5, 0.5, 0.2, 0.2, 0.2]
-        thrust = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
-        thrust[np.abs(thrust) < low] = 0.0
-        command = lead.static(thrust, nu_r_B)
+        wanted = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
+        wanted[np.abs(wanted) < low] = 0.0
+        command = static_commands(lead.propellers, wanted, nu_r_B)
         plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
         for _ in range(round(40.0 * vehicle.thruster_table[:, TIME_CONSTANT].max() / STEP)):
             plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))
-        assert np.all(np.sign(command) == np.sign(thrust))
+        assert np.all(np.sign(command) == np.sign(wanted))
         inside = np.abs(command) < 1.0
         # The flow may drive a slow propeller to more than is wanted: then the least thrust is the
         # nearest.
         helped = (
             inside
-            & (np.abs(plant.thrust) > np.abs(thrust))
+            & (np.abs(plant.thrust) > np.abs(wanted))
             & (np.abs(np.abs(thrust_of(vehicle, command)) - low) < 1e-6)
         )
         exact = inside & ~helped
-        within("thrust [N]", (plant.thrust - thrust)[exact], 1e-7)
-        assert np.all(np.abs(plant.thrust[~inside]) <= np.abs(thrust[~inside]) + 1e-7)
-        reached = reached + int(exact.sum())
-        full = full + int((~inside).sum())
+        within("thrust [N]", (plant.thrust - wanted)[exact], 1e-7)
+        assert np.all(np.abs(plant.thrust[~inside]) <= np.abs(wanted[~inside]) + 1e-7)
+        reached, full = reached + int(exact.sum()), full + int((~inside).sum())
     assert reached > 1000
     assert full > 20
 
@@ -181,8 +176,8 @@ def thrust_of(vehicle: Vehicle, command: Array, v_B: Array = STILL[:3]) -> Array
     """Steady thrust of a hull that moves at `v_B` through the water."""
     table = vehicle.thruster_table
     inflow = vehicle.thruster_wrench[:3].T @ v_B
-    rows = zip(curves(table), table[:, INFLOW_LOSS], inflow, command, strict=True)
-    return np.array([thrust_in_flow(curve, loss, speed, u) for curve, loss, speed, u in rows])
+    each = zip(curves(table), table[:, INFLOW_LOSS], inflow, command, strict=True)
+    return np.array([thrust_in_flow(curve, loss, speed, u) for curve, loss, speed, u in each])
 
 
 def test_thrusters_without_a_lag_get_what_is_wanted(vehicle):
@@ -240,15 +235,13 @@ def test_what_is_asked_for_in_a_current_is_what_comes(vehicle, within):
     wrench by 20 N.
     """
     control = HullControl(models.load("uuv_puma").compile())
-    state = control.init()
-    rest = at_rest()
-    reference = hold()
+    state, rest, reference = control.init(), at_rest(), hold()
     command = np.zeros(len(vehicle.thruster_names))
     for step in range(100):
         state.station.observer.current_W[:] = [0.4, -0.2, 0.0]
         command = control.step(state, replace(rest, time=0.02 * step), reference, np.zeros(6))
-    thrust = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
-    within("wrench [N, N m]", vehicle.thruster_wrench @ thrust - state.wanted_B, 0.5)
+    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
+    within("wrench [N, N m]", vehicle.thruster_wrench @ given - state.wanted_B, 0.5)
     assert (
         np.abs(vehicle.thruster_wrench @ thrust_of(vehicle, command) - state.wanted_B).max() > 20.0
     )
@@ -260,23 +253,19 @@ def test_a_stuck_thruster_is_borne_by_the_others(within):
     """
     model = models.load("uuv_puma").compile()
     vehicle = Vehicle.of(model)
-    control = HullControl(model)
-    stuck = vehicle.thruster_names.index("heave_left")
-    thrust = 15.0
-    rest = at_rest()
-    reference = hold(lost_thrusters=(stuck,), lost_thrust=(thrust,))
-    state = control.init()
-    B = vehicle.thruster_wrench
+    control, stuck, thrust = HullControl(model), vehicle.thruster_names.index("heave_left"), 15.0
+    rest, reference = at_rest(), hold(lost_thrusters=(stuck,), lost_thrust=(thrust,))
+    state, B = control.init(), vehicle.thruster_wrench
     command = np.zeros(len(vehicle.thruster_names))
     for step in range(200):
         command = control.step(state, replace(rest, time=0.02 * step), reference, np.zeros(6))
-    exerted = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
-    assert exerted[stuck] == 0.0
-    left = (B @ exerted + thrust * B[:, stuck])[[2, 3, 4]]  # what comes first after a loss
+    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
+    assert given[stuck] == 0.0
+    left = (B @ given + thrust * B[:, stuck])[[2, 3, 4]]  # what comes first after a loss
     within(
         "heave, roll, pitch [N, N m]", float(np.abs(left - state.wanted_B[[2, 3, 4]]).max()), 8.0
     )
-    alone = B @ exerted - state.wanted_B
+    alone = B @ given - state.wanted_B
     # without the stuck one they would be out of balance
     assert np.abs(alone[[2, 3, 4]]).max() > 10.0
 
@@ -289,21 +278,19 @@ def test_depth_is_kept_when_a_dead_heave_thruster_meets_a_stuck_surge_thruster()
     vehicle = Vehicle.of(model)
     names = vehicle.thruster_names
     lost = (names.index("heave_left"), names.index("surge_right"))
-    rest = at_rest()
-    reference = hold(lost_thrusters=lost, lost_thrust=(0.0, -190.0))
+    rest, reference = at_rest(), hold(lost_thrusters=lost, lost_thrust=(0.0, -190.0))
     up = replace(
         reference, X_WB=reference.X_WB + 0.3 * np.outer([0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0])
     )
     control = HullControl(model)
-    state = control.init()
-    command = np.zeros(len(names))
+    state, command = control.init(), np.zeros(len(names))
     # soon: the observer takes a hull that does not move for one that is held
     for step in range(10):
         command = control.step(state, replace(rest, time=0.02 * step), up, np.zeros(6))
-    thrust = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
-    heave = float(state.wanted_B[2])
-    assert heave > 50.0
-    assert (vehicle.thruster_wrench @ thrust)[2] > 0.5 * heave
+    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
+    wanted = float(state.wanted_B[2])
+    assert wanted > 50.0
+    assert (vehicle.thruster_wrench @ given)[2] > 0.5 * wanted
 
 
 class Halved(Allocation):
@@ -325,24 +312,21 @@ class Eager(ThrusterLead):
 @pytest.mark.parametrize("part", ["allocation", "lead"])
 def test_a_part_that_the_compiled_loop_would_not_call_is_refused(vehicle, part):
     model = models.load("uuv_puma").compile()
-    part_of_user: Any = Halved(vehicle) if part == "allocation" else Eager(vehicle)
-    with pytest.raises(
-        ConfigurationError, match=f"control of the hull: {type(part_of_user).__name__} over"
-    ):
-        HullControl(model, **{part: part_of_user})
+    own: Any = Halved(vehicle) if part == "allocation" else Eager(vehicle)
+    with pytest.raises(ConfigurationError, match=f"control of the hull: {type(own).__name__} over"):
+        HullControl(model, **{part: own})
 
 
 def test_the_allocation_follows_the_thrusters_that_are_lost():
     """Lost, stuck and sound again: each step is that of a control that knew no other reference."""
     model = models.load("uuv_puma").compile()
-    control = HullControl(model)
-    X_WB = pose(p=[0.3, -0.2, 0.1])
+    control, X_WB = HullControl(model), pose(p=[0.3, -0.2, 0.1])
     losses = [((), ()), ((1,), (0.0,)), ((1,), (60.0,)), ((0, 1), (0.0, -90.0)), ((), ())]
     for before in losses:
         for lost, thrust in losses:
             state, fresh = control.init(), control.init()
             control.refer(state, hold(lost_thrusters=before[0], lost_thrust=before[1]))
-            reference = replace(hold(lost_thrusters=lost, lost_thrust=thrust), X_WB=X_WB)
-            command = control.step(state, at_rest(), reference, np.zeros(6))
-            assert np.array_equal(command, control.step(fresh, at_rest(), reference, np.zeros(6)))
+            asked = replace(hold(lost_thrusters=lost, lost_thrust=thrust), X_WB=X_WB)
+            command = control.step(state, at_rest(), asked, np.zeros(6))
+            assert np.array_equal(command, control.step(fresh, at_rest(), asked, np.zeros(6)))
             assert np.array_equal(command[list(lost)], np.zeros(len(lost)))

@@ -31,6 +31,7 @@ from uuv.sim.interfaces.messages import (
     StateEstimate,
     WorkState,
 )
+from uuv.sim.interfaces.records import reference_record, take_reference
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 MODEL = models.load("uuv_puma").compile()
@@ -95,14 +96,12 @@ def stages(
 
 def held_by(reference: Reference, *commands: Command) -> HeldHull:
     """What holds the hull after `commands`."""
-    held = HeldHull.start(M)
-    sent = commanded(N, M)
-    thrust = curves(VEHICLE.thruster_table)
-    held.refer(reference)
+    held, seen, thrust = HeldHull.start(M), commanded(N, M), curves(VEHICLE.thruster_table)
+    wanted = reference_record(N)
+    take_reference(wanted, reference)
     for command in commands:
-        sent.thrusters[:] = command.thrusters
-        sent.f_W[:] = command.contact.force_W
-        follow(thrust, SAFETY.balance_time, sent, command.time, held)
+        seen.thrusters[:], seen.f_W[:] = command.thrusters, command.contact.force_W
+        follow(thrust, SAFETY.balance_time, seen, wanted, command.time, held)
     return held
 
 
@@ -110,7 +109,7 @@ def thrusts(commands: Array) -> Array:
     """Steady thrusts (m,) [N] in still water."""
     table = VEHICLE.thruster_table
     return np.array(
-        [thrust_at(curve, command) for curve, command in zip(curves(table), commands, strict=True)]
+        [thrust_at(curve, one) for curve, one in zip(curves(table), commands, strict=True)]
     )
 
 
@@ -133,13 +132,13 @@ def test_the_hull_is_held_without_the_contact_and_pushed_off_the_surface_then_up
     assert reference.X_WG is not None
     off_W = -reference.X_WG[:3, 2]
     up_W = ascent_direction(off_W) / np.linalg.norm(ascent_direction(off_W))
-    departure = stages(sound, reference, command)
-    assert [stage.until for stage in departure] == [
+    found = stages(sound, reference, command)
+    assert [stage.until for stage in found] == [
         SAFETY.leave_time,
         SAFETY.leave_time + SAFETY.rise_time,
-    ][: len(departure)]
-    assert len(departure) == (2 if up_W[2] > 0.0 else 1)
-    for stage, along_W in zip(departure, (off_W, up_W), strict=False):
+    ][: len(found)]
+    assert len(found) == (2 if up_W[2] > 0.0 else 1)
+    for stage, along_W in zip(found, (off_W, up_W), strict=False):
         wrench = pushed(sound, command, command.contact.force_W, stage.thrusters)
         # The push, no other force, and no moment: the hull's balance stays what it was. Measured:
         # 5e-14.
@@ -195,10 +194,9 @@ def test_with_the_arm_folded_or_without_one_the_hull_rises_and_is_braked_first()
     sound = replace(sound, q=np.array(VEHICLE.q_home) + 0.1, v_WB_B=v_B)
     up_B = sound.X_WB[:3, :3].T @ [0.0, 0.0, 1.0]
     brake = PUSH / SAFETY.leave_acceleration * v_B / SAFETY.leave_time
-    held = held_by(reference, command)
-    without_arm = BlindDeparture(MODEL, VEHICLE, None)
-    for departure in (stages(sound, reference, command), without_arm.stages(held, sound, ())):
-        for stage, force_B in zip(departure, (PUSH * up_B - brake, PUSH * up_B), strict=True):
+    held, without_arm = held_by(reference, command), BlindDeparture(MODEL, VEHICLE, None)
+    for found in (stages(sound, reference, command), without_arm.stages(held, sound, ())):
+        for stage, force_B in zip(found, (PUSH * up_B - brake, PUSH * up_B), strict=True):
             wrench = pushed(sound, command, np.zeros(3), stage.thrusters)
             assert np.allclose(wrench, np.append(force_B, np.zeros(3)), rtol=0.0, atol=1e-9)
 
@@ -211,10 +209,10 @@ def test_nothing_departs_before_the_first_command():
 def test_off_an_overhang_the_hull_does_not_rise():
     for tilt, count in ((0.0, 2), (np.pi / 2.0, 2), (np.pi, 1)):
         sound, command, reference = at_work(np.random.default_rng(3), 0.0)
-        R_tip = sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
+        now = sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
         # z of the tool down, across, up
-        R_set = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])
-        sound = replace(sound, X_WB=pose(R_set @ R_tip.T @ sound.X_WB[:3, :3], np.zeros(3)))
+        wanted = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])
+        sound = replace(sound, X_WB=pose(wanted @ now.T @ sound.X_WB[:3, :3], np.zeros(3)))
         assert len(stages(sound, reference, command)) == count
 
 
@@ -232,9 +230,7 @@ def test_what_swings_about_a_mean_departs_from_the_mean():
         thrusters = command.thrusters * (1.0 + 0.1 * swing)
         swung.append(replace(command, time=k * DT, thrusters=thrusters, contact=contact))
     leave = stages(sound, reference, *swung)[0]
-    mean = np.mean(
-        [thrusts(command.thrusters) for command in swung[-20:]], axis=0
-    )  # of the last period
+    mean = np.mean([thrusts(one.thrusters) for one in swung[-20:]], axis=0)  # of the last period
     at_tip = np.zeros(6)
     at_tip[:3] = sound.X_WB[:3, :3].T @ command.contact.force_W
     at_tip[3:] = np.cross(ARM.tip(sound.q)[0][:3, 3], at_tip[:3])
@@ -273,10 +269,9 @@ def wrapped(
     `blind`.
     """
     wrapper = SafetyWrapper(Steady(command), MODEL)
-    state = wrapper.init(sound if lead else blind[0])
-    sent = list[Array]()
-    for estimate_at in (*[replace(sound, time=k * DT) for k in range(lead)], *blind):
-        state, given_command = wrapper.step(state, estimate_at, reference)
+    state, sent = wrapper.init(sound if lead else blind[0]), list[Array]()
+    for one in (*[replace(sound, time=k * DT) for k in range(lead)], *blind):
+        state, given_command = wrapper.step(state, one, reference)
         sent.append(given_command.thrusters)
     assert np.isfinite(sent).all()
     return np.array(sent)
@@ -289,9 +284,7 @@ def test_the_wrapper_leaves_then_rises_then_stops():
         sound, command, reference, *[replace(sound, a_WB_B=np.full(3, np.nan))] * round(14.0 / DT)
     )
     near = near[round(0.06 / DT) :]
-    rises = round(leave.until / DT)
-    stops = round(rise.until / DT)
-    margin = round(0.1 / DT)
+    rises, stops, margin = round(leave.until / DT), round(rise.until / DT), round(0.1 / DT)
     assert np.all(near[: rises - margin] == leave.thrusters)
     assert np.all(near[rises : stops - margin] == rise.thrusters)
     assert near[: stops - margin].any(axis=1).all()

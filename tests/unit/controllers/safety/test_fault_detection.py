@@ -11,15 +11,25 @@ import pytest
 from at_rest import at_rest
 from uuv import models
 from uuv.controllers.hull.station_keeping import hull_inertia
-from uuv.controllers.hull.thruster_lead import ThrusterLead
-from uuv.controllers.safety.fault_detection import FaultDetection, FaultDetectionState
+from uuv.controllers.hull.thruster_lead import ThrusterLead, static_commands
+from uuv.controllers.safety import sensor_checks
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper, SafetyWrapperState
+from uuv.controllers.safety.sensor_checks import SensorCheck, SensorFinding
 from uuv.controllers.tuning import FaultLimits
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at, thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, curves, inflow_levers
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
+from uuv.sim.interfaces.messages import (
+    Command,
+    Fault,
+    FaultKind,
+    HullLoad,
+    Reference,
+    StateEstimate,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 DT = 0.002
@@ -27,6 +37,58 @@ MODEL = models.load("uuv_puma").compile()
 VEHICLE = Vehicle.of(MODEL)
 N, M = len(VEHICLE.joints), len(VEHICLE.thruster_names)
 COMMAND = np.array([0.7, -0.75, 0.65, 0.8, 0.7, -0.75])  # of the thrusters
+
+
+REFERENCE = Reference(
+    time=0.0,
+    state=WorkState.WORK,
+    X_WB=pose(exp_so3([0.3, -0.2, 0.9]), [1.0, 2.0, -8.0]),
+    v_WB_W=np.zeros(3),
+    X_WG=None,
+    v_WG_W=np.zeros(3),
+    w_WG_W=np.zeros(3),
+    q=np.zeros(N),
+    qd=np.zeros(N),
+    set_force=0.0,
+    force_control=False,
+    tare=False,
+    scan=False,
+    path_s=0.0,
+)
+
+
+class Watch:
+    """Fault detection in its safety wrapper, around a controller whose commands are given."""
+
+    period = DT
+
+    def __init__(self, limits: FaultLimits | None = None) -> None:
+        self._wrapper = SafetyWrapper(self, MODEL, limits=limits)
+        self._state: SafetyWrapperState | None = None
+        self._command: Command | None = None
+
+    def init(self, estimate: StateEstimate) -> None:
+        """No state."""
+
+    def step(
+        self, state: None, estimate: StateEstimate, reference: Reference
+    ) -> tuple[None, Command]:
+        """The command that is given."""
+        assert self._command is not None
+        return None, self._command
+
+    def take(self, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
+        """All faults after one more sample, and the command that followed from it."""
+        self._command = command
+        self._state = self._state or self._wrapper.init(estimate)
+        return self._wrapper.step(self._state, estimate, REFERENCE)[1].faults
+
+    @property
+    def missing(self) -> Array:
+        """Wrench (6,) [N, N m] that is missing on the hull."""
+        assert self._state is not None
+        assert self._state.health is not None
+        return self._state.health.hull.missing
 
 
 @dataclass
@@ -43,9 +105,8 @@ class Rig:
     command: Array = field(default_factory=COMMAND.copy)  # of the thrusters
 
     def run(self, duration: float) -> tuple[Fault, ...]:
-        health = FaultDetection(MODEL, period=DT, limits=self.limits)
+        watch = Watch(self.limits)
         rng = np.random.default_rng(self.seed)
-        state: Any = None
         thrust = np.array(
             [
                 thrust_at(c, u)
@@ -84,21 +145,19 @@ class Rig:
             command = Command(
                 time=t, joint_torque=motor, thrusters=self.command, scan=False, hull_load=load
             )
-            if state is None:
-                state = health.init(estimate)
-            faults = health.step(state, estimate, command)
+            faults = watch.take(estimate, command)
         return faults
 
 
 def stuck(since: float, joint: int) -> Callable[[float, Array], Array]:
     """Torque readings of which one stands still from `since` [s] on."""
-    torque_then: list[float] = []
+    kept: list[float] = []
 
     def change(t: float, tau: Array) -> Array:
         tau = np.array(tau)
         if t >= since:
-            torque_then.append(tau[joint])
-            tau[joint] = torque_then[0]
+            kept.append(tau[joint])
+            tau[joint] = kept[0]
         return tau
 
     return change
@@ -126,9 +185,7 @@ def test_a_sensor_of_coarse_steps_is_not_taken_for_frozen():
 
 
 def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
-    joint = 1
-    rate = 5.0
-    limits = FaultLimits()
+    joint, rate, limits = 1, 5.0, FaultLimits()
 
     def drift(t: float, tau: Array) -> Array:
         return tau + (np.arange(N) == joint) * rate * max(t - 10.0, 0.0)
@@ -148,33 +205,30 @@ def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
 
 
 def test_an_encoder_whose_angle_stands_still_is_found_by_its_speed():
-    joint = 2
-    readings_then = []
+    joint, kept = 2, []
 
     def encoder(t: float, q: Array, qd: Array) -> tuple[Array, Array]:
         q = np.array(q)
         if t >= 10.0:
-            readings_then.append((q[joint], qd[joint]))
-            q[joint] = readings_then[0][0]
+            kept.append((q[joint], qd[joint]))
+            q[joint] = kept[0][0]
         return q, qd
 
     (fault,) = Rig(encoder=encoder).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.ENCODER, joint)
-    run = np.cumsum(
-        [abs(speed) * DT for _, speed in readings_then]
-    )  # what the joint has moved unseen
+    run = np.cumsum([abs(speed) * DT for _, speed in kept])  # what the joint has moved unseen
     expected = 10.0 + DT * int(np.argmax(run > FaultLimits().encoder_slip))
     assert expected - DT <= fault.time < expected + 0.05  # the comparison forgets, a little
 
 
 def test_an_encoder_that_stands_still_whole_is_found():
-    readings_then = []
+    kept = []
 
     def encoder(t: float, q: Array, qd: Array) -> tuple[Array, Array]:
         q, qd = np.array(q), np.array(qd)
         if t >= 10.0:
-            readings_then.append((q[2], qd[2]))
-            q[2], qd[2] = readings_then[0]
+            kept.append((q[2], qd[2]))
+            q[2], qd[2] = kept[0]
         return q, qd
 
     faults = Rig(encoder=encoder).run(11.0)
@@ -206,58 +260,49 @@ def in_flow(thruster: int, command: float, nu_r_B: Array) -> float:
     )
 
 
-def judge_hull(
-    health: FaultDetection, state: FaultDetectionState, estimate: StateEstimate, command: Command
-) -> None:
-    """Balance of the hull alone."""
-    balance = health.balance(state, estimate, command.hull_load)
-    health.judge(state, estimate, command.thrusters, suspect=False, balance=balance)
-
-
 def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any):
     """What the controller asks for on top, so that a current takes nothing, is not a thrust that is
     missing.
     """
-    current = rng.uniform(-0.6, 0.6, 3)
-    thrust = rng.uniform(-60.0, 60.0, M)
-    w = rng.uniform(-0.2, 0.2, 3)
+    current, thrust, w = (
+        rng.uniform(-0.6, 0.6, 3),
+        rng.uniform(-60.0, 60.0, M),
+        rng.uniform(-0.2, 0.2, 3),
+    )
     X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
-    command = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-X_WB[:3, :3].T @ current, w]))
+    nu_r_B = np.concatenate([-X_WB[:3, :3].T @ current, w])
+    asked = static_commands(ThrusterLead(VEHICLE).propellers, thrust, nu_r_B)
 
     def missing(commands: Array, arm_wrench_B: Array) -> Array:
-        health = FaultDetection(MODEL, period=DT)
-        state = health.init(at_rest(X_WB=X_WB, w_WB_B=w))
-        for t in np.arange(0.02, 3.0, 0.02):
+        watch = Watch()
+        for t in np.arange(0.0, 3.0, 0.02):
             load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current)
             command = Command(
                 time=t, joint_torque=np.zeros(N), thrusters=commands, scan=False, hull_load=load
             )
-            judge_hull(health, state, at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
-        return state.hull.missing
+            watch.take(at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
+        return watch.missing
 
     drag = missing(np.zeros(M), np.zeros(6))
-    within("missing [N, N m]", missing(command, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
+    within("missing [N, N m]", missing(asked, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
 
 
 def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, within: Any):
     """A hull that flies a steady curve askew through a current: Kirchhoff's equations with drag, in
     vectors.
     """
-    X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
-    current_W = rng.uniform(-0.4, 0.4, 3)
+    X_WB, current_W = pose(exp_so3(rng.uniform(-1.0, 1.0, 3))), rng.uniform(-0.4, 0.4, 3)
     v, w, arm_B = rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.3, 0.3, 3), rng.uniform(-20.0, 20.0, 6)
-    health = FaultDetection(MODEL, period=DT)
-    state = health.init(at_rest(X_WB=X_WB, v_WB_B=v, w_WB_B=w))
-    for t in np.arange(0.02, 6.0, 0.02):
+    watch = Watch()
+    for t in np.arange(0.0, 6.0, 0.02):
         load = HullLoad(arm_wrench_B=arm_B, current_W=current_W)
         command = Command(
             time=t, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load
         )
-        judge_hull(health, state, at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
+        watch.take(at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
 
     water = hydrodynamics.unpack(MODEL.body_user[VEHICLE.hull])
-    nu = np.concatenate([v, w])
-    flow = np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])
+    nu, flow = np.concatenate([v, w]), np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])
     nu_r = nu - flow
     momentum = hull_inertia(MODEL, VEHICLE.hull, 1.0) @ nu - water.added_mass @ flow
     turned = np.concatenate(
@@ -265,9 +310,9 @@ def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, wi
     )
     drag = water.linear_damping @ nu_r + water.quadratic_damping * np.abs(nu_r) * nu_r
     thrust = np.array([in_flow(i, 0.0, nu_r) for i in range(M)])
-    expected = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
+    wanted = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
     assert np.linalg.norm(turned) > 1.0
-    within("missing [N, N m]", state.hull.missing - expected, 1e-5)
+    within("missing [N, N m]", watch.missing - wanted, 1e-5)
 
 
 @pytest.mark.parametrize("thruster", range(M))
@@ -278,8 +323,7 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
     velocity = accelerated(-thrust * column)
     (fault,) = Rig(velocity=velocity, command=alone).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
-    limits = FaultLimits()
-    turns = np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
+    limits, turns = FaultLimits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
     if not turns:  # it is probed
         (missing,) = (float(word) for word in re.findall(r"([-\d]+)%", fault.figures))
         assert missing == pytest.approx(100.0, abs=15.0)
@@ -289,11 +333,11 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
             < 2.0 * limits.probe_time + 0.65
         )
         return
-    gave, commanded = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
-    assert commanded == pytest.approx(
+    gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
+    assert asked == pytest.approx(
         in_flow(thruster, COMMAND[thruster], velocity(fault.time)), abs=1.0
     )
-    assert abs(gave) < 0.5 * abs(commanded)  # what is left, as it was judged then
+    assert abs(gave) < 0.5 * abs(asked)  # what is left, as it was judged then
     assert limits.thruster_confirm < fault.time - 10.0 < limits.thruster_confirm + 0.65
 
 
@@ -302,9 +346,8 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
 def test_a_thruster_stuck_at_full_thrust_is_found_with_what_it_gives(name: str, end: float, within):
     thruster = VEHICLE.thruster_names.index(name)
     curve = curves(VEHICLE.thruster_table)[thruster]
-    gives = thrust_at(curve, end)
-    commanded = thrust_at(curve, 0.3 * COMMAND[thruster])
-    pushed = accelerated((gives - commanded) * VEHICLE.thruster_wrench[:, thruster])
+    gives, asked = thrust_at(curve, end), thrust_at(curve, 0.3 * COMMAND[thruster])
+    pushed = accelerated((gives - asked) * VEHICLE.thruster_wrench[:, thruster])
     (fault,) = Rig(velocity=pushed, command=0.3 * COMMAND).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
     within("time to find it [s]", fault.time - 10.0, 1.0)
@@ -328,44 +371,21 @@ def test_a_push_on_the_hull_is_no_lost_thruster(axis: int):
 
 
 def test_old_vision_is_a_fault_until_it_is_new_again():
-    health = FaultDetection(MODEL, period=DT)
-    zero = np.zeros(3)
-    six = np.zeros(N)
-    command = Command(time=0.0, joint_torque=six, thrusters=np.zeros(M), scan=False)
+    watch = Watch()
+    command = Command(time=0.0, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False)
 
-    def look(age: float) -> list[FaultKind]:
-        estimate = StateEstimate(
-            time=1.0,
-            X_WB=np.eye(4),
-            v_WB_B=zero,
-            w_WB_B=zero,
-            a_WB_B=zero,
-            q=six,
-            qd=six,
-            tau=six,
-            vision_age=age,
-        )
-        return [fault.kind for fault in health.step(state, estimate, command)]
+    def look(k: int, age: float) -> list[FaultKind]:
+        estimate = at_rest(time=k * DT, vision_age=age)
+        return [fault.kind for fault in watch.take(estimate, command)]
 
-    state = health.init(
-        StateEstimate(
-            time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six
-        )
-    )
-    assert [look(age) for age in (0.3, 1.1, 2.0, 0.2)] == [
-        [],
-        [FaultKind.VISION],
-        [FaultKind.VISION],
-        [],
-    ]
-    assert look(float("nan")) == []
+    ages = (0.3, 1.1, 2.0, 0.2, float("nan"))
+    seen = [look(k, age) for k, age in enumerate(ages)]
+    assert seen == [[], [FaultKind.VISION], [FaultKind.VISION], [], []]
 
 
 def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
-    health = FaultDetection(MODEL, period=DT)
-    ages = (np.nan, np.inf, 0.5, 1.5)
-    state = health.init(at_rest())
-    faults = []
+    watch, ages = Watch(), (np.nan, np.inf, 0.5, 1.5)
+    told = []
     for k, age in enumerate(ages):
         load = HullLoad(arm_wrench_B=np.zeros(6))
         command = Command(
@@ -375,11 +395,11 @@ def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
             scan=False,
             hull_load=load,
         )
-        faults.append(health.step(state, at_rest(time=float(k), imu_jump_age=age), command))
-    assert faults[:2] == [(), ()]
-    (fault,) = faults[2]
+        told.append(watch.take(at_rest(time=float(k), imu_jump_age=age), command))
+    assert told[:2] == [(), ()]
+    (fault,) = told[2]
     assert (fault.kind, fault.part, fault.time) == (FaultKind.IMU, "accelerometer", 1.5)
-    assert faults[3] == faults[2]
+    assert told[3] == told[2]
 
 
 def test_limits_are_positive():
@@ -387,3 +407,32 @@ def test_limits_are_positive():
         FaultLimits(torque_time=0.0)
     with pytest.raises(ConfigurationError, match="lever"):
         FaultLimits(lever=float("nan"))
+
+
+@pytest.mark.parametrize("field", ["position_sigma", "gyro_off_B", "attitude_off_B"])
+@pytest.mark.parametrize("axis", range(3))
+def test_an_entry_of_any_row_makes_the_tick_ask_for_faults(monkeypatch, field: str, axis: int):
+    """A row of one's own, quiet at 0.5, that finds a fault whenever it is asked."""
+    own = SensorCheck(
+        FaultKind.IMU,
+        lambda now: iter([SensorFinding("asked", -1, now.time, "")]),
+        lambda record: record.position_sigma,
+        quiet=0.5,
+    )
+    monkeypatch.setattr(sensor_checks, "SENSOR_CHECKS", (own, *sensor_checks.SENSOR_CHECKS[1:]))
+    watch, found = Watch(), []
+    for k in range(3):
+        load = HullLoad(arm_wrench_B=np.zeros(6))
+        command = Command(
+            time=0.02 * k,
+            joint_torque=np.zeros(N),
+            thrusters=np.zeros(M),
+            scan=False,
+            hull_load=load,
+        )
+        entries = {"position_sigma": np.full(3, 0.5), "gyro_off_B": np.zeros(3)}
+        entries["attitude_off_B"] = np.zeros(3)
+        entries[field][axis] += 0.1 if k == 2 else 0.0
+        faults = watch.take(at_rest(time=0.02 * k, **entries), command)
+        found.append([fault.part for fault in faults if fault.kind is FaultKind.IMU])
+    assert found == [[], [], ["asked"]]

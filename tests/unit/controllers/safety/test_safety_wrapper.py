@@ -24,6 +24,7 @@ from uuv.sim.interfaces.messages import (
     StateEstimate,
     WorkState,
 )
+from uuv.sim.interfaces.records import reference_record
 from uuv.sim.interfaces.spatial import Array
 
 DT = 0.002
@@ -65,10 +66,10 @@ class Inner:
     ) -> tuple[int, Command]:
         self.seen = estimate
         assert reference is REFERENCE
-        torque = np.nan if state + 1 >= self.breaks else 0.01 * state
+        value = np.nan if state + 1 >= self.breaks else 0.01 * state
         return state + 1, Command(
             time=estimate.time,
-            joint_torque=np.full(N, torque),
+            joint_torque=np.full(N, value),
             thrusters=np.full(M, 0.5),
             scan=False,
             contact=ContactEstimate(normal=7.0),
@@ -94,8 +95,8 @@ def run(estimates: list[StateEstimate], inner: Inner | None = None) -> list[Comm
     guarded = SafetyWrapper(inner or Inner(), MODEL)
     state = guarded.init(estimates[0])
     commands = []
-    for estimate_at in estimates:
-        state, command = guarded.step(state, estimate_at, REFERENCE)
+    for one in estimates:
+        state, command = guarded.step(state, one, REFERENCE)
         assert np.isfinite(command.joint_torque).all()
         assert np.isfinite(command.thrusters).all()
         assert np.all(np.abs(command.joint_torque) <= VEHICLE.torque_limits)
@@ -111,10 +112,10 @@ def departing() -> Array:
     """Thrusters (m,) of a departure, after commands of `Inner`."""
     departure = BlindDeparture(MODEL, VEHICLE, ArmDynamics(MODEL))
     command = Inner().step(0, estimate(0), REFERENCE)[1]
-    held = HeldHull.start(M)
-    sent = commanded(N, M)
-    sent.thrusters[:] = command.thrusters
-    follow(curves(VEHICLE.thruster_table), SAFETY.balance_time, sent, 0.0, held)
+    held, seen = HeldHull.start(M), commanded(N, M)
+    seen.thrusters[:] = command.thrusters
+    thrust = curves(VEHICLE.thruster_table)
+    follow(thrust, SAFETY.balance_time, seen, reference_record(N), 0.0, held)
     return departure.stages(held, estimate(0), ())[0].thrusters
 
 
@@ -152,25 +153,20 @@ def test_a_drive_without_its_encoder_bears_the_weight_and_no_more():
     """Whatever the controller makes of an angle that stands still; the other drives do as it
     says.
     """
-    joint = 1
-    limits = FaultLimits(warm_up=0.1)
+    joint, limits = 1, FaultLimits(warm_up=0.1)
 
     def frozen(i: int) -> StateEstimate:
-        current = estimate(i)
-        then = estimate(min(i, 100))
+        now, then = estimate(i), estimate(min(i, 100))
         stuck = np.arange(N) == joint
-        return replace(
-            current, q=np.where(stuck, then.q, current.q), qd=np.where(stuck, then.qd, current.qd)
-        )
+        return replace(now, q=np.where(stuck, then.q, now.q), qd=np.where(stuck, then.qd, now.qd))
 
-    guarded = SafetyWrapper(Inner(), MODEL, limits=limits)
-    commands = []
+    guarded, commands = SafetyWrapper(Inner(), MODEL, limits=limits), []
     state = guarded.init(estimate(0))
     for i in range(150):
         state, command = guarded.step(state, frozen(i), REFERENCE)
         commands.append(command)
-    first = next(i for i, command in enumerate(commands) if command.faults)
-    assert 0.0 < (first - 100) * DT - limits.frozen_encoder_time < 3.0 * DT
+    found = next(i for i, command in enumerate(commands) if command.faults)
+    assert 0.0 < (found - 100) * DT - limits.frozen_encoder_time < 3.0 * DT
     assert [fault.index for fault in commands[-1].faults] == [joint]
     rest = np.zeros(N)
     borne = ArmDynamics(MODEL).inverse(
@@ -259,8 +255,7 @@ def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
     # Its noise of 1 N m, averaged, is what remains.
     assert inner.seen.tau[1] == pytest.approx(0.01 * 2599 + 3.0, abs=0.5)
     # A rotor that is being accelerated, and its gear, take their share of what the motor gives.
-    steady = inner.seen.tau[1]
-    faster = np.array(estimate(2601).qd)
+    steady, faster = inner.seen.tau[1], np.array(estimate(2601).qd)
     faster[1] += 0.2
     taken = VEHICLE.armature[1] / FaultLimits().torque_time + VEHICLE.joint_damping[1]
     guarded.step(state, estimate(2601, tau=wrong, qd=faster), REFERENCE)
@@ -271,9 +266,8 @@ def test_the_arm_gives_way_once_the_work_is_broken_off(within):
     """Beyond the arm's weight each drive bears what 50 N at the tip need of it, whatever the
     controller asks for.
     """
-    most = SAFETY.gentle_force
-    arm = ArmDynamics(MODEL)
-    still = estimate(0, qd=np.zeros(N))
+    most, arm = SAFETY.gentle_force, ArmDynamics(MODEL)
+    one = estimate(0, qd=np.zeros(N))
 
     class Strong(Inner):
         def step(
@@ -286,17 +280,14 @@ def test_the_arm_gives_way_once_the_work_is_broken_off(within):
 
     guarded = SafetyWrapper(Strong(), MODEL)
     torque = {
-        abort: guarded.step(guarded.init(still), still, replace(REFERENCE, abort=abort))[
-            1
-        ].joint_torque
+        abort: guarded.step(guarded.init(one), one, replace(REFERENCE, abort=abort))[1].joint_torque
         for abort in (None, AbortCode.THRUSTER)
     }
     assert np.all(torque[None] == 1e4)
-    J = arm.tip(still.q)[1][:3]
-    rest = np.zeros(N)
-    none = np.zeros(6)
+    J = arm.tip(one.q)[1][:3]
+    rest, none = np.zeros(N), np.zeros(6)
     borne = arm.inverse(
-        still.q,
+        one.q,
         rest,
         rest,
         R_WB=np.eye(3),

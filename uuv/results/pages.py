@@ -51,8 +51,8 @@ class ResultsOfOne:
 
     @property
     def subject(self) -> str:
-        """Folder of the experiment, in words."""
-        return self.experiment.__module__.split(".")[-2].replace("_", " ")
+        """Folder of the experiment below scripts/experiments, in words."""
+        return self.experiment.__module__.split(".")[1].replace("_", " ")
 
     @property
     def status(self) -> str:

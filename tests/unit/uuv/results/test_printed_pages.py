@@ -26,8 +26,12 @@ def test_the_pages_in_docs_are_those_of_the_kept_rows(entries, root: Path):
     listed = {path.name for path in (root / "docs" / "results").glob("*.md")} - {"physics.md"}
     assert listed == {f"{entry.experiment.name}.md" for entry in entries if entry.kept}
 
-    # one digit of a table, not the status, makes a page stale
+    # a subject has one section, with the experiments of the folders in it
     overview = texts[Path(pages.OVERVIEW)]
+    subjects = re.findall(r"^## (.*)$", overview, flags=re.MULTILINE)
+    assert len(subjects) == len(set(subjects))
+
+    # one digit of a table, not the status, makes a page stale
     other = re.sub(r"(\| [^\n]*)0 \|\n", r"\g<1>1 |\n", overview, count=1)
     assert other != overview
     assert pages.stale({Path(pages.OVERVIEW): other}) == [pages.OVERVIEW]

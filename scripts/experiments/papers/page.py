@@ -102,7 +102,7 @@ def main() -> int:
 def page_of(statements: Statements, figures: PaperFigures) -> Iterator[str]:
     """Lines of the page."""
     yield from ("# The papers, statement by statement", "", statements.intro.strip(), "")
-    yield from ("```", "./uvw run scripts/experiments/papers/page.py", "```", "")
+    yield from ("```", "./uvw run scripts/experiments/papers/page.py", "```")
     yield from _statuses(list(figures.sources.values()))
 
     for paper in statements.paper:
@@ -119,7 +119,7 @@ def page_of(statements: Statements, figures: PaperFigures) -> Iterator[str]:
 def _statuses(entries: Sequence[ResultsOfOne]) -> Iterator[str]:
     """A line for each source of figures."""
     for entry in entries:
-        yield from (f"{STATUS}`{entry.experiment.name}`: {entry.status}", "")
+        yield from ("", f"{STATUS}`{entry.experiment.name}`: {entry.status}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Statements of the papers: their figures, and what is refused when a row is not there."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +10,7 @@ from experiments.papers.page import PaperFigures, page_of
 from experiments.papers.stated_runs import COMMANDS, QUICK, stated_runs
 from experiments.papers.statements import Paper, PaperStatement, Statements, leaves, read
 from uuv.results.kept_rows import Check, KeptRows
-from uuv.results.pages import ResultsOfOne
+from uuv.results.pages import ResultsOfOne, without_status
 from uuv.sim.interfaces.errors import ConfigurationError
 
 STATED = PaperStatement(
@@ -84,6 +85,13 @@ def test_a_statement_without_a_figure_is_refused_by_name(
     output = capsys.readouterr().out
     assert "fig. 5: " in output
     assert reason in output
+
+
+def test_the_page_of_the_project_is_that_of_the_kept_rows(root: Path):
+    statements = read()
+    text = "\n".join(page_of(statements, PaperFigures.kept(statements)))
+    kept_page = (root / "docs" / page.PAGE).read_text(encoding="utf-8")
+    assert without_status(kept_page) == without_status(text)
 
 
 def test_the_statements_of_the_project_can_be_read():

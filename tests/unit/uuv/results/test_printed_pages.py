@@ -70,11 +70,22 @@ def test_an_experiment_without_rows_has_neither_tables_nor_a_verdict(entries):
     (entry,) = (entry for entry in entries if entry.experiment.name == "ik_success")
     texts = pages.pages([replace(entry, kept=None)])
     assert [*texts] == [Path(pages.OVERVIEW)]
-    section = texts[Path(pages.OVERVIEW)].partition("\n### ")[2]
-    assert "scripts/experiments/kinematics/ik_success.py" in section
-    assert "*no rows kept*" in section
+    section = texts[Path(pages.OVERVIEW)].partition("## Kinematics")[2]
+    assert "Status: *no rows kept*, of:" in section
+    assert "`./uvw run scripts/experiments/kinematics/ik_success.py`" in section
     assert "ccepted" not in section
     assert "|" not in section
+
+
+def test_a_long_table_stands_on_the_page_of_its_experiment_alone(entries, monkeypatch):
+    (entry,) = (entry for entry in entries if entry.experiment.name == "ik_success")
+    title = "Targets solved; of hybrid by kind of target"
+    texts = pages.pages([entry])
+    assert title in texts[Path(pages.OVERVIEW)]
+    monkeypatch.setattr(pages, "MOST_ROWS", 2)
+    texts = pages.pages([entry])
+    assert title not in texts[Path(pages.OVERVIEW)]
+    assert title in texts[Path("results/ik_success.md")]
 
 
 def test_an_overview_that_is_too_long_is_refused(entries, monkeypatch):

@@ -231,10 +231,9 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
             f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
         )
 
-    return Bounded(
-        condition,
-        EstimateBounds(normal=limit) if felt is normal_force else EstimateBounds(force=limit),
-    )
+    along = felt is normal_force
+    bounds = EstimateBounds(normal=limit) if along else EstimateBounds(force=limit)
+    return Bounded(condition, bounds)
 
 
 def uncertain_force(limit: float) -> Condition:

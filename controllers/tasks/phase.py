@@ -216,9 +216,8 @@ class Foreseen:
     """Periods of a phase that depend on the time alone."""
 
     until: float = math.inf  # [s] first time of one that may not
-    within: EstimateBounds = field(
-        default_factory=EstimateBounds
-    )  # while the estimate is within these
+    # while the estimate is within these
+    within: EstimateBounds = field(default_factory=EstimateBounds)
 
 
 _ALL = Foreseen()

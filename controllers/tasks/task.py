@@ -104,12 +104,12 @@ class TaskPlanner:
                         f"task row {name!r}: there is no row {after!r} to follow it"
                     )
 
-        # EstimateBounds of the rows that can be foreseen.
+        # Bounds of the rows that can be foreseen.
         by_row = {name: self._bounds_of(row) for name, row in self._rows.items()}
         self._bounds = {name: bounds for name, bounds in by_row.items() if bounds is not None}
 
     def _bounds_of(self, row: TaskRow) -> tuple[EstimateBounds, tuple[BoundsOfPeriod, ...]] | None:
-        """EstimateBounds of a row's monitors, in all periods and by period; None: it is not foreseen."""
+        """Bounds of a row's monitors, in all periods and by period; None: it is not foreseen."""
         watched = [monitor.condition for monitor in self._monitors if row.work in monitor.during]
         bounded = [condition for condition in watched if isinstance(condition, Bounded)]
         if len(bounded) < len(watched) or not gives_kernel(row.phase, "foresee"):

@@ -114,7 +114,7 @@ def planner(phase: Phase, *more: Monitor) -> TaskPlanner:
 
     first = Decide(stand, AbortCode.OUT_OF_REACH)
     done = {PhaseEvent.DONE: "end", PhaseEvent.MORE: "end", PhaseEvent.TOUCHED: "end"}
-    leave = dict.fromkeys((Reaction.RETREAT, Reaction.RISE), "end")
+    leave: dict[Reaction, str] = dict.fromkeys((Reaction.RETREAT, Reaction.RISE), "end")
     rows = [
         ("first", TaskRow(first, WorkState.SETTLE, {PhaseEvent.DONE: at_once("phase")})),
         ("phase", TaskRow(phase, WorkState.WORK, done, leave)),

@@ -26,7 +26,7 @@ from uuv.controllers.tasks.phase import (
     way_back,
 )
 from uuv.controllers.tasks.stops import Stops
-from uuv.sim.interfaces.kernels.foresight import Bounds
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
@@ -102,7 +102,9 @@ class GuardedApproach(Phase):
     def foresee(self, state: ApproachState, held: Held) -> Foreseen | None:
         """Up to the first touch."""
         del held
-        return None if state.felt_for else Foreseen(within=Bounds(normal=self._limits.touch))
+        return (
+            None if state.felt_for else Foreseen(within=EstimateBounds(normal=self._limits.touch))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

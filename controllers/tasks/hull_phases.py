@@ -23,7 +23,7 @@ from uuv.controllers.tasks.phase import (
     way_back,
 )
 from uuv.controllers.tuning import SAFETY
-from uuv.sim.interfaces.kernels.foresight import Bounds
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
@@ -89,7 +89,7 @@ class Settle(Phase):
             return None
 
         end = min(state.quiet_since + limits.time, state.since + limits.within)
-        quiet = Bounds(off=limits.error, speed=limits.speed, turn=limits.turn)
+        quiet = EstimateBounds(off=limits.error, speed=limits.speed, turn=limits.turn)
         return Foreseen(until=end - INSTANT, within=quiet)
 
 
@@ -204,7 +204,7 @@ class MoveHull(Phase):
         if state.waited > self._motion.late:
             return None
         behind = self._motion.behind
-        near = Bounds() if behind is None else Bounds(off=behind[0])
+        near = EstimateBounds() if behind is None else EstimateBounds(off=behind[0])
         return Foreseen(until=state.move.start + state.move.duration - INSTANT, within=near)
 
 

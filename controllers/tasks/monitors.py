@@ -25,7 +25,7 @@ from enum import StrEnum
 import numpy as np
 
 from uuv.controllers.tasks.phase import Abort, Context, Held
-from uuv.sim.interfaces.kernels.foresight import Bounds
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, FaultKind, WorkState
 
 
@@ -46,7 +46,7 @@ IN_CONTACT = frozenset({WorkState.APPROACH, WorkState.PRESS, WorkState.WORK})
 LEAVING = frozenset({WorkState.RETREAT})
 
 Condition = Callable[[Held, Context], str]  # the sentence if it holds, else empty
-BoundsOfPeriod = Callable[[Held], Bounds]
+BoundsOfPeriod = Callable[[Held], EstimateBounds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Bounded:
     """
 
     condition: Condition
-    bounds: BoundsOfPeriod | Bounds  # those of a period, or of all
+    bounds: BoundsOfPeriod | EstimateBounds  # those of a period, or of all
 
     def __call__(self, held: Held, context: Context) -> str:
         """The sentence of the condition."""
@@ -153,7 +153,7 @@ def _no_time(held: Held, now: Context) -> str:
     return "" if math.isfinite(now.estimate.time) else "the state estimate is lost"
 
 
-no_time = Bounded(_no_time, Bounds())
+no_time = Bounded(_no_time, EstimateBounds())
 
 
 def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math.inf) -> Condition:
@@ -183,7 +183,7 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
         figures = "; ".join(fault.figures for fault in alike if fault.figures)
         return f"{report} ({figures})" if figures else report
 
-    return Bounded(condition, Bounds())
+    return Bounded(condition, EstimateBounds())
 
 
 def adrift(limit: float) -> Condition:
@@ -197,7 +197,7 @@ def adrift(limit: float) -> Condition:
             else ""
         )
 
-    return Bounded(condition, Bounds(off=limit))
+    return Bounded(condition, EstimateBounds(off=limit))
 
 
 def object_moves(limit: float) -> Condition:
@@ -219,7 +219,7 @@ def object_moves(limit: float) -> Condition:
         )
         return message if across > limit else ""
 
-    return Bounded(condition, Bounds(moved=0.0))
+    return Bounded(condition, EstimateBounds(moved=0.0))
 
 
 def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Condition:
@@ -231,7 +231,9 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
             f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
         )
 
-    return Bounded(condition, Bounds(normal=limit) if felt is normal_force else Bounds(force=limit))
+    along = felt is normal_force
+    bounds = EstimateBounds(normal=limit) if along else EstimateBounds(force=limit)
+    return Bounded(condition, bounds)
 
 
 def uncertain_force(limit: float) -> Condition:
@@ -246,7 +248,7 @@ def uncertain_force(limit: float) -> Condition:
             f"{now.normal_sigma:.0f} N"
         )
 
-    return Bounded(condition, Bounds(sigma=limit))
+    return Bounded(condition, EstimateBounds(sigma=limit))
 
 
 def normal_force(held: Held, now: Context) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from uuv.controllers.planning.path_poses import tool_pose
 from uuv.controllers.planning.placement import Placement
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
-from uuv.sim.interfaces.kernels.foresight import Bounds
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import (
     AbortCode,
     Command,
@@ -216,7 +216,8 @@ class Foreseen:
     """Periods of a phase that depend on the time alone."""
 
     until: float = math.inf  # [s] first time of one that may not
-    within: Bounds = field(default_factory=Bounds)  # while the estimate is within these
+    # while the estimate is within these
+    within: EstimateBounds = field(default_factory=EstimateBounds)
 
 
 _ALL = Foreseen()

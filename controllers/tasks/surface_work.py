@@ -70,7 +70,7 @@ from uuv.controllers.tasks.settings import SurfaceSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow
 from uuv.models.objects.targets import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.kernels.foresight import Bounds
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import Array
 
@@ -427,14 +427,14 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=IN_CONTACT if job.presses else frozenset(),
         ),
         Monitor(
-            condition=Bounded(too_hard, lambda held: Bounds(normal=allowed(held))),
+            condition=Bounded(too_hard, lambda held: EstimateBounds(normal=allowed(held))),
             reaction=Reaction.RETREAT,
             code=AbortCode.FORCE_NOT_HELD,
             lasting=limits.excess_time,
             during=at_work,
         ),
         Monitor(
-            condition=Bounded(lost, Bounds(slack=-0.5 * touch)),
+            condition=Bounded(lost, EstimateBounds(slack=-0.5 * touch)),
             reaction=Reaction.RETREAT,
             code=AbortCode.CONTACT_LOST,
             lasting=limits.lost_time,

@@ -11,7 +11,7 @@ import numpy as np
 from uuv.controllers.tasks.monitors import Bounded, BoundsOfPeriod, Monitor, Reaction, watch
 from uuv.controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.kernels.foresight import Bounds, Foresight, is_plain
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds, Foresight, is_plain
 from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.messages import (
     Command,
@@ -24,7 +24,7 @@ from uuv.sim.interfaces.messages import (
 )
 from uuv.sim.interfaces.spatial import Array
 
-_FELT = Bounds(normal=1e9)  # any force, but a number
+_FELT = EstimateBounds(normal=1e9)  # any force, but a number
 
 
 class AtOnce(str):
@@ -108,7 +108,7 @@ class TaskPlanner:
         by_row = {name: self._bounds_of(row) for name, row in self._rows.items()}
         self._bounds = {name: bounds for name, bounds in by_row.items() if bounds is not None}
 
-    def _bounds_of(self, row: TaskRow) -> tuple[Bounds, tuple[BoundsOfPeriod, ...]] | None:
+    def _bounds_of(self, row: TaskRow) -> tuple[EstimateBounds, tuple[BoundsOfPeriod, ...]] | None:
         """Bounds of a row's monitors, in all periods and by period; None: it is not foreseen."""
         watched = [monitor.condition for monitor in self._monitors if row.work in monitor.during]
         bounded = [condition for condition in watched if isinstance(condition, Bounded)]
@@ -116,9 +116,9 @@ class TaskPlanner:
             return None
 
         bounds = [condition.bounds for condition in bounded]
-        felt = _FELT if row.feels else Bounds()
-        always = felt.and_within(*(bound for bound in bounds if isinstance(bound, Bounds)))
-        return always, tuple(bound for bound in bounds if not isinstance(bound, Bounds))
+        felt = _FELT if row.feels else EstimateBounds()
+        always = felt.and_within(*(bound for bound in bounds if isinstance(bound, EstimateBounds)))
+        return always, tuple(bound for bound in bounds if not isinstance(bound, EstimateBounds))
 
     @property
     def works(self) -> tuple[WorkState, ...]:
@@ -194,7 +194,7 @@ class TaskPlanner:
         # Steps on a copy.
         trial = _copied(state)
         references: list[Reference] = []
-        within: list[Bounds] = []
+        within: list[EstimateBounds] = []
         for time in times:
             if not time < foreseen.until:
                 break

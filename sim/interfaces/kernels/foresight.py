@@ -22,7 +22,7 @@ ROWS = 64  # most periods that a table holds
 _ROUNDING = 1e-9  # share of a bound by which the table's are narrower: the planner decides there
 
 
-class Bounds(NamedTuple):
+class EstimateBounds(NamedTuple):
     """Largest values with which all goes on as foreseen."""
 
     off: float = np.inf  # [m] of the hull from its reference
@@ -34,9 +34,9 @@ class Bounds(NamedTuple):
     sigma: float = np.inf  # [N] standard deviation of the normal force
     moved: float = np.inf  # [m] of the object, as the camera on the arm sees it
 
-    def and_within(self, *others: "Bounds") -> "Bounds":
+    def and_within(self, *others: "EstimateBounds") -> "EstimateBounds":
         """The narrower of each."""
-        return Bounds(*map(min, self, *others)) if others else self
+        return EstimateBounds(*map(min, self, *others)) if others else self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +45,7 @@ class Foresight:
 
     references: Sequence[Reference]
     times: Sequence[float]  # [s] of the estimates that they belong to
-    within: Sequence[Bounds]
+    within: Sequence[EstimateBounds]
     seen: tuple[StateEstimate, Target | None]  # of which they were made
     after: Any = None  # state of the planner after the last of them, where that is known
 
@@ -81,7 +81,7 @@ class TableRecord(NamedTuple):
 
     references: ReferenceRecord  # each array with ROWS rows
     times: Array  # (ROWS,) [s]
-    bounds: Array  # (ROWS, number of `Bounds`)
+    bounds: Array  # (ROWS, number of `EstimateBounds`)
     rows: np.ndarray  # (2,) rows that were taken, and rows in all
 
 
@@ -97,7 +97,7 @@ class ReferenceTable:
         self.record = TableRecord(
             references=stacked,
             times=np.zeros(ROWS),
-            bounds=np.full((ROWS, len(Bounds())), np.inf),
+            bounds=np.full((ROWS, len(EstimateBounds())), np.inf),
             rows=np.zeros(2, dtype=np.int64),
         )
 
@@ -149,7 +149,7 @@ def take_row(table, estimate, command, reference):
     if estimate.time[0] != table.times[row]:
         return False
 
-    # The estimate, in the order of `Bounds`.
+    # The estimate, in the order of `EstimateBounds`.
     off = speed = turn = moved = force = 0.0
     for i in range(3):
         off += (estimate.X_WB[i, 3] - reference.X_WB[i, 3]) ** 2

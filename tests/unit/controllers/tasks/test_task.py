@@ -42,7 +42,7 @@ from uuv.controllers.tasks.phase import (
     ToolLine,
 )
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
-from uuv.sim.interfaces.kernels.foresight import Bounds
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import (
     AbortCode,
     Command,
@@ -114,7 +114,7 @@ def planner(phase: Phase, *more: Monitor) -> TaskPlanner:
 
     first = Decide(stand, AbortCode.OUT_OF_REACH)
     done = {PhaseEvent.DONE: "end", PhaseEvent.MORE: "end", PhaseEvent.TOUCHED: "end"}
-    leave = dict.fromkeys((Reaction.RETREAT, Reaction.RISE), "end")
+    leave: dict[Reaction, str] = dict.fromkeys((Reaction.RETREAT, Reaction.RISE), "end")
     rows = [
         ("first", TaskRow(first, WorkState.SETTLE, {PhaseEvent.DONE: at_once("phase")})),
         ("phase", TaskRow(phase, WorkState.WORK, done, leave)),
@@ -209,7 +209,7 @@ def test_a_phase_that_ends_is_foreseen_up_to_its_end():
 
 
 def test_the_bounds_are_the_narrowest_of_phase_and_monitors():
-    hard = Bounded(lambda *_: "", lambda held: Bounds(normal=held.set_force + 5.0))
+    hard = Bounded(lambda *_: "", lambda held: EstimateBounds(normal=held.set_force + 5.0))
     more = Monitor(condition=hard, reaction=Reaction.RETREAT, code=AbortCode.FORCE_LIMIT)
     task = planner(contact.FollowPath(SPEEDS, (60.0,), rate=200.0), more)
     state, estimate = begun(task)

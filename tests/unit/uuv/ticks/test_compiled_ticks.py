@@ -18,6 +18,7 @@ from uuv.controllers.arm.kernel_force_law import KernelForceLaw
 from uuv.controllers.arm.position_force import INTEGRAL, ForceDisplacement
 from uuv.controllers.planning.promise import PromiseLimits, StopLimits
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
+from uuv.controllers.tasks.task import TaskPlanner
 from uuv.controllers.tuning import FaultLimits
 from uuv.controllers.whole_body.tool_control import ForceLaw
 from uuv.controllers.whole_body.work_controller import WorkController
@@ -37,6 +38,7 @@ from uuv.sim.loop.logged_columns import EVERY_STEP
 from uuv.sim.sensors.proprioception import Dvl, Imu
 from uuv.tasks.surface_work import SurfaceWorkTask
 from uuv.ticks.compiled_ticks import reason
+from uuv.ticks.planner_ahead import PlannerAhead
 
 EARLY = 4.0  # [s] of a short run: settled, and identified
 
@@ -68,6 +70,34 @@ def digests(
 def test_a_run_with_gusts_has_the_same_bits(full):
     compiled, other = digests(jobs.clean_barrel(quick=True, gust=0.05), EARLY, full=full)
     assert compiled == other
+
+
+def test_foreseen_periods_need_no_step_of_the_planner_and_end_at_a_bound(monkeypatch):
+    """At rest in gusts, whose speed passes the bound now and then; the bits are as part by part."""
+    tables: list[tuple[int, int]] = []  # rows taken, and rows
+    steps = [0]
+    close, step = PlannerAhead.close, TaskPlanner.step
+
+    def closed(ahead: PlannerAhead) -> Any:
+        rows = ahead.table.record.rows.tolist()
+        tables.extend([(rows[0], rows[1])] if rows[1] else [])
+        return close(ahead)
+
+    def stepped(*values: Any) -> Any:
+        steps[0] += 1
+        return step(*values)
+
+    monkeypatch.setattr(PlannerAhead, "close", closed)
+    monkeypatch.setattr(TaskPlanner, "step", stepped)
+    scenario = jobs.clean_barrel(quick=True, gust=0.03)
+    one, other = digests(scenario, EARLY, full=False)
+    assert one == other
+
+    periods = round(EARLY / 0.01)
+    assert steps[0] < 1.6 * periods  # both runs together
+    assert sum(taken for taken, _ in tables) == 2 * periods - steps[0]
+    assert any(taken == rows for taken, rows in tables)
+    assert any(0 < taken < rows for taken, rows in tables)
 
 
 def test_a_recording_that_outgrows_its_table_has_the_same_bits(monkeypatch):

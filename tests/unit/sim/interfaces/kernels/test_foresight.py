@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from uuv.sim.interfaces.kernels.control import Commanded, commanded
-from uuv.sim.interfaces.kernels.foresight import Bounds, Foresight, ReferenceTable, take_row
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds, Foresight, ReferenceTable, take_row
 from uuv.sim.interfaces.messages import Reference, WorkState
 from uuv.sim.interfaces.records import (
     EstimateRecord,
@@ -19,7 +19,7 @@ from uuv.sim.interfaces.spatial import exp_so3, pose
 
 N, M = 6, 8
 TIMES = (2.01, 2.02, 2.03)  # [s]
-LIMITS = Bounds(0.2, 0.3, 0.4, 50.0, -10.0, 90.0, 5.0, 0.01)
+LIMITS = EstimateBounds(0.2, 0.3, 0.4, 50.0, -10.0, 90.0, 5.0, 0.01)
 
 
 def references() -> list[Reference]:
@@ -53,7 +53,7 @@ def references() -> list[Reference]:
     return [*made[:2], replace(made[2], X_WG=None, set_force=0.0, force_control=False)]
 
 
-def table(within: Bounds) -> ReferenceTable:
+def table(within: EstimateBounds) -> ReferenceTable:
     """Three rows under the same bounds."""
     filled = ReferenceTable(N)
     seen: Any = (None, None)
@@ -74,7 +74,7 @@ def flat(record: Any) -> np.ndarray:
 
 
 def test_rows_are_taken_in_turn_at_their_times_as_a_message_is():
-    rows, record, expected = table(Bounds()), reference_record(N), reference_record(N)
+    rows, record, expected = table(EstimateBounds()), reference_record(N), reference_record(N)
     estimate, command = within_limits()
     for k, (time, reference) in enumerate(zip(TIMES, references(), strict=True)):
         assert rows.taken == k
@@ -90,7 +90,7 @@ def test_rows_are_taken_in_turn_at_their_times_as_a_message_is():
 
 
 def test_a_row_is_left_at_any_other_time():
-    rows, record = table(Bounds()), reference_record(N)
+    rows, record = table(EstimateBounds()), reference_record(N)
     estimate, command = within_limits()
     for time in (2.0, np.nextafter(2.01, 3.0), 2.02, np.nan):
         estimate.time[0] = time
@@ -98,12 +98,12 @@ def test_a_row_is_left_at_any_other_time():
     assert rows.taken == 0
 
 
-@pytest.mark.parametrize("name", Bounds._fields)
+@pytest.mark.parametrize("name", EstimateBounds._fields)
 def test_each_bound_alone_leaves_the_row(name: str):
     """On the bound to a rounding, and beyond."""
     limit = getattr(LIMITS, name)
 
-    def taken(value: float, bounds: Bounds) -> bool:
+    def taken(value: float, bounds: EstimateBounds) -> bool:
         estimate, command = within_limits()
         estimate.time[0] = TIMES[0]
         along = np.array([2.0, -1.0, 2.0]) / 3.0
@@ -121,9 +121,9 @@ def test_each_bound_alone_leaves_the_row(name: str):
             command.sigma_G[2] = value
         return bool(take_row(table(bounds).record, estimate, command, reference))
 
-    alone = Bounds(**{name: limit})
+    alone = EstimateBounds(**{name: limit})
     for bounds in (alone, LIMITS):
         assert taken(limit - 1e-6 * abs(limit), bounds)
         assert not taken(limit + 1e-6 * abs(limit), bounds)
     assert not taken(np.nan, alone)
-    assert taken(limit + 1e3, Bounds())
+    assert taken(limit + 1e3, EstimateBounds())

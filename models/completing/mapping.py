@@ -51,6 +51,7 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
     spec = file.spec
     note(spec, file.notes)
     keep_entries(spec, file.entries)
+
     if file.bare or file.parts is not None:
         _apply(spec, file)
     elif line := _name_hull(spec):
@@ -68,6 +69,7 @@ def _upside_down(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
     if water is None or not water.volume > 0.0:
         return
     above = float(water.center_of_buoyancy[2] - model.body(HULL_BODY).ipos[2])
+
     if above < -_BELOW:
         yield (
             f"the hull's centre of buoyancy is {-1e3 * above:.0f} mm below that of mass: has its "
@@ -96,6 +98,7 @@ def _apply(spec: mujoco.MjSpec, file: VehicleFile) -> None:
     """
     parts = file.parts or PartsMap()
     name = file.parts_name
+
     try:
         renamed = _name_parts(spec, parts, name)
         actuate(spec, file, renamed)
@@ -117,6 +120,7 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | N
     """
     hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
     before = parts.hull if hull is None else hull.name
+
     if parts.masses:
         aliases = {HULL_BODY: before or HULL_BODY}
         masses = {aliases.get(body, body): mass for body, mass in parts.masses.items()}
@@ -128,6 +132,7 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | N
             _check_root(spec, hull, before, name)
             with keyframes_kept(spec):
                 hull.add_freejoint(name=HULL_BODY)
+
     if parts.arm_base:
         _rename_body(spec, _body(spec, parts.arm_base, name, parts.hull), ARM_BASE_BODY)
 
@@ -137,6 +142,7 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | N
     _add_site(spec, CAMERA_SITE, parts.camera, renamed, name, camera_up)
     if parts.tool:
         _rename_geom(spec, parts.tool, name)
+
     return renamed
 
 
@@ -160,10 +166,12 @@ def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
     if usual is not None:
         return usual
     roots = list(spec.worldbody.bodies)
+
     if len(roots) != 1:
         raise ConfigurationError(
             f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}"
         )
+
     return roots[0]
 
 
@@ -191,9 +199,11 @@ def _body(spec: mujoco.MjSpec, wanted: str, name: str, hull: str | None = None) 
         raise ConfigurationError(
             f"{name}: arm_base: must be a body of its own, fixed to the hull, got {wanted!r}"
         )
+
     for body in bodies:
         if body.name == wanted:
             return body
+
     raise _missing(name, "body", wanted, [body.name for body in bodies])
 
 
@@ -208,6 +218,7 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
     for exclude in spec.excludes:
         exclude.bodyname1 = to if exclude.bodyname1 == before else exclude.bodyname1
         exclude.bodyname2 = to if exclude.bodyname2 == before else exclude.bodyname2
+
     for equality in spec.equalities:
         if equality.objtype == mujoco.mjtObj.mjOBJ_BODY:
             equality.name1 = to if equality.name1 == before else equality.name1
@@ -267,6 +278,7 @@ def _add_site(
                     f"; a <camera> is called so: give its place, {usual}: {{body: NAME, pos: "
                     f"[x, y, z]}}"
                 )
+
             raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
 
         original = sites[where]
@@ -277,6 +289,7 @@ def _add_site(
     # On a body, with the axes that are usual for the site.
     body = _body(spec, renamed.get(where.body, where.body), name)
     upright = abs(where.z[2]) > 0.999
+
     if usual == CAMERA_SITE:  # OpenCV axes: x to the right of the view, y down
         over = np.array(_UP) if up is None else up
         x = np.cross(over, _AHEAD) * -1.0 if upright else np.cross(where.z, over)

@@ -61,14 +61,16 @@ def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
         return replace(kept, job=name)
     verdict = _kept(name, kept)
     return (
-        verdict if listing is None else replace(verdict, said=f"{verdict.said}; {listing.said()}")
+        verdict
+        if listing is None
+        else replace(verdict, said=f"{verdict.said}; {listing.in_words()}")
     )
 
 
 def _listed(name: str, listing: Listing) -> JobVerdict:
     """Refusal of a hull that lists too far."""
-    said = f"{listing.said()}, at most {np.degrees(LIST):.0f} deg"
-    return _refused(name, "list", said, float(np.degrees(listing.angle)))
+    reason = f"{listing.in_words()}, at most {np.degrees(LIST):.0f} deg"
+    return _refused(name, "list", reason, float(np.degrees(listing.angle)))
 
 
 def _hovering(
@@ -290,7 +292,7 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in "
         f"{speed:.2f} m/s{part}"
         + _touching(own, placement.q_start)
-        + ("" if listing is None else f"; {listing.said()}")
+        + ("" if listing is None else f"; {listing.in_words()}")
         + (
             f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline"
             if gap < 0.0

@@ -18,7 +18,6 @@ from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
-JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 START_UP = 2e-3  # [s] in which full torque brings a rotor alone to a joint's speed: a prior
 _SPEED = 1.0  # [rad/s] or [m/s] of a joint whose file states none
 _PARALLEL = 0.99  # cosine from which on a joint is taken for a propeller's own
@@ -255,9 +254,9 @@ def _give_armature(
 ) -> list[str]:
     """Give joints the inertia of their rotors, in place: as stated, or a prior for light ones.
 
-    A joint is light if full torque makes it fast within one time step, which no drive does: its
-    file states no rotor. The prior is the rotor that full torque brings to the joint's speed in
-    2 ms.
+    A joint is light if full torque brings it beyond its speed within one time step, which no drive
+    does: its file states no rotor, and its servo would chatter. The prior is the rotor that full
+    torque brings to that speed in 2 ms.
 
     Args:
         spec: model whose joints have motors.
@@ -289,8 +288,9 @@ def _give_armature(
         torque = float(np.abs(model.actuator_ctrlrange[motor[0]]).min())
         inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
 
-        if torque * model.opt.timestep > JERKY * inertia:
-            added[joint] = torque * START_UP / (speeds.get(joint) or _SPEED)
+        speed = speeds.get(joint) or _SPEED
+        if torque * model.opt.timestep > speed * inertia:
+            added[joint] = torque * START_UP / speed
             spec.joint(joint).armature = added[joint]
 
     if not added:

@@ -13,6 +13,7 @@ import numpy as np
 from uuv.models import hydrodynamics
 from uuv.models.completing.actuators import actuate
 from uuv.models.completing.axes import UP, turn_hull
+from uuv.models.completing.hull_box import hull_box
 from uuv.models.completing.masses import give_masses
 from uuv.models.files.keyframes import keyframes_kept
 from uuv.models.files.mjcf_files import compiled, reason_of
@@ -27,7 +28,8 @@ BARE_ARM = "it looks like a bare arm"
 MOUNT = "uuv.models.completing.mounting.mount_arm puts it on a hull (docs/own_vehicle.md)"
 _ARM = 3  # joints from which on a file without thrusters is taken for an arm
 _HULL = 0.5  # share of the mass that a hull has at least
-_BELOW = 0.005  # [m] of the centre of buoyancy below that of mass, from which on it is named
+_BELOW = 0.1  # share of its height by which a hull is borne below its mass, named from there on
+_LOW = 0.05  # [m] least height that counts
 _UP = (0.0, 0.0, 1.0)
 _AHEAD = (1.0, 0.0, 0.0)
 
@@ -70,7 +72,9 @@ def _upside_down(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
         return
     above = float(water.center_of_buoyancy[2] - model.body(HULL_BODY).ipos[2])
 
-    if above < -_BELOW:
+    arm = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
+    low, high = hull_box(model, model.body(HULL_BODY).id, arm)[:, 2]
+    if above < -_BELOW * max(float(high - low), _LOW):
         yield (
             f"the hull's centre of buoyancy is {-1e3 * above:.0f} mm below that of mass: has its "
             "file z down? `up: -z` in the mapping turns it"

@@ -38,6 +38,7 @@ from uuv.sim.interfaces.spatial import Array, checked, fitting
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 # those that weight and buoyancy hold where no thrusters do
 RIGHTED = ("pitch", "roll")
+MOST_LIST = float(np.radians(20.0))  # [rad] of a hull that they right, up to which it is to work
 # [-] share of the largest entry of B below which an entry is rounding noise and set to zero
 _ROUNDING = 1e-12
 # [m] lever, or share of a unit thrust, below which thrusters do not reach an axis

@@ -18,7 +18,6 @@ from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
-JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 START_UP = 2e-3  # [s] in which full torque brings a rotor alone to a joint's speed: a prior
 _SPEED = 1.0  # [rad/s] or [m/s] of a joint whose file states none
 _PARALLEL = 0.99  # cosine from which on a joint is taken for a propeller's own
@@ -44,8 +43,10 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
         for joint in spec.joints
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE
     }
+
     arm = joints_between(spec)
     _check_followers(spec, arm, name)
+
     if parts.torque_limits is not None:
         _drive(spec, parts.torque_limits, name)
         arm = list(parts.torque_limits)
@@ -64,6 +65,7 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
         _add_thruster(spec, thruster, renamed, name)
         place = thruster.place
         joint, axis = turning.get("" if place is None else place.body, ("", np.zeros(3)))
+
         if place is not None and joint and abs(float(axis @ place.z)) < _PARALLEL:
             note(
                 spec,
@@ -81,6 +83,7 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
     gripper, a camera's pan.
     """
     movable = {joint.name: joint for joint in spec.joints if joint.type in TURNING}
+
     for joint_name in joints:
         if joint_name not in movable:
             raise _missing(name, "joint", joint_name, list(movable))
@@ -89,6 +92,7 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
     chain = joints_between(spec)
     _check_followers(spec, chain, name)
     listed = [joint for joint in chain if joint in joints]
+
     if listed != list(joints):
         raise ConfigurationError(
             f"{name}: joints: must be those from {ARM_BASE_BODY} to {TIP_SITE} in this order, "
@@ -121,6 +125,7 @@ def _hold_others(spec: mujoco.MjSpec, joints: Collection[str], why: str) -> None
         for other in carried
         if other.type in TURNING and other.name not in joints and not other.stiffness[0]
     ]
+
     note(spec, hold(spec, others, why))
 
 
@@ -131,6 +136,7 @@ def bound(spec: mujoco.MjSpec, joints: Collection[str], name: str) -> None:
         ConfigurationError: a joint whose lower limit lies above its upper.
     """
     arm = [joint for joint in spec.joints if joint.name in joints]
+
     for joint in arm:
         if joint.range[0] > joint.range[1]:
             raise ConfigurationError(
@@ -145,9 +151,11 @@ def bound(spec: mujoco.MjSpec, joints: Collection[str], name: str) -> None:
         if joint.type == mujoco.mjtJoint.mjJNT_HINGE
         and not np.isfinite(range_of(spec, joint)).all()
     ]
+
     for joint in endless:
         joint.range = [-half, half]
         joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+
     if endless:
         names = ", ".join(joint.name for joint in endless)
         note(spec, [f"joints that turn without end get the range -180 to 180 deg: {names}"])
@@ -186,6 +194,7 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
                 "it, "
                 f"joints: {{{joint.name}: 10}} [N m]"
             )
+
         limit = float(known[0])
 
     # One motor in place of what drove the joint.
@@ -205,6 +214,7 @@ def add_motors(spec: mujoco.MjSpec, joints: Iterable[str], name: str) -> None:
     """
     of_joints = [a for a in spec.actuators if a.trntype == mujoco.mjtTrn.mjTRN_JOINT]
     driven = {actuator.target for actuator in of_joints}
+
     for joint in joints:
         if joint not in driven:
             _add_motor(spec, spec.joint(joint), None, name)
@@ -226,11 +236,13 @@ def joints_between(spec: mujoco.MjSpec) -> list[str]:
     tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
     names: list[str] = []
     body = tip.parent if tip is not None else None
+
     while body is not None and body.name not in (ARM_BASE_BODY, HULL_BODY, "world"):
         names[:0] = [
             joint.name for joint in body.joints if joint.type in TURNING and not joint.stiffness[0]
         ]
         body = body.parent
+
     return names
 
 
@@ -242,9 +254,9 @@ def _give_armature(
 ) -> list[str]:
     """Give joints the inertia of their rotors, in place: as stated, or a prior for light ones.
 
-    A joint is light if full torque makes it fast within one time step, which no drive does: its
-    file states no rotor. The prior is the rotor that full torque brings to the joint's speed in
-    2 ms.
+    A joint is light if full torque brings it beyond its speed within one time step, which no drive
+    does: its file states no rotor, and its servo would chatter. The prior is the rotor that full
+    torque brings to that speed in 2 ms.
 
     Args:
         spec: model whose joints have motors.
@@ -255,11 +267,13 @@ def _give_armature(
     Returns:
         A line about what was added.
     """
-    given = stated if isinstance(stated, Mapping) else dict.fromkeys(joints, stated)
+    of_joints = stated if isinstance(stated, Mapping) else dict.fromkeys(joints, stated)
+
     for joint in joints:
-        if (armature := given.get(joint)) is not None:
+        if (armature := of_joints.get(joint)) is not None:
             spec.joint(joint).armature = armature
-    left = [joint for joint in joints if given.get(joint) is None]
+
+    left = [joint for joint in joints if of_joints.get(joint) is None]
     left = [joint for joint in left if not spec.joint(joint).armature]
     if not left:
         return []
@@ -273,12 +287,16 @@ def _give_armature(
             continue
         torque = float(np.abs(model.actuator_ctrlrange[motor[0]]).min())
         inertia = float(model.dof_M0[model.joint(joint).dofadr[0]])
-        if torque * model.opt.timestep > JERKY * inertia:
-            added[joint] = torque * START_UP / (speeds.get(joint) or _SPEED)
+
+        speed = speeds.get(joint) or _SPEED
+        if torque * model.opt.timestep > speed * inertia:
+            added[joint] = torque * START_UP / speed
             spec.joint(joint).armature = added[joint]
+
     if not added:
         return []
     figures = ", ".join(f"{joint} {armature:.2g}" for joint, armature in added.items())
+
     return [
         "rotor inertia of light joints, a prior (effort for 2 ms over speed; `armature:` in the "
         f"mapping states it) [kg m^2]: {figures}"
@@ -313,11 +331,11 @@ def _add_thruster(
     site = mapped.site
     if mapped.place is not None:
         site = f"thruster_{mapped.name}"
-        wanted = renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY
+        carrier = renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY
         bodies = {body.name: body for body in spec.bodies if body.name != "world"}
-        if wanted not in bodies:
-            raise _missing(name, "body", wanted, list(bodies))
-        bodies[wanted].add_site(
+        if carrier not in bodies:
+            raise _missing(name, "body", carrier, list(bodies))
+        bodies[carrier].add_site(
             name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4
         )
     elif site not in {present.name for present in spec.sites}:
@@ -350,8 +368,8 @@ def _along_x(direction: Array) -> Array:
     return quat_wxyz_from_rotation(R[:, [2, 0, 1]])
 
 
-def _missing(name: str, kind: str, wanted: str, present: list[str]) -> ConfigurationError:
+def _missing(name: str, kind: str, part: str, present: list[str]) -> ConfigurationError:
     return ConfigurationError(
-        f"{name}: the model has no {kind} {wanted!r}; it has "
-        f"{', '.join(filter(None, present)) or 'none with a name'}{did_you_mean(wanted, present)}"
+        f"{name}: the model has no {kind} {part!r}; it has "
+        f"{', '.join(filter(None, present)) or 'none with a name'}{did_you_mean(part, present)}"
     )

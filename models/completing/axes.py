@@ -39,9 +39,11 @@ def turn_hull(spec: mujoco.MjSpec, up: str, name: str) -> None:
         raise ConfigurationError(f"{name}: up: a hull with <frame> is not turned; write it without")
     for part in (*hull.bodies, *hull.geoms, *hull.sites, *hull.cameras):
         _turn(part, R, name)
+
     for light in hull.lights:
         light.pos = R @ np.array(light.pos)
         light.dir = R @ np.array(light.dir)
+
     if hull.explicitinertial:
         hull.ipos = R @ np.array(hull.ipos)
         if np.isfinite(hull.fullinertia[0]):
@@ -71,10 +73,10 @@ def turned_water(water: BodyHydrodynamics, R: Array, name: str) -> BodyHydrodyna
         raise ConfigurationError(
             f"{name}: `forms` of the hull's water are not turned; state them in the turned axes"
         )
+
     turn = np.kron(np.eye(2), R)
-    strips = tuple(
-        replace(strip, start=R @ strip.start, end=R @ strip.end) for strip in water.strips or ()
-    )
+    strips = tuple(replace(part, start=R @ part.start, end=R @ part.end) for part in water.segments)
+
     return replace(
         water,
         center_of_buoyancy=R @ water.center_of_buoyancy,
@@ -92,9 +94,11 @@ def _turn(
     if part.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
         raise ConfigurationError(f"{name}: up: {part.name!r} must have its orientation as a `quat`")
     fromto = np.array(getattr(part, "fromto", [np.nan] * 6))
+
     if np.isfinite(fromto[0]):
         part.fromto = np.kron(np.eye(2), R) @ fromto
         return
+
     X = pose(R) @ pose(_rotation(part.quat), np.array(part.pos))
     part.pos = X[:3, 3]
     part.quat = quat_wxyz_from_rotation(X[:3, :3])

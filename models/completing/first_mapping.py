@@ -48,8 +48,10 @@ def first_mapping(file: VehicleFile) -> tuple[str, list[str]]:
         "# up: -z                     # where the file has z down",
         "# home: [...]                # [rad] folded, base to tip; without it, it is searched",
     ]
+
     asked = [f"# ? {question}" for question in questions]
     title = f"# Mapping of {spec.modelname or root.name}."
+
     return "\n".join([title, *asked, *lines, ""]), questions
 
 
@@ -59,6 +61,7 @@ def _masses(spec: mujoco.MjSpec, root: mujoco.MjsBody, questions: list[str]) -> 
     weighs = root.explicitinertial and root.mass > 0.0
     shapes = any(geom.density > 0.0 or geom.mass > 0.0 for geom in root.geoms)
     fixed = any(child.mass > 0.0 and not child.joints for child in root.bodies)
+
     if not (weighs or shapes or fixed):
         questions.append(f"mass of {root.name} [kg]: the file states none")
         yield f"masses: {{{_name(root.name)}: 30}}   # guessed"
@@ -78,13 +81,15 @@ def _arms(
             for joint in body.joints
             if joint.type in TURNING and joint.name not in follows and joint.name not in light
         ]
+
         below = max((chain(child) for child in body.bodies), key=len, default=[])
         if body.name in pushing or (mine and not below and _PROPELLER.search(body.name)):
             return []
+
         return mine + below
 
-    found = [chain(child) for child in root.bodies]
-    arms = sorted((joints for joints in found if len(joints) >= _LEAST), key=len, reverse=True)
+    chains = [chain(child) for child in root.bodies]
+    arms = sorted((joints for joints in chains if len(joints) >= _LEAST), key=len, reverse=True)
     return [_without_gripper(joints) for joints in arms]
 
 
@@ -94,6 +99,7 @@ def _without_gripper(joints: list[mujoco.MjsJoint]) -> list[mujoco.MjsJoint]:
         moving = [child for child in joint.parent.bodies if _moves(child)]
         if len(moving) > 1:
             return joints[: i + 1]
+
     return joints
 
 
@@ -108,8 +114,10 @@ def _arm(
     if not arms:
         yield "# no arm was told: arm_base, tip, joints"
         return
+
     joints = arms[0]
     base = joints[0].parent.parent
+
     if base.name == root.name:
         questions.append(
             "arm_base: the arm hangs on the hull itself; put a link between, fixed to the hull"
@@ -139,9 +147,11 @@ def _camera(spec: mujoco.MjSpec, questions: list[str]) -> Iterator[str]:
     """A link that is called a camera; its optical frame first."""
     named = [body.name for body in spec.bodies if _CAMERA.search(body.name)]
     named.sort(key=lambda name: ("optical" not in name.lower(), name))
+
     if not named:
         yield "# camera: {body: ..., pos: [x, y, z], z: [1, 0, -0.5]}   # else before the bow"
         return
+
     view = "[0, 0, 1]" if "optical" in named[0].lower() else "[1, 0, 0]"
     if len(named) > 1:
         questions.append(f"camera: which of {', '.join(named)}?")
@@ -158,9 +168,11 @@ def _thrusters(
             for entry in file.entries
             if entry.way == "guessed" and entry.quantity == "thrust"
         ]
+
         if guessed:
             questions.append(f"thrust [N] of the thrusters {', '.join(guessed)}: it is guessed")
         yield f"# thrusters: {len(file.thrusters)} of the file; stated here they take their place"
+
         return
 
     prior = PRIOR * (_G * max(_mass_of(root), 1.0)) ** (2.0 / 3.0)
@@ -169,8 +181,10 @@ def _thrusters(
         questions.append("thrusters: places, directions and thrust; none was told by a name")
         yield "thrusters: []   # - {name: ahead, pos: [x, y, z], direction: [1, 0, 0], kind: t200}"
         return
+
     questions.append("thrusters: told by the names of links; check directions and thrust [N]")
     yield "thrusters:   # guessed"
+
     for body in guesses:
         turning = [joint for joint in body.joints if joint.type in TURNING]
         axis = np.array(turning[0].axis) if turning else np.array([1.0, 0.0, 0.0])
@@ -184,8 +198,8 @@ def _thrusters(
 
 def _mass_of(body: mujoco.MjsBody) -> float:
     """Mass [kg] of a body and what it carries, as far as it is stated."""
-    own = float(body.mass) if body.explicitinertial else 0.0
-    return own + sum(_mass_of(child) for child in body.bodies)
+    mass = float(body.mass) if body.explicitinertial else 0.0
+    return mass + sum(_mass_of(child) for child in body.bodies)
 
 
 def _name(name: str) -> str:
@@ -196,4 +210,5 @@ def _name(name: str) -> str:
         "on",
         "off",
     )
+
     return name if plain else f'"{name}"'

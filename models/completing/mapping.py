@@ -13,6 +13,7 @@ import numpy as np
 from uuv.models import hydrodynamics
 from uuv.models.completing.actuators import actuate
 from uuv.models.completing.axes import UP, turn_hull
+from uuv.models.completing.hull_box import hull_box
 from uuv.models.completing.masses import give_masses
 from uuv.models.files.keyframes import keyframes_kept
 from uuv.models.files.mjcf_files import compiled, reason_of
@@ -27,7 +28,8 @@ BARE_ARM = "it looks like a bare arm"
 MOUNT = "uuv.models.completing.mounting.mount_arm puts it on a hull (docs/own_vehicle.md)"
 _ARM = 3  # joints from which on a file without thrusters is taken for an arm
 _HULL = 0.5  # share of the mass that a hull has at least
-_BELOW = 0.005  # [m] of the centre of buoyancy below that of mass, from which on it is named
+_BELOW = 0.1  # share of its height by which a hull is borne below its mass, named from there on
+_LOW = 0.05  # [m] least height that counts
 _UP = (0.0, 0.0, 1.0)
 _AHEAD = (1.0, 0.0, 0.0)
 
@@ -51,6 +53,7 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
     spec = file.spec
     note(spec, file.notes)
     keep_entries(spec, file.entries)
+
     if file.bare or file.parts is not None:
         _apply(spec, file)
     elif line := _name_hull(spec):
@@ -68,7 +71,10 @@ def _upside_down(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
     if water is None or not water.volume > 0.0:
         return
     above = float(water.center_of_buoyancy[2] - model.body(HULL_BODY).ipos[2])
-    if above < -_BELOW:
+
+    arm = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
+    low, high = hull_box(model, model.body(HULL_BODY).id, arm)[:, 2]
+    if above < -_BELOW * max(float(high - low), _LOW):
         yield (
             f"the hull's centre of buoyancy is {-1e3 * above:.0f} mm below that of mass: has its "
             "file z down? `up: -z` in the mapping turns it"
@@ -96,6 +102,7 @@ def _apply(spec: mujoco.MjSpec, file: VehicleFile) -> None:
     """
     parts = file.parts or PartsMap()
     name = file.parts_name
+
     try:
         renamed = _name_parts(spec, parts, name)
         actuate(spec, file, renamed)
@@ -117,6 +124,7 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | N
     """
     hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
     before = parts.hull if hull is None else hull.name
+
     if parts.masses:
         aliases = {HULL_BODY: before or HULL_BODY}
         masses = {aliases.get(body, body): mass for body, mass in parts.masses.items()}
@@ -128,6 +136,7 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | N
             _check_root(spec, hull, before, name)
             with keyframes_kept(spec):
                 hull.add_freejoint(name=HULL_BODY)
+
     if parts.arm_base:
         _rename_body(spec, _body(spec, parts.arm_base, name, parts.hull), ARM_BASE_BODY)
 
@@ -137,6 +146,7 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | N
     _add_site(spec, CAMERA_SITE, parts.camera, renamed, name, camera_up)
     if parts.tool:
         _rename_geom(spec, parts.tool, name)
+
     return renamed
 
 
@@ -160,10 +170,12 @@ def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
     if usual is not None:
         return usual
     roots = list(spec.worldbody.bodies)
+
     if len(roots) != 1:
         raise ConfigurationError(
             f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}"
         )
+
     return roots[0]
 
 
@@ -191,9 +203,11 @@ def _body(spec: mujoco.MjSpec, sought: str, name: str, hull: str | None = None) 
         raise ConfigurationError(
             f"{name}: arm_base: must be a body of its own, fixed to the hull, got {sought!r}"
         )
+
     for body in bodies:
         if body.name == sought:
             return body
+
     raise _missing(name, "body", sought, [body.name for body in bodies])
 
 
@@ -208,6 +222,7 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
     for exclude in spec.excludes:
         exclude.bodyname1 = to if exclude.bodyname1 == before else exclude.bodyname1
         exclude.bodyname2 = to if exclude.bodyname2 == before else exclude.bodyname2
+
     for equality in spec.equalities:
         if equality.objtype == mujoco.mjtObj.mjOBJ_BODY:
             equality.name1 = to if equality.name1 == before else equality.name1
@@ -267,6 +282,7 @@ def _add_site(
                     f"; a <camera> is called so: give its place, {usual}: {{body: NAME, pos: "
                     f"[x, y, z]}}"
                 )
+
             raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
 
         original = sites[where]
@@ -277,6 +293,7 @@ def _add_site(
     # On a body, with the axes that are usual for the site.
     body = _body(spec, renamed.get(where.body, where.body), name)
     upright = abs(where.z[2]) > 0.999
+
     if usual == CAMERA_SITE:  # OpenCV axes: x to the right of the view, y down
         over = np.array(_UP) if up is None else up
         x = np.cross(over, _AHEAD) * -1.0 if upright else np.cross(where.z, over)

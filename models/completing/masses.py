@@ -27,20 +27,24 @@ def give_masses(spec: mujoco.MjSpec, masses: Mapping[str, float], name: str) -> 
         ConfigurationError: there is no such body.
     """
     bodies = {body.name: body for body in spec.bodies if body.name != "world"}
-    for wanted, mass in masses.items():
-        if wanted not in bodies:
+
+    for name_of, mass in masses.items():
+        if name_of not in bodies:
             raise ConfigurationError(
-                f"{name}: masses: the model has no body {wanted!r}{did_you_mean(wanted, bodies)}"
+                f"{name}: masses: the model has no body {name_of!r}{did_you_mean(name_of, bodies)}"
             )
-        body = bodies[wanted]
+
+        body = bodies[name_of]
         shapes = [geom for geom in body.geoms if geom.density or np.isfinite(geom.mass)]
         body.explicitinertial = not shapes
         weight = _weight(spec, body) if shapes else 0.0
+
         for geom in shapes:
             if np.isfinite(geom.mass):
                 geom.mass *= mass / weight
             else:
                 geom.density *= mass / weight
+
         if shapes:
             continue
 
@@ -49,7 +53,9 @@ def give_masses(spec: mujoco.MjSpec, masses: Mapping[str, float], name: str) -> 
         body.ipos = np.zeros(3)
         body.inertia = np.full(3, 0.4 * mass * radius**2)
         body.fullinertia = np.full(6, np.nan)
+
     stated = ", ".join(f"{body} {mass:g} kg" for body, mass in masses.items())
+
     return [f"masses of the mapping, inertia of the shapes or of a sphere of water: {stated}"]
 
 
@@ -60,4 +66,5 @@ def _weight(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> float:
         alone.delete(part)
     for joint in list(alone.joints):
         alone.delete(joint)
+
     return float(alone.compile().body(body.name).mass[0])

@@ -45,7 +45,9 @@ def hold(
     }
 
     # A keyframe keeps the values of the joints that stay.
-    still, away = [], []
+    still: list[str] = []
+    away: list[str] = []
+
     with keyframes_kept(spec):
         for joint in joints:
             name = joint.name or "without a name"
@@ -54,10 +56,12 @@ def hold(
             motion = value - _in_si(spec, joint, joint.ref)
             if abs(motion) > _ZERO:
                 _move(spec, joint, motion)
+
             if abs(value) > _ZERO:
                 away.append(f"{name} at {value:.4g} {unit}")
             else:
                 still.append(name)
+
             _delete(spec, joint)
 
     lines = []
@@ -65,6 +69,7 @@ def hold(
         lines.append(f"joints held at 0, {why}: {', '.join(still)}")
     if away:
         lines.append(f"joints held within their range, {why}: {', '.join(away)}")
+
     return lines
 
 
@@ -105,10 +110,11 @@ def _weighs(body: mujoco.MjsBody) -> bool:
     """True if a body, or one without joints that it carries, has mass and inertia."""
     if body.explicitinertial:
         inertia = body.fullinertia[:3] if np.isfinite(body.fullinertia[0]) else body.inertia
-        own = body.mass > 0.0 and float(np.min(inertia)) > 0.0
+        weighs = body.mass > 0.0 and float(np.min(inertia)) > 0.0
     else:
-        own = any(geom.density > 0.0 or geom.mass > 0.0 for geom in body.geoms)
-    return own or any(_weighs(child) for child in body.bodies if not child.joints)
+        weighs = any(geom.density > 0.0 or geom.mass > 0.0 for geom in body.geoms)
+
+    return weighs or any(_weighs(child) for child in body.bodies if not child.joints)
 
 
 def followed(spec: mujoco.MjSpec) -> dict[str, tuple[str, Array]]:
@@ -126,6 +132,7 @@ def range_of(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> tuple[float, float]
     limited = joint.limited == mujoco.mjtLimited.mjLIMITED_TRUE or (
         joint.limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high
     )
+
     return (low, high) if limited else (-np.inf, np.inf)
 
 
@@ -139,11 +146,13 @@ def _value(
     """Value [rad] or [m] at which a joint is held."""
     reference = value = _in_si(spec, joint, joint.ref)
     leader, polynomial = leaders.get(joint.name, ("", np.zeros(5)))
+
     if leader in by_name and leader not in passed:
         lead = by_name[leader]
         moved = _value(spec, lead, by_name, leaders, (*passed, joint.name))
         moved -= _in_si(spec, lead, lead.ref)
         value = reference + float(np.polynomial.polynomial.polyval(moved, polynomial))
+
     return float(np.clip(value, *range_of(spec, joint)))
 
 
@@ -157,6 +166,7 @@ def _move(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, motion: float) -> None:
     """Put the body of a joint where the joint's motion [rad] or [m] takes it."""
     body = joint.parent
     axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+
     if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
         step = pose(None, motion * axis)
     else:
@@ -181,6 +191,7 @@ def _quat_of(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Array:
         still.delete(part)
     for other in list(still.joints):
         still.delete(other)
+
     return np.array(still.compile().body(body.name).quat)
 
 

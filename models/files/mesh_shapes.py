@@ -36,12 +36,14 @@ def add_meshes(spec: mujoco.MjSpec, meshes: list[LinkMesh]) -> list[str]:
     """
     without: list[str] = []
     reason = ""
+
     for mesh in meshes:
         try:
             _add_mesh(spec, mesh)
         except MissingLibraryError as error:
             without.append(mesh.file.name)
             reason = str(error)
+
     return [f"meshes left out, {listed(without)}: {reason}"] if without else []
 
 
@@ -58,6 +60,7 @@ def _add_mesh(spec: mujoco.MjSpec, mesh: LinkMesh) -> None:
     asset = spec.add_mesh(name=name, scale=list(mesh.scale))
     if not mesh.weighs:  # its volume does not matter, and it may be open
         asset.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+
     if in_mujoco:
         asset.file = str(mesh.file)
     else:
@@ -70,6 +73,7 @@ def _add_mesh(spec: mujoco.MjSpec, mesh: LinkMesh) -> None:
         pos=mesh.X_LG[:3, 3],
         quat=quat_wxyz_from_rotation(mesh.X_LG[:3, :3]),
     )
+
     if not mesh.collides:
         geom.contype = geom.conaffinity = 0
         geom.group = _SEEN

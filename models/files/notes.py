@@ -31,6 +31,7 @@ def keep_entries(spec: mujoco.MjSpec, entries: Iterable[ReadEntry]) -> None:
     for entry in entries:
         key = entry.quantity, entry.value, entry.way, entry.origin
         alike.setdefault(key, []).append(entry.part)
+
     for i, (key, parts) in enumerate(alike.items(), start=1):
         spec.add_text(name=f"{_ENTRY}{i}", data=_BETWEEN.join((_joined(parts), *key)))
 
@@ -38,19 +39,18 @@ def keep_entries(spec: mujoco.MjSpec, entries: Iterable[ReadEntry]) -> None:
 def entries_of(spec: mujoco.MjSpec) -> tuple[ReadEntry, ...]:
     """What the file of a spec carries, as `keep_entries` kept it."""
     rows = [text.data.split(_BETWEEN) for text in spec.texts if text.name.startswith(_ENTRY)]
-    return tuple(
-        ReadEntry(part=part, quantity=quantity, value=value, way=way, origin=origin)  # type: ignore[arg-type]
-        for part, quantity, value, way, origin in rows
-    )
+    return tuple(ReadEntry.of(row) for row in rows)
 
 
 def _joined(parts: list[str]) -> str:
     """Names of parts, their common beginning once."""
     if len(parts) == 1:
         return parts[0]
-    first, last = min(parts), max(parts)
+    first = min(parts)
+    last = max(parts)
     same = [a == b for a, b in zip(first, last, strict=False)]
     common = first[: same.index(False) if False in same else len(same)]
+
     return common + ", ".join(part.removeprefix(common) for part in parts)
 
 
@@ -63,6 +63,7 @@ def forget(spec: mujoco.MjSpec, name: str = "") -> None:
         if text.name.startswith(_ENTRY) and not name:
             spec.delete(text)
             continue
+
         part = text.name.removeprefix(COMPUTED)
         if text.name.startswith(COMPUTED) and name in ("", part):
             spec.delete(text)

@@ -27,14 +27,17 @@ def package_folder(package: str, folder: Path) -> Path | None:
     """
     folder = folder.resolve()
     above = [folder, *folder.parents]
+
     for base in above:
         if base.name == package:
             return base
         if (base / package).is_dir() and _is_package(base / package):
             return base / package
+
     inside = next((k for k, base in enumerate(above) if _is_package(base)), None)
     workspace = [] if inside is None else above[inside + 1 : inside + 1 + _AROUND]
     searched = [Path(path) for path in _stated()] + [base for base in workspace if base.name]
+
     return next((known[package] for base in searched if package in (known := _below(base))), None)
 
 
@@ -91,6 +94,7 @@ def _below(base: Path) -> dict[str, Path]:
     for folder in islice(_folders(base), _MOST):
         if folder.name not in packages and _is_package(folder):
             packages[folder.name] = folder
+
     return packages
 
 
@@ -110,4 +114,5 @@ def _folders(base: Path) -> Iterator[Path]:
                 ]
             except OSError:
                 continue
+
         level = following

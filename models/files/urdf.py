@@ -248,24 +248,7 @@ def parse(
     """
     xml = _parsed(urdf, name, arguments)
     links = tuple(link.get("name", "") for link in xml.findall("link"))
-    carriers: dict[str, tuple[str, Element]] = {}
-
-    for joint in xml.findall("joint"):
-        subject = f"{name}: joint {joint.get('name', '')!r}"
-        kind = joint.get("type", "")
-        if kind not in _JOINTS:
-            raise ConfigurationError(f"{subject}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
-
-        ends = [
-            end.get("link", "")
-            for end in (joint.find("parent"), joint.find("child"))
-            if end is not None
-        ]
-        if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
-            raise ConfigurationError(
-                f"{subject}: must join a parent link to a child of no other, got {ends}"
-            )
-        carriers[ends[1]] = ends[0], joint
+    carriers = _carriers(xml, links, name)
 
     # From each link up to the one root, without a loop.
     if not links:
@@ -301,6 +284,33 @@ def parse(
         notes=notes,
         carriers=carriers,
     )
+
+
+def _carriers(xml: Element, links: tuple[str, ...], name: str) -> dict[str, tuple[str, Element]]:
+    """Parent link and joint of each link that a joint carries.
+
+    Raises:
+        ConfigurationError: an unknown type of joint, or one that does not join two links.
+    """
+    carriers: dict[str, tuple[str, Element]] = {}
+
+    for joint in xml.findall("joint"):
+        subject = f"{name}: joint {joint.get('name', '')!r}"
+        kind = joint.get("type", "")
+        if kind not in _JOINTS:
+            raise ConfigurationError(f"{subject}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+
+        ends = [
+            end.get("link", "")
+            for end in (joint.find("parent"), joint.find("child"))
+            if end is not None
+        ]
+        if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
+            raise ConfigurationError(
+                f"{subject}: must join a parent link to a child of no other, got {ends}"
+            )
+        carriers[ends[1]] = ends[0], joint
+    return carriers
 
 
 def model_from_urdf(

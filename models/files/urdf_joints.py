@@ -40,6 +40,7 @@ def settle(xml: Element, name: str) -> list[str]:
     changes: dict[str, list[str]] = {}
     held: dict[str, float] = {}
     joints = {joint.get("name", ""): joint for joint in xml.findall("joint")}
+
     for joint_name, joint in joints.items():
         if joint.get("type") not in DRIVEN:
             continue
@@ -55,6 +56,7 @@ def settle(xml: Element, name: str) -> list[str]:
         if leader in held and joints[follower].get("type") in DRIVEN:
             _fix(joints[follower], factor * held[leader] + offset, f"{name}: joint {follower!r}")
             changes.setdefault(_HELD, []).append(follower)
+
     return [f"{change}: {listed(names)}" for change, names in changes.items()]
 
 
@@ -75,11 +77,13 @@ def limits_of(joint: Element, name: str) -> tuple[float, float]:
     lower, upper = _stated(joint, f"{name}: joint {joint.get('name', '')!r}")
     if lower is None or upper is None:
         return -np.inf, np.inf
+
     if lower > upper:
         raise ConfigurationError(
             f"{name}: joint {joint.get('name')!r}: its lower limit {lower:g} lies above the upper "
             f"{upper:g}; exchange them in the URDF"
         )
+
     return lower, upper
 
 
@@ -99,6 +103,7 @@ def followers(joints: Mapping[str, Element], name: str) -> dict[str, tuple[str, 
         ConfigurationError: a leader that the robot has not, a number that is none, or a loop.
     """
     direct = {}
+
     for follower, joint in joints.items():
         mimic = joint.find("mimic")
         if mimic is None:
@@ -121,7 +126,9 @@ def followers(joints: Mapping[str, Element], name: str) -> dict[str, tuple[str, 
             leader, further, shift = direct[leader]
             offset += factor * shift
             factor *= further
+
         resolved[follower] = leader, factor, offset
+
     return resolved
 
 
@@ -129,9 +136,11 @@ def taken_mimics(xml: Element, name: str) -> dict[str, tuple[str, float, float]]
     """Take the `mimic` elements, which MuJoCo lacks, out of a robot; returns its `followers`."""
     joints = {joint.get("name", ""): joint for joint in xml.findall("joint")}
     coupled = followers(joints, name)
+
     for joint in joints.values():
         for mimic in joint.findall("mimic"):
             joint.remove(mimic)
+
     return coupled
 
 
@@ -142,12 +151,14 @@ def speeds(xml: Element, name: str) -> dict[str, float]:
         ConfigurationError: it is no number.
     """
     stated = {}
+
     for joint in xml.findall("joint"):
         limit = joint.find("limit")
         text = None if limit is None else limit.get("velocity")
         if text is not None:
             joint_name = joint.get("name", "")
             stated[joint_name] = abs(figure(text, f"{name}: joint {joint_name!r}: velocity"))
+
     return stated
 
 
@@ -169,6 +180,7 @@ def _settled(joint: Element, subject: str) -> str:
         if kind == "revolute":
             joint.set("type", "continuous")
         return ""
+
     if max(abs(lower), abs(upper)) > ENDLESS:
         _without_limits(joint)
         return f"limits beyond {ENDLESS:g} count as none"
@@ -178,16 +190,21 @@ def _settled(joint: Element, subject: str) -> str:
         if kind == "continuous":
             _without_limits(joint)
             return ""
+
         _fix(joint, lower, subject)
         return _HELD
+
     if kind == "continuous":
         if lower > upper:
             _without_limits(joint)
             return "continuous joints whose lower limit lies above the upper turn without end"
+
         joint.set("type", "revolute")
         change = "continuous joints keep the limits that are stated beside"
+
     for limit in joint.findall("limit"):  # both, for a missing one counts as none elsewhere
         limit.attrib.update(lower=repr(lower), upper=repr(upper))
+
     return change
 
 
@@ -197,12 +214,15 @@ def _stated(joint: Element, subject: str) -> tuple[float | None, float | None]:
     texts = [limit.get(side) for side in ("lower", "upper")] if limit is not None else [None, None]
     if texts == [None, None]:
         return None, None
+
     try:
         lower, upper = (float(text) if text is not None else 0.0 for text in texts)
     except ValueError as error:
         raise ConfigurationError(f"{subject}: limits must be numbers") from error
+
     if np.isnan([lower, upper]).any():
         raise ConfigurationError(f"{subject}: limits must be numbers, got nan")
+
     return lower, upper
 
 
@@ -210,6 +230,7 @@ def _without_limits(joint: Element) -> None:
     for limit in joint.findall("limit"):
         limit.attrib.pop("lower", None)
         limit.attrib.pop("upper", None)
+
     if joint.get("type") == "revolute":
         joint.set("type", "continuous")
 
@@ -219,6 +240,7 @@ def _fix(joint: Element, value: float, subject: str) -> None:
     if value != 0.0:
         X = origin_of(joint, subject)
         set_origin(joint, X @ moved(joint.get("type", ""), axis_of(joint, subject), value))
+
     joint.set("type", "fixed")
     for element in [*joint.findall("mimic"), *joint.findall("limit")]:
         joint.remove(element)

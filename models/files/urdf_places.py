@@ -29,6 +29,7 @@ def origin_of(owner: Element, name: str) -> Array:
         return np.eye(4)
     subject = f"{name}: joint {owner.get('name')!r}" if owner.tag == "joint" else name
     p = numbers_of(element.get("xyz"), (0.0, 0.0, 0.0), subject)
+
     return pose(rotation_from_rpy(numbers_of(element.get("rpy"), (0.0, 0.0, 0.0), subject)), p)
 
 
@@ -55,6 +56,7 @@ def axis_of(joint: Element, name: str) -> Array:
     length = float(np.linalg.norm(axis))
     if not length > 0.0:
         raise ConfigurationError(f"{subject}: its axis has no length")
+
     return axis / length
 
 
@@ -66,10 +68,12 @@ def numbers_of(text: str | None, default: tuple[float, float, float], subject: s
     """
     if text is None:
         return np.array(default)
+
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError as error:
         raise ConfigurationError(f"{subject}: expected three numbers, got {shown(text)}") from error
+
     return checked_place(numbers, (3,), subject, LONGEST)
 
 

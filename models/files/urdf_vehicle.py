@@ -78,9 +78,11 @@ def spec_of_urdf(
     except (ValueError, TypeError, RecursionError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {reason}") from error
+
     follow(spec, coupled)
     notes += add_meshes(spec, meshes)
     as_vehicle(spec)
+
     return spec, notes
 
 
@@ -88,6 +90,7 @@ def as_vehicle(spec: mujoco.MjSpec) -> None:
     """Set what neither a URDF nor an SDF says: integrator, friction cone, which shapes meet."""
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = _BITS
@@ -103,6 +106,7 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
         ConfigurationError: an origin in it is no origin.
     """
     notes: list[str] = []
+
     if robot.root == _WORLD:
         hung = [joint for joint in robot.xml.findall("joint") if _end(joint, "parent") == _WORLD]
         if len(hung) == 1 and hung[0].get("type") in ("floating", "fixed"):
@@ -110,6 +114,7 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
             for link in robot.xml.findall("link"):
                 if link.get("name") == _WORLD:
                     robot.xml.remove(link)
+
             notes.append(f"link world left out: {_end(hung[0], 'child')} floats")
             settled = robot.notes
             robot = replace(parse(ElementTree.tostring(robot.xml), robot.name), notes=settled)
@@ -127,6 +132,7 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
             change = f"it takes that of {child.get('name', '')!r}, which is fixed to it"
             notes.append(f"link {robot.root} has no mass: {change}")
             break
+
     return robot, notes
 
 
@@ -137,6 +143,7 @@ def _weightless_links(xml: Element) -> Iterator[str]:
         for link in xml.findall("link")
         if link.find("inertial") is None and any(link.find(shape) is not None for shape in _SHAPES)
     ]
+
     if names:
         listed = ", ".join(names)
         yield f"links without <inertial> weigh as their shapes filled with water: {listed}"
@@ -156,6 +163,7 @@ def _repeated_elements(xml: Element) -> Iterator[str]:
                 for element in part.findall(tag)[1:]:
                     part.remove(element)
                     twice.append(f"{owner.get('name')} <{tag}>")
+
     if twice:
         yield f"stated twice, the first counts: {listed(twice)}"
 
@@ -167,13 +175,16 @@ def _own_options(xml: Element) -> tuple[dict[str, str], str]:
     """
     options = {}
     meshdir = ""
+
     for extension in xml.findall("mujoco"):
         for compiler in extension.findall("compiler"):
             options.update(
                 {key: compiler.attrib[key] for key in _MENDING if key in compiler.attrib}
             )
             meshdir = compiler.get("meshdir", meshdir)
+
         xml.remove(extension)
+
     return options, meshdir
 
 
@@ -184,6 +195,7 @@ def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
         ConfigurationError: an inertia that misses it by more, with what can be done.
     """
     mended = []
+
     for link in robot.xml.findall("link"):
         inertia = link.find("inertial/inertia")
         if inertia is None:
@@ -192,10 +204,12 @@ def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
         tensor, changed = mended_tensor(
             _tensor(inertia, subject), subject, f"correct it, or let MuJoCo take their mean, {_BY}"
         )
+
         if changed:
             for i, j, key in _ENTRIES:
                 inertia.set(key, repr(float(tensor[i, j])))
             mended.append(link.get("name", ""))
+
     if mended:
         yield f"inertias raised by rounding, for no body has them as stated: {listed(mended)}"
 
@@ -210,13 +224,16 @@ def mended_tensor(tensor: Array, subject: str, remedy: str) -> tuple[Array, bool
     lacking = float(principal[2] - principal[0] - principal[1])
     if lacking <= 1e-12 * abs(float(principal[2])):
         return tensor, False
+
     if lacking > _ROUNDED * principal[2]:
         figures = ", ".join(f"{entry:.4g}" for entry in principal)
         raise ConfigurationError(
             f"{subject}: no body has the principal moments {figures} kg m^2, for the largest "
             f"exceeds the sum of the others; {remedy}"
         )
+
     principal[:2] += 0.51 * lacking
+
     return R @ np.diag(principal) @ R.T, True
 
 
@@ -247,6 +264,7 @@ def _taken_meshes(
     """
     meshes = []
     missing: set[str] = set()
+
     for link in robot.xml.findall("link"):
         for shape in [part for kind in _SHAPES for part in link.findall(kind)]:
             element = shape.find("geometry/mesh")
@@ -256,9 +274,11 @@ def _taken_meshes(
             filename = element.get("filename", "")
             file = _file_of(filename, folder, subject, shape.tag in needed, link)
             link.remove(shape)
+
             if file is None:
                 missing.add(Path(filename).name)
                 continue
+
             x, y, z = numbers_of(element.get("scale"), (1.0, 1.0, 1.0), f"{subject} scale").tolist()
             collides = shape.tag == "collision"
             meshes.append(
@@ -289,15 +309,18 @@ def _file_of(filename: str, folder: Path, subject: str, needed: bool, link: Elem
     file = mesh_file(filename, folder) if readable else None
     if file is not None or not needed:
         return file
+
     if readable:
         raise ConfigurationError(
             f"{subject} {shown(filename)}: there is no such file (looked in {shown(str(folder))})"
         )
+
     if link.find("collision/geometry/mesh") is not None or link.find("collision") is None:
         raise ConfigurationError(
             f"{subject} {shown(filename)}: what is read is {', '.join((*MESHES, *OTHERS))}; "
             "convert it"
         )
+
     return None  # its collision shapes stand for it
 
 
@@ -308,6 +331,7 @@ def _loose_joints(xml: Element) -> Iterator[str]:
         if joint.get("type") in _UNCOUPLED:
             held.append(joint.get("name", ""))
             joint.set("type", "fixed")
+
     if held:
         yield f"joints held at zero, floating or planar: {listed(held)}"
 

@@ -40,6 +40,7 @@ def expanded(
             not there, or xacro refuses the file.
     """
     path = Path(file)
+
     try:
         with wanted():
             import xacro
@@ -48,9 +49,9 @@ def expanded(
             f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf, or {error}"
         ) from error
 
-    told = io.StringIO()  # its warnings
+    warned = io.StringIO()  # its warnings
     try:
-        with _packages_around(path.parent), contextlib.redirect_stderr(told):
+        with _packages_around(path.parent), contextlib.redirect_stderr(warned):
             document: Any = xacro.process_file(str(path), mappings=dict(arguments or {}))
             return document.toxml(encoding="utf-8")
     except Exception as error:  # whatever the macros of the file raise, and what is raised here
@@ -70,17 +71,19 @@ def _packages_around(folder: Path) -> Iterator[None]:
     from xacro import substitution_args
 
     def find(package: str) -> str:
-        found = package_folder(package, folder)
-        if found is None:
+        place = package_folder(package, folder)
+        if place is None:
             raise ConfigurationError(
                 f"there is no package {package!r} around {str(folder)!r}; name the folder that has "
                 "it in ROS_PACKAGE_PATH"
             )
-        return str(found)
+
+        return str(place)
 
     replaced = substitution_args._eval_find
     evaluated: dict[str, Any] = substitution_args._eval_dict
     substitution_args._eval_find = evaluated["find"] = find
+
     try:
         yield
     finally:

@@ -8,6 +8,7 @@ therefore these two are read here.
 
 import logging
 import warnings
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,7 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
         import trimesh
 
         if file.suffix.lower() == ".dae":
-            import collada  # noqa: F401 (trimesh, without it, knows no such format)
+            import_module("collada")  # without it, trimesh knows no such format
 
     # otherwise it prints tracebacks of recovered errors
     logging.getLogger("trimesh").addHandler(_SILENT)

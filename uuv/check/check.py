@@ -121,8 +121,8 @@ class _Check:
             if vehicle.tip >= 0:
                 blocked = self._arm(model, vehicle, wet is not None)
         if closed := loops(self._spec):
-            said = f"closed loop: {', '.join(closed)}; hovering is judged with the arm held"
-            self._note("closed-loop", "doubt", said)
+            line = f"closed loop: {', '.join(closed)}; hovering is judged with the arm held"
+            self._note("closed-loop", "doubt", line)
         usable = vehicle if wet is not None else None
 
         verdicts = tuple(self._verdict(job, model, usable, blocked) for job in jobs)
@@ -333,8 +333,8 @@ class _Check:
 
         if not vehicle.thruster_names:
             bare = any(line.startswith(BARE_ARM) for line in computed(self._spec).values())
-            said = f"{BARE_ARM}: {MOUNT}" if bare else "lacks thrusters (hold the hull)"
-            return JobVerdict(job=job, promised=False, code="parts", said=said)
+            reason = f"{BARE_ARM}: {MOUNT}" if bare else "lacks thrusters (hold the hull)"
+            return JobVerdict(job=job, promised=False, code="parts", said=reason)
 
         for fault in self._findings:
             if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
@@ -346,8 +346,8 @@ class _Check:
         if job in HOVERING:
             return hover_verdict(job, rigid(self._spec, model) if closed else model)
         if closed:
-            said = f"the arm is a closed loop ({closed[0]}), and the jobs know serial arms alone"
-            return JobVerdict(job=job, promised=False, code="closed-loop", said=said)
+            reason = f"the arm is a closed loop ({closed[0]}), and jobs know serial arms alone"
+            return JobVerdict(job=job, promised=False, code="closed-loop", said=reason)
         assert job in ARM_JOBS
         return self._jobs.verdict(job, blocked, self._spec if self._by_spec else None)
 

@@ -9,7 +9,6 @@ from uuv.check.findings import VehicleFinding
 from uuv.check.statics import AXES, TipForce, Trim, authority
 from uuv.controllers.hull.allocation import undriven_axes
 from uuv.models import hydrodynamics as coefficients
-from uuv.models.completing.actuators import JERKY
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.hydrodynamics import LAYOUT
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TOOL_GEOM, find
@@ -29,6 +28,7 @@ LOADED = 0.5  # share of a joint's torque that the arm's own weight in water may
 BLOCKED = 0.15  # share of the camera's rays that may hit the vehicle itself, the arm at home
 SLENDER = 0.08  # least radius of gyration, as a share of the body's extent
 BULKY = 1.5  # largest, alike
+JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 FLIPPED = 0.5  # share to which touching falls if a joint's axis is likely turned round
 OFTEN = 0.2  # share of postures that touch, from which on a turned axis is looked for
 # share of the largest part of an undriven direction from which on another axis is named too

@@ -18,6 +18,7 @@ from uuv.check.findings import JobVerdict
 from uuv.check.hover import HoverFigures, hover
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
 from uuv.check.statics import Listing, listing_of, tip_force
+from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.arrival import around, lifted
@@ -41,11 +42,11 @@ from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
-LIST = float(np.radians(20.0))  # [rad] at most, of a hull that weight and buoyancy right
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
+FRICTION = 0.6  # of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
@@ -54,21 +55,23 @@ def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
     """Verdict on station keeping: the list by statics where an axis is undriven; by simulation."""
     vehicle = Vehicle.of(model)
     listing = listing_of(model, vehicle, np.array(vehicle.q_home))
-    if listing is not None and not listing.angle <= LIST:
+    if listing is not None and not listing.angle <= MOST_LIST:
         return _listed(name, listing)
     hovered = _hovering(model, HOVERING[name])
     if isinstance(hovered, JobVerdict):
         return replace(hovered, job=name)
     verdict = _kept(name, hovered)
     return (
-        verdict if listing is None else replace(verdict, said=f"{verdict.said}; {listing.said()}")
+        verdict
+        if listing is None
+        else replace(verdict, said=f"{verdict.said}; {listing.in_words()}")
     )
 
 
 def _listed(name: str, listing: Listing) -> JobVerdict:
     """Refusal of a hull that lists too far."""
-    said = f"{listing.said()}, at most {np.degrees(LIST):.0f} deg"
-    return _refused(name, "list", said, float(np.degrees(listing.angle)))
+    reason = f"{listing.in_words()}, at most {np.degrees(MOST_LIST):.0f} deg"
+    return _refused(name, "list", reason, float(np.degrees(listing.angle)))
 
 
 def _hovering(
@@ -287,10 +290,8 @@ def _planned(
         )
         return _refused(name, "margin", message, margin)
 
-    push = np.array([0.0, 0.0, -push_of(scenario)])
-    model = hydrodynamics.compile(spec.copy())
-    listing = listing_of(model, believed.vehicle, placement.q_start, push)
-    if listing is not None and not listing.angle <= LIST:
+    listing = _worst_list(spec, believed.vehicle, placement.q_start, push_of(scenario))
+    if listing is not None and not listing.angle <= MOST_LIST:
         return _listed(name, listing)
 
     part = "" if share > 0.999 else f", {share:.0%} of the path"
@@ -301,7 +302,7 @@ def _planned(
         said=f"margin {margin:.2f} (1 is roomy, 0 at a limit) at {push_of(scenario):.0f} N in "
         f"{speed:.2f} m/s{part}"
         + _touching(believed, placement.q_start)
-        + ("" if listing is None else f"; {listing.said()}")
+        + ("" if listing is None else f"; {listing.in_words()}")
         + (
             f"; on the way in the folded arm or the hull reaches {-gap:.2f} m into its outline"
             if gap < 0.0
@@ -309,6 +310,23 @@ def _planned(
         ),
         figure=margin,
     )
+
+
+def _worst_list(
+    spec: mujoco.MjSpec, vehicle: Vehicle, q_start: Array, push: float
+) -> Listing | None:
+    """Largest list in the ready posture and where the work begins, with friction either way."""
+    if not undriven_axes(vehicle.thruster_wrench):
+        return None
+    model = hydrodynamics.compile(spec.copy())
+    drag = FRICTION * push
+    forces = [np.array([x, y, -push]) for x in (-drag, drag) for y in (-drag, drag)]
+    lists = [listing_of(model, vehicle, q_start, force) for force in forces]
+    lists.append(listing_of(model, vehicle, np.array(vehicle.q_ready)))
+
+    # One that turns over has no angle.
+    listed = [listing for listing in lists if listing is not None]
+    return max(listed, key=lambda listing: np.nan_to_num(listing.angle, nan=np.inf))
 
 
 def _touching(believed: OwnVehicle, q: Array) -> str:

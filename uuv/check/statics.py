@@ -83,7 +83,7 @@ class Listing:
     righting: float  # [N m/rad] W h; not positive: it turns over
     angle: float  # [rad] at which both balance; NaN: there is none
 
-    def said(self) -> str:
+    def in_words(self) -> str:
         """It in words."""
         named = " and ".join(self.axes)
         if not self.angle >= 0.0:

@@ -339,7 +339,11 @@ class PlacedSurfaceWork(PlacedTask):
 
 
 def work_bounds(believed: "OwnVehicle") -> Bounds:
-    """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints."""
+    """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints.
+
+    A hull that weight and buoyancy alone right in roll or pitch may list.
+    """
+    from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
     from uuv.controllers.planning.arm_margins import TILT
     from uuv.controllers.planning.arm_size import FULL
 
@@ -347,10 +351,13 @@ def work_bounds(believed: "OwnVehicle") -> Bounds:
     usual = Bounds()
 
     # An arm of fewer joints lets its tool lean.
+    tilt = usual.tilt if known.chain.n >= FULL else TILT
+    lists = bool(undriven_axes(believed.vehicle.thruster_wrench))
     return Bounds(
         force_error_rms=known.size * usual.force_error_rms,
         force_error_max=known.size * usual.force_error_max,
-        tilt=usual.tilt if known.chain.n >= FULL else TILT,
+        tilt=tilt,
+        hull_tilt=MOST_LIST if lists else tilt,
     )
 
 

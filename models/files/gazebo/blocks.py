@@ -27,25 +27,28 @@ def content_of_urdf(xml: Element, name: str) -> FileContent:
         for joint in xml.findall("joint")
         if joint.get("type") in DRIVEN or joint.find("axis") is not None
     }
+
     return content_of(plugins, ModelFacts(name=name, masses=_masses(xml, name), joints=joints))
 
 
 def _masses(xml: Element, name: str) -> dict[str, float]:
     """Mass [kg] of each link with what is fixed to it, which Gazebo makes one with it."""
-    own = {}
+    stated = {}
     for link in xml.findall("link"):
         mass = link.find("inertial/mass")
         text = "0" if mass is None else mass.get("value", "0")
-        own[link.get("name", "")] = figure(text, f"{name}: link {link.get('name')!r}: mass")
+        stated[link.get("name", "")] = figure(text, f"{name}: link {link.get('name')!r}: mass")
+
     fixed: dict[str, list[str]] = {}
+
     for joint in xml.findall("joint"):
         if joint.get("type") == "fixed":
             fixed.setdefault(_end(joint, "parent"), []).append(_end(joint, "child"))
 
     def lumped(link: str) -> float:
-        return math.fsum([own.get(link, 0.0), *(lumped(child) for child in fixed.get(link, []))])
+        return math.fsum([stated.get(link, 0.0), *(lumped(child) for child in fixed.get(link, []))])
 
-    return {link: lumped(link) for link in own}
+    return {link: lumped(link) for link in stated}
 
 
 def _end(joint: Element, which: str) -> str:

@@ -87,7 +87,9 @@ def numbers_in(
         return None
     numbers = [figure(word, f"{name}: <{tag}>") for word in text.replace(",", " ").split()]
     allowed = tuple(counts)
+
     if allowed and len(numbers) not in allowed:
         expected = " or ".join(map(str, allowed))
         raise ConfigurationError(f"{name}: <{tag}>: expected {expected} numbers, got {shown(text)}")
+
     return numbers

@@ -36,15 +36,18 @@ def content_of(plugins: Iterable[Element], facts: ModelFacts) -> FileContent:
     content = FileContent()
     elements = list(plugins)
     limits = _ardupilot_limits(elements, facts)
+
     for plugin in elements:
         kind = f"{plugin.get('filename', '')} {plugin.get('name', '')}"
         if "gz-sim-thruster" in kind or "systems::Thruster" in kind:
             _gz_thruster(plugin, facts, content, limits)
             continue
+
         for mark, reader in _READERS:
             if mark in kind:
                 reader(plugin, facts, content)
                 break
+
     return content
 
 
@@ -54,17 +57,21 @@ def _gz_hydrodynamics(plugin: Element, facts: ModelFacts, content: FileContent) 
     if link not in facts.masses:
         content.tell(link, "water", "", "left out", "the model has no such link")
         return
+
     density = number_in(plugin, "water_density", facts.name)
     content.water_density = density or content.water_density
     parameters = {}
+
     for element in plugin:
         tag = element.tag
         if tag in ("link_name", "namespace", "topic", *_NOT_WATER) or len(element):
             continue
+
         try:
             parameters[tag] = figure((element.text or "").strip(), f"{facts.name}: <{tag}>")
         except ConfigurationError:
             continue  # a topic's name, or another word
+
     known = {name: entry for name, entry in parameters.items() if gz_sim.is_known(name)}
     for name in parameters.keys() - known.keys():
         content.tell(link, name, "", "left out", "unknown to gz-sim's Hydrodynamics")
@@ -87,6 +94,7 @@ def _signed(parameters: dict[str, float], link: str, content: FileContent) -> di
             content.tell(
                 link, name, f"{entry:g}", "guessed", "taken negative, or it feeds energy in"
             )
+
     return signed
 
 
@@ -98,8 +106,10 @@ def _volume_of(
         volume, center = facts.volumes[link]
         content.tell(link, "volume", f"{volume:.6g} m^3", "read", "collision shapes (Buoyancy)")
         return volume, center
+
     volume = facts.masses[link] / density
     content.tell(link, "volume", f"{volume:.6g} m^3", "guessed", "neutral: no shapes that displace")
+
     return volume, np.zeros(3)
 
 
@@ -112,9 +122,11 @@ def _body_tree(water: BodyHydrodynamics) -> dict:
         "linear_damping": water.linear_damping.tolist(),
         "quadratic_damping": water.quadratic_damping.tolist(),
     }
-    terms = [form.terms.tolist() for form in water.forms if isinstance(form, CrossTerms)]
+
+    terms = [form.terms.tolist() for form in water.terms if isinstance(form, CrossTerms)]
     if terms:
         tree["forms"] = [{"cross_terms": {"terms": rows}} for rows in terms]
+
     return tree
 
 
@@ -124,9 +136,11 @@ def _gz_thruster(
     """Plugin Thruster of gz-sim: thrust k rho D^4 w |w| along its joint."""
     name = (plugin.findtext("joint_name") or "").strip()
     joint = facts.joints.get(name)
+
     if joint is None:
         content.tell(f"thruster {name}", "thruster", "", "left out", "its joint is not there")
         return
+
     subject = f"{facts.name}: thruster {name}"
     least = number_in(plugin, "min_thrust_cmd", subject)
     most = number_in(plugin, "max_thrust_cmd", subject)
@@ -168,10 +182,12 @@ def _ardupilot_limits(
             offset = number_in(control, "offset", subject, 0.0) or 0.0
             kind = (control.findtext("type") or "COMMAND").strip()
             joint = (control.findtext("jointName") or "").strip()
+
             if multiplier and kind == "COMMAND":
                 ends = (multiplier * offset, multiplier * (1.0 + offset))
                 if min(ends) < 0.0 < max(ends):
                     limits[joint] = min(ends), max(ends)
+
     return limits
 
 
@@ -179,6 +195,7 @@ def _px4_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
     """Plugin uuv of PX4: diagonal added mass and linear damping, buoyancy by a factor of weight."""
     link = (plugin.findtext("baseLinkName") or "base_link").strip()
     subject = f"{facts.name}: PX4's uuv plugin"
+
     if link not in facts.masses:
         content.tell(link, "water", "", "left out", "the model has no such link")
         return
@@ -191,10 +208,13 @@ def _px4_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
         ]
 
     buoyancy = plugin.find("buoyancy")
-    factor, center = 1.0, [0.0, 0.0, 0.0]
+    factor = 1.0
+    center = [0.0, 0.0, 0.0]
+
     if buoyancy is not None:
         factor = number_in(buoyancy, "compensation", subject, 1.0) or 1.0
         center = numbers_in(buoyancy, "origin", subject, (3,)) or center
+
     density = content.water_density or _GZ_DENSITY
     content.water_density = density
     content.bodies[link] = {
@@ -203,6 +223,7 @@ def _px4_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
         "added_mass": six("addedMassLinear", "addedMassAngular"),
         "linear_damping": six("dampingLinear", "dampingAngular"),
     }
+
     content.tell(link, "added mass, damping, buoyancy", "", "read", "PX4's uuv plugin")
 
 
@@ -210,9 +231,11 @@ def _px4_motor(plugin: Element, facts: ModelFacts, content: FileContent) -> None
     """Plugin motor_model of PX4: thrust k w^2 along its joint, up to a speed."""
     name = (plugin.findtext("jointName") or "").strip()
     joint = facts.joints.get(name)
+
     if joint is None:
         content.tell(f"thruster {name}", "thruster", "", "left out", "its joint is not there")
         return
+
     subject = f"{facts.name}: motor {name}"
     constant = number_in(plugin, "motorConstant", subject, 0.0) or 0.0
     speed = number_in(plugin, "maxRotVelocity", subject)

@@ -66,6 +66,7 @@ class SdfModel:
         root = canonical if canonical in roots else roots[0]
         if loose := [link for link in roots if link != root]:
             self.notes.append(f"links that no joint holds, left out: {', '.join(loose)}")
+
         return root
 
     @cached_property
@@ -74,6 +75,7 @@ class SdfModel:
         robot = Element("robot")
         joints: dict[str, SdfJoint] = {}
         carried: set[str] = set()
+
         for element in self.xml.findall("joint"):
             joint = self._joint(element, robot)
             if joint.child in carried:
@@ -82,9 +84,12 @@ class SdfModel:
                 )
                 robot.remove(joint.element)
                 continue
+
             carried.add(joint.child)
             joints[joint.name] = joint
+
         self.notes.extend(settle(robot, self.name))
+
         return joints
 
     @cached_property
@@ -116,8 +121,10 @@ class SdfModel:
             default = (element.findtext("child") or "").strip()
         elif element.tag == "frame":
             default = element.get("attached_to", "")
+
         place = element.find("pose")
         base = default if place is None else place.get("relative_to", default)
+
         return self.X_MF(base, passed) @ pose_of(element, self.name)
 
     @cached_property
@@ -149,6 +156,7 @@ class SdfModel:
         numbers: dict[str, float] = {}
         if axis_element is not None:
             numbers = _of_axis(axis_element, as_urdf)
+
         return SdfJoint(
             name=name,
             parent=parent,
@@ -168,8 +176,10 @@ class SdfModel:
             if element is None or element.tag != "frame" or end in passed:
                 known = ", ".join(self.links)
                 raise ConfigurationError(f"{subject}: the model has the links {known}; got {end!r}")
+
             passed.append(end)
             end = element.get("attached_to", "") or next(iter(self.links))
+
         return end
 
     def _axis(self, element: Element, child: str, X_CJ: Array, subject: str) -> Array:
@@ -186,6 +196,7 @@ class SdfModel:
         if base is None and not of_model:
             return X_CJ[:3, :3] @ axis / length
         R_MC = self.X_MF(child)[:3, :3]
+
         return R_MC.T @ self.X_MF(base or "")[:3, :3] @ axis / length
 
 
@@ -204,10 +215,12 @@ def parse_sdf(file: Path, name: str) -> SdfModel:
     if model is None:
         raise ConfigurationError(f"{name}: an SDF without a <model> that has links")
     notes = []
+
     for tag in ("include", "model"):
         if inner := model.findall(tag):
             named = [part.findtext("uri") or part.get("name") or tag for part in inner]
             notes.append(f"<{tag}> within the model left out: {', '.join(named)}")
+
     return SdfModel(name=name, xml=model, notes=notes)
 
 
@@ -225,6 +238,7 @@ def pose_of(element: Element, name: str) -> Array:
         raise ConfigurationError(f"{subject}: a quaternion is not read; write roll, pitch, yaw")
     numbers = _numbers(place.text or "", 6, subject)
     angles = np.radians(numbers[3:]) if place.get("degrees") == "true" else numbers[3:]
+
     return pose(rotation_from_rpy(angles), numbers[:3])
 
 
@@ -234,6 +248,7 @@ def tree_order(model: SdfModel) -> Iterator[tuple[str, SdfJoint | None]]:
     for joint in model.joints.values():
         carried.setdefault(joint.parent, []).append(joint)
     waiting: list[tuple[str, SdfJoint | None]] = [(model.root, None)]
+
     while waiting:
         link, joint = waiting.pop(0)
         yield link, joint
@@ -249,22 +264,28 @@ def _of_axis(axis: Element, as_urdf: Element) -> dict[str, float]:
             for tag in ("lower", "upper", "effort", "velocity")
         }
         SubElement(as_urdf, "limit", {tag: text for tag, text in stated.items() if text})
+
     mimic = axis.find("mimic")
+
     if mimic is not None and as_urdf.get("type") in DRIVEN:
         follows = {"joint": mimic.get("joint", "")}
         for tag in ("multiplier", "offset"):
             if text := (mimic.findtext(tag) or "").strip():
                 follows[tag] = text
+
         SubElement(as_urdf, "mimic", follows)
+
     dynamics = axis.find("dynamics")
     if dynamics is None:
         return {}
-    found = {}
+    numbers = {}
+
     for tag in ("damping", "friction"):
         text = (dynamics.findtext(tag) or "").strip()
         if text:
-            found[tag] = float(_numbers(text, 1, f"joint {as_urdf.get('name')!r}: {tag}")[0])
-    return found
+            numbers[tag] = float(_numbers(text, 1, f"joint {as_urdf.get('name')!r}: {tag}")[0])
+
+    return numbers
 
 
 def _numbers(text: str, count: int, subject: str) -> Array:
@@ -274,4 +295,5 @@ def _numbers(text: str, count: int, subject: str) -> Array:
         raise ConfigurationError(
             f"{subject}: expected {count} numbers, got {shown(text)}"
         ) from error
+
     return checked_place(numbers, (count,), subject, LONGEST)

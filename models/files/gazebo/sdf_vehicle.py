@@ -54,6 +54,7 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
     missing: set[str] = set()
     dry: list[str] = []
     bodies: dict[str, mujoco.MjsBody] = {WORLD: spec.worldbody}
+
     for link, joint in tree_order(model):
         body = _add_body(model, bodies, link, joint)
         element = model.links[link]
@@ -66,9 +67,11 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
     notes = [*model.notes]
     if dry:
         notes.append(f"links without mass (SDF itself would take 1 kg): {listed(dry)}")
+
     if missing:
         endings = ", ".join((*MESHES, *OTHERS))
         notes.append(f"meshes left out, not found or not of {endings}: {listed(sorted(missing))}")
+
     coupled = taken_mimics(_as_robot(model), model.name)
     follow(spec, coupled)
     notes += add_meshes(spec, meshes)
@@ -93,6 +96,7 @@ def _lumped(model: SdfModel, masses: dict[str, float]) -> dict[str, float]:
     for link, joint in reversed(list(tree_order(model))):
         if joint is not None and joint.element.get("type") == "fixed" and joint.parent in lumped:
             lumped[joint.parent] += lumped[link]
+
     return lumped
 
 
@@ -116,18 +120,22 @@ def _add_body(
     if kind == "prismatic":
         added.type = mujoco.mjtJoint.mjJNT_SLIDE
     lower, upper = limits_of(joint.element, model.name)
+
     if np.isfinite([lower, upper]).all():
         added.range = [lower, upper]
         added.limited = mujoco.mjtLimited.mjLIMITED_TRUE
     else:
         added.limited = mujoco.mjtLimited.mjLIMITED_FALSE
+
     added.damping = [joint.damping, *np.array(added.damping)[1:]]
     added.frictionloss = joint.friction
     limit = joint.element.find("limit")
     effort = 0.0 if limit is None else abs(figure(limit.get("effort", "0"), f"joint {joint.name}"))
+
     if 0.0 < effort < LONGEST * LONGEST:
         added.actfrcrange = [-effort, effort]
         added.actfrclimited = mujoco.mjtLimited.mjLIMITED_TRUE
+
     return body
 
 
@@ -147,16 +155,19 @@ def _give_inertia(body: mujoco.MjsBody, link: Element, subject: str) -> float:
     X = pose_of(inertial, subject)
     tensor = np.zeros((3, 3))
     stated = inertial.find("inertia")
+
     for i, j, tag in ((0, 0, "ixx"), (1, 1, "iyy"), (2, 2, "izz"), *_OFF):
         default = "1" if i == j else "0"
         entry = default if stated is None else stated.findtext(tag) or default
         tensor[i, j] = tensor[j, i] = figure(entry, f"{subject}: {tag}")
+
     tensor, _ = mended_tensor(tensor, f"{subject}: inertia", "correct it in the file")
     tensor = X[:3, :3] @ tensor @ X[:3, :3].T
     body.mass = mass
     body.ipos = X[:3, 3]
     body.fullinertia = tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
     body.explicitinertial = True
+
     return mass
 
 
@@ -174,6 +185,7 @@ def _give_shapes(
     """Add the shapes of a link; volume [m^3] and its centre (3,) of those that collide."""
     total = 0.0
     moment = np.zeros(3)
+
     for shape in [*link.findall("visual"), *link.findall("collision")]:
         collides = shape.tag == "collision"
         X = pose_of(shape, name)
@@ -181,13 +193,16 @@ def _give_shapes(
         kind = next((kind for kind in geometry if kind.tag != "empty"), None) if geometry else None
         if kind is None:
             continue
+
         if kind.tag == "mesh":
             uri = (kind.findtext("uri") or "").strip()
             known = Path(uri).suffix.lower() in (*MESHES, *OTHERS)
             file = mesh_file(uri, folder) if known else None
+
             if file is None:
                 missing.add(Path(uri).name)
                 continue
+
             x, y, z = _of(kind, "scale", 3, name, "1 1 1").tolist()
             meshes.append(
                 LinkMesh(
@@ -205,6 +220,7 @@ def _give_shapes(
             if collides:
                 total += volume
                 moment += volume * X[:3, 3]
+
     return total, moment / total if total > 0.0 else np.zeros(3)
 
 
@@ -214,6 +230,7 @@ def _add_geom(
     geom = body.add_geom(
         type=kind, size=size, pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]), density=0.0
     )
+
     if not collides:
         geom.contype = geom.conaffinity = 0
         geom.group = 1
@@ -236,6 +253,7 @@ def _size_of(kind: Element, subject: str) -> tuple[list[float], float]:
     volume = np.pi * radius**2 * length
     if kind.tag == "capsule":
         volume += 4.0 / 3.0 * np.pi * radius**3
+
     return [radius, 0.5 * length, 0.0], volume
 
 
@@ -245,4 +263,5 @@ def _of(element: Element, tag: str, count: int, subject: str, default: str | Non
     if text is None:
         raise ConfigurationError(f"{subject}: <{element.tag}> lacks <{tag}>")
     numbers = [figure(word, f"{subject}: <{tag}>") for word in text.split()]
+
     return checked_place(numbers, (count,), f"{subject}: <{tag}>", LONGEST)

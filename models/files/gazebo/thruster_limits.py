@@ -42,6 +42,7 @@ def limited_thruster(
     """
     part = f"thruster {name}"
     astern, ahead = _ends(curve, limits)
+
     if not (np.isfinite(ahead) and ahead > 0.0 and np.isfinite(astern) and astern > 0.0):
         prior = PRIOR * weight ** (2.0 / 3.0)
         ahead = ahead if np.isfinite(ahead) and ahead > 0.0 else prior
@@ -50,6 +51,7 @@ def limited_thruster(
         content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", "guessed", why)
     else:
         content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", "read", "its limits")
+
     if time_constant > 0.0:
         content.tell(part, "time constant", f"{time_constant:g} s", "read", "its dynamics")
     else:
@@ -59,6 +61,7 @@ def limited_thruster(
     if thruster is None:
         content.tell(part, "curve", "", "guessed", "quadratic: that of the file does not rise")
         thruster = Thruster(forward=ahead, reverse=astern, time_constant=time_constant)
+
     return MappedThruster(
         name=name, body=link, pos=np.zeros(3), direction=np.array(axis), kind=thruster
     )
@@ -70,6 +73,7 @@ def _ends(curve: Callable[[Array], Array] | None, limits: Limits) -> tuple[float
     low, high = limits["command"]
     astern = np.inf if least is None else -least
     ahead = np.inf if most is None else most
+
     if curve is not None:
         reach = curve(np.array([low or -_FARTHEST, high or _FARTHEST]))
         bounded = np.abs(curve(np.array([-2.0 * _FARTHEST, 2.0 * _FARTHEST]))) <= np.abs(reach)
@@ -77,6 +81,7 @@ def _ends(curve: Callable[[Array], Array] | None, limits: Limits) -> tuple[float
             astern = min(astern, -float(reach[0]))
         if high is not None or bounded[1]:
             ahead = min(ahead, float(reach[1]))
+
     return astern, ahead
 
 
@@ -96,6 +101,7 @@ def _of_curve(
     square = np.where(share > 0.0, ahead, astern) * share * np.abs(share)
     if np.allclose(thrust, square, atol=1e-9 * max(ahead, astern)):
         return Thruster(forward=ahead, reverse=astern, time_constant=time_constant)
+
     try:
         return Thruster.of_table(share, thrust, time_constant=time_constant)
     except ConfigurationError:
@@ -104,11 +110,14 @@ def _of_curve(
 
 def _command(curve: Callable[[Array], Array], thrust: float) -> float:
     """Smallest command at which a rising curve reaches a thrust [N]; infinite: none."""
-    low, high = 0.0, _FARTHEST
+    low = 0.0
+    high = _FARTHEST
     if float(curve(np.array([high]))[0]) < thrust * (1.0 - 1e-12):
         return np.inf
+
     for _ in range(200):
         middle = 0.5 * (low + high)
         reached = float(curve(np.array([middle]))[0]) >= thrust * (1.0 - 1e-12)
         low, high = (low, middle) if reached else (middle, high)
+
     return high

@@ -33,6 +33,7 @@ def read_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
     """
     density = number_in(plugin, "fluid_density", facts.name, DENSITY) or DENSITY
     content.water_density = density
+
     for link in plugin.findall("link"):
         name = link.get("name", "")
         subject = f"{facts.name}: water of link {name!r}"
@@ -45,9 +46,11 @@ def read_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
         body = {"volume": volume, "center_of_buoyancy": center}
         content.tell(name, "centre of buoyancy", f"{center} m", "read", "uuv_simulator")
         model = link.find("hydrodynamic_model")
+
         if model is not None:
             shape = _Shape(model, _box_of(link, subject), subject)
             body |= _coefficients(shape, name, density, content)
+
         content.bodies[name] = body
 
 
@@ -61,6 +64,7 @@ def read_thruster(plugin: Element, facts: ModelFacts, content: FileContent) -> N
     name = number or (plugin.get("name") or "")
     joint = facts.joints.get((plugin.findtext("jointName") or "").strip())
     link = (plugin.findtext("linkName") or "").strip()
+
     if joint is None:
         content.tell(f"thruster {name}", "thruster", "", "left out", "its joint is not there")
         return
@@ -80,6 +84,7 @@ def read_thruster(plugin: Element, facts: ModelFacts, content: FileContent) -> N
         "thrust": _between(plugin, "thrustMin", "thrustMax", subject),
         "command": _between(plugin, "clampMin", "clampMax", subject),
     }
+
     content.thrusters.append(
         limited_thruster(
             f"{name}",
@@ -126,6 +131,7 @@ def _box_of(link: Element, subject: str) -> list[float]:
     if box is None:
         return []
     extents = [number_in(box, tag, subject) for tag in ("width", "length", "height")]
+
     return [extent for extent in extents if extent is not None] if None not in extents else []
 
 
@@ -136,12 +142,15 @@ def _volume(
     subject = f"{facts.name}: water of link {name!r}"
     neutral = (link.findtext("neutrally_buoyant") or "").strip().lower() in ("1", "true")
     stated = number_in(link, "volume", subject)
+
     if neutral or stated is None:
         volume = facts.masses[name] / density
         reason = "neutrally_buoyant" if neutral else "no <volume>: neutral"
         content.tell(name, "volume", f"{volume:.6g} m^3", "read" if neutral else "guessed", reason)
         return volume
+
     content.tell(name, "volume", f"{stated:.6g} m^3", "read", "uuv_simulator")
+
     return stated
 
 
@@ -156,6 +165,7 @@ def _coefficients(
     linear = _matrix(numbers_in(model, "linear_damping", subject, (6, 36)))
     quadratic = _matrix(numbers_in(model, "quadratic_damping", subject, (6, 36)))
     of_kind = _SHAPES.get(kind)
+
     if of_kind is not None:
         added_shape, drag = of_kind(shape, density)
         added = added + added_shape
@@ -176,11 +186,14 @@ def _coefficients(
         "linear_damping": damping.tolist(),
         "quadratic_damping": drag.tolist(),
     }
+
     forward = numbers_in(model, "linear_damping_forward_speed", subject, (6, 36))
+
     if forward is not None and np.any(forward):
         terms = _forward_terms(_matrix(forward))
         coefficients["forms"] = [{"cross_terms": {"terms": terms}}]
         content.tell(name, "damping by forward speed", "", "read", f"{len(terms)} cross terms")
+
     return coefficients
 
 
@@ -188,10 +201,12 @@ def _positive(added: Array, name: str, content: FileContent) -> Array:
     """Added mass that a body can have: symmetric, and positive semidefinite."""
     uneven = float(np.abs(added - added.T).max())
     largest = float(np.abs(added).max())
+
     if uneven > 0.0:
         way = "read" if uneven <= _UNEVEN * largest else "guessed"
         content.tell(name, "added mass", f"uneven by {uneven:.3g}", way, "its mean is taken")
         added = 0.5 * (added + added.T)
+
     try:
         return np.array(BodyHydrodynamics(volume=0.0, added_mass=added).added_mass)
     except ConfigurationError:
@@ -213,6 +228,7 @@ def _forward_terms(forward: Array) -> list[list[float]]:
     for i, j in np.argwhere(forward != 0.0).tolist():
         # tau_i = +F_ij u nu_j there; here -c nu_0 nu_j, in flipped axes
         terms.append([i, j, 0, 0.0, float(-forward[i, j] * _FLIP[i] * _FLIP[j])])
+
     return terms
 
 
@@ -233,6 +249,7 @@ def _sphere(shape: _Shape, density: float) -> tuple[Array, Array]:
     added = 2.0 / 3.0 * np.pi * density * radius**3
     drag = 0.5 * density * _SPHERE_DRAG * np.pi * radius**2
     line = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
     return np.diag(added * line), drag * line
 
 
@@ -253,6 +270,7 @@ def _cylinder(shape: _Shape, density: float) -> tuple[Array, Array]:
     added[3 + axis] = 0.0
     drag = np.array([0.5 * side * radius * length * density] * 3 + [0.0] * 3)
     drag[axis] = 0.5 * end * np.pi * radius**2 * density
+
     return np.diag(added), drag
 
 
@@ -263,6 +281,7 @@ def _box(shape: _Shape, density: float) -> tuple[Array, Array]:
     z = shape.number("height", lambda box: box[2])
     coefficient = number_in(shape.model, "cd", shape.subject, 1.0) or 1.0
     drag = 0.5 * coefficient * density * np.array([y * z, x * z, x * y, 0.0, 0.0, 0.0])
+
     return np.zeros((6, 6)), drag
 
 
@@ -275,6 +294,7 @@ def _curve(conversion: Element, subject: str) -> Callable[[Array], Array] | None
     if kind == "Basic":
         constant = number_in(conversion, "rotorConstant", subject, 0.0) or 0.0
         return lambda x: constant * x * np.abs(x)
+
     if kind == "Bessa":
         tags = ("rotorConstantL", "rotorConstantR", "deltaL", "deltaR")
         left, right, low, high = (number_in(conversion, tag, subject, 0.0) or 0.0 for tag in tags)
@@ -282,15 +302,19 @@ def _curve(conversion: Element, subject: str) -> Callable[[Array], Array] | None
             left * np.minimum(x * np.abs(x) - low, 0.0)
             + right * np.maximum(x * np.abs(x) - high, 0.0)
         )
+
     if kind == "LinearInterp":
-        given = numbers_in(conversion, "inputValues", subject) or []
+        inputs = numbers_in(conversion, "inputValues", subject) or []
         thrust = numbers_in(conversion, "outputValues", subject) or []
-        if len(given) != len(thrust) or len(given) < 2:
+        if len(inputs) != len(thrust) or len(inputs) < 2:
             raise ConfigurationError(
                 f"{subject}: inputValues and outputValues: as many of each, at least two"
             )
-        order = np.argsort(given)
-        return lambda x: np.interp(x, np.array(given)[order], np.array(thrust)[order])
+
+        order = np.argsort(inputs)
+
+        return lambda x: np.interp(x, np.array(inputs)[order], np.array(thrust)[order])
+
     return None
 
 

@@ -115,13 +115,11 @@ VEHICLES = {
         tuple(f"{_IOES}/{name}/model.sdf" for name in ("bluerov2", "rexrov", "glider_slocum")),
     ),
 }
-READ, ADDED, WAY, REFUSED, BROKEN = (
-    "read",
-    "read with an addition",
-    "refused with a way on",
-    "refused",
-    "traceback",
-)
+READ = "read"
+ADDED = "read with an addition"
+WAY = "refused with a way on"
+REFUSED = "refused"
+BROKEN = "traceback"
 ABSENT = "not measured"
 # words of messages that say how to go on
 _WAYS = ("masses:", "balanceinertia", "mount_arm", "ROS_PACKAGE_PATH", "exchange them", "xacro:")
@@ -155,7 +153,7 @@ class PublicFileRow:
     thrusters: int | None = column("thrusters of the file", default=None)
     wet: int | None = column("links with water of the file", default=None)
     arm: bool | None = column("named as a bare arm", default=None)
-    said: str = column("refusal", default="")
+    refusal: str = column("refusal", default="")
 
 
 def cases(options: PublicFiles) -> Iterator[PublicFileCase]:
@@ -167,7 +165,7 @@ def cases(options: PublicFiles) -> Iterator[PublicFileCase]:
 def broken(case: PublicFileCase, error: str) -> PublicFileRow:
     """Row of files that raised something else than a refusal."""
     del case
-    return PublicFileRow(outcome=BROKEN, said=error[-300:])
+    return PublicFileRow(outcome=BROKEN, refusal=error[-300:])
 
 
 @experiment("public_files", cases=cases, failed=broken)
@@ -188,7 +186,9 @@ def public_files(case: PublicFileCase) -> PublicFileRow:
         if refused and vehicle.added:
             rows = [_row(file, vehicle.added) for file in files]
             refused = [row for row in rows if row.outcome != ADDED]
+
     first = refused[0] if refused else rows[0]
+
     return PublicFileRow(
         outcome=first.outcome,
         seconds=time.perf_counter() - started,
@@ -196,7 +196,7 @@ def public_files(case: PublicFileCase) -> PublicFileRow:
         thrusters=first.thrusters,
         wet=first.wet,
         arm=first.arm,
-        said=first.said,
+        refusal=first.refusal,
     )
 
 
@@ -207,14 +207,16 @@ def _row(file: Path, added: str) -> PublicFileRow:
         if added:
             parts = Path(folder) / "added.parts.yaml"
             parts.write_text(added, encoding="utf-8")
+
         try:
             source = read(file, parts=parts)
             spec = mapped(source)
             model = spec.compile()
         except UuvError as error:
-            said = " ".join(str(error).split())
-            way = any(word in said for word in _WAYS)
-            return PublicFileRow(outcome=WAY if way else REFUSED, said=said[:300])
+            reason = " ".join(str(error).split())
+            way = any(word in reason for word in _WAYS)
+            return PublicFileRow(outcome=WAY if way else REFUSED, refusal=reason[:300])
+
     return PublicFileRow(
         outcome=ADDED if added else READ,
         mass=float(model.body_subtreemass[1]),
@@ -229,6 +231,7 @@ def _packages_of(folder: Path) -> Iterator[None]:
     """Context in which the packages of all repositories are found."""
     before = os.environ.get("ROS_PACKAGE_PATH")
     os.environ["ROS_PACKAGE_PATH"] = str(folder)
+
     try:
         yield
     finally:

@@ -486,7 +486,8 @@ def test_what_weight_and_buoyancy_right_is_left_out(vehicle, lift, axes, within)
     within("effort along what changes no axis", null @ thrust, 1e-11)
 
     # So the undriven moment that is asked for changes nothing.
-    asked = wrench_B + [0, 0, 0, 90.0 * ("roll" in axes), -80.0 * ("pitch" in axes), 0]
+    more = np.array([0, 0, 0, 90.0 * ("roll" in axes), -80.0 * ("pitch" in axes), 0])
+    asked = wrench_B + more
     within("thrust", Allocation(craft).thrust(asked) - thrust, 1e-11)
 
 

@@ -143,7 +143,8 @@ def test_a_urdf_with_a_mapping_moves_as_the_mjcf_does(tmp_path: Path, within) ->
 def test_what_a_file_leaves_out_is_said(tmp_path: Path) -> None:
     notes = computed(vehicle_spec(written(tmp_path, ".urdf", URDF)))
     assert "not_there.dae" in notes["note_1"]
-    assert set(notes) == {"note_1", HOME_KEY, READY_KEY}
+    assert "rotor inertia of light joints" in notes["note_2"]
+    assert set(notes) == {"note_1", "note_2", HOME_KEY, READY_KEY}
 
 
 def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:

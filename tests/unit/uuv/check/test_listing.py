@@ -7,11 +7,13 @@ import pytest
 from uuv.check.check import check_vehicle
 from uuv.check.hover import hover, rigid
 from uuv.check.statics import listing_of
+from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
-from uuv.own_vehicle import vehicle_spec
+from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.sim import hydrodynamics as water
+from uuv.tasks.surface_work import work_bounds
 
 HEIGHT = 0.05  # [m] of the centre of buoyancy above that of mass
 
@@ -107,3 +109,15 @@ def test_an_arm_in_a_closed_loop_is_named_and_hovers_held() -> None:
     model = spec.compile()
     held = rigid(spec, model)
     assert (model.nv, held.nv) == (13, 6)  # the spring of its pad is held too
+
+
+def test_a_run_of_such_a_hull_may_list_as_far_as_the_check_allows() -> None:
+    sound = OwnVehicle.of(vehicle_spec("uuv_puma"))
+    assert work_bounds(sound).hull_tilt == work_bounds(sound).tilt
+    spec = vehicle_spec("uuv_puma")
+    for site in [site for site in spec.sites if "heave" in site.name]:
+        site.pos[1] = 0.0  # none beside the middle: nothing drives roll
+    own = OwnVehicle.of(spec)
+    assert undriven_axes(own.vehicle.thruster_wrench) == ("roll",)
+    assert work_bounds(own).hull_tilt == MOST_LIST
+    assert work_bounds(own).tilt == work_bounds(sound).tilt

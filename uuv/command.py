@@ -19,6 +19,7 @@ from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
 from uuv.models.meshes import ray_casting
 from uuv.outcome import RunResult
+from uuv.pace import Pace
 from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
@@ -120,12 +121,18 @@ def command(
             Text(title, style="bold"), f" (ready in {time.perf_counter() - started:.1f} s)"
         )
 
+        pace = None if options.pace is None else Pace(options.pace)
+        if pace is not None:
+            observers.append(pace)
+
         # The run, and its results also after a first signal.
         stop = SignalStop()
         with signals(stop.ask):
             with bar:
                 ran = run_through(assembly, recorder, observers, longest, stop=stop)
 
+            if pace is not None:
+                console.print(pace.summary(), highlight=False)
             _say_what_is_slow(ran, console)
             assessment = assessed(assembly, ran).made_by(made_by).started(start)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close

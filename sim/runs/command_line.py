@@ -48,7 +48,7 @@ class RunOptions:
     """Options of every run that change no figure."""
 
     # title: names of the options
-    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest"}
+    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest pace"}
     # of a scenario file, by the option; others end with the option's name
     keys: ClassVar[Mapping[str, str]] = {}
 
@@ -60,6 +60,8 @@ class RunOptions:
     """Open the Rerun viewer while the run goes on."""
     record: bool = True
     """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
+    pace: float | None = None
+    """Factor of real time to keep, such as 1; default: as fast as it goes."""
     longest: float | None = None
     """Limit of the simulated time [s]; default: 1.5 times what the job needs, and at least 400."""
 

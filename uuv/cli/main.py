@@ -101,6 +101,9 @@ VERBS = {  # by the one or two words that are typed
     "serve ardupilot": Verb(
         "serve", "ArduPilotOptions", "", "physics behind ArduPilot's simulation, over UDP"
     ),
+    "serve udp": Verb(
+        "serve", "UdpOptions", "NAME", "a job with its controller in another process"
+    ),
     "benchmark": Verb(
         "benchmark",
         "BenchmarkOptions",

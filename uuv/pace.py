@@ -14,7 +14,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.rollout import Moment
 
-SLOWEST, FASTEST = 0.01, 100.0  # factors of real time
+SLOWEST = 0.01  # factor of real time
+FASTEST = 100.0  # factor of real time
 _PAUSE = 0.05  # [s] on the wall, at least
 
 
@@ -50,20 +51,20 @@ class Pace:
             simulated: [s] time of the tick.
             state: Of the work; a scan, and the tick after it, may stop the clock.
         """
-        now = self.clock()
+        arrived = self.clock()
         if self._origin is None:
-            self._origin = now - simulated / self.factor
+            self._origin = arrived - simulated / self.factor
 
-        late = now - self.due(simulated)
+        late = arrived - self.due(simulated)
         may_pause = state is WorkState.SCAN or state is not self._state
-        if late > _PAUSE and may_pause and now - self._last > _PAUSE:
+        if late > _PAUSE and may_pause and arrived - self._last > _PAUSE:
             self.pauses.append((simulated, late))
             self._origin += late
             late = 0.0
 
         self.late.append(max(0.0, late))
         self._state = state
-        self._last = now
+        self._last = arrived
 
     def due(self, simulated: float) -> float:
         """Time [s] on the wall at which a simulated time [s] is due."""

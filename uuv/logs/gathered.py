@@ -85,12 +85,15 @@ class Gathered:
                 )
                 streams[quantity] = self._stream(quantity, rows, source)
 
+        # What the autopilot's parameters say of its motors.
         motors = [
             int(self._parameters[name])
             for name in (f"MOT_{n}_DIRECTION" for n in range(1, 9))
             if name in self._parameters
         ]
         frame = _FRAMES.get(int(self._parameters.get("FRAME_CONFIG", -1)), "")
+
+        # Only as many as the frame has.
         count = {"vectored": 6, "vectored_6dof": 8}.get(frame, len(motors))
         return VehicleLog(
             name=name,
@@ -111,8 +114,11 @@ class Gathered:
         values = np.array([row[1] for row in kept])
 
         rising = np.r_[True, time[1:] > np.maximum.accumulate(time)[:-1]]
+
         if not rising.all():
             self.note(f"{quantity}: {int((~rising).sum())} samples whose time does not rise")
+
+        # Names and unit, of the quantity or of the log.
         labels, unit = LABELS.get(
             quantity,
             (
@@ -120,6 +126,7 @@ class Gathered:
                 UNITS.get(quantity, ""),
             ),
         )
+
         start = self._first if math.isfinite(self._first) else 0.0
         return Stream(time[rising] - start, values[rising], labels, unit, source)
 

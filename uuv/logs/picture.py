@@ -32,6 +32,8 @@ def write_picture(file: Path, log: VehicleLog) -> None:
         )
         if name in log.streams
     ]
+
+    # One panel for each, one time axis.
     figure = Figure(figsize=_SIZE, layout="constrained")
     figure.suptitle(f"{log.name}, {log.kind}", fontsize=10)
     axes = figure.subplots(max(1, len(shown)), 1, sharex=True, squeeze=False)[:, 0]
@@ -40,6 +42,7 @@ def write_picture(file: Path, log: VehicleLog) -> None:
         draw(axis, log)
         axis.grid(alpha=0.3)
         axis.set_title(name, fontsize=9, loc="left")
+
     axes[-1].set_xlabel("time [s]")
     figure.savefig(file, dpi=_DOTS)
 
@@ -51,6 +54,7 @@ def _pulses(axis: Any, log: VehicleLog) -> None:
         axis.step(
             pulses.time, pulses.values[:, motor], where="post", lw=0.8, label=f"motor {motor + 1}"
         )
+
     axis.set_ylabel("pulse [us]")
     axis.legend(ncols=4, fontsize=7)
 
@@ -65,6 +69,8 @@ def _thrusts(axis: Any, log: VehicleLog) -> None:
 
 def _attitude(axis: Any, log: VehicleLog) -> None:
     attitude = log.streams[ATTITUDE]
+
+    # Unwrapped, so that a turn through north is no jump.
     angles = Rotation.from_quat(attitude.values).as_euler("ZYX", degrees=True)
     for i, label in enumerate(("yaw", "pitch", "roll")):
         unwrapped = np.degrees(np.unwrap(np.radians(angles[:, i])))

@@ -130,10 +130,12 @@ def _dataflash(path: Path, gathered: "Gathered") -> None:
 
     log = DFReader.DFReader_binary(str(path), zero_time_base=True)
     kinds = _DATAFLASH
+
     while (message := log.recv_match()) is not None:
         kind = message.get_type()
         time = getattr(message, "TimeUS", None)
         gathered.count(None if time is None else 1e-6 * time)
+
         if kind == "PARM":
             gathered.parameter(str(message.Name), message.Value)
         elif kind in kinds and time is not None:
@@ -148,6 +150,7 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
     kinds = _TELEMETRY
     clock = _BootClock()
     bad = 0
+
     while (message := log.recv_match()) is not None:
         kind = message.get_type()
         if kind == "BAD_DATA":
@@ -156,10 +159,12 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
 
         time = clock.time_of(message)
         gathered.count(time)
+
         if kind == "PARAM_VALUE":
             gathered.parameter(str(message.param_id), message.param_value)
         elif kind in kinds and time is not None:
             kinds[kind](gathered, time, message)
+
     if bad:
         gathered.note(f"{bad} parts of the file are no message")
 
@@ -173,13 +178,14 @@ class _BootClock:
     def time_of(self, message: Any) -> float | None:
         """Time since the vehicle's start; before that is known, None."""
         recorded = getattr(message, "_timestamp", None)
-        own = 1e-3 * getattr(message, "time_boot_ms", 0) or 1e-6 * getattr(message, "time_usec", 0)
+        boot_ms = getattr(message, "time_boot_ms", 0)
+        since_start = 1e-3 * boot_ms or 1e-6 * getattr(message, "time_usec", 0)
         if recorded is None:
-            return own or None
+            return since_start or None
 
-        if own:
-            self._ahead = min(self._ahead, recorded - own)
-            return own
+        if since_start:
+            self._ahead = min(self._ahead, recorded - since_start)
+            return since_start
         return recorded - self._ahead if math.isfinite(self._ahead) else None
 
 

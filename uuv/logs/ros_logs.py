@@ -41,6 +41,7 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
         from rosbags.typesys import Stores, get_typestore
 
     gathered = Gathered(what)
+
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         with reader:
@@ -49,18 +50,23 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
         raise
     except (AnyReaderError, *BROKEN) as error:
         if not gathered.messages:
+            # nothing of it is known
             raise ConfigurationError(
                 f"{what}: is no whole bag or MCAP file ({short(error)})"
             ) from error
+
         gathered.note(f"damaged after {gathered.messages} messages: {short(error)}")
     return gathered.log(path.name, "ROS (bag, MCAP)")
 
 
 def _read(reader: Any, gathered: Gathered) -> None:
     """Add all messages of types that are read, topics in the order of their names' length."""
-    connections = [each for each in reader.connections if each.msgtype in _TYPES]
-    order = sorted({each.topic for each in connections}, key=lambda topic: (len(topic), topic))
-    others = sorted({each.msgtype for each in reader.connections} - set(_TYPES))
+    connections = [topic for topic in reader.connections if topic.msgtype in _TYPES]
+    names = {connection.topic for connection in connections}
+    order = sorted(names, key=lambda name: (len(name), name))
+
+    # What is there and of no use is noted.
+    others = sorted({topic.msgtype for topic in reader.connections} - set(_TYPES))
     if others:
         gathered.note(f"topics of types that are not read: {', '.join(others)}")
 
@@ -94,6 +100,8 @@ def _is_rotation(xyzw: Array) -> bool:
 
 def _imu(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
     source = f"{topic}: sensor_msgs/Imu"
+
+    # REP 145: a covariance that begins with -1 says that the quantity is not measured.
     if m.angular_velocity_covariance[0] != _NOT_MEASURED:
         to.add(RATE, time, _xyz(m.angular_velocity), source, rank=rank)
     if m.linear_acceleration_covariance[0] != _NOT_MEASURED:
@@ -134,6 +142,8 @@ def _pressure(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
 def _joints(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
     names = tuple(map(str, m.name))
     source = f"{topic}: sensor_msgs/JointState"
+
+    # Efforts alone are thrusts.
     if names and len(m.position) == len(names):
         to.add(JOINTS, time, m.position, source, rank=rank, labels=names)
     elif names and len(m.effort) == len(names):

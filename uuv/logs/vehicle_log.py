@@ -75,6 +75,7 @@ class VehicleLog:
         pulses = self.streams.get(PULSES)
         if pulses is None:
             return None
+
         motors = pulses.values[:, : len(self.directions) or None]
         on = (motors > 0.0) & (np.abs(motors - _NEUTRAL) > _STILL)
         return float(on.any(axis=1).mean())
@@ -83,6 +84,7 @@ class VehicleLog:
         """What an identification of the water needs or wants, and is not there; in words."""
         have = self.streams
         lines = []
+
         if not {PULSES, THRUSTS} & set(have):
             lines.append("no servo outputs and no thrusts: what drove the vehicle is not known")
         if ATTITUDE not in have:
@@ -97,6 +99,7 @@ class VehicleLog:
             lines.append(
                 f"servo outputs at {pulses.rate:.1f} Hz: what they were in between is not known"
             )
+
         driven = self.driven
         if driven is not None and driven < 0.1:
             lines.append(f"hardly driven: a motor is off neutral in {driven:.1%} of the samples")

@@ -17,7 +17,7 @@ import math
 import socket
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 VERSION = 1
@@ -120,9 +120,11 @@ def pack(frame: Frame) -> bytes:
     for name, size in _fields(frame.kind).items():
         if name not in frame.values:
             raise FrameError(f"{name}: is missing")
+
         value = frame.values[name]
         entries = [value] if isinstance(value, int | float) else list(value)
         width = _width(size, frame.joints, frame.thrusters)
+
         if len(entries) != width:
             raise FrameError(f"{name}: must have {width} numbers, got {len(entries)}")
         numbers += entries
@@ -141,6 +143,7 @@ def unpack(data: bytes) -> Frame:
     if len(data) < HEADER.size:
         raise FrameError(f"a frame has at least {HEADER.size} bytes, got {len(data)}")
     kind, version, joints, thrusters, count, flags, lost, time = HEADER.unpack_from(data)
+
     if kind not in (MEASURED, COMMANDED, ENDED):
         raise FrameError(f"a frame begins with UUVM, UUVC or UUVE, got {kind!r}")
     if version != VERSION:
@@ -265,8 +268,8 @@ class Client:
             "arm_wrench_B": arm_wrench_B,
             "current_W": current_W,
         }
-        n, m = measured.joints, measured.thrusters
-        flags = measured.flags & SCAN
-        command = Frame(COMMANDED, n, m, measured.count, flags, 0, measured.time, values)
+        command = replace(
+            measured, kind=COMMANDED, flags=measured.flags & SCAN, lost=0, values=values
+        )
         self._sent = pack(command)
         self._socket.send(self._sent)

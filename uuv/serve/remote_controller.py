@@ -107,16 +107,21 @@ class RemoteController:
         if self._gone:
             return state, self._none(estimate, reference)
 
+        # Out with the measurement, in with what answers it.
         self._count += 1
         frame = self._measured(estimate, reference)
         self._reference = reference
         if self._pace is None:
-            self._ask(frame)
+            self._ask(frame, PATIENCE)
+        elif self._command is None and not self.traffic.silent:
+            self._ask(frame, GREETING)  # time begins when the client is ready
+            self._pace.arrive(estimate.time, reference.state)
         else:
             self._pace.arrive(estimate.time, reference.state)
             self._send(frame)
             self._listen_until(self._pace.due(estimate.time + self.period))
 
+        # The newest command, if it still holds.
         command = self._command
         age = math.inf if command is None else estimate.time - command.time
         if command is None or age > HELD or (self._pace is None and self._answered < self._count):
@@ -133,12 +138,13 @@ class RemoteController:
         header = (client.VERSION, self._joints, self._thrusters, self._count, 0, 0, 0.0)
         self._endpoint.send(client.HEADER.pack(client.ENDED, *header))
 
-    def _ask(self, frame: bytes, patience: float = PATIENCE) -> None:
+    def _ask(self, frame: bytes, patience: float) -> None:
         """Send a frame until it is answered, for `patience` [s]."""
         end = time.monotonic() + patience
         self._send(frame)
-        while self._answered < self._count and (now := time.monotonic()) < end:
-            data = self._endpoint.receive(min(_AGAIN, end - now))
+
+        while self._answered < self._count and (left := end - time.monotonic()) > 0.0:
+            data = self._endpoint.receive(min(_AGAIN, left))
             if data is not None:
                 self._take(data)
             else:
@@ -174,6 +180,7 @@ class RemoteController:
         if not self._answered < frame.count <= self._count:
             self.traffic.stale += 1
             return
+
         self._answered = frame.count
         self._command = command
         self.traffic.taken += 1
@@ -229,16 +236,15 @@ class RemoteController:
         ):
             flags |= mask if is_set else 0
 
-        values: dict[str, Any] = {
-            **{
-                name: getattr(estimate, name)
-                for name in ("vision_age", "dvl_age", "imu_age", "imu_jump_age", "attitude_sigma")
-            },
-            **{
-                name: getattr(estimate, name).tolist()
-                for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma", "q", "qd", "tau")
-            },
-            **_pose("WB", estimate.X_WB),
+        # The estimate.
+        values: dict[str, Any] = _pose("WB", estimate.X_WB)
+        for name in ("vision_age", "dvl_age", "imu_age", "imu_jump_age", "attitude_sigma"):
+            values[name] = getattr(estimate, name)
+        for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma", "q", "qd", "tau"):
+            values[name] = getattr(estimate, name).tolist()
+
+        # The set points.
+        values |= {
             "set_time": reference.time,
             "state": _STATES.index(reference.state),
             **{f"{name}_set": value for name, value in _pose("WB", reference.X_WB).items()},
@@ -252,6 +258,7 @@ class RemoteController:
             "set_force": reference.set_force,
             "path_s": reference.path_s,
         }
+
         lost = sum(1 << thruster for thruster in reference.lost_thrusters)
         sizes = (self._joints, self._thrusters)
         return client.pack(

@@ -45,10 +45,10 @@ def run_remote(
     remotes: list[RemoteController] = []
 
     def with_remote(assembly: Assembly) -> Assembly:
-        own = assembly.own
-        remote = RemoteController(endpoint, own.vehicle, period=1.0 / rate, pace=pace)
+        believed = assembly.own
+        remote = RemoteController(endpoint, believed.vehicle, period=1.0 / rate, pace=pace)
         remotes.append(remote)
-        parts = replace(assembly.parts, controller=SafetyWrapper(remote, own.model))
+        parts = replace(assembly.parts, controller=SafetyWrapper(remote, believed.model))
         return replace(assembly, loop=replace(assembly.loop, parts=parts))
 
     try:
@@ -74,7 +74,7 @@ def _after_rehearsal(change: Callable[[Assembly], Assembly]) -> Callable[..., As
     def assembled(scenario: Scenario, *, full: bool = True) -> Assembly:
         nonlocal calls
         calls += 1
-        made = assemble(scenario, full=full)
-        return made if calls == 1 else change(made)
+        assembly = assemble(scenario, full=full)
+        return assembly if calls == 1 else change(assembly)
 
     return assembled

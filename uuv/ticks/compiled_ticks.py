@@ -336,14 +336,16 @@ class CompiledTicks:
             if done or begun == NEW:
                 run.estimate = self._inputs.message_of(world.estimate)
             run.stage = Stage.COMMANDED
-            run.take(tick + done, control.done(run.estimate, reference, answer))
+            if _controls(run, tick, tick + done):
+                run.take(tick + done, control.done(run.estimate, reference, answer))
             return done
 
         # The command of the last tick completed, and the estimate of the next one.
         run.stage = Stage.NEW
         if done:
             run.estimate = self._inputs.message_of(world.estimate if stage == NEW else world.sound)
-            run.take(tick + done - 1, control.done(run.estimate, reference, FINE))
+            if _controls(run, tick, tick + done - 1):
+                run.take(tick + done - 1, control.done(run.estimate, reference, FINE))
         if stage == PLANNED:
             run.estimate = self._inputs.message_of(world.estimate)
             run.stage = Stage.ESTIMATED if answer == FINE else Stage.PLANNED
@@ -356,3 +358,8 @@ class CompiledTicks:
             self._recorder.refer(taken)
         run.reference = references[-1] if references else reference
         return run.reference
+
+
+def _controls(run: Rollout, first: int, last: int) -> bool:
+    """Whether the controller was due at a tick from `first` to `last`."""
+    return first + -first % run.controller_ticks <= last

@@ -56,8 +56,10 @@ def water_columns(
     if angles is not None and joints:
         named.append(_prefixed(angles, JOINT, tuple(joints)))
 
+    # A row for each time of any stream.
     time = np.unique(np.concatenate([stream.time for stream in named] or [np.zeros(0)]))
     columns = {"time": time}
+
     for stream in named:
         at = np.searchsorted(time, stream.time)
         for i, label in enumerate(stream.labels):
@@ -76,6 +78,8 @@ def _commands(log: VehicleLog, pulses: Stream, vehicle: Vehicle) -> Stream:
     motors = MotorMap.of(
         log.frame, vehicle.thruster_wrench, directions=log.directions, vehicle="the vehicle"
     )
+
+    # Pulse by pulse: outputs that are off stand still.
     values = np.array([motors.commands(row) for row in pulses.values])
     labels = tuple(f"{THRUSTER}{name}" for name in vehicle.thruster_names)
     return Stream(pulses.time, values, labels, "", pulses.source)
@@ -92,6 +96,7 @@ def _prefixed(stream: Stream, prefix: str, names: Sequence[str]) -> Stream:
         raise ConfigurationError(
             f"{stream.source}: has no {lacking[0]!r}; it has {', '.join(stream.labels)}"
         )
+
     values = np.column_stack([stream.values[:, stream.labels.index(name)] for name in names])
     labels = tuple(f"{prefix}{name}" for name in names)
     return Stream(stream.time, values, labels, stream.unit, stream.source)

@@ -4,7 +4,7 @@ import math
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
 from uuv.models.meshes import ray_casting
 from uuv.outcome import RunResult
-from uuv.pace import Pace
+from uuv.pace import WallClock
 from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
@@ -96,7 +96,7 @@ def command(
     made_by = provenance(scenario.name, as_dict(scenario), plant.model)
 
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
-    observers: list[Observer] = []
+    observers: list[Observer] = _paced(options)
     start = first_start.noted(compiled)
     write_scenario(scenario, folder / SCENARIO_FILE)
 
@@ -121,19 +121,13 @@ def command(
             Text(title, style="bold"), f" (ready in {time.perf_counter() - started:.1f} s)"
         )
 
-        pace = None if options.pace is None else Pace(options.pace)
-        if pace is not None:
-            observers.append(pace)
-
         # The run, and its results also after a first signal.
         stop = SignalStop()
         with signals(stop.ask):
             with bar:
                 ran = run_through(assembly, recorder, observers, longest, stop=stop)
 
-            if pace is not None:
-                console.print(pace.summary(), highlight=False)
-            _say_what_is_slow(ran, console)
+            _say_what_is_slow(ran, observers, console)
             assessment = assessed(assembly, ran).made_by(made_by).started(start)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
@@ -205,9 +199,14 @@ def _report(run: Run, folder: Path, title: str) -> None:
     )
 
 
-def _say_what_is_slow(ran: RunResult, console: Console) -> None:
-    """What of the loop ran in plain Python at every tick."""
-    notes = []
+def _paced(options: RunOptions) -> list[Observer]:
+    """Observer that keeps the pace that was asked for, if any."""
+    return [] if options.pace is None else [WallClock(options.pace)]
+
+
+def _say_what_is_slow(ran: RunResult, observers: Sequence[Observer], console: Console) -> None:
+    """How late a paced run was, and what of the loop ran in plain Python at every tick."""
+    notes = [clock.summary() for clock in observers if isinstance(clock, WallClock)]
     if ran.part_by_part:
         notes.append(f"no compiled ticks, which are faster: {ran.part_by_part}")
     if ran.slow_parts:

@@ -1,4 +1,4 @@
-"""Pace of a run: simulated time against the clock on the wall.
+"""WallClock of a run: simulated time against the clock on the wall.
 
 Nothing is skipped: a run that is late goes on as fast as it can. Work that stops the vehicle's
 clock (a scan, the identification after it, the placement of the hull) is a pause and no lateness.
@@ -20,7 +20,7 @@ _PAUSE = 0.05  # [s] on the wall, at least
 
 
 @dataclass(slots=True)
-class Pace:
+class WallClock:
     """Keeps a run at a factor of real time; an observer of `uuv.sim.loop.rollout`."""
 
     factor: float  # simulated seconds a second

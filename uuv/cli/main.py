@@ -42,7 +42,9 @@ VERBS = {  # by the one or two words that are typed
     ),
     "report": Verb("past.past_runs", "ReportOptions", "RUN", "the report of a run"),
     "view": Verb("past.past_runs", "ViewOptions", "RUN", "its log in the Rerun viewer"),
-    "export": Verb("export", "ExportOptions", "RUN", "its data as MCAP, ROS 2 bag, CSV or MATLAB"),
+    "export": Verb(
+        "past.export", "ExportOptions", "RUN", "its data as MCAP, ROS 2 bag, CSV or MATLAB"
+    ),
     "picture": Verb("past.picture", "PictureOptions", "RUN", "a still and a clip of a run"),
     "identify object": Verb(
         "identify.object", "ObjectVerb", "--cloud FILE", "pose of a known object in a point cloud"
@@ -101,9 +103,7 @@ VERBS = {  # by the one or two words that are typed
     "serve ardupilot": Verb(
         "serve", "ArduPilotOptions", "", "physics behind ArduPilot's simulation, over UDP"
     ),
-    "serve udp": Verb(
-        "serve", "UdpOptions", "NAME", "a job with its controller in another process"
-    ),
+    "serve udp": Verb("serve", "UdpOptions", "NAME", "a job, its controller another process"),
     "benchmark": Verb(
         "benchmark",
         "BenchmarkOptions",

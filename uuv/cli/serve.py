@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from uuv.cli.carry_out import Assignments, values_of
-from uuv.cli.json_output import print_json
+from uuv.cli.carry_out import METRICS, Assignments, values_of
+from uuv.cli.json_output import file_alone, print_json
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions, parse
 
@@ -75,6 +75,8 @@ class UdpOptions(RunOptions):
     """KEY=VALUE, repeatable: values by the keys of a scenario file."""
     trust: bool = False
     """Run the code that a scenario file names too."""
+    json: bool = False
+    """Print metrics.json alone."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -94,8 +96,12 @@ def _serve_udp(args: Sequence[str]) -> int:
     from uuv.serve.served_job import run_remote
 
     with listening(options.port, options.listen) as endpoint:
-        print(f"{scenario.name} on UDP port {endpoint.port} of {options.listen}", flush=True)
-        return run_remote(scenario, options, endpoint, started, rate=options.rate)
+
+        def work() -> int:
+            print(f"{scenario.name} on UDP port {endpoint.port} of {options.listen}", flush=True)
+            return run_remote(scenario, options, endpoint, started, rate=options.rate)
+
+        return file_alone(work, METRICS) if options.json else work()
 
 
 def _scenario(options: UdpOptions) -> "Scenario":

@@ -6,6 +6,7 @@ is noted. Sizes are bounded.
 
 import contextlib
 import gc
+import importlib
 import io
 import math
 import warnings
@@ -17,6 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from uuv.logs.gathered import Gathered, short
+from uuv.logs.kinds import ENDINGS
 from uuv.logs.vehicle_log import (
     ATTITUDE,
     DEPTH,
@@ -31,18 +33,12 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.spatial import GRAVITY, Array, shown
 
-ENDINGS = (".bin", ".tlog", ".mcap", ".bag", ".db3")
 LARGEST = 2 << 30  # [bytes] of a file
 _TO_OURS = np.array([1.0, -1.0, -1.0])  # from forward, right, down, and from north, east, down
-_MILLI = 1e-3
+_MILLI = 1e-3  # of g, in a message
 _CHANNELS = 16  # servo outputs of a message
 
 Message = tuple[float, Mapping[str, Any]]  # time [s] and fields
-
-
-def is_vehicle_log(path: Path) -> bool:
-    """Whether a path is of a kind that is read here: by its ending, or a folder with a bag."""
-    return path.suffix.lower() in ENDINGS or (path / "metadata.yaml").is_file()
 
 
 def read_vehicle_log(file: str | Path) -> VehicleLog:
@@ -97,7 +93,7 @@ def _ardupilot(
 ) -> VehicleLog:
     """A log of ArduPilot, whatever its container."""
     with wanted():
-        import pymavlink  # noqa: F401
+        importlib.import_module("pymavlink")
 
     gathered = Gathered(what)
     with _quiet():

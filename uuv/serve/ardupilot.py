@@ -72,7 +72,7 @@ class ArduPilotDoor:
                 Empty: the arm is held at home.
 
         Raises:
-            ConfigurationError: Frame and vehicle do not fit, or channels and joints.
+            ConfigurationError: Packet and vehicle do not fit, or channels and joints.
         """
         name = vehicle or USUAL_VEHICLES.get(frame, "")
         if not name:

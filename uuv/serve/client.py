@@ -20,8 +20,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-VERSION = 1
-PORT = 9010
+VERSION = 1  # of the frames
+PORT = 9010  # UDP, of the simulation
 MEASURED = b"UUVM"  # begins a frame with measurements and set points
 COMMANDED = b"UUVC"  # begins a frame with a command
 ENDED = b"UUVE"  # begins the last frame, after which the simulation has ended
@@ -82,12 +82,12 @@ LARGEST = 16_384  # [bytes] of a frame
 _UNKNOWN = (math.nan,)
 
 
-class FrameError(ValueError):
+class PacketError(ValueError):
     """A datagram that is no frame of this version."""
 
 
 @dataclass(frozen=True)
-class Frame:
+class Packet:
     """One frame: its header, and its numbers by name, a number or a tuple."""
 
     kind: bytes
@@ -110,23 +110,23 @@ class Frame:
         return bool(self.flags & mask)
 
 
-def pack(frame: Frame) -> bytes:
+def pack(frame: Packet) -> bytes:
     """A frame as bytes.
 
     Raises:
-        FrameError: A quantity is missing or has another size.
+        PacketError: A quantity is missing or has another size.
     """
     numbers: list[float] = []
     for name, size in _fields(frame.kind).items():
         if name not in frame.values:
-            raise FrameError(f"{name}: is missing")
+            raise PacketError(f"{name}: is missing")
 
         value = frame.values[name]
         entries = [value] if isinstance(value, int | float) else list(value)
         width = _width(size, frame.joints, frame.thrusters)
 
         if len(entries) != width:
-            raise FrameError(f"{name}: must have {width} numbers, got {len(entries)}")
+            raise PacketError(f"{name}: must have {width} numbers, got {len(entries)}")
         numbers += entries
 
     header = (frame.kind, VERSION, frame.joints, frame.thrusters)
@@ -134,25 +134,25 @@ def pack(frame: Frame) -> bytes:
     return HEADER.pack(*header, *more) + struct.pack(f"<{len(numbers)}d", *numbers)
 
 
-def unpack(data: bytes) -> Frame:
+def unpack(data: bytes) -> Packet:
     """The frame in a datagram.
 
     Raises:
-        FrameError: It is none, or of another version.
+        PacketError: It is none, or of another version.
     """
     if len(data) < HEADER.size:
-        raise FrameError(f"a frame has at least {HEADER.size} bytes, got {len(data)}")
+        raise PacketError(f"a frame has at least {HEADER.size} bytes, got {len(data)}")
     kind, version, joints, thrusters, count, flags, lost, time = HEADER.unpack_from(data)
 
     if kind not in (MEASURED, COMMANDED, ENDED):
-        raise FrameError(f"a frame begins with UUVM, UUVC or UUVE, got {kind!r}")
+        raise PacketError(f"a frame begins with UUVM, UUVC or UUVE, got {kind!r}")
     if version != VERSION:
-        raise FrameError(f"version {VERSION} is spoken here, got {version}")
+        raise PacketError(f"version {VERSION} is spoken here, got {version}")
 
     fields = _fields(kind)
     widths = [_width(size, joints, thrusters) for size in fields.values()]
     if len(data) != HEADER.size + 8 * sum(widths):
-        raise FrameError(
+        raise PacketError(
             f"{joints} joints and {thrusters} thrusters take {HEADER.size + 8 * sum(widths)} "
             f"bytes, got {len(data)}"
         )
@@ -164,7 +164,7 @@ def unpack(data: bytes) -> Frame:
         part = numbers[start : start + width]
         values[name] = part[0] if size == 1 else part
         start += width
-    return Frame(kind, joints, thrusters, count, flags, lost, time, values)
+    return Packet(kind, joints, thrusters, count, flags, lost, time, values)
 
 
 def _fields(kind: bytes) -> dict[str, int | str]:
@@ -200,7 +200,7 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self._socket.close()
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[Packet]:
         """Measurements, the newest each time, until the simulation ends."""
         waited = 0.0
         self.hello()
@@ -212,7 +212,7 @@ class Client:
                 waited += 0.5
                 self.hello()
                 continue
-            except FrameError:
+            except PacketError:
                 continue
 
             waited = 0.0
@@ -237,7 +237,7 @@ class Client:
 
     def send(
         self,
-        measured: Frame,
+        measured: Packet,
         *,
         joint_torque: Sequence[float],
         thrusters: Sequence[float],
@@ -250,7 +250,7 @@ class Client:
         """Command the vehicle.
 
         Args:
-            measured: Frame that the command answers.
+            measured: Packet that the command answers.
             joint_torque: (n,) [N m].
             thrusters: (m,) in [-1, 1].
             force_W: (3,) [N] estimated force of the world on the tip; NaN: not known.

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from uuv.models.vehicle import Vehicle
-from uuv.pace import Pace
+from uuv.pace import WallClock
 from uuv.serve import client
-from uuv.serve.client import Frame, FrameError
+from uuv.serve.client import Packet, PacketError
 from uuv.serve.datagrams import Endpoint
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import (
@@ -53,11 +53,11 @@ class Exchange:
         return ", ".join(f"{value:g} {name}" for name, value in asdict(self).items())
 
 
-class RemoteController:
+class UdpController:
     """Controller whose answers come from a client (`uuv.sim.interfaces.protocols.Controller`)."""
 
     def __init__(
-        self, endpoint: Endpoint, vehicle: Vehicle, *, period: float, pace: Pace | None = None
+        self, endpoint: Endpoint, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
     ) -> None:
         """Serve a vehicle's estimates at a socket.
 
@@ -65,7 +65,7 @@ class RemoteController:
             endpoint: Bound socket.
             vehicle: The vehicle as it is believed.
             period: [s] between commands.
-            pace: Pace of the run; None: lockstep.
+            pace: WallClock of the run; None: lockstep.
         """
         self.period = period
         self.traffic = Exchange()
@@ -173,7 +173,7 @@ class RemoteController:
             if frame.kind == client.ENDED:  # a greeting
                 return
             command = self._of_frame(frame)
-        except FrameError:
+        except PacketError:
             self.traffic.refused += 1
             return
 
@@ -185,15 +185,15 @@ class RemoteController:
         self._command = command
         self.traffic.taken += 1
 
-    def _of_frame(self, frame: Frame) -> Command:
+    def _of_frame(self, frame: Packet) -> Command:
         """A command as the loop has it.
 
         Raises:
-            FrameError: It is none, or for another vehicle.
+            PacketError: It is none, or for another vehicle.
         """
         sizes = (frame.joints, frame.thrusters)
         if frame.kind != client.COMMANDED or sizes != (self._joints, self._thrusters):
-            raise FrameError("no command for this vehicle")
+            raise PacketError("no command for this vehicle")
 
         values = frame.values
         return Command(
@@ -262,7 +262,7 @@ class RemoteController:
         lost = sum(1 << thruster for thruster in reference.lost_thrusters)
         sizes = (self._joints, self._thrusters)
         return client.pack(
-            Frame(client.MEASURED, *sizes, self._count, flags, lost, estimate.time, values)
+            Packet(client.MEASURED, *sizes, self._count, flags, lost, estimate.time, values)
         )
 
     def _none(self, estimate: StateEstimate, reference: Reference) -> Command:

@@ -7,10 +7,10 @@ from dataclasses import replace
 from uuv.assembly import Assembly, assemble
 from uuv.command import command
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
-from uuv.pace import Pace
+from uuv.pace import WallClock
 from uuv.scenario import Scenario
 from uuv.serve.datagrams import Endpoint
-from uuv.serve.remote_controller import RemoteController
+from uuv.serve.remote_controller import UdpController
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
@@ -41,12 +41,12 @@ def run_remote(
     if not (math.isfinite(rate) and SLOWEST <= rate <= FASTEST):
         raise ConfigurationError(f"--rate [Hz]: must be {SLOWEST:g} to {FASTEST:g}, got {rate:g}")
 
-    pace = None if options.pace is None else Pace(options.pace)
-    remotes: list[RemoteController] = []
+    pace = None if options.pace is None else WallClock(options.pace)
+    remotes: list[UdpController] = []
 
     def with_remote(assembly: Assembly) -> Assembly:
         believed = assembly.own
-        remote = RemoteController(endpoint, believed.vehicle, period=1.0 / rate, pace=pace)
+        remote = UdpController(endpoint, believed.vehicle, period=1.0 / rate, pace=pace)
         remotes.append(remote)
         parts = replace(assembly.parts, controller=SafetyWrapper(remote, believed.model))
         return replace(assembly, loop=replace(assembly.loop, parts=parts))

@@ -3,17 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from uuv.calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
-from uuv.logs.readers import is_vehicle_log
-from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
 from uuv.sim.runs.command_line import RunOptions
 from uuv.water_identification.settings import NOISE, FitSettings
-from uuv.water_identification.vehicle_logs import read_as_water_log
+
+if TYPE_CHECKING:  # a help text does without
+    from uuv.models.vehicle import Vehicle
 
 COMMAND = "identify_water"  # name in the results
 
@@ -75,6 +75,8 @@ def check_inputs(options: WaterOptions) -> None:
         UuvError: Which one, what is allowed, and what was given.
     """
     from uuv import inputs
+    from uuv.logs.kinds import is_vehicle_log
+    from uuv.models.vehicle import Vehicle
     from uuv.scenario import VehicleSetup
     from uuv.water_identification.replayed_parts import pushed_parts, ranges_of
 
@@ -114,7 +116,7 @@ def settings_of(options: WaterOptions) -> FitSettings:
 
 def logs_of(
     options: WaterOptions,
-    vehicle: Vehicle,
+    vehicle: "Vehicle",
     thrusters: Sequence[str],
     joints: Mapping[str, tuple[float, float]],
 ) -> list[WaterLog]:
@@ -123,6 +125,9 @@ def logs_of(
     Raises:
         UuvError: One cannot be read, or is none.
     """
+    from uuv.logs.kinds import is_vehicle_log
+    from uuv.water_identification.vehicle_logs import read_as_water_log
+
     logs = []
     for path in options.log:
         if is_vehicle_log(path):

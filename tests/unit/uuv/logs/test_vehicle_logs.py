@@ -71,13 +71,15 @@ def flash(tmp_path_factory):
         )
 
     parts = [
-        head + struct.pack("<BBB4s16s64s", 128, 128, 89, b"FMT", b"BBnNZ",
-                           b"Type,Length,Name,Format,Columns"),
+        head
+        + struct.pack(
+            "<BBB4s16s64s", 128, 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"
+        ),
         described(1, "PARM", "QNf", "TimeUS,Name,Value"),
         described(2, "ATT", "Qfff", "TimeUS,Roll,Pitch,Yaw"),
         described(3, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
         described(4, "RCOU", "QHHHHHHHH", "TimeUS," + ",".join(f"C{n}" for n in range(1, 9))),
-    ]  # fmt: skip
+    ]
     parameters = {"FRAME_CONFIG": 2.0}
     parameters |= {f"MOT_{n}_DIRECTION": float(sign) for n, sign in enumerate(DIRECTIONS, 1)}
     parts += [
@@ -222,14 +224,19 @@ def bag(tmp_path_factory):
             time = 100.0 + 0.02 * row
             header = types.header(time, "base_link")
             imu = kinds["sensor_msgs/msg/Imu"](
-                header, types.quaternion(np.array([1.0, 0, 0, 0])), zero - 1.0,
-                types.vector(np.array([0.1, 0.2, 0.3])), zero,
-                types.vector(np.array([0.0, 0.0, 9.81])), zero,
-            )  # fmt: skip
+                header,
+                types.quaternion(np.array([1.0, 0, 0, 0])),
+                zero - 1.0,
+                types.vector(np.array([0.1, 0.2, 0.3])),
+                zero,
+                types.vector(np.array([0.0, 0.0, 9.81])),
+                zero,
+            )
             twist = types.make(
-                "Twist", linear=types.vector(np.array([0.4, 0.0, 0.1])),
+                "Twist",
+                linear=types.vector(np.array([0.4, 0.0, 0.1])),
                 angular=types.vector(np.zeros(3)),
-            )  # fmt: skip
+            )
             dvl = kinds["geometry_msgs/msg/TwistWithCovarianceStamped"](
                 header, types.make("TwistWithCovariance", twist=twist, covariance=np.zeros(36))
             )

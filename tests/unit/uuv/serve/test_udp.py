@@ -11,11 +11,11 @@ import pytest
 from uuv import jobs
 from uuv.assembly import assemble
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
-from uuv.pace import Pace
+from uuv.pace import WallClock
 from uuv.runner import run
 from uuv.serve import client, datagrams
-from uuv.serve.client import Client, Frame, FrameError, pack, unpack
-from uuv.serve.remote_controller import RemoteController
+from uuv.serve.client import Client, Packet, PacketError, pack, unpack
+from uuv.serve.remote_controller import UdpController
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 
@@ -28,7 +28,7 @@ def drawn(kind, rng, joints=6, thrusters=8):
         width = size if isinstance(size, int) else widths[size]
         numbers = tuple(rng.normal(size=width).tolist())
         values[name] = numbers[0] if size == 1 else numbers
-    return Frame(kind, joints, thrusters, int(rng.integers(2**32)), 37, 5, 1.25, values)
+    return Packet(kind, joints, thrusters, int(rng.integers(2**32)), 37, 5, 1.25, values)
 
 
 @pytest.mark.parametrize("kind", [client.MEASURED, client.COMMANDED])
@@ -59,17 +59,17 @@ def test_fields_are_read_by_their_names():
 )
 def test_what_is_no_frame_is_refused(change, message):
     data = pack(drawn(client.COMMANDED, np.random.default_rng(5)))
-    with pytest.raises(FrameError, match=message):
+    with pytest.raises(PacketError, match=message):
         unpack(change(data))
 
 
 def test_a_command_of_the_wrong_size_is_refused_before_it_is_sent():
     frame = drawn(client.COMMANDED, np.random.default_rng(6))
     short = replace(frame, values={**frame.values, "thrusters": (0.0,)})
-    with pytest.raises(FrameError, match="thrusters: must have 8 numbers, got 1"):
+    with pytest.raises(PacketError, match="thrusters: must have 8 numbers, got 1"):
         pack(short)
     less = {name: value for name, value in frame.values.items() if name != "normal"}
-    with pytest.raises(FrameError, match="normal: is missing"):
+    with pytest.raises(PacketError, match="normal: is missing"):
         pack(replace(frame, values=less))
 
 
@@ -118,7 +118,7 @@ class Lossy:
 def served(endpoint, pace=None, longest=0.4):
     """A run of open water whose controller is behind the socket; the run and its controller."""
     assembly = assemble(jobs.open_water(quick=True))
-    remote = RemoteController(endpoint, assembly.own.vehicle, period=0.01, pace=pace)
+    remote = UdpController(endpoint, assembly.own.vehicle, period=0.01, pace=pace)
     guarded = SafetyWrapper(remote, assembly.own.model)
     parts = replace(assembly.parts, controller=guarded)
     outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)), longest=longest)
@@ -152,7 +152,7 @@ def test_a_client_that_goes_silent_leads_to_the_safety_wrappers_departure(monkey
 
 
 def test_paced_the_run_goes_on_with_a_command_that_still_holds():
-    pace = Pace(0.5)
+    pace = WallClock(0.5)
     with datagrams.listening(0) as endpoint:
         holding = Holding(endpoint.port, lost=0.3)
         holding.start()
@@ -185,7 +185,7 @@ def test_foreign_datagrams_are_counted_and_change_nothing():
     assert np.isfinite(outcome.recording["p_WB"].value).all()
 
 
-# --- Pace ---
+# --- WallClock ---
 
 
 class Clock:
@@ -201,14 +201,14 @@ class Clock:
 @pytest.mark.parametrize("factor", [0.1, 1.0, 5.0])
 def test_a_tick_is_due_by_the_factor(factor):
     clock = Clock()
-    pace = Pace(factor, clock=clock)
+    pace = WallClock(factor, clock=clock)
     pace.arrive(0.0, WorkState.SETTLE)
     assert pace.due(2.0) == pytest.approx(100.0 + 2.0 / factor)
 
 
 def test_lateness_is_noted_and_nothing_is_skipped():
     clock = Clock()
-    pace = Pace(1.0, clock=clock)
+    pace = WallClock(1.0, clock=clock)
     for tick, delay in enumerate((0.0, 0.01, 0.09, 0.0)):
         clock.now = 100.0 + 0.01 * tick + delay
         pace.arrive(0.01 * tick, WorkState.WORK)
@@ -219,7 +219,7 @@ def test_lateness_is_noted_and_nothing_is_skipped():
 
 def test_a_scan_stops_the_clock():
     clock = Clock()
-    pace = Pace(2.0, clock=clock)
+    pace = WallClock(2.0, clock=clock)
     pace.arrive(0.0, WorkState.SETTLE)
     clock.now += 0.5
     pace.arrive(1.0, WorkState.SCAN)
@@ -235,4 +235,4 @@ def test_a_scan_stops_the_clock():
 @pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, 1e6])
 def test_a_pace_that_cannot_be_kept_is_refused(factor):
     with pytest.raises(ConfigurationError, match="times real time"):
-        Pace(factor)
+        WallClock(factor)

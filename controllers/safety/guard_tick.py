@@ -126,7 +126,9 @@ def guard_tick(box, estimate):
     # Residuals of the hull, and verdicts, where there is something to judge.
     stepped = command.hull_steps[0] != numbers[JUDGED]
     numbers[JUDGED] = command.hull_steps[0]
-    hull_doubtful = _balance(guard, e, stepped)
+    numbers[BALANCE_DT] = np.nan
+    numbers[ACCUSED] = NOBODY
+    hull_doubtful = stepped and _balance(guard, e)
     doubtful = numbers[SUSPECT] != 0.0 or numbers[FAULTY] != 0.0 or e.ages[0] > limits.vision_age
     if doubtful or hull_doubtful:
         judged = call(guard.judge)
@@ -141,13 +143,12 @@ def guard_tick(box, estimate):
 
 
 @kernel
-def _balance(guard, e, stepped):
-    """Balance of the hull, if it has `stepped`; True where it needs a verdict."""
+def _balance(guard, e):
+    """Balance of the hull, which has stepped; True where it needs a verdict."""
     numbers = guard.numbers
     command = guard.command
-    numbers[BALANCE_DT], numbers[ACCUSED] = np.nan, NOBODY
-    if not stepped or np.isnan(command.arm_wrench_B[0]):
-        return stepped and numbers[PROBING] != 0.0
+    if np.isnan(command.arm_wrench_B[0]):
+        return numbers[PROBING] != 0.0
 
     load_W = command.current_W
     load_B = command.arm_wrench_B

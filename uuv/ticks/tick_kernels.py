@@ -106,14 +106,18 @@ def run_ticks(box, first, ticks, begun, onward):
         if stage < PLANNED and last_stage > NEW:
             if observe(plant):
                 return done, NEW, FINE
-            answer = perceive(world)
+            time = plant.watch.time[0]
+            seen = world.joints, world.sample, estimate
+            answer = perceive(world.sensed, world.sampled, world.sensors, world.filter, time, seen)
             if answer != FINE:
                 return done, NEW, answer
             stage = PLANNED
 
             # Planner, as far as it foresaw its steps.
-            if (first + done) % world.plans == 0 and done < ticks and not _planned(world):
-                return done, PLANNED, FINE
+            if (first + done) % world.plans == 0 and done < ticks:
+                if not take_row(world.table, estimate, command, world.reference):
+                    return done, PLANNED, FINE
+                world.referred[0] += 1
 
         # Controller.
         if stage < COMMANDED and last_stage == COMMANDED:
@@ -131,7 +135,10 @@ def run_ticks(box, first, ticks, begun, onward):
             break
 
         # Recording, observers of every tick, and plant.
-        record_row(world)
+        contacts = plant.readout.contacts
+        time = plant.watch.time[0]
+        saturated = plant.drive.saturated[0]
+        record_row(world.rows, time, contacts, saturated, world.referred[0], command)
         if world.observers:
             world.present[0] = first + done
             answer = call_at(world.observers, 0, 0)
@@ -145,65 +152,60 @@ def run_ticks(box, first, ticks, begun, onward):
 
 
 @kernel(**_WITHIN)
-def _planned(world):
-    """Take the next set points from the table; False where the planner has to decide."""
-    rows = world.table.rows
-    if rows[0] == rows[1]:
-        return False
-    if not take_row(world.table, world.estimate, world.command, world.reference):
-        return False
-    world.referred[0] += 1
-    return True
+def perceive(s, sampled, others, memory, time, seen):
+    """Samples of the sensors into the filter, and its estimate.
 
+    Args:
+        s: `Sensed`.
+        sampled: as in `World`.
+        others: address of the slot of sensors in Python.
+        memory: of the filter.
+        time: [s] now.
+        seen: `JointRecord`, `ImuRecord` and `EstimateRecord`; written.
 
-@kernel(**_WITHIN)
-def perceive(world):
-    """Samples of the sensors into the filter, and its estimate; the answer of their slot."""
-    s = world.sensed
-    joints = world.joints
-    sample = world.sample
+    Returns:
+        The answer of the slot.
+    """
+    joints, sample, estimate = seen
 
     # Compiled sensors.
-    if world.sampled[0]:
+    if sampled[0]:
         encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
-    if world.sampled[1]:
+    if sampled[1]:
         transmit(
             s.torques, s.tau_drive, s.tau_friction, s.armature, s.qdd, s.damping, s.qd, joints.tau
         )
-    if world.sampled[2]:
+    if sampled[2]:
         force_B = sample.specific_force_B
         w_B = sample.w_WB_B
         R_WB = sample.R_WB
         sense_motion(s.imu, s.R_WB, s.acceleration, s.w_WB_B, force_B, w_B, R_WB)
 
-    sample.time[0] = world.plant.watch.time[0]
+    sample.time[0] = time
 
     # Other sensors, in Python.
-    if world.sensors:
-        answer = call_at(world.sensors, 0, 0)
+    if others:
+        answer = call_at(others, 0, 0)
         if answer != FINE:
             return answer
 
     # Navigation.
-    take_sample(world.filter, sample)
-    put_out(world.filter, joints, world.estimate)
+    take_sample(memory, sample)
+    put_out(memory, joints, estimate)
     return FINE
 
 
 @kernel(**_WITHIN)
-def record_row(world):
-    """Write one row of the recording."""
-    contacts = world.plant.readout.contacts
-    command = world.command
+def record_row(rows, time, contacts, saturated, reference, command):
+    """Write one row of the recording, under the reference of this index."""
     scalars = (
         contacts[NORMAL],
         contacts[LEAST],
         contacts[MOST],
-        world.plant.drive.saturated[0],
+        saturated,
         contacts[COLLISION] != 0.0,
     )
-    time = world.plant.watch.time[0]
-    write_row(world.rows, time, scalars, world.referred[0], command.f_W, command.felt[0])
+    write_row(rows, time, scalars, reference, command.f_W, command.felt[0])
 
 
 @kernel(**_WITHIN)

@@ -146,7 +146,7 @@ def take_row(table, estimate, command, reference):
         False if the planner has to decide.
     """
     row = table.rows[0]
-    if estimate.time[0] != table.times[row]:
+    if row == table.rows[1] or estimate.time[0] != table.times[row]:
         return False
 
     # The estimate, in the order of `EstimateBounds`.

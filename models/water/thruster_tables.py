@@ -147,7 +147,8 @@ class ThrusterTable:
         at = self._between(voltage)
         rows = np.tensordot(at, self.power, axes=1)
 
-        return sum(self._curve(at @ self.edges, rows[side], side, pulse_us) for side in (0, 1))
+        astern = self._curve(at @ self.edges, rows[0], 0, pulse_us)
+        return astern + self._curve(at @ self.edges, rows[1], 1, pulse_us)
 
     def points(self, voltage: float) -> tuple[Array, Array]:
         """Pulses (p,) [us] and thrusts (p,) [N] at a voltage [V], the dead band's ends among them.
@@ -171,8 +172,9 @@ class ThrusterTable:
 
     def _between(self, voltage: float) -> Array:
         """Weights (k,) of the table's voltages at another one."""
-        least, most = float(self.voltages[0]), float(self.voltages[-1])
-        level = finite_number(voltage, f"{self.name}: voltage [V]", least=least, most=most)
+        subject = f"{self.name}: voltage [V]"
+        least = float(self.voltages[0])
+        level = finite_number(voltage, subject, least=least, most=float(self.voltages[-1]))
         return np.array(
             [np.interp(level, self.voltages, row) for row in np.eye(len(self.voltages))]
         )

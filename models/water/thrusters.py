@@ -268,13 +268,11 @@ def t200(
     Raises:
         ConfigurationError: a voltage that is not measured.
     """
-    pulses, thrusts = _T200_PULSE, _T200_THRUST
+    curve = T200.points(voltage) if voltage != _T200_VOLTAGE else (_T200_PULSE, _T200_THRUST)
     if voltage != _T200_VOLTAGE:
-        pulses, thrusts = T200.points(voltage)
         least_thrust = min(least_thrust, T200.least(voltage))
     return Thruster.of_table(
-        pulses,
-        thrusts,
+        *curve,
         neutral=1500.0,
         handedness=handedness,
         time_constant=time_constant,

@@ -51,17 +51,20 @@ class FoundPosture:
 class PostureSearch:
     """Search of postures of the arm of one vehicle."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, *, trimmed: bool = False) -> None:
         """Take a copy of a vehicle's model in which all its parts may touch each other.
 
         Args:
             model: compiled, without a scene. Shapes that do not collide count only where the
                 vehicle has no others.
+            trimmed: the hull will be ballasted level with the arm folded, so that its list there
+                does not count.
 
         Raises:
             ConfigurationError: it has no vehicle with an arm.
         """
         self.vehicle = Vehicle.of(model)
+        self._lists = 0.0 if trimmed else _LISTS
         self.model = model = copy(model)
         solid = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) > 0
         bits = (solid if solid.any() else np.ones_like(solid)).astype(np.int32)
@@ -339,7 +342,7 @@ class PostureSearch:
         radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
 
         out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
-        return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(
+        return float((np.linalg.norm(out, axis=1) + radius).max()) + self._lists * min(
             _list_angle(data, hull, self._masses), 1.0
         )
 

@@ -21,6 +21,6 @@ class Bounds:
     position_error: float = 0.005  # [m] of the identification
     position_error_share: float = 0.005  # of the range
     tilt: float = float(np.radians(3.0))  # [rad] of the tool; infinite: it is not judged
-    hull_tilt: float = float(np.radians(3.0))  # [rad] likewise
+    heel: float = float(np.radians(3.0))  # [rad] likewise
     # [m] of work without contact: sum of the bounds of identification and path
     gap_error: float = 0.008

@@ -340,9 +340,7 @@ def assess(
         ),
         # the hull
         Requirement("hull excursion, peak", hull.excursion_max_m, None, "mm", mm),
-        Requirement(
-            "hull tilt, peak", hull.tilt_max_rad, _judged(bounds.hull_tilt), "deg", degrees
-        ),
+        Requirement("hull tilt, peak", hull.tilt_max_rad, _judged(bounds.heel), "deg", degrees),
     )
 
     others = () if identification.accepted else ("the object was not identified",)

@@ -58,6 +58,7 @@ def check_vehicle(
     jobs: Sequence[str] = JOBS,
     forces: Sequence[float] = (),
     flow: FlowField | None = None,
+    poses: int = 1,
 ) -> VehicleCheck:
     """Check a vehicle: its parts, figures and doubts, and which jobs it can begin.
 
@@ -68,6 +69,8 @@ def check_vehicle(
         jobs: Names of `uuv.check.checked_jobs.JOBS` for which a verdict is wanted.
         forces: [N] set forces in place of the jobs' own.
         flow: Flow field on top of the jobs' current.
+        poses: Poses of the object that are drawn for each job of the arm; it is promised if 95 %
+            of them pass.
 
     Returns:
         The check. A spec that cannot be compiled has one finding of level "fault".
@@ -80,7 +83,7 @@ def check_vehicle(
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
-        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow)
+        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow, poses=poses)
         return _Check(name, vehicle_spec(name, tool, file), arm_jobs, by_spec=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
@@ -96,7 +99,10 @@ def check_vehicle(
         )
 
     return _Check(
-        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), by_spec=True
+        name,
+        spec,
+        ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow, poses=poses),
+        by_spec=True,
     ).run(jobs)
 
 

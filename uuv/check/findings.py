@@ -48,6 +48,7 @@ class JobVerdict:
     code: str  # of what decides: parts, water, thrust, force, reach, view, hover, current, ok
     said: str
     figure: float | None = None
+    share: float | None = None  # of the drawn poses at which it can begin and be carried through
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

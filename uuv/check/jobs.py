@@ -6,6 +6,7 @@ job's current. Where there is none, force at the tip and thrust tell why, if the
 are those of the job's own options.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -42,6 +43,7 @@ from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
+PROMISED = 0.95  # share of the drawn poses from which on a job is promised
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
@@ -149,6 +151,7 @@ class ArmJobs:
         parts: str | None,
         forces: Sequence[float] = (),
         flow: FlowField | None = None,
+        poses: int = 1,
     ) -> None:
         """Take a vehicle by its name or file.
 
@@ -158,10 +161,12 @@ class ArmJobs:
             parts: As --parts.
             forces: [N] set forces in place of the jobs' own.
             flow: Flow field on top of the jobs' current.
+            poses: Number of poses of the object that are drawn, with the seeds from 0 on.
         """
         self._vehicle = vehicle
         self._tool = tool
         self._flow = flow
+        self._poses = poses
         self._parts = parts
         self.forces = tuple(forces)
         # by tools and current: station keeping is simulated once
@@ -217,9 +222,41 @@ class ArmJobs:
             if (moving := self._rest[key]) is not None:
                 return replace(moving, job=name)
 
-            return _planned(name, scenario, believed, spec)
+            seeds = range(scenario.seed, scenario.seed + self._poses)
+            return of_poses(
+                [_planned(name, replace(scenario, seed=seed), believed, spec) for seed in seeds]
+            )
         except UuvError as error:
             return _refused(name, "parts", str(error))
+
+
+def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
+    """Verdict on a job from those at drawn poses: how many pass, the worst of them, and why not."""
+    if len(verdicts) == 1:
+        return verdicts[0]
+    good = [verdict for verdict in verdicts if verdict.promised]
+    bad = [verdict for verdict in verdicts if not verdict.promised]
+    share = len(good) / len(verdicts)
+    line = f"{len(good)} of {len(verdicts)} poses"
+
+    # The worst of those that pass, and the commonest reason of the others.
+    if good:
+        worst = min(good, key=lambda verdict: verdict.figure or 0.0)
+        line += f"; at the worst {worst.said}"
+    if bad:
+        code, count = Counter(verdict.code for verdict in bad).most_common(1)[0]
+        first = next(verdict for verdict in bad if verdict.code == code)
+        line += f"; {count} refused for {code}: {first.said}"
+
+    whole = good[0] if good else bad[0]
+    return replace(
+        whole,
+        promised=share >= PROMISED,
+        code="ok" if share >= PROMISED else Counter(v.code for v in bad).most_common(1)[0][0],
+        said=line,
+        figure=min((verdict.figure or 0.0 for verdict in good), default=whole.figure),
+        share=share,
+    )
 
 
 def _refused(job: str, code: str, message: str, figure: float | None = None) -> JobVerdict:

@@ -357,7 +357,7 @@ def work_bounds(believed: "OwnVehicle") -> Bounds:
         force_error_rms=known.size * usual.force_error_rms,
         force_error_max=known.size * usual.force_error_max,
         tilt=tilt,
-        hull_tilt=MOST_LIST if lists else tilt,
+        heel=MOST_LIST if lists else tilt,
     )
 
 

@@ -437,3 +437,18 @@ def test_an_arm_of_a_urdf_is_mounted_on_another_hull(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="no 'arm_base'"):
         mount_arm(spec, tmp_path / "arm.urdf", p=[0, 0, 0], tip="lower")
     assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM) < 0
+
+
+def test_a_hull_that_is_ballasted_folds_its_arm_whatever_it_would_list(tmp_path: Path) -> None:
+    """Ballast levels the hull with the arm at home, so a list there is no reason to stretch it."""
+    heavy = URDF.replace('<mass value="0.4"/>', '<mass value="6"/>')
+    heavy = heavy.replace('<mass value="0.3"/>', '<mass value="6"/>')
+    spread = {}
+    for parts in (PARTS, PARTS + "trim: 0.05\n"):
+        folder = tmp_path / str(len(parts))
+        folder.mkdir()
+        model = vehicle_spec(written(folder, ".urdf", heavy, parts)).compile()
+        search = PostureSearch(model, trimmed=True)
+        home = np.array(model.key(HOME_KEY).qpos)[search.vehicle.qpos]
+        spread[parts] = search._spread(home)
+    assert spread[PARTS + "trim: 0.05\n"] < spread[PARTS] - 0.002  # [m] 0.1814, 0.1847

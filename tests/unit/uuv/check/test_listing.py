@@ -113,11 +113,11 @@ def test_an_arm_in_a_closed_loop_is_named_and_hovers_held() -> None:
 
 def test_a_run_of_such_a_hull_may_list_as_far_as_the_check_allows() -> None:
     sound = OwnVehicle.of(vehicle_spec("uuv_puma"))
-    assert work_bounds(sound).hull_tilt == work_bounds(sound).tilt
+    assert work_bounds(sound).heel == work_bounds(sound).tilt
     spec = vehicle_spec("uuv_puma")
     for site in [site for site in spec.sites if "heave" in site.name]:
         site.pos[1] = 0.0  # none beside the middle: nothing drives roll
     own = OwnVehicle.of(spec)
     assert undriven_axes(own.vehicle.thruster_wrench) == ("roll",)
-    assert work_bounds(own).hull_tilt == MOST_LIST
+    assert work_bounds(own).heel == MOST_LIST
     assert work_bounds(own).tilt == work_bounds(sound).tilt

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import mujoco
 import numpy as np
 
-from uuv.models.files import urdf
+from uuv.models.files import urdf, urdf_places
 from uuv.models.files.mjcf_files import read_mjcf
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.sim.interfaces.documents import parsed_yaml
@@ -93,7 +93,8 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     """
     raw = bytes_of(path, "arm")
     file = Path(path)
-    suffix, digest = file.suffix.lower(), hashlib.sha256(raw).hexdigest()
+    suffix = file.suffix.lower()
+    digest = hashlib.sha256(raw).hexdigest()
 
     # Any XML may be a robot in URDF.
     if suffix == ".xml" and b"<robot" in raw[:4000]:
@@ -139,7 +140,8 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
     try:
         [float(cell) for cell in cells[0]]
     except ValueError:
-        header, cells = [cell.lower() for cell in cells[0]], cells[1:]
+        header = [cell.lower() for cell in cells[0]]
+        cells = cells[1:]
 
     if not cells:
         raise ConfigurationError(f"arm {file}: holds no rows")
@@ -277,7 +279,8 @@ def _of_rows(
     from uuv.models.arms.serial_arm import SerialArm
 
     read = _table_of(file, rows, about.units or _Units())
-    table, notes = read.table, [*notes, *_guessed_angles(file, read)]
+    table = read.table
+    notes = [*notes, *_guessed_angles(file, read)]
 
     n = len(table)
     letters = about.joint_types or "".join(read.types) or "r" * n
@@ -354,11 +357,13 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
     table = np.zeros((len(rows), len(_COLUMNS)))
     names: list[str] = []
     types: list[str] = []
-    said: dict[str, set[str]] = {kind: {unit} - {None} for kind, unit in asdict(units).items()}
+    units_read: dict[str, set[str]] = {
+        kind: {unit} - {None} for kind, unit in asdict(units).items()
+    }
     bare = np.zeros(table.shape, dtype=bool)
 
     for k, row in enumerate(rows):
-        seen = set()
+        filled = set()
 
         for key, value in row.items():
             word, unit = _word_and_unit(file, k, key)
@@ -370,12 +375,12 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
                 column = _DH_NAMES[word]
                 kind = "length" if column in _LENGTHS else "angle"
                 if unit:
-                    said[kind].add(unit)
+                    units_read[kind].add(unit)
                 table[k, column] = _figure(file, k, key, value) * _FACTORS.get(unit, 1.0)
                 bare[k, column] = not unit
-                seen.add(column)
+                filled.add(column)
 
-        if missing := {0, 1, 2, 3} - seen:
+        if missing := {0, 1, 2, 3} - filled:
             lacking = [("theta", "d", "a", "alpha")[i] for i in sorted(missing)]
             raise ConfigurationError(f"arm {file}: row {k + 1} lacks {', '.join(lacking)}")
 
@@ -384,13 +389,15 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
 
     # Bare columns take the unit of their kind.
     for kind, columns in (("angle", _ANGLES), ("length", _LENGTHS)):
-        chosen = getattr(units, kind) or (min(said[kind]) if len(said[kind]) == 1 else "")
+        chosen = getattr(units, kind) or (
+            min(units_read[kind]) if len(units_read[kind]) == 1 else ""
+        )
         for column in columns:
             table[bare[:, column], column] *= _FACTORS.get(chosen, 1.0)
 
     return _Table(
         table=table,
-        stated=frozenset(kind for kind, found in said.items() if found),
+        stated=frozenset(kind for kind, symbols in units_read.items() if symbols),
         names=names,
         types=types,
     )
@@ -478,8 +485,8 @@ def _joint_names(file: Path, about: _ArmTable, n: int) -> tuple[str, ...]:
     names = tuple(map(str, about.joint_names or ()))
 
     if about.joint_names is not None and not len(names) == len(set(names)) == n:
-        given = shown(about.joint_names)
-        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {given}")
+        names_got = shown(about.joint_names)
+        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {names_got}")
 
     return names
 
@@ -519,11 +526,13 @@ def _of_ur(
     if not joints:
         raise ConfigurationError("kinematics holds no joints")
 
-    X, axes, points = np.eye(4), [], []
+    X = np.eye(4)
+    axes = []
+    points = []
     for name, joint in joints.items():
         place = f"kinematics.{name}: x, y, z, roll, pitch, yaw"
-        figures = checked_place(astuple(joint), (6,), place, urdf.LONGEST)
-        X = X @ pose(urdf.rotation_from_rpy(figures[3:]), figures[:3])
+        figures = checked_place(astuple(joint), (6,), place, urdf_places.LONGEST)
+        X = X @ pose(urdf_places.rotation_from_rpy(figures[3:]), figures[:3])
         axes.append(X[:3, 2])
         points.append(X[:3, 3])
     from uuv.models.arms.serial_arm import SerialArm

@@ -179,9 +179,9 @@ def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, 
 
     for i, j, length, deviation in _distances(data, noise):
         gap = c[i] - c[j]
-        found = float(np.linalg.norm(gap))
-        errors.append((found - length) / deviation)
-        rows.append((C[i] - C[j]) @ gap / max(found, 1e-12) / deviation)
+        distance = float(np.linalg.norm(gap))
+        errors.append((distance - length) / deviation)
+        rows.append((C[i] - C[j]) @ gap / max(distance, 1e-12) / deviation)
 
     return np.array(errors), np.array(rows)
 
@@ -225,7 +225,9 @@ class Problem:
         size, gradient = self.scale(full)
 
         # Derivative of r / (noise size): the rows gain -r (grad size / size)^T.
-        toward, square, lean = rows.T @ r, float(r @ r), gradient / size
+        toward = rows.T @ r
+        square = float(r @ r)
+        lean = gradient / size
         over = 1.0 / (noise * size) ** 2
         crossed = np.outer(toward, lean)
         H = over * (rows.T @ rows - crossed - crossed.T + square * np.outer(lean, lean))
@@ -391,7 +393,7 @@ def solve(
     full = (problem.mean if start is None else start).copy()
     if widest is not None:
         deviations = np.minimum(deviations, widest)
-    given = deviations
+    stated = deviations
 
     # First steps with the stated prior.
     history: list[float] = []
@@ -422,7 +424,7 @@ def solve(
         deviations = deviations.copy()
         for pool in pools:
             square = float(away[pool] @ away[pool]) + _PSEUDO * float(
-                given[pool] @ given[pool]
+                stated[pool] @ stated[pool]
             ) / len(pool)
             chosen = np.sqrt(square / (float(known[pool].sum()) + _PSEUDO))
             deviations[pool] = chosen if widest is None else np.minimum(chosen, widest[pool])
@@ -458,7 +460,8 @@ def solve_robustly(
     Returns:
         The solution, and the data with their weights, 0 for each excluded touch.
     """
-    every, noise = problem.data, options["noise"]
+    every = problem.data
+    noise = options["noise"]
     counted = every.weights > 0.0
     share = level / max(counted.sum(), 1)
     ordinary = float(chi2.isf(share, 3))
@@ -488,8 +491,8 @@ def solve_robustly(
     limit = float(3.0 * f.isf(share, 3, _BLUNDER_TAIL))
     for _ in range(_REJECTIONS):
         before = problem.data
-        kept = counted & ~_strange(fit, before, counted, limit, noise)
-        problem.data = replace(every, weights=_far_weights(fit, before, kept))
+        near_mean = counted & ~_strange(fit, before, counted, limit, noise)
+        problem.data = replace(every, weights=_far_weights(fit, before, near_mean))
         fit = solve(problem, deviations, start=fit.full, **options)
         if np.max(np.abs(problem.data.weights - before.weights)) < _SAME_WEIGHTS:
             break
@@ -520,19 +523,20 @@ def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> F
     return fit
 
 
-def _far_weights(fit: Fit, data: Data, kept: np.ndarray) -> Array:
-    """Weights (M,): 1 where ordinary, beyond falling with squared distance, 0 where not `kept`."""
+def _far_weights(fit: Fit, data: Data, ordinary: np.ndarray) -> Array:
+    """Weights (M,): 1 near the mean, beyond falling with squared distance, 0 if not `ordinary`."""
     square = (
-        np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, data, kept) ** 2
+        np.einsum("mi,mi->m", fit.residuals, fit.residuals)
+        / _robust_noise(fit, data, ordinary) ** 2
     )
-    return np.where(kept, np.minimum(1.0, chi2.isf(_FAR, 3) / np.maximum(square, 1e-12)), 0.0)
+    return np.where(ordinary, np.minimum(1.0, chi2.isf(_FAR, 3) / np.maximum(square, 1e-12)), 0.0)
 
 
 def _robust_noise(fit: Fit, data: Data, counted: np.ndarray) -> float:
     """Standard deviation of a touch [m] from the median distance, which outliers hardly affect."""
-    kept = counted & (data.weights > 0.0)
-    median = float(np.median(np.linalg.norm(fit.residuals[kept], axis=1)))
-    lost = max(1.0 - (3.0 * len(data.starts) + fit.effective) / (3.0 * kept.sum()), 0.1)
+    ordinary = counted & (data.weights > 0.0)
+    median = float(np.median(np.linalg.norm(fit.residuals[ordinary], axis=1)))
+    lost = max(1.0 - (3.0 * len(data.starts) + fit.effective) / (3.0 * ordinary.sum()), 0.1)
     return max(median / (_MEDIAN * np.sqrt(lost)), NOISE_FLOOR)
 
 

@@ -387,7 +387,7 @@ def identify(
     rows = np.concatenate([offsets[i] + touches.kept[i] for i in touches.live])
     data = Data(
         q=q,
-        starts=np.cumsum([0, *(len(each) for each in used[:-1])]),
+        starts=np.cumsum([0, *(len(q_series) for q_series in used[:-1])]),
         distances=_checked_distances(distances, touches.live, len(counts)),
         load=None if bound is None else bound.at(q, rows),
         weights=np.ones(len(q)),
@@ -426,7 +426,9 @@ def _map_fit(
     how: MapFit,
 ) -> tuple[Fit, Data, Parameters]:
     """Maximum a posteriori estimate: fit, data with outliers at weight 0, free parameters."""
-    arm, mean, elastic = observed.arm, observed.mean, observed.loads is not None
+    arm = observed.arm
+    mean = observed.mean
+    elastic = observed.loads is not None
     default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
     try:
         words: list[str] = (
@@ -447,7 +449,7 @@ def _map_fit(
     solver = (
         solve_robustly
         if how.robust
-        else lambda *given, **options: (solve(*given, **options), given[0].data)
+        else lambda *arguments, **options: (solve(*arguments, **options), arguments[0].data)
     )
 
     def run(chosen: Parameters, on: Data) -> tuple[Fit, Data]:
@@ -467,9 +469,9 @@ def _map_fit(
     named = free is not None and any(word.startswith("beta") for word in words)
     if len(betas) and not named and not np.any(mean[parameters.index[betas]]):
         # Betas that are not significant are dropped, and the rest estimated anew.
-        found = fit.full[parameters.index[betas]]
-        chance = found @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], found)
-        if chance < chi2.isf(_BETA_LEVEL, len(betas)):
+        estimated = fit.full[parameters.index[betas]]
+        significance = estimated @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], estimated)
+        if significance < chi2.isf(_BETA_LEVEL, len(betas)):
             parameters = parameters.only(np.setdiff1d(np.arange(len(parameters.names)), betas))
             fit, used = run(parameters, data)
 
@@ -486,7 +488,7 @@ def _checked_distances(
     """Known distances between series in use, by their index among those, each with a deviation."""
     out = []
     try:
-        rows = [tuple(given) for given in distances]
+        rows = [tuple(entry) for entry in distances]
     except TypeError as error:
         raise ConfigurationError(
             f"distances: expected (i, j, length[, deviation]), got {shown(distances)}"
@@ -521,7 +523,8 @@ def _assemble(
     observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]
 ) -> Calibration:
     arm, mean, bound = observed.arm, observed.mean, observed.loads
-    touches, kept, live = observed.touches.series, observed.touches.kept, observed.touches.live
+    touches, live = observed.touches.series, observed.touches.live
+    places_used = observed.touches.kept
     n, size = arm.n, ROW * arm.n
     identified = arm.with_table(fit.full[:size].reshape(n, ROW))
     tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]
@@ -539,21 +542,22 @@ def _assemble(
     offsets = np.cumsum([0, *(len(q) for q in touches)])
 
     # Points as means of the touches in use, and the distance of every touch.
-    points, residuals, outliers = np.empty((len(touches), 3)), [], []
+    points = np.empty((len(touches), 3))
+    residuals, outliers = [], []
     weights = [np.zeros(len(q)) for q in touches]
 
     for s, i in enumerate(live):
-        weights[i][kept[i]] = data.weights[data.series == s]
+        weights[i][places_used[i]] = data.weights[data.series == s]
     weight = {i: data.weights[data.series == s] > 0.0 for s, i in enumerate(live)}
 
     for i, q in enumerate(touches):
         mine = tips[offsets[i] : offsets[i] + len(q)]
-        places = kept[i][weight[i]] if i in live and weight[i].any() else np.arange(len(q))
+        places = places_used[i][weight[i]] if i in live and weight[i].any() else np.arange(len(q))
         points[i] = mine[places].mean(axis=0)
         residuals.append(readonly(np.linalg.norm(mine - points[i], axis=1)))
 
         if i in live:
-            left_out = kept[i][~weight[i]]
+            left_out = places_used[i][~weight[i]]
             outliers += [
                 Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out
             ]
@@ -599,7 +603,7 @@ def _assemble(
         # of every point and touch
         points=readonly(points),
         residuals=tuple(residuals),
-        weights=tuple(readonly(each) for each in weights),
+        weights=tuple(readonly(w) for w in weights),
         outliers=tuple(outliers),
         estimate=Estimate(
             parameters=parameters,

@@ -15,10 +15,8 @@ from uuv.sim.interfaces.kernels import kernel
 
 # Explicit signatures: each kernel compiles once, for read-only and writable arrays alike.
 _V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3, 4))
-_FLAGS, _PLACES = (
-    types.Array(boolean, 1, "C", readonly=True),
-    types.Array(int64, 1, "C", readonly=True),
-)
+_FLAGS = types.Array(boolean, 1, "C", readonly=True)
+_PLACES = types.Array(int64, 1, "C", readonly=True)
 
 
 @kernel(signature=types.Tuple((float64, float64[::1]))(_M, _M, _V, _FLAGS))
@@ -124,7 +122,9 @@ def centred_rows(p, J, weights, starts, index):
         Residuals (M, 3); residuals (3 M,) and derivatives (3 M, P), both times the root of the
         weights; means (S, 3); and derivatives of the means (S, P, 3).
     """
-    touches, series, free = p.shape[0], starts.shape[0], index.shape[0]
+    touches = p.shape[0]
+    series = starts.shape[0]
+    free = index.shape[0]
     residuals = np.empty((touches, 3))
     r = np.empty(3 * touches)
     rows = np.empty((3 * touches, free))
@@ -178,24 +178,28 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     """
     touches, n = X.shape[0], X.shape[1] - 1
     tau = np.zeros((touches, n))
-    moment, place, zero = np.empty(3), np.empty(3), np.zeros(3)
+    moment = np.empty(3)
+    p = np.empty(3)
+    zero = np.zeros(3)
     # resultant of all loads beyond the joint, and its moment about the base
-    force, about = np.empty(3), np.empty(3)
+    force = np.empty(3)
+    about = np.empty(3)
 
     for m in range(touches):
-        force[:], about[:] = 0.0, 0.0
+        force[:] = 0.0
+        about[:] = 0.0
         for k in range(n, 0, -1):
             # Bodies of link k; the last link also has those that change with the touch.
-            own = forces.shape[1]
-            count = own + (extra_forces.shape[1] if k == n else 0)
+            fixed = forces.shape[1]
+            count = fixed + (extra_forces.shape[1] if k == n else 0)
             for b in range(count):
-                f = forces[k - 1, b] if b < own else extra_forces[m, b - own]
-                local = points[k - 1, b] if b < own else extra_points[m, b - own]
+                f = forces[k - 1, b] if b < fixed else extra_forces[m, b - fixed]
+                local = points[k - 1, b] if b < fixed else extra_points[m, b - fixed]
                 for i in range(3):
-                    place[i] = X[m, k, i, 3]
+                    p[i] = X[m, k, i, 3]
                     for j in range(3):
-                        place[i] += X[m, k, i, j] * local[j]
-                cross_into(moment, place, f, zero)
+                        p[i] += X[m, k, i, j] * local[j]
+                cross_into(moment, p, f, zero)
                 force += f
                 about += moment
 

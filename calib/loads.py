@@ -51,8 +51,12 @@ class Loads:
         gravity = checked(self.gravity, (3,), "loads.gravity")
         middles, lengths = _middles(arm)
 
-        given = self.link_masses
-        masses = _EVEN * lengths if given is None else checked(given, (n,), "loads.link_masses")
+        link_masses = self.link_masses
+        masses = (
+            _EVEN * lengths
+            if link_masses is None
+            else checked(link_masses, (n,), "loads.link_masses")
+        )
         centers = (
             middles
             if self.link_centers is None
@@ -87,20 +91,20 @@ class Loads:
     def _payload(self, counts: Sequence[int]) -> Array:
         """Payload mass (M,) [kg] of every touch."""
         total = int(np.sum(counts))
-        given = self.payload_mass
-        if isinstance(given, (int, float)):
-            masses = np.full(total, float(given))
+        payload = self.payload_mass
+        if isinstance(payload, (int, float)):
+            masses = np.full(total, float(payload))
         else:
-            items = list(given)  # pyright: ignore[reportArgumentType]
-            if len(items) != len(counts):
+            series_masses = list(payload)  # pyright: ignore[reportArgumentType]
+            if len(series_masses) != len(counts):
                 raise ConfigurationError(
-                    f"loads.payload_mass: {len(counts)} series, got {len(items)} masses"
+                    f"loads.payload_mass: {len(counts)} series, got {len(series_masses)} masses"
                 )
 
             parts = []
 
-            for i, (item, count) in enumerate(zip(items, counts, strict=True)):
-                part = np.asarray(item, dtype=np.float64)
+            for i, (series_mass, count) in enumerate(zip(series_masses, counts, strict=True)):
+                part = np.asarray(series_mass, dtype=np.float64)
                 if part.shape not in {(), (count,)}:
                     raise ConfigurationError(
                         f"loads.payload_mass of series {i + 1}: one mass or ({count},), got shape "
@@ -153,7 +157,8 @@ class BoundLoads:
             np.broadcast_to(X[:3, :3] @ self.center + X[:3, 3], (len(q), 1, 3))
         )
 
-        slides, X_base_0 = self.arm.slides, self.arm.X_base_0
+        slides = self.arm.slides
+        X_base_0 = self.arm.X_base_0
 
         def load(table: Array) -> Array:
             X = frames(table, slides, X_base_0, q)

@@ -85,8 +85,8 @@ def own_parameters(longer: SerialArm) -> list[str]:
     return [*names, *(f"beta{k + 1}" for k in longer.near_parallel if k >= BASE_JOINTS), "tcp"]
 
 
-def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
-    """Name the parameters of `found`, of the longer arm, as the arm's; rank report of `alike`.
+def in_own_names(calibration: Calibration, alike: Calibration) -> Calibration:
+    """The calibration of the longer arm in the names of the arm's parameters, ranks of `alike`.
 
     `alike` is a calibration of the arm alone in the same poses. The base's small motion does not
     change which directions touching observes.
@@ -95,11 +95,13 @@ def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
         name
         if name.startswith("tcp")
         else f"{name.rstrip('0123456789')}{int(name.lstrip(_LETTERS)) - BASE_JOINTS}"
-        for name in found.names
+        for name in calibration.names
     )
 
-    parameters = replace(found.estimate.parameters, names=names)
-    return replace(found, estimate=replace(found.estimate, parameters=parameters), rank=alike.rank)
+    parameters = replace(calibration.estimate.parameters, names=names)
+    return replace(
+        calibration, estimate=replace(calibration.estimate, parameters=parameters), rank=alike.rank
+    )
 
 
 def own_arm(longer: SerialArm, X_BA: Array) -> SerialArm:

@@ -33,7 +33,8 @@ def paper_run(problem: Problem) -> Fit:
     # m sum |x - c|^2 = sum over pairs, likewise G'G
     pairs = np.sqrt(np.repeat(counts, counts)).astype(np.float64)
 
-    full, mu = problem.mean.copy(), MU
+    full = problem.mean.copy()
+    mu = MU
     residuals, rows = _pair_rows(problem, full, pairs, units)
     history = [float(residuals @ residuals) * 1e-6]
 
@@ -45,7 +46,10 @@ def paper_run(problem: Problem) -> Fit:
             new_residuals, new_rows = _pair_rows(problem, trial, pairs, units)
 
             if new_residuals @ new_residuals < residuals @ residuals:
-                full, residuals, rows, mu = trial, new_residuals, new_rows, mu / ETA
+                full = trial
+                residuals = new_residuals
+                rows = new_rows
+                mu /= ETA
                 break
             mu *= ETA
             if mu > MU * 1e12:

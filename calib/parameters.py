@@ -79,7 +79,9 @@ class Parameters:
 
 def all_parameters(arm: SerialArm) -> Parameters:
     """All parameters: 4 n of DH, 3 of the tool point, beta of near-parallel axes, n compliances."""
-    names, groups, index = [], [], []
+    names = []
+    groups = []
+    index = []
 
     for k in range(arm.n):
         for group, column in (("theta", THETA), ("d", D), ("a", A), ("alpha", ALPHA)):
@@ -112,9 +114,9 @@ def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
         ConfigurationError: a word that names no parameter, or nothing left to identify.
     """
     every = all_parameters(arm)
-    asked = [words] if isinstance(words, str) else list(words)
+    words_chosen = [words] if isinstance(words, str) else list(words)
 
-    for word in asked:
+    for word in words_chosen:
         if not isinstance(word, str) or (word not in GROUPS and word not in every.names):
             raise ConfigurationError(
                 f"free: {shown(word)} is no parameter of this arm; allowed: groups "
@@ -130,10 +132,10 @@ def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
     chosen = [
         i
         for i, (name, group) in enumerate(zip(every.names, every.groups, strict=True))
-        if {name, group} & {*asked}
+        if {name, group} & {*words_chosen}
     ]
     if not chosen:
-        raise ConfigurationError(f"free: nothing left to identify, got {asked}")
+        raise ConfigurationError(f"free: nothing left to identify, got {words_chosen}")
     return every.only(chosen)
 
 

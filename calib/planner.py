@@ -60,11 +60,14 @@ def plan(design: Design, count: int) -> Plan:
         ConfigurationError: fewer candidates than `count`.
     """
     _check_count(design, count)
-    rows, C, W = design.rows, design.C, design.W
+    rows = design.rows
+    C = design.C
+    W = design.W
     before = _merit(C, W)
 
     # Greedy selection.
-    chosen, merit = [], []
+    chosen = []
+    merit = []
     free_to_take = np.ones(len(rows), dtype=bool)
     for _ in range(count):
         # D in both cases: the first touch of a point gains nothing in V
@@ -77,17 +80,18 @@ def plan(design: Design, count: int) -> Plan:
     # Exchanges: every touch against the best in its place, until none gains.
     for _ in range(_SWEEPS):
         swapped = False
-        for place in range(count):
-            reached, now = _merit(C, W), chosen[place]
-            without = _updated(C, rows[now], -1.0)
-            free_to_take[now] = True
+        for slot in range(count):
+            reached = _merit(C, W)
+            current = chosen[slot]
+            without = _updated(C, rows[current], -1.0)
+            free_to_take[current] = True
             best = _best(rows, without, W, free_to_take)
             trial = _updated(without, rows[best], 1.0)
             better = _merit(trial, W) - reached
 
-            if best != now and (better > 1e-9 if W is None else better < -1e-12):
-                C, chosen[place], swapped = trial, best, True
-            free_to_take[chosen[place]] = False
+            if best != current and (better > 1e-9 if W is None else better < -1e-12):
+                C, chosen[slot], swapped = trial, best, True
+            free_to_take[chosen[slot]] = False
         if not swapped:
             break
 
@@ -169,10 +173,13 @@ def design(
             unknown parameters.
     """
     if isinstance(arm, Calibration):
-        model, tool, hand = arm.arm, arm.tcp, arm.noise
+        model = arm.arm
+        tool = arm.tcp
+        hand = arm.noise
     else:
         model = arm if isinstance(arm, SerialArm) else SerialArm.from_dh(arm, name="arm")
-        tool, hand = np.zeros(3), HAND_NOISE
+        tool = np.zeros(3)
+        hand = HAND_NOISE
 
     tool = tool if tcp is None else checked(tcp, (3,), "tcp")
     sigma = hand if noise is None else noise

@@ -139,7 +139,7 @@ def rank_report(
     _, values, Vt = np.linalg.svd(rows)
     floor = THRESHOLD * values[0]
     rank = int(np.sum(values > floor))
-    seen, hidden = Vt[:rank], Vt[rank:]
+    observed, hidden = Vt[:rank], Vt[rank:]
     share = np.sum(hidden**2, axis=0)
 
     return RankReport(
@@ -147,10 +147,10 @@ def rank_report(
         rank=rank,
         singular_values=values,
         scales=scales,
-        directions=seen,
+        directions=observed,
         hidden_directions=hidden,
         hidden=_reasons(arm, hidden, parameters),
-        identifiable=_chosen(arm, seen, parameters),
+        identifiable=_chosen(arm, observed, parameters),
         status=tuple(
             "known" if s < _TOUCHED else "unknowable" if s > _MIXED else "in combination"
             for s in share
@@ -185,7 +185,7 @@ def _like_errors(arm: SerialArm, full: Array, data: Data, parameters: Parameters
     return np.array([sizes.get(group, 0.0) for group in parameters.groups])
 
 
-def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
+def _chosen(arm: SerialArm, observed: Array, parameters: Parameters) -> np.ndarray:
     """As many independent parameters as the rank; by choice those usually left free."""
     # Preferably fixed at nominal: the base, the last frame (the tool point replaces it), the first
     # links of a parallel run, and the longest link (scale).
@@ -203,8 +203,8 @@ def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
 
     # Pivots of QR: independent columns, preferred ones first.
     chosen = np.zeros(len(preference), dtype=bool)
-    if len(seen):
-        chosen[qr(seen * preference, pivoting=True, mode="r")[1][: len(seen)]] = True
+    if len(observed):
+        chosen[qr(observed * preference, pivoting=True, mode="r")[1][: len(observed)]] = True
 
     return chosen
 
@@ -212,34 +212,34 @@ def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
 def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
     """Split hidden directions into groups: null spaces of a few columns with a common reason."""
     missing, total = hidden.shape
-    found = np.zeros((0, total))
+    explained = np.zeros((0, total))
     groups = []
 
     for names, reason, handle in _suspects(arm, parameters):
         places = parameters.where(*names)
-        if not len(places) or len(found) >= missing:
+        if not len(places) or len(explained) >= missing:
             continue
 
         # The directions of these columns alone that lie in the hidden space: cosines near 1.
         _, cosines, Vt = np.linalg.svd(hidden[:, places], full_matrices=False)
         null = np.zeros((int(np.sum(cosines > _LIES_IN)), total))
         null[:, places] = Vt[: len(null)]
-        null -= (null @ found.T) @ found
+        null -= (null @ explained.T) @ explained
         _, size, new = np.linalg.svd(null, full_matrices=False)
-        new = new[size > _EXPLAINS][: missing - len(found)]
+        new = new[size > _EXPLAINS][: missing - len(explained)]
 
         if len(new):
             inside = [parameters.names[j] for j in range(total) if np.abs(new[:, j]).max() > 0.05]
             groups.append(
                 HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle)
             )
-            found = np.vstack([found, new])
+            explained = np.vstack([explained, new])
 
     # What no suspect explains.
-    if len(found) < missing:
-        null = hidden - (hidden @ found.T) @ found
+    if len(explained) < missing:
+        null = hidden - (hidden @ explained.T) @ explained
         _, _, new = np.linalg.svd(null, full_matrices=False)
-        new = new[: missing - len(found)]
+        new = new[: missing - len(explained)]
         inside = [
             parameters.names[j]
             for j in np.argsort(-np.abs(new).max(axis=0))

@@ -142,15 +142,15 @@ def _compliance(calibration: Calibration, name: str) -> tuple[str, str, str, str
     if name not in calibration.names:
         return "fixed", "", "", ""
     i = calibration.names.index(name)
-    value = calibration.estimate.values[i]
+    compliance = calibration.estimate.values[i]
     half = calibration.quantile() * calibration.sigma[i]
-    cells = f"{_zero(1e6 * value):.1f}", f"± {1e6 * half:.1f}"
+    cells = f"{_zero(1e6 * compliance):.1f}", f"± {1e6 * half:.1f}"
 
     if any(name in group.names for group in calibration.rank_free.hidden):
         return *cells, "not identified", ""
-    if not value > half:
+    if not compliance > half:
         return *cells, "not significantly different from zero", ""
-    return *cells, f"{100.0 * half / value:.1f} %", f"{1.0 / value:.0f}"
+    return *cells, f"{100.0 * half / compliance:.1f} %", f"{1.0 / compliance:.0f}"
 
 
 def _zero(value: float) -> float:

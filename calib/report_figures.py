@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import norm
 
 from uuv.calib.identification import Calibration
 from uuv.calib.touches import first_tcp
@@ -227,28 +228,29 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
 
 
 def _changes(calibration: Calibration) -> Figure:
-    own = np.array(
+    of_arm = np.array(
         [i for i, group in enumerate(calibration.estimate.parameters.groups) if group != "tcp"],
         dtype=int,
     )
 
-    figure = Figure(figsize=(WIDTH, 0.6 + 0.19 * len(own)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.6 + 0.19 * len(of_arm)), layout="constrained")
     axes = figure.subplots()
-    places, scale = np.arange(len(own)), calibration.estimate.prior[own]
+    places = np.arange(len(of_arm))
+    scale = calibration.estimate.prior[of_arm]
 
     # Band of the prior, and intervals of the fit.
-    axes.axvspan(-1.96, 1.96, color="#eeeeee")
+    axes.axvspan(*norm.interval(0.95), color="#eeeeee")
     axes.errorbar(
-        calibration.estimate.changes[own] / scale,
+        calibration.estimate.changes[of_arm] / scale,
         places,
         fmt="o",
         markersize=3,
         color=BLUE,
         linewidth=1.4,
-        xerr=calibration.quantile() * calibration.sigma[own] / scale,
+        xerr=calibration.quantile() * calibration.sigma[of_arm] / scale,
     )
 
-    axes.set_yticks(places, [calibration.names[i] for i in own], fontsize=7)
+    axes.set_yticks(places, [calibration.names[i] for i in of_arm], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("change over the prior's deviation")
     plain_axes(axes)

@@ -117,7 +117,7 @@ def _write_yaml(
         "touches": {
             "sha256": sha256,
             "points": len(calibration.residuals),
-            "count": sum(len(each) for each in calibration.residuals),
+            "count": sum(len(residuals) for residuals in calibration.residuals),
             "left_out": len(calibration.outliers),
             "noise_m": round(float(calibration.noise), 9),
         },
@@ -186,7 +186,8 @@ def links(arm: SerialArm) -> list[Array]:
 
     Each joint's child link is in the link before, its z the axis; the last is the flange in link n.
     """
-    out, rest = [], np.array(arm.X_base_0)
+    out = []
+    rest = np.array(arm.X_base_0)
 
     for row in arm.table:
         out.append(rest @ pose(exp_so3([0.0, 0.0, row[THETA]])))
@@ -302,12 +303,14 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
         XML text.
     """
     robot = parse(source.path, "arm")
-    root, chain = robot.xml, robot.chain(source.base, source.tip)
+    root = robot.xml
+    chain = robot.chain(source.base, source.tip)
     old, new = _riding(source.arm), _riding(arm)
     driven = {i: k for k, i in enumerate(chain.driven)}
 
     # displacement of the links so far; parent link before correction
-    carried, parent = np.eye(4), np.eye(4)
+    carried = np.eye(4)
+    parent = np.eye(4)
 
     for i, (joint, step) in enumerate(zip(chain.joints, chain.X_parent_child, strict=True)):
         child = parent @ step
@@ -334,7 +337,8 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
 
 def _riding(arm: SerialArm) -> list[Array]:
     """Frames (4, 4) of the links in the base at zero: on their joint axes, turned by theta0."""
-    X, out = np.eye(4), []
+    X = np.eye(4)
+    out = []
     for step in links(arm)[:-1]:
         X = X @ step
         out.append(X)

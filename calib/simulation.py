@@ -115,7 +115,8 @@ class Seating:
             ReachError: the arm does not reach the displaced place.
             ConfigurationError: another number of series than of sockets.
         """
-        maps, tip = checked(self.maps, (len(series), 3, 3), "seating"), checked(tcp, (3,), "tcp")
+        maps = checked(self.maps, (len(series), 3, 3), "seating")
+        tip = checked(tcp, (3,), "tcp")
         moved = ROW * np.arange(arm.n) + np.where(arm.slides, D, THETA)
         out = []
 
@@ -157,7 +158,7 @@ def read_by_encoders(
         sag: elastic joints; None: stiff ones.
         gears: eccentric gears; None: ideal ones.
     """
-    counts = [len(one) for one in series]
+    counts = [len(q) for q in series]
     stands = np.ascontiguousarray(np.vstack(series))
     read = stands
 
@@ -229,8 +230,8 @@ def touch(
         ConfigurationError: wrong shapes or counts.
     """
     hand = _Hand(arm, checked(tcp, (3,), "tcp"), postures or Postures())
-    given = np.asarray(points, dtype=np.float64)
-    goals = hand.points(int(given), rng) if given.ndim == 0 else given
+    requested = np.asarray(points, dtype=np.float64)
+    goals = hand.points(int(requested), rng) if requested.ndim == 0 else requested
 
     counts = [touches] * len(goals) if isinstance(touches, (int, np.integer)) else list(touches)
     if len(counts) != len(goals) or goals.ndim != 2 or goals.shape[1] != 3:
@@ -275,13 +276,15 @@ class _Hand:
     """An operator who leads an arm to points, in given postures."""
 
     def __init__(self, arm: SerialArm, tcp: Array, postures: Postures) -> None:
-        self.arm, self.tcp, self.cone = arm, tcp, postures.cone
+        self.arm = arm
+        self.tcp = tcp
+        self.cone = postures.cone
         self.axis = checked(postures.approach, (3,), "approach")
-        given = postures.limits
+        limits = postures.limits
         self.bounds = (
             np.where(arm.slides[:, None], [[0.0, 1.0]], [[-np.pi, np.pi]])
-            if given is None
-            else checked(given, (arm.n, 2), "limits")
+            if limits is None
+            else checked(limits, (arm.n, 2), "limits")
         )
 
     def touching(self, p: Array, rng: np.random.Generator) -> Array | None:
@@ -300,22 +303,22 @@ class _Hand:
                 return q
         return None
 
-    def points(self, wanted: int, rng: np.random.Generator) -> Array:
+    def points(self, count: int, rng: np.random.Generator) -> Array:
         """Random points that the arm reaches in varied orientations, well apart."""
         length = self.arm.reach + float(np.linalg.norm(self.tcp))
-        found: list[Array] = []
+        points: list[Array] = []
         for _ in range(_TRIES):
             goal = self.arm.X_base_0[:3, 3] + length * rng.uniform(
                 [-0.6, -0.6, 0.0], [0.6, 0.6, 0.4]
             )
 
-            near = any(np.linalg.norm(goal - other) < 0.15 * length for other in found)
+            near = any(np.linalg.norm(goal - other) < 0.15 * length for other in points)
             tries = [self._try(goal, rng)[1] for _ in range(8)]
             if not near and sum(tries) >= 2:
-                found.append(goal)
-            if len(found) == wanted:
-                return np.array(found)
-        raise ReachError(f"no {wanted} points found that the arm can touch in varied orientations")
+                points.append(goal)
+            if len(points) == count:
+                return np.array(points)
+        raise ReachError(f"no {count} points found that the arm can touch in varied orientations")
 
     def _try(self, p: Array, rng: np.random.Generator) -> tuple[Array, bool]:
         q = rng.uniform(self.bounds[:, 0], self.bounds[:, 1])

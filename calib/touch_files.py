@@ -42,7 +42,7 @@ class Touches:
     @property
     def count(self) -> int:
         """Number of touches in all series."""
-        return sum(len(one) for one in self.series)
+        return sum(len(q) for q in self.series)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +81,8 @@ def read_touches(
             beyond the limits, unless they are noted. Also files that look like degrees beside
             others that look like radians.
     """
-    given = [paths] if isinstance(paths, str | Path) else list(paths)
-    files = [file for path in given for file in _files(Path(path))]
+    path_list = [paths] if isinstance(paths, str | Path) else list(paths)
+    files = [file for path in path_list for file in _files(Path(path))]
     if not files:
         raise ConfigurationError("touches: no file was named")
 
@@ -123,10 +123,10 @@ def read_touches(
     hinges = _hinges(joint_types, width or 0)
     series = [np.array(rows) for rows in points.values()]
     if is_degrees:
-        series = [np.where(hinges, np.deg2rad(one), one) for one in series]
+        series = [np.where(hinges, np.deg2rad(q), q) for q in series]
 
     read = Touches(
-        series=tuple(readonly(one) for one in series),
+        series=tuple(readonly(q) for q in series),
         names=tuple(points),
         sha256=digest.hexdigest(),
         notes=tuple(notes),
@@ -167,11 +167,8 @@ def write_touches(
         The folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, one in zip(names, series, strict=True):
-        lines = [
-            ",".join(joint_names),
-            *(",".join(f"{value:.10f}" for value in row) for row in one),
-        ]
+    for name, q in zip(names, series, strict=True):
+        lines = [",".join(joint_names), *(",".join(f"{value:.10f}" for value in row) for row in q)]
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     return folder
@@ -299,14 +296,14 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
 
 def _files(path: Path) -> list[Path]:
     if _is_folder(path):
-        found = sorted(
+        files = sorted(
             file
             for file in path.rglob("*")
             if file.suffix.lower() in (".csv", ".tsv") and file.is_file()
         )
-        if not found:
+        if not files:
             raise ConfigurationError(f"touches: there is no .csv file in folder {path}")
-        return found
+        return files
     return [existing_file(path, "touches")]
 
 
@@ -341,21 +338,24 @@ def _parse(
     """Rows of one file, the separator of its points (empty for one), and the unit of its header."""
     header: list[str] | None = None
     rows: list[_Row] = []
-    block, gap = 1, False
+    block = 1
+    gap = False
     for number, line in enumerate(text.splitlines(), 1):
         body = line.split("#", 1)[0].strip()
         if not body:
             gap = gap or (bool(rows) and not line.strip())
             continue
 
-        cells, where = _cells(body), f"{file.name}:{number}"
+        cells = _cells(body)
+        where = f"{file.name}:{number}"
         if header is None and not rows and not _any_number(cells):
             header = [cell.strip('"').strip().lower() for cell in cells]
             continue
 
         # A blank line after touches begins the next point.
         if gap:
-            block, gap = block + 1, False
+            block += 1
+            gap = False
         if header is not None and len(cells) != len(header):
             raise ConfigurationError(f"{where}: {len(cells)} cells, the header has {len(header)}")
         rows.append(_row(cells, header, joint_names, width, where, block))
@@ -375,12 +375,12 @@ def _parse(
         names = {label: label for label in labels}
 
     rows = [_Row(row.values, names[row.point], row.where) for row in rows]
-    found = {
+    units_stated = {
         unit
         for cell in header or ()
         for unit in re.findall(r"[\[(_\s](deg|rad)(?:rees|ians?|s)?(?=[\])\s]|$)", cell)
     }
-    return rows, several, found.pop() if len(found) == 1 else None
+    return rows, several, units_stated.pop() if len(units_stated) == 1 else None
 
 
 def _cells(line: str) -> list[str]:
@@ -417,16 +417,17 @@ def _row(
             and len(cells) == width + 1
             and (cells[0].isdigit() or not _any_number(cells[:1]))
         ):
-            point, cells = cells[0], cells[1:]  # first cell: number or name of the point
+            point = cells[0]  # its number or name
+            cells = cells[1:]
     else:
         bare = [re.split(r"\s*[\[(]", name)[0] for name in header]
         label = next((i for i, name in enumerate(bare) if name in POINT_COLUMNS), None)
         if label is not None:
             point = cells[label].strip('"')
 
-        wanted = [name.lower() for name in joint_names]
-        if wanted and all(name in bare for name in wanted):
-            cells = [cells[bare.index(name)] for name in wanted]
+        lowered = [name.lower() for name in joint_names]
+        if lowered and all(name in bare for name in lowered):
+            cells = [cells[bare.index(name)] for name in lowered]
         else:
             drop = {label, *(i for i, name in enumerate(bare) if name in IGNORED_COLUMNS)}
             cells = [cell for i, cell in enumerate(cells) if i not in drop]

@@ -49,14 +49,14 @@ def usable(
         ConfigurationError: as of `checked_series`; too few touches; no joint moves over them.
     """
     series = checked_series(series, arm)
-    kept, warnings = without_repeats(series)
-    live = [i for i, places in enumerate(kept) if len(places)]
-    used = [series[i][kept[i]] for i in live]
+    places_used, warnings = without_repeats(series)
+    live = [i for i, places in enumerate(places_used) if len(places)]
+    used = [series[i][places_used[i]] for i in live]
 
     if sum(len(q) - 1 for q in used) < 2:
         raise ConfigurationError(
             "series: no point was touched in enough different poses; at least three different "
-            "touches are needed, got " + ", ".join(str(len(places)) for places in kept)
+            "touches are needed, got " + ", ".join(str(len(places)) for places in places_used)
         )
     if not any(moved(q, arm).any() for q in used):
         raise ConfigurationError(
@@ -64,7 +64,9 @@ def usable(
             "identify an arm"
         )
     start = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
-    return UsableTouches(series=series, kept=kept, live=live, tcp=start, warnings=tuple(warnings))
+    return UsableTouches(
+        series=series, kept=places_used, live=live, tcp=start, warnings=tuple(warnings)
+    )
 
 
 def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
@@ -127,18 +129,20 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
         return
 
     i = int(np.argmax([np.abs(q[:, hinges]).max() for q in series]))
-    said = f"series {i + 1}: a joint angle of {largest:.4g} rad"
+    message = f"series {i + 1}: a joint angle of {largest:.4g} rad"
     if largest > _TWO_TURNS:
         raise ConfigurationError(
-            f"{said}; these look like degrees, radians are needed (numpy.deg2rad)"
+            f"{message}; these look like degrees, radians are needed (numpy.deg2rad)"
         )
 
     # Within two turns, the unit under which the touches of a point lie closer together.
     turned = [np.where(hinges, np.deg2rad(q), q) for q in series]
-    as_radians, as_degrees = (spread(arm, first_tcp(arm, each), each) for each in (series, turned))
+    as_radians, as_degrees = (
+        spread(arm, first_tcp(arm, q_series), q_series) for q_series in (series, turned)
+    )
     if as_degrees < as_radians / _FIT_BETTER:
         raise ConfigurationError(
-            f"{said}; the touches of a point lie {1e3 * as_degrees:.3g} mm about it if read as "
+            f"{message}; the touches of a point lie {1e3 * as_degrees:.3g} mm about it if read as "
             f"degrees and {1e3 * as_radians:.3g} mm as radians: they look like degrees, radians "
             "are needed (numpy.deg2rad)"
         )
@@ -161,7 +165,7 @@ def first_tcp(arm: SerialArm, series: Sequence[Array]) -> Array:
     -(Omega^T Omega)^-1 Omega^T X_f; eq. (15) as printed lacks the minus. Directions that the
     orientations of a series do not determine are set to zero.
     """
-    found = []
+    estimates = []
     for q in series:
         if len(q) < 2:
             continue
@@ -171,9 +175,9 @@ def first_tcp(arm: SerialArm, series: Sequence[Array]) -> Array:
         Omega = np.concatenate(
             [X[:, :3, :3], np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2
         ).reshape(-1, 6)
-        found.append(np.linalg.lstsq(Omega, -X[:, :3, 3].ravel(), rcond=1e-3)[0][:3])
+        estimates.append(np.linalg.lstsq(Omega, -X[:, :3, 3].ravel(), rcond=1e-3)[0][:3])
 
-    return np.mean(found, axis=0) if found else np.zeros(3)
+    return np.mean(estimates, axis=0) if estimates else np.zeros(3)
 
 
 def spread(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
@@ -187,7 +191,8 @@ def spread(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
     Returns:
         The distance over all touches.
     """
-    square, count = 0.0, 0
+    square = 0.0
+    count = 0
     for q in series:
         p = arm.tips(q, tcp)
         square += float(np.sum((p - p.mean(axis=0)) ** 2))
@@ -202,7 +207,8 @@ def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str
     A touch written twice counts once, since its copy has no noise of its own. A series of a single
     touch is left out.
     """
-    kept, lines = [], []
+    places_used = []
+    lines = []
     for i, q in enumerate(series):
         rounded = np.round(q / _SAME)
         places = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
@@ -217,6 +223,6 @@ def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str
                 f"series {i + 1}: a single touch of a point does not constrain the arm, left out"
             )
             places = places[:0]
-        kept.append(places)
+        places_used.append(places)
 
-    return kept, lines
+    return places_used, lines

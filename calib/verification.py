@@ -85,16 +85,16 @@ def flange_poses(
         if not _reach(controller, middle, R_down, home, bounds):
             continue
 
-        found: list[Array] = []
+        poses: list[Array] = []
         for _ in range(_TRIES * count):
             goal = middle + box * controller.reach * rng.uniform(-1.0, 1.0, 3)
             q = home.copy()
             if _reach(controller, goal, R_down, q, bounds) and np.abs(q - home).max() < 0.5 * np.pi:
-                found.append(q)
-            if len(found) == count:
-                return np.array(found)
+                poses.append(q)
+            if len(poses) == count:
+                return np.array(poses)
 
-        best = max(best, len(found))
+        best = max(best, len(poses))
 
     raise ReachError(f"only {best} of {count} flange points found in one orientation and branch")
 
@@ -150,19 +150,23 @@ def icp(source: Array, target: Array) -> Array:
     centred may differ by any rotation.
     """
     tree = cKDTree(target)
-    best, best_rms = np.eye(4), np.inf
+    best = np.eye(4)
+    best_rms = np.inf
     for start in _starts(source, target):
-        X, before = start, None
+        X = start
+        before = None
         for _ in range(_ICP_STEPS):
             pairs = tree.query(transform_points(X, source))[1]
             if before is not None and np.array_equal(pairs, before):
                 break
-            X, before = kabsch(source, target[pairs]), pairs
+            X = kabsch(source, target[pairs])
+            before = pairs
 
         rms = float(np.sqrt(np.mean(tree.query(transform_points(X, source))[0] ** 2)))
         # Two points paired with one target are not a valid match.
         if before is not None and len(np.unique(before)) == len(source) and rms < best_rms:
-            best, best_rms = X, rms
+            best = X
+            best_rms = rms
 
     return best
 
@@ -264,13 +268,13 @@ def places(points: ArrayLike, reach: float) -> np.ndarray:
     """Place (S,) of each point: points within a tenth of `reach` [m], in chains, share one."""
     p = np.asarray(points, dtype=np.float64)
     near = np.linalg.norm(p[:, None] - p[None], axis=2) < _ONE_PLACE * reach
-    found = np.arange(len(p))
+    labels = np.arange(len(p))
 
     # The least index spreads along the chains.
     for _ in range(len(p)):
-        found = np.where(near, found[None], len(p)).min(axis=1)
+        labels = np.where(near, labels[None], len(p)).min(axis=1)
 
-    return found
+    return labels
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -282,7 +286,7 @@ class PointTouches:
     weights: Array  # (m,) in the fit, above 0
 
 
-def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, noise: float) -> Array:
+def scores(series: Sequence[PointTouches], label: np.ndarray, prior: Array, noise: float) -> Array:
     """Errors of touches predicted without their own place, over their predicted deviations, sorted.
 
     The parameters without a place follow from one Gauss-Newton step that removes its touches. Known
@@ -291,7 +295,7 @@ def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, nois
 
     Args:
         series: touches in use.
-        place: (S,) place of each series. Where all share one, each series counts as a place.
+        label: (S,) place of each series. Where all share one, each series counts as a place.
         prior: (P,) standard deviations of the prior.
         noise: [m] standard deviation of a touch along each axis.
 
@@ -299,19 +303,23 @@ def scores(series: Sequence[PointTouches], place: np.ndarray, prior: Array, nois
         Absolute scores (3 M,); their 95 % quantile is 1.96 where the model is right.
     """
     # In a single place each point is predicted from the others.
-    if len(set(place.tolist())) == 1:
-        place = np.arange(len(series))
+    if len(set(label.tolist())) == 1:
+        label = np.arange(len(series))
 
-    rows = [each.rows.transpose(0, 2, 1).reshape(-1, len(prior)) * prior / noise for each in series]
-    weights = [np.repeat(each.weights, 3) for each in series]
+    rows = [
+        touched.rows.transpose(0, 2, 1).reshape(-1, len(prior)) * prior / noise
+        for touched in series
+    ]
+    weights = [np.repeat(touched.weights, 3) for touched in series]
     each_tells = np.array([(J * w[:, None]).T @ J for J, w in zip(rows, weights, strict=True)])
     total = np.eye(len(prior)) + each_tells.sum(axis=0)
     out = []
 
-    for one in sorted(set(place.tolist())):
-        mine = np.flatnonzero(place == one).tolist()
+    for k in sorted(set(label.tolist())):
+        mine = np.flatnonzero(label == k).tolist()
         without = np.linalg.inv(total - each_tells[mine].sum(axis=0))
-        J, w = np.concatenate([rows[s] for s in mine]), np.concatenate([weights[s] for s in mine])
+        J = np.concatenate([rows[s] for s in mine])
+        w = np.concatenate([weights[s] for s in mine])
         r = np.concatenate([series[s].residuals.ravel() for s in mine]) / noise
 
         # Variance of a touch about the mean of its series, over that of a touch.

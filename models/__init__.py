@@ -36,6 +36,10 @@ _MODELS = {
         build="uuv.models.vehicles.uuv_puma:build_side",
         source="uuv_puma with the arm on the port side, for vertical structures",
     ),
+    "bluerov2": _Entry(
+        build="uuv.models.vehicles.bluerov2:build",
+        source="clydemcqueen/bluerov2_gz, six T200 at 16 V; added mass of Wu 2018",
+    ),
     "bluerov2_heavy_benzon2022": _Entry(
         build="uuv.models.vehicles.bluerov2_heavy:benzon_2022",
         source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V",

@@ -91,12 +91,12 @@ class Registry(Generic[T]):
             )
         return self._aliases.get(name, name)
 
-    def load(self, name: str, *given: Any, **options: Any) -> T:
+    def load(self, name: str, *arguments: Any, **options: Any) -> T:
         """Make the thing of that name.
 
         Args:
             name: one of `names()`.
-            given: positional arguments of its maker.
+            arguments: positional arguments of its maker.
             options: keyword arguments of its maker.
 
         Returns:
@@ -110,6 +110,7 @@ class Registry(Generic[T]):
         is_built_in = name in self._built_in
         make = self.maker(name)
 
+        # Options that the maker does not have, before it is called.
         if options:
             allowed = inspect.signature(make).parameters
             anything = any(
@@ -121,10 +122,11 @@ class Registry(Generic[T]):
                     f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}"
                 )
 
+        # What another package raises is a fault of its name, not of the program.
         if is_built_in:
-            return make(*given, **options)
+            return make(*arguments, **options)
         try:
-            instance = make(*given, **options)
+            instance = make(*arguments, **options)
         except UuvError:
             raise
         except Exception as error:
@@ -150,15 +152,15 @@ class Registry(Generic[T]):
         if name in self._built_in:
             make = self._built_in[name]
             return cast(Callable[..., T], _attribute(make)) if isinstance(make, str) else make
-        return self._own(name) if ":" in name else self._imported(self._of_packages()[name])
+        return self._of_user(name) if ":" in name else self._imported(self._of_packages()[name])
 
-    def class_of(self, name: str, base: type, place: str) -> type[T]:
+    def class_of(self, name: str, base: type, where: str) -> type[T]:
         """The dataclass of that name, which has to be a `base`.
 
         Args:
             name: as for `load`.
             base: class that all of this kind inherit, or whose `needs` says what is asked of one.
-            place: begins the message about a class that is none.
+            where: begins the message about a class that is none.
 
         Raises:
             ConfigurationError: it is no dataclass or no `base`, or as `maker` does.
@@ -169,7 +171,7 @@ class Registry(Generic[T]):
 
         needs = getattr(base, "needs", f"inherits {base.__name__}")
         which = f"{self.kind} {shown(name)}"
-        raise ConfigurationError(f"{place}: {which} must be a dataclass that {needs}")
+        raise ConfigurationError(f"{where}: {which} must be a dataclass that {needs}")
 
     def name_of(self, make: Callable[..., T]) -> str | None:
         """The name under which `make` is built in, or another package's; None: under none."""
@@ -177,10 +179,12 @@ class Registry(Generic[T]):
         for name, known in self._built_in.items():
             if known is make or known == path:
                 return name
+
         return next((name for name in self._of_packages() if self.maker(name) is make), None)
 
     def _of_packages(self) -> "dict[str, EntryPoint]":
         if self._found is None:
+            # reads the metadata of all packages
             from importlib.metadata import entry_points
 
             points = entry_points(group=f"{GROUP}.{self.kind}")
@@ -189,7 +193,7 @@ class Registry(Generic[T]):
             }
         return self._found
 
-    def _own(self, name: str) -> Callable[..., T]:
+    def _of_user(self, name: str) -> Callable[..., T]:
         """The callable MODULE:ATTRIBUTE of a user."""
         try:
             make = _attribute(name)
@@ -197,6 +201,7 @@ class Registry(Generic[T]):
             raise ConfigurationError(
                 f"{self.kind} {shown(name)}: cannot be imported; {type(error).__name__}: {error}"
             ) from error
+
         if not callable(make):
             raise ConfigurationError(f"{self.kind} {shown(name)}: must be callable")
         return cast(Callable[..., T], make)
@@ -210,6 +215,7 @@ class Registry(Generic[T]):
                 f"{self.kind} {point.name!r} of {package}: cannot import {point.value}; "
                 f"{type(error).__name__}: {error}"
             ) from error
+
         if not callable(make):
             raise ConfigurationError(
                 f"{self.kind} {point.name!r} of {package}: {point.value} must be callable"
@@ -217,7 +223,7 @@ class Registry(Generic[T]):
         return cast(Callable[..., T], make)
 
 
-def _attribute(place: str) -> Any:
+def _attribute(path: str) -> Any:
     """What MODULE:ATTRIBUTE names."""
-    module, _, attribute = place.partition(":")
+    module, _, attribute = path.partition(":")
     return getattr(importlib.import_module(module), attribute)

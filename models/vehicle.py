@@ -166,6 +166,8 @@ def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
     """
     X = np.eye(4)
     at = body
+
+    # Up the tree, as long as nothing moves in between.
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
             raise ConfigurationError(
@@ -204,6 +206,7 @@ def _free_joint(model: mujoco.MjModel, hull: int) -> int:
         raise ConfigurationError(
             f"body {model.body(hull).name!r} must have exactly one joint, a free joint"
         )
+
     if not np.array_equal(body_in_body(model, hull, at), np.eye(4)):
         raise ConfigurationError(
             f"body {model.body(hull).name!r} must lie on its free joint, without an offset"
@@ -254,7 +257,12 @@ def _check_limits(
         if not model.jnt_limited[joint]:
             raise ConfigurationError(f"joint {name!r} of the arm must have a range")
         if not model.actuator_ctrllimited[actuator]:
-            raise ConfigurationError(f"the actuator of joint {name!r} must have a ctrlrange [N m]")
+            most = float(np.abs(model.actuator_forcerange[actuator]).min())
+            known = most if model.actuator_forcelimited[actuator] and most > 0.0 else 10.0
+            raise ConfigurationError(
+                f"the actuator of joint {name!r} must be a motor with a ctrlrange [N m]; a mapping "
+                f"puts one in place of a servo: joints: {{{name}: {known:g}, ...}}"
+            )
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:

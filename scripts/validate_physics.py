@@ -17,6 +17,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import mujoco
 import pytest
@@ -51,8 +52,8 @@ class Row:
 
         UUV_TOLERANCE_SCALE widens the tolerances of the tests; it is ignored here.
         """
-        kept = all(error <= tolerance for _, error, tolerance in self.figures)
-        return kept and self.cases > 0 and self.passed == self.cases
+        passed_all = all(error <= tolerance for _, error, tolerance in self.figures)
+        return passed_all and self.cases > 0 and self.passed == self.cases
 
     @property
     def verdict(self) -> str:
@@ -76,6 +77,7 @@ class Row:
         """Cells of the row: name, reference, largest error, tolerance."""
         if self.worst is None:
             return [self.name, self.reference, f"{self.passed} of {self.cases} cases", "all"]
+
         what, error, tolerance = self.worst
         return [
             self.name,
@@ -94,10 +96,10 @@ class ValidationPage:
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Hook of pytest: makes one row for each name among the markers."""
-        for item in items:
-            for mark in item.iter_markers(MARK):
+        for test in items:
+            for mark in test.iter_markers(MARK):
                 name, reference = mark.args
-                self._row_of[item.nodeid] = self.rows.setdefault(name, Row(name, reference))
+                self._row_of[test.nodeid] = self.rows.setdefault(name, Row(name, reference))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         """Hook of pytest: adds the outcome and the figures of one test to its row."""
@@ -109,7 +111,10 @@ class ValidationPage:
                 row.skipped = str(
                     report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
                 )
-            row.figures += [figures for key, figures in report.user_properties if key == "within"]  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
+
+            # The fixture `within` leaves quantity, error and tolerance of each comparison.
+            compared = [entry for key, entry in report.user_properties if key == "within"]
+            row.figures += cast(list[tuple[str, float, float]], compared)
 
 
 def _short(value: float, digits: int) -> str:
@@ -129,6 +134,7 @@ def put_into_docs(lines: list[str]) -> None:
         raise ConfigurationError(
             f"{page}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}"
         )
+
     page.write_text(text, encoding="utf-8")
 
 
@@ -140,7 +146,11 @@ def main() -> int:
 def run(options: ValidateOptions) -> int:
     """Runs the checks, prints and writes the table; exit code 0 if all hold."""
     out = new_folder("validate", options.out).resolve()
-    page, begin, worked = ValidationPage(), time.perf_counter(), time.process_time()
+    page = ValidationPage()
+    begin = time.perf_counter()
+    worked = time.process_time()
+
+    # The checks are the tests of physics that are marked; the plug-in collects their figures.
     stopped = pytest.main(
         [
             str(ROOT / "tests" / "physics"),
@@ -156,6 +166,7 @@ def run(options: ValidateOptions) -> int:
         ],
         plugins=[page],
     )
+
     seconds, worked = time.perf_counter() - begin, time.process_time() - worked
     rows = list(page.rows.values())
     good = sum(row.ok for row in rows)
@@ -179,6 +190,7 @@ def run(options: ValidateOptions) -> int:
     (out / "table.md").write_text("\n".join(lines))
     if options.docs:
         put_into_docs(lines)
+
     figures = [
         {
             "check": r.name,

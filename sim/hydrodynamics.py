@@ -153,9 +153,11 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """
     kinds = mujoco.mjtWarning
     water = model.body_user[0] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
-    seen, told = int(water[LAYOUT.seen]), int(water[LAYOUT.told])
-    water[LAYOUT.told] = seen
-    new, singular = seen & ~told, data.warning[kinds.mjWARN_INERTIA]
+    marks, reported = int(water[LAYOUT.seen]), int(water[LAYOUT.told])
+    water[LAYOUT.told] = marks
+    new, singular = marks & ~reported, data.warning[kinds.mjWARN_INERTIA]
+
+    # An inertia that is not positive definite, or no current where one is stored.
     if singular.number or new & INDEFINITE:
         at = (
             f" (body {model.body(model.dof_bodyid[singular.lastinfo]).name!r})"
@@ -172,24 +174,28 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
         raise HydrodynamicsError(
             f"data.userdata has no current from index {first} on; use set_current()"
         )
-    for kind, what in (
+
+    # Numbers that MuJoCo itself found to be bad: it has reset the simulation.
+    for kind, array_name in (
         (kinds.mjWARN_BADQPOS, "qpos"),
         (kinds.mjWARN_BADQVEL, "qvel"),
         (kinds.mjWARN_BADQACC, "qacc"),
     ):
         if data.warning[kind].number:
             index = int(data.warning[kind].lastinfo)
-            if what == "qpos":  # a free joint has seven qpos for six degrees of freedom
+            if array_name == "qpos":  # a free joint has seven qpos for six degrees of freedom
                 joint = int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
                 body = int(model.jnt_bodyid[joint])
             else:
                 body = int(model.dof_bodyid[index])
             raise HydrodynamicsError(
-                f"the simulation became unstable near t = {data.time:g} s: {what}[{index}] "
+                f"the simulation became unstable near t = {data.time:g} s: {array_name}[{index}] "
                 f"(body {model.body(body).name!r}) was not "
                 f"finite or too large; timestep {model.opt.timestep:g} s may be too long for drag "
                 "or contact"
             )
+
+    # Limits of validity, each of which warns once.
     if new & TOO_FAST:
         limit = (1.0 / model.opt.timestep - water[LAYOUT.drag_rate]) / water[LAYOUT.drag_rate + 1]
         warnings.warn(
@@ -261,15 +267,18 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         for i in np.flatnonzero(shaped).tolist()
         if i and trees[i] in wet_trees and fixed[i] not in volumes
     ]
-    found = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
+    doubts = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
+
+    # Density, levers and cross terms of each body.
     for i, body in wet.items():
         mass = float(model.body_mass[i])
         together, volume = masses[fixed[i]], volumes[fixed[i]]
         if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
-            found.append(
+            doubts.append(
                 f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} "
                 f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
             )
+
         gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]
         for name, (power, most) in _LEVERS.items():
             numbers = getattr(body, name)
@@ -277,18 +286,21 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
             linear, angular = float(diagonal[:3].max()), float(diagonal[3:].max())
             lever = angular / linear if linear > 0.0 else 0.0
             if lever > most * gyration**power:
-                found.append(
+                doubts.append(
                     f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the "
                     f"body's radius of gyration is {gyration:.3g} m; six-vectors are (linear; "
                     "angular)"
                 )
+
         if fed := energy.largest_power(body):
             power, twist = fed[0], ", ".join(f"{x:.2g}" for x in fed[1])
-            found.append(
+            doubts.append(
                 f"{names[i]}: its cross terms feed in {power:.3g} W at the twist ({twist}) m/s, "
                 "rad/s through the water, more than its other damping takes: a motion may grow "
                 "without bound"
             )
+
+    # Sensors of force on a wet body or on what carries it measure the dry part alone.
     kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
     holding = _with_ancestors(model, wet)
     blind = [
@@ -298,11 +310,11 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         and int(model.site_bodyid[model.sensor_objid[k]]) in holding
     ]
     if blind:
-        found.append(
+        doubts.append(
             f"force and torque sensors that do not see the water: {', '.join(blind)}; "
             "take the wrench on a wet body from uuv.sim.plant.reaction_wrench"
         )
-    return found
+    return doubts
 
 
 def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
@@ -487,12 +499,12 @@ def _refused(model: mujoco.MjModel) -> list[str]:
         "flags spring and damper both disabled (MuJoCo then calls no passive callback)": uncalled,
         f"timestep {step:g} s; it must be positive": not 0.0 < step < np.inf,
     }
-    wild = [
-        f"{name} {value.tolist()}; it must be finite and below {LARGEST:g}"
-        for name, value in numbers.items()
-        if not np.all(np.abs(value) <= LARGEST)
+    out_of_range = [
+        f"{name} {array.tolist()}; it must be finite and below {LARGEST:g}"
+        for name, array in numbers.items()
+        if not np.all(np.abs(array) <= LARGEST)
     ]
-    return [name for name, present in refused.items() if present] + wild
+    return [name for name, present in refused.items() if present] + out_of_range
 
 
 def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:

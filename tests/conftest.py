@@ -6,7 +6,7 @@ import gc
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
@@ -29,7 +29,7 @@ from uuv.sim.runs.command_line import run_scenario
 pytest_plugins = ["skip_ceiling"]  # --most-skipped
 
 ROOT = Path(__file__).resolve().parents[1]
-FIXED_SEEDS = (1, 2)
+FIXED_SEEDS = (1, 2)  # of `rng`; the second one with -m long
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
 
 # Byte code is written whatever the environment says: each process that a test starts would else
@@ -104,9 +104,15 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """
     asked = metafunc.config.option.seeds
     if "rng" in metafunc.fixturenames:
-        metafunc.parametrize("rng", asked or FIXED_SEEDS, indirect=True)
+        metafunc.parametrize("rng", asked or first_in_the_suite(FIXED_SEEDS), indirect=True)
     for mark in metafunc.definition.iter_markers("seeds"):
-        metafunc.parametrize("seed", asked or mark.args)
+        metafunc.parametrize("seed", asked or first_in_the_suite(mark.args))
+
+
+def first_in_the_suite(seeds: Sequence[int]) -> list[Any]:
+    """Parameters of a test: the first seed, and the others with -m long, which it guards."""
+    first, *others = seeds
+    return [first, *(pytest.param(seed, marks=pytest.mark.long) for seed in others)]
 
 
 def pytest_collection_finish() -> None:
@@ -181,8 +187,8 @@ def root() -> Path:
 
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    """On two fixed seeds, so that a commit is red or green whoever runs it; on others with --fresh
-    and --seed.
+    """On a fixed seed, so that a commit is red or green whoever runs it; on a second one with
+    -m long, on others with --fresh and --seed.
     """
     print(f"repeat with --seed {request.param}")  # pytest shows it when the test fails
     return np.random.default_rng(request.param)

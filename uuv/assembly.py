@@ -94,7 +94,7 @@ def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) 
 
         # Fields that were there go on, or it is said that they do not.
         for flow in current.flows:
-            if all(flow is not kept for kept in changed.flows):
+            if all(flow is not remaining for remaining in changed.flows):
                 hook = f"{type(perturbation).__name__}.on_water"
                 field = type(flow).__name__
                 lost = f"returns a current without the flow field {field} of its argument"
@@ -125,14 +125,15 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     Raises:
         UuvError: The vehicle lacks a part, or a value of the scenario is out of range.
     """
-    rng, task = np.random.default_rng(scenario.seed), scenario.task
-    believed, built, said = believed_and_built(scenario.vehicle, scenario.belief, task)
+    rng = np.random.default_rng(scenario.seed)
+    task = scenario.task
+    believed, built, message = believed_and_built(scenario.vehicle, scenario.belief, task)
 
     # The loop's timestep; a stiff surface needs a shorter one of the physics.
     timestep = float(built.option.timestep)
     drawn = perturb(built, scenario.perturbations, scenario.perturbation_seed)
-    own = OwnVehicle.of(believed, task.spares)
-    placed = _placed(scenario, own, rng)
+    believed_vehicle = OwnVehicle.of(believed, task.spares)
+    placed = _placed(scenario, believed_vehicle, rng)
 
     # The true world, and a start that deviates from the task's unless that is exact.
     gusts, noise, start, sampling = rng.spawn(4)
@@ -150,7 +151,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         substeps=substeps,
     )
 
-    parts = _parts(scenario, placed, own, model, int(sampling.integers(2**31)))
+    parts = _parts(scenario, placed, believed_vehicle, model, int(sampling.integers(2**31)))
     loop = Loop(plant=plant, parts=parts, observers=placed.observers())
     for perturbation in scenario.perturbations:
         loop = perturbation.on_loop(loop)
@@ -158,14 +159,14 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     return Assembly(
         scenario=scenario,
         placed=placed,
-        own=own,
+        own=believed_vehicle,
         plant=innermost(loop.plant) or plant,
         loop=loop,
         X_WB=X_WB,
         gusts=gusts,
         noise=noise,
         full=full,
-        said=said,
+        said=message,
         drawn=drawn,
     )
 

@@ -92,8 +92,8 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             for file in folder.glob("*.py"):
                 documented |= _definitions(file)
             listed = folder / ("registry.py" if kind == "task" else "perturbation.py")
-            for name, made in _kinds(listed):
-                yield name, documented.get(made, "")
+            for name, class_name in _kinds(listed):
+                yield name, documented.get(class_name, "")
 
     yield from (
         (point.name, f"of {point.value}") for point in entry_points(group=f"{_GROUP}.{kind}")
@@ -118,8 +118,8 @@ def _vehicles() -> Iterator[tuple[str, str]]:
 
     for key, entry in zip(table.keys, table.values, strict=True):
         if isinstance(key, ast.Constant) and isinstance(entry, ast.Call):
-            said = next(word.value for word in entry.keywords if word.arg == "source")
-            yield _word(key), _word(said)
+            source = next(word.value for word in entry.keywords if word.arg == "source")
+            yield _word(key), _word(source)
 
 
 def _arms(file: Path) -> Iterator[tuple[str, str]]:
@@ -133,9 +133,9 @@ def _arms(file: Path) -> Iterator[tuple[str, str]]:
         if isinstance(node, ast.Assign) and isinstance(at := node.targets[0], ast.Subscript):
             entries.append((at.slice, node.value))
 
-    for key, made in entries:
-        if isinstance(key, ast.Constant) and isinstance(made, ast.Call):
-            title = made.args[0] if made.args else None
+    for key, call in entries:
+        if isinstance(key, ast.Constant) and isinstance(call, ast.Call):
+            title = call.args[0] if call.args else None
             yield _word(key), _word(title)
 
 

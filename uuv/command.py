@@ -4,7 +4,7 @@ import math
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
 from uuv.models.meshes import ray_casting
 from uuv.outcome import RunResult
+from uuv.pace import WallClock
 from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
@@ -68,10 +69,10 @@ def command(
     draws = options.record and not lacking
     if lacking:
         series = ", series as .npz" if "pyarrow" in lacking else ""
-        said = (
+        message = (
             f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
         )
-        console.print(said, markup=False, highlight=False, soft_wrap=True)
+        console.print(message, markup=False, highlight=False, soft_wrap=True)
 
     sensing = scenario.sensing
     if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
@@ -95,7 +96,7 @@ def command(
     made_by = provenance(scenario.name, as_dict(scenario), plant.model)
 
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
-    observers: list[Observer] = []
+    observers: list[Observer] = _paced(options)
     start = first_start.noted(compiled)
     write_scenario(scenario, folder / SCENARIO_FILE)
 
@@ -124,23 +125,23 @@ def command(
         stop = SignalStop()
         with signals(stop.ask):
             with bar:
-                result = run_through(assembly, recorder, observers, longest, stop=stop)
+                ran = run_through(assembly, recorder, observers, longest, stop=stop)
 
-            _say_what_is_slow(result, console)
-            assessment = assessed(assembly, result).made_by(made_by).started(start)
+            _say_what_is_slow(ran, observers, console)
+            assessment = assessed(assembly, ran).made_by(made_by).started(start)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
                 log.close()
 
             placed.write_files(folder)
-            for each in placed.tables():
-                console.print(each)
+            for summary_table in placed.tables():
+                console.print(summary_table)
             _say(assessment, console)
 
             if options.record:
-                write_series(result.recording, folder)
+                write_series(ran.recording, folder)
             if draws:
-                _report(Run(assembly=assembly, result=result, assessment=assessment), folder, title)
+                _report(Run(assembly=assembly, result=ran, assessment=assessment), folder, title)
             console.print(f"written to {folder}/", highlight=False)
     finally:
         if log is not None:
@@ -149,9 +150,9 @@ def command(
     if stop.asked is not None:
         raise stop.asked
 
-    if not result.recording.within(*placed.begun).any():
-        why = result.last.reference.note or f"not within {longest:.0f} s"
-        met = f"; before that {result.recording.collided}" if result.recording.collided else ""
+    if not ran.recording.within(*placed.begun).any():
+        why = ran.last.reference.note or f"not within {longest:.0f} s"
+        met = f"; before that {ran.recording.collided}" if ran.recording.collided else ""
         raise ConfigurationError(
             f"the work could not start: {why}{met} (uuv check {scenario.vehicle.vehicle})"
         )
@@ -198,13 +199,18 @@ def _report(run: Run, folder: Path, title: str) -> None:
     )
 
 
-def _say_what_is_slow(result: RunResult, console: Console) -> None:
-    """What of the loop ran in plain Python at every tick."""
-    notes = []
-    if result.part_by_part:
-        notes.append(f"slower without compiled ticks: {result.part_by_part}")
-    if result.slow_parts:
-        parts = ", ".join(result.slow_parts)
+def _paced(options: RunOptions) -> list[Observer]:
+    """Observer that keeps the requested pace, if any."""
+    return [] if options.pace is None else [WallClock(options.pace)]
+
+
+def _say_what_is_slow(ran: RunResult, observers: Sequence[Observer], console: Console) -> None:
+    """How late a paced run was, and what of the loop ran in plain Python at every tick."""
+    notes = [clock.summary() for clock in observers if isinstance(clock, WallClock)]
+    if ran.part_by_part:
+        notes.append(f"slower without compiled ticks: {ran.part_by_part}")
+    if ran.slow_parts:
+        parts = ", ".join(ran.slow_parts)
         notes.append(f"in Python at every tick (a compiled kernel is faster): {parts}")
 
     for note in notes:
@@ -215,7 +221,8 @@ def _say(assessment: Assessment, console: Console) -> None:
     """Prints the table, the pace and the verdict."""
     console.print(results_table(assessment))
 
-    simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
+    simulated = assessment.metrics["run"]["simulated_s"]
+    timings = assessment.metrics["timings"]
     console.print(
         f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, "
         f"{timings['real_time_factor']:.1f} times real time",
@@ -249,7 +256,8 @@ class ProgressPrinter:
 
     def observe(self, moment: Moment) -> None:
         """Prints a new state; updates the bar every 250 steps."""
-        reference, truth = moment.reference, moment.truth
+        reference = moment.reference
+        truth = moment.truth
         if reference.state is not self._state:
             self._state = reference.state
             note = f"  {reference.note}" if reference.note not in ("", self._note) else ""
@@ -260,7 +268,12 @@ class ProgressPrinter:
 
         if moment.tick % self.slow_ticks[0] == 0:
             felt = moment.command.contact.normal
-            said = f"{felt:5.1f} N estimated" if reference.set_force and math.isfinite(felt) else ""
+            felt_text = (
+                f"{felt:5.1f} N estimated" if reference.set_force and math.isfinite(felt) else ""
+            )
             self._progress.update(
-                self._bar, description=str(reference.state), completed=reference.path_s, note=said
+                self._bar,
+                description=str(reference.state),
+                completed=reference.path_s,
+                note=felt_text,
             )

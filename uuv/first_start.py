@@ -51,6 +51,7 @@ MOST = 8  # processes; more would wait for each other
 WORTH_IT = 4.0  # [s] of compilation from which processes of their own pay
 SILENCE = 10.0  # [s] between two lines where there is no terminal
 _READER = TableReader("a row of the list")
+_complete = False  # `build` has found all in the store, once in a process
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,7 @@ class KernelJob:
             raise UuvError(f"list of kernels: {self.kernel} is not there; {anew}") from error
 
     def _types(self) -> tuple[Any, ...]:
-        return tuple(decoded(each) for each in self.takes or ())
+        return tuple(decoded(described) for described in self.takes or ())
 
 
 @cache
@@ -108,9 +109,9 @@ def encoded(kind: Any) -> Any:
     # A named tuple is a tuple too: it comes first.
     if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
         of = kind.instance_class
-        return {f"{of.__module__}:{of.__qualname__}": [encoded(each) for each in kind.types]}
+        return {f"{of.__module__}:{of.__qualname__}": [encoded(inner) for inner in kind.types]}
     if isinstance(kind, (types.Tuple, types.UniTuple)):
-        return [encoded(each) for each in kind.types]
+        return [encoded(inner) for inner in kind.types]
     if isinstance(kind, RecordBoxType):
         return {"box": encoded(kind.field_dict["record"])}
     if isinstance(kind, types.Literal):
@@ -128,7 +129,7 @@ def decoded(value: Any) -> Any:
     if isinstance(value, str):
         return getattr(types, {"bool": "boolean"}.get(value, value))
     if isinstance(value, list):
-        return types.BaseTuple.from_types([decoded(each) for each in value])
+        return types.BaseTuple.from_types([decoded(inner) for inner in value])
 
     ((word, inner),) = value.items()
     if word == "record":
@@ -141,7 +142,7 @@ def decoded(value: Any) -> Any:
     if ":" in word:
         module, name = word.split(":")
         return types.BaseTuple.from_types(
-            [decoded(each) for each in inner], getattr(importlib.import_module(module), name)
+            [decoded(entry) for entry in inner], getattr(importlib.import_module(module), name)
         )
 
     *flags, form = word.split()
@@ -201,7 +202,8 @@ def build() -> int:
     Returns:
         How many kernels were compiled.
     """
-    if _config.DISABLE_JIT:
+    global _complete
+    if _config.DISABLE_JIT or _complete:
         return 0
 
     rows = jobs()
@@ -211,6 +213,7 @@ def build() -> int:
         if job.takes is not None and not job.is_stored()
     }
     if sum(lacking.values()) < WORTH_IT:
+        _complete = True
         return 0
 
     # What the calls compile is not listed; each takes a moment where the store has it.
@@ -282,7 +285,8 @@ def _progress(seconds: Mapping[int, float], workers: int) -> Iterator[Callable[[
 
     about = max(whole / workers, 1.0)
     began = time.monotonic()
-    done, ended = [], threading.Event()
+    done = []
+    ended = threading.Event()
 
     def say_on() -> None:
         while not ended.wait(SILENCE):
@@ -305,7 +309,7 @@ def _say(message: str) -> None:
 
 def _in_order(
     rows: Sequence[KernelJob],
-    wanted: Collection[int],
+    chosen: Collection[int],
     submit: Callable[[int], Future[bool]],
     most: int,
 ) -> Iterator[tuple[int, bool]]:
@@ -319,7 +323,7 @@ def _in_order(
         for before in rows[row].after:
             longest[before] = max(longest[before], rows[before].seconds + longest[row])
 
-    left = set(wanted)
+    left = set(chosen)
     done = set(range(len(rows))) - left
     running = dict[Future[bool], int]()
 
@@ -339,9 +343,12 @@ def kernels() -> Iterator[tuple[str, Any]]:
     """All kernels of the project that are imported, with their names module:name."""
     for module in list(sys.modules.values()):
         if getattr(module, "__name__", "").partition(".")[0] == PACKAGE:
-            for name, value in list(vars(module).items()):
-                if isinstance(value, CPUDispatcher) and value.py_func.__module__ == module.__name__:
-                    yield f"{module.__name__}:{name}", value
+            for name, member in list(vars(module).items()):
+                if (
+                    isinstance(member, CPUDispatcher)
+                    and member.py_func.__module__ == module.__name__
+                ):
+                    yield f"{module.__name__}:{name}", member
 
 
 def _work() -> None:

@@ -55,7 +55,7 @@ def class_of(name: str, option: str) -> Callable[..., Any]:
         return getattr(importlib.import_module(module), word)
     except (Exception, SystemExit) as error:
         raise ConfigurationError(
-            f"{option} {shown(name)}: cannot be imported; {told(error)}"
+            f"{option} {shown(name)}: cannot be imported; {cause_of(error)}"
         ) from error
 
 
@@ -70,7 +70,7 @@ def where_moved(name: str) -> str:
 
     spec = importlib.util.find_spec(first)
     if spec is not None and not any(
-        Path(place).is_relative_to(_HOME.parent) for place in _places(spec)
+        Path(path).is_relative_to(_HOME.parent) for path in _places(spec)
     ):
         return ""
 
@@ -86,7 +86,7 @@ def _places(spec: ModuleSpec) -> list[str]:
     return [*filter(None, (spec.origin,)), *(spec.submodule_search_locations or ())]
 
 
-def told(error: BaseException, *ours: str) -> str:
+def cause_of(error: BaseException, *ours: str) -> str:
     """Type and message of a foreign error, and the line that raised it outside files `ours`."""
     if isinstance(error, SyntaxError) and error.filename:
         where = f" ({error.filename}:{error.lineno})"
@@ -95,7 +95,7 @@ def told(error: BaseException, *ours: str) -> str:
             f"{frame.filename}:{frame.lineno}"
             for frame in traceback.extract_tb(error.__traceback__)
         ]
-        foreign = [place for place in places if not place.startswith((__file__, *ours, "<frozen"))]
+        foreign = [line for line in places if not line.startswith((__file__, *ours, "<frozen"))]
         where = f" ({foreign[-1]})" if foreign and "importlib" not in foreign[-1] else ""
 
     return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"

@@ -62,7 +62,8 @@ class OwnVehicle:
     @property
     def passive_joints(self) -> list[str]:
         """Names of the joints that belong neither to the arm nor to the hull: springs, a pad."""
-        model, driven = self.model, self.vehicle.joints
+        model = self.model
+        driven = self.vehicle.joints
         return [
             model.joint(j).name
             for j in range(model.njnt)
@@ -158,7 +159,7 @@ def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -
     if tool is not None:
         attachment.attach(spec, TOOLS.load(tool))
     elif needs is not None and any(site.name == TIP_SITE for site in spec.sites):
-        own = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
-        if own is None or own != _SHAPES.get(needs):
+        shape = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
+        if shape is None or shape != _SHAPES.get(needs):
             attachment.attach(spec, TOOLS.load(needs))
     return spec

@@ -81,8 +81,8 @@ def run(
         )
 
     assembly = scenario if isinstance(scenario, Assembly) else _assembled(scenario, full=True)
-    result = run_through(assembly, recorder, observers, longest, start=start)
-    return Run(assembly=assembly, result=result, assessment=assessed(assembly, result))
+    ran = run_through(assembly, recorder, observers, longest, start=start)
+    return Run(assembly=assembly, result=ran, assessment=assessed(assembly, ran))
 
 
 def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool = True) -> SavedRun:
@@ -106,21 +106,22 @@ def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool 
 
     start = scenario if isinstance(scenario, SavedRun) else None
     assembly = _assembled(scenario, full=full)
-    wanted = checked_phase(phase, assembly.parts.planner)
+    state = checked_phase(phase, assembly.parts.planner)
     check_observers(assembly.loop.observers)
     if start is not None:
-        start.check_before(wanted)
+        start.check_before(state)
 
     begun = _begin(assembly, start=start)
     last = run_on(
         begun.rollout,
         assembly.placed.longest,
-        pause=lambda moment: moment.reference.state is wanted,
+        pause=lambda moment: moment.reference.state is state,
         compiled=begun.compiled,
     )
 
     if begun.rollout.stage is not Stage.COMMANDED:
-        reference, time = last.reference, float(last.truth.time)
+        reference = last.reference
+        time = float(last.truth.time)
         note = f": {reference.note}" if reference.note else ""
         raise ConfigurationError(
             f"phase: {phase} was not reached; the run ended at {time:.1f} s in "
@@ -129,7 +130,7 @@ def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool 
 
     return SavedRun(
         scenario=assembly.scenario,
-        phase=wanted,
+        phase=state,
         time=float(last.truth.time),
         full=assembly.full,
         snapshot=snapshot_of(begun.rollout, begun.recorder, assembly.loop.observers),
@@ -144,9 +145,9 @@ def _assembled(scenario: Scenario | SavedRun, *, full: bool) -> Assembly:
     return assemble(scenario, full=full)
 
 
-def assessed(assembly: Assembly, result: RunResult) -> Assessment:
+def assessed(assembly: Assembly, ran: RunResult) -> Assessment:
     """Assessment of a run against the truth about its site."""
-    return assembly.placed.assess(result, assembly.scenario.seed)
+    return assembly.placed.assess(ran, assembly.scenario.seed)
 
 
 def to_rehearse(scenario: Scenario) -> Scenario:
@@ -254,11 +255,11 @@ def _begin(
     """A run at its start, or where `start` stands; the arguments are those of `run_through`."""
     plant, loop = assembly.plant, assembly.loop
     recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=assembly.full)
-    seen = [*loop.observers, *observers]
+    watching = [*loop.observers, *observers]
     why = "asked for" if part_by_part else reason(loop.plant, loop.parts)
 
     assembly.check_start()
-    rollout = Rollout(loop.plant, loop.parts, assembly.noise, [recorder, *seen])
+    rollout = Rollout(loop.plant, loop.parts, assembly.noise, [recorder, *watching])
     if start is not None:
         start.resume(rollout, recorder, loop.observers)
 

@@ -150,9 +150,9 @@ def checked_phase(name: str, planner: Planner | None = None) -> WorkState:
     phases = [str(phase) for phase in works if phase not in _ENDS]
 
     if name not in phases:
-        whose = "a run" if planner is None else "this task"
+        owner = "a run" if planner is None else "this task"
         raise ConfigurationError(
-            f"phase: {whose} has no phase {shown(name)}{did_you_mean(name, phases)}; allowed "
+            f"phase: {owner} has no phase {shown(name)}{did_you_mean(name, phases)}; allowed "
             f"{', '.join(phases)}"
         )
     return WorkState(name)

@@ -396,7 +396,7 @@ class Scenario:
         Raises:
             ConfigurationError: There is none.
         """
-        for each in self.perturbations:
-            if isinstance(each, kind):
-                return each
+        for perturbation in self.perturbations:
+            if isinstance(perturbation, kind):
+                return perturbation
         raise ConfigurationError(f"scenario {self.name!r} has no perturbation {kind.__name__}")

@@ -68,14 +68,14 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
             `trust` or code that has moved, or a key or value is none of those allowed; the message
             names them.
     """
-    found = toml_of(file, "scenario", _MOST)
+    document = toml_of(file, "scenario", _MOST)
     what = named(file, "scenario")
-    checked_format(found, what)
-    found.pop(FORMAT_KEY, None)
+    checked_format(document, what)
+    document.pop(FORMAT_KEY, None)
 
-    refuse_code(found, what, trust=trust)
+    refuse_code(document, what, trust=trust)
     try:
-        return from_dict(found)
+        return from_dict(document)
     except ConfigurationError as error:
         raise ConfigurationError(f"{what}: {error}") from error
 
@@ -111,8 +111,8 @@ def names_of_code(value: Any) -> Iterator[str]:
         if ":" in value and "/" not in value:
             yield value
     elif isinstance(value, Mapping | list):
-        for each in value.values() if isinstance(value, Mapping) else value:
-            yield from names_of_code(each)
+        for entry in value.values() if isinstance(value, Mapping) else value:
+            yield from names_of_code(entry)
 
 
 def write_scenario(scenario: Scenario, file: str | Path) -> None:
@@ -143,8 +143,8 @@ def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "-
     nested = as_dict(scenario)
 
     try:
-        for key, value in assigned(assignments).items():
-            put(nested, key, value)
+        for key, setting in assigned(assignments).items():
+            put(nested, key, setting)
         return from_dict(nested)
     except ConfigurationError as error:
         raise ConfigurationError(f"{option}: {error}") from error
@@ -160,7 +160,7 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
     Raises:
         ConfigurationError: One has no =, or a value that `documents.checked` refuses.
     """
-    values: dict[str, Any] = {}
+    settings: dict[str, Any] = {}
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
 
@@ -168,8 +168,8 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
             raise ConfigurationError(
                 f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}"
             )
-        values[key.strip()] = checked(toml_value(text), key.strip())
-    return values
+        settings[key.strip()] = checked(toml_value(text), key.strip())
+    return settings
 
 
 def put(nested: dict[str, Any], key: str, value: Any) -> None:
@@ -189,11 +189,11 @@ def put(nested: dict[str, Any], key: str, value: Any) -> None:
         if len(tables) != 2:
             raise ConfigurationError(f"no parameter {shown(key)}: perturbations.KIND.FIELD")
         several = table.setdefault(PERTURBATIONS, [])
-        found = [each for each in several if each[KIND] == tables[1]]
-        if not found:
+        matching = [entry for entry in several if entry[KIND] == tables[1]]
+        if not matching:
             several.append({KIND: tables[1]})
-            found = several[-1:]
-        table = found[0]
+            matching = several[-1:]
+        table = matching[0]
     else:
         for name in tables:
             table = table.setdefault(name, {}) if isinstance(table, dict) else None
@@ -223,13 +223,17 @@ def _table(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         several = isinstance(value, tuple(registries()))
         kind = {KIND: _kind_of(value)} if several else {}
-        own = {field.name: getattr(value, field.name) for field in fields(value)}
+        contents = {field.name: getattr(value, field.name) for field in fields(value)}
         return {
             **kind,
-            **{name: _table(each) for name, each in own.items() if not _left_out(name, each)},
+            **{
+                name: _table(entry)
+                for name, entry in contents.items()
+                if not _left_out(name, entry)
+            },
         }
 
-    return [_table(each) for each in value] if isinstance(value, tuple | list) else value
+    return [_table(entry) for entry in value] if isinstance(value, tuple | list) else value
 
 
 def _left_out(name: str, value: Any) -> bool:
@@ -240,18 +244,18 @@ def _left_out(name: str, value: Any) -> bool:
 def _kind_of(value: Any) -> str:
     """Name under which a registry makes the class of `value`; else MODULE:CLASS."""
     registry = next(known for base, known in registries().items() if isinstance(value, base))
-    own = f"{type(value).__module__}:{type(value).__qualname__}"
-    return registry.name_of(type(value)) or own
+    import_name = f"{type(value).__module__}:{type(value).__qualname__}"
+    return registry.name_of(type(value)) or import_name
 
 
 def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
     """Values of nested tables by their keys, joined by dots."""
-    found: dict[str, Any] = {}
+    flattened: dict[str, Any] = {}
     for key, value in nested.items():
-        found |= (
+        flattened |= (
             flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
         )
-    return found
+    return flattened
 
 
 def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
@@ -261,14 +265,14 @@ def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
         return kind, table, where
 
     name = table.get(KIND)
-    place = _READER.place(where)
+    where_in_file = _READER.place(where)
     if name is None:
         raise ConfigurationError(
-            f"{place}: needs a {KIND}; there are {', '.join(registry.names())}"
+            f"{where_in_file}: needs a {KIND}; there are {', '.join(registry.names())}"
         )
 
     entries = {key: value for key, value in table.items() if key != KIND}
-    return registry.class_of(str(name), kind, place), entries, where
+    return registry.class_of(str(name), kind, where_in_file), entries, where
 
 
 _READER = TableReader(choose=_class_of)

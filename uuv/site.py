@@ -128,7 +128,7 @@ class Barrel(Workpiece):
         """The barrel, and the path's name; default longitudinal."""
         from uuv.models.objects import targets
 
-        made = targets.barrel(
+        barrel = targets.barrel(
             line_length=self.length,
             line_azimuth=self.azimuth,
             arc=self.arc,
@@ -136,8 +136,8 @@ class Barrel(Workpiece):
             corner=self.corner,
         )
 
-        made.path(name := path or "longitudinal")
-        return made, name
+        barrel.path(name := path or "longitudinal")
+        return barrel, name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,9 +151,9 @@ class Block(Workpiece):
         """The block, and the path's name; default edge."""
         from uuv.models.objects import targets
 
-        made = targets.block(radius=self.radius, corner=self.corner)
-        made.path(name := path or "edge")
-        return made, name
+        block = targets.block(radius=self.radius, corner=self.corner)
+        block.path(name := path or "edge")
+        return block, name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,8 +223,8 @@ class KnownObject(Workpiece):
     def __post_init__(self) -> None:
         if self.line is None:
             return
-        for value in self.line:
-            finite_number(value, "site.object.line [m]")
+        for coordinate in self.line:
+            finite_number(coordinate, "site.object.line [m]")
         if math.dist(self.line[:2], self.line[2:]) < SHORTEST_LINE:
             raise ConfigurationError(
                 f"site.object.line: must be at least {SHORTEST_LINE:g} m long, got "
@@ -244,29 +244,27 @@ class KnownObject(Workpiece):
                 f"task.path {shown(path)} and site.object.line: give only one of the two"
             )
 
-        made = self.model()
-        if self.line is not None or not made.paths:
-            above, path = (
-                float(made.center[2] + made.radius),
-                OVER if self.line is not None else path,
-            )
-            lines = (self.line,) if self.line is not None else self._lines_over(made)
-            made = made.with_path(OVER, _first_laid(made, lines, above))
+        model = self.model()
+        if self.line is not None or not model.paths:
+            above = float(model.center[2] + model.radius)
+            path = OVER if self.line is not None else path
+            lines = (self.line,) if self.line is not None else self._lines_over(model)
+            model = model.with_path(OVER, _first_laid(model, lines, above))
 
-        name = path or next(iter(made.paths), "none")
-        made.path(name)  # raises for an unknown name, and lists the known ones
-        return made, name
+        name = path or next(iter(model.paths), "none")
+        model.path(name)  # raises for an unknown name, and lists the known ones
+        return model, name
 
-    def _lines_over(self, made: "TargetModel") -> Iterator[tuple[float, float, float, float]]:
+    def _lines_over(self, model: "TargetModel") -> Iterator[tuple[float, float, float, float]]:
         """Lines along x over the middle, and beside it where the object may have a hole there."""
-        x, y = made.center[:2]
+        x, y = model.center[:2]
         half = 0.5 * self.length
-        for aside in sorted(np.linspace(-made.radius, made.radius, BESIDE), key=abs):
+        for aside in sorted(np.linspace(-model.radius, model.radius, BESIDE), key=abs):
             yield x - half, y + aside, x + half, y + aside
 
 
 def _first_laid(
-    made: "TargetModel", lines: Iterable[tuple[float, float, float, float]], above: float
+    model: "TargetModel", lines: Iterable[tuple[float, float, float, float]], above: float
 ) -> "ModelPath":
     """The first of the lines (x, y of both ends) that lies wholly on the object, from above."""
     from uuv.perception.toolpath.path_shapes import laid_on, line  # casts rays
@@ -274,7 +272,7 @@ def _first_laid(
     refused: ConfigurationError | None = None
     for x0, y0, x1, y1 in lines:
         try:
-            return laid_on(made, line([x0, y0, above], [x1, y1, above]), [0.0, 0.0, -1.0])
+            return laid_on(model, line([x0, y0, above], [x1, y1, above]), [0.0, 0.0, -1.0])
         except ConfigurationError as error:
             refused = refused or error
 

@@ -48,8 +48,8 @@ from uuv.sim.interfaces.spatial import Array
 REACHES = (0.05, 50.0)  # [m] of arms; beyond, the unit of the lengths is wrong
 # factor of `HAND_NOISE` that is one standard deviation of how well a point is touched
 _LIKE_HAND = 3.0
-# noise over the motion of the joints; factor that is one deviation of it
-_SHARE_OF_MOTION, _LIKE_SHARE = 3e-4, 4.0
+_SHARE_OF_MOTION = 3e-4  # noise over the motion of the joints
+_LIKE_SHARE = 4.0  # factor of it that is one standard deviation
 # scatter by a nominal arm, as a share of the motion of the joints, that is no accident
 _COINCIDE = 0.15
 _BLUNDERS = 20.0  # blunders are rare: their share is drawn from the density 20 (1 - share)^19
@@ -74,72 +74,78 @@ class Examination:
 
 
 def examine(
-    found: Calibration, series: Sequence[Array], again: Again, told: Told | None = None
+    calibration: Calibration, series: Sequence[Array], again: Again, stated: Told | None = None
 ) -> Examination:
     """Doubts that refuse a calibration, and what its touches cannot tell.
 
     Args:
-        found: the calibration.
+        calibration: the calibration.
         series: touches (m_i, n) that it is from.
         again: the same identification from other touches, `again(series, distances=...)`.
-        told: names of the points, known distances between them, joints of a moving base.
+        stated: names of the points, known distances between them, joints of a moving base.
 
     Returns:
         The doubts whose odds are above `REFUSED`, and statements.
     """
-    told = Told(names=[f"point {i + 1}" for i in range(len(series))]) if told is None else told
-    free = again(series, distances=()) if told.distances else found
-    own = [np.ascontiguousarray(q[:, told.base_joints :]) for q in series]
+    stated = (
+        Told(names=[f"point {i + 1}" for i in range(len(series))]) if stated is None else stated
+    )
+    free = again(series, distances=()) if stated.distances else calibration
+    arm_series = [np.ascontiguousarray(q[:, stated.base_joints :]) for q in series]
 
     named = [
-        *_untold(found, series, told),
-        *_repeats(own, told.names),
-        *_wrong_lengths(free, series, told),
+        *_untold(calibration, series, stated),
+        *_repeats(arm_series, stated.names),
+        *_wrong_lengths(free, series, stated),
     ]
-    named += frozen_readings(found, series, told)
+    named += frozen_readings(calibration, series, stated)
 
-    general = [_scatter(found, series), _left_out(found, told.names), _foreign_table(found)]
+    general = [
+        _scatter(calibration, series),
+        _left_out(calibration, stated.names),
+        _foreign_table(calibration),
+    ]
     hidden: list[HiddenJoint] = []
     rivals: list[Rival] = []
 
     # Other readings of the files, where no named cause refuses the calibration.
     if not any(doubt.grave for doubt in named):
-        hidden += hidden_joints(found, series, again, told)
+        hidden += hidden_joints(calibration, series, again, stated)
         rivals += rival_readings(
-            found, series, again, told, single=any(doubt.grave for doubt in general)
+            calibration, series, again, stated, single=any(doubt.grave for doubt in general)
         )
         causes = [
-            *(one.doubt for one in (*hidden, *rivals)),
-            *_two_points(free, series, again, told.names),
+            *(cause.doubt for cause in (*hidden, *rivals)),
+            *_two_points(free, series, again, stated.names),
         ]
 
         if not any(doubt.grave for doubt in causes):
-            causes += shifted_readings(found, series, again, told)
+            causes += shifted_readings(calibration, series, again, stated)
 
         # A wrong file may look like several: what explains it best is said.
         named += sorted(causes, key=lambda doubt: -doubt.log_odds)[:1]
 
     grave = tuple(doubt for doubt in (*named, *general) if doubt.grave)
     return Examination(
-        doubts=grave, untold=() if grave else tuple(_cannot_tell(hidden, rivals, told))
+        doubts=grave, untold=() if grave else tuple(_cannot_tell(hidden, rivals, stated))
     )
 
 
 def _cannot_tell(
-    hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], told: Told
+    hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], stated: Told
 ) -> Iterator[str]:
     """Joints whose readings explain nothing, and readings that explain as much as those given."""
-    lost = {one.joint for one in hidden if not one.told}
+    lost = {suspect.joint for suspect in hidden if not suspect.told}
 
-    for one in hidden:
-        if one.joint in lost:
+    for suspect in hidden:
+        if suspect.joint in lost:
             yield (
-                f"the readings of joint {one.joint + 1 - told.base_joints} are not checked: the "
-                f"tip lies on its axis within {1e3 * one.lever:.2g} mm, and no parameter of that "
-                "joint is identifiable"
+                f"the readings of joint {suspect.joint + 1 - stated.base_joints} are not checked: "
+                f"the tip lies on its axis within {1e3 * suspect.lever:.2g} mm, and no parameter "
+                "of that joint is identifiable"
             )
-        elif one.doubt.log_odds > 0.0:
-            yield f"possibly {one.doubt}: too weak to refuse it"
+        elif suspect.doubt.log_odds > 0.0:
+            yield f"possibly {suspect.doubt}: too weak to refuse it"
 
     for rival in rivals:
         if rival.doubt.log_odds < -np.log(REFUSED) or {*rival.reading.joints} & lost:
@@ -160,9 +166,9 @@ def _cannot_tell(
 # Nothing can be told
 
 
-def _untold(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
+def _untold(calibration: Calibration, series: Sequence[Array], stated: Told) -> Iterator[Doubt]:
     """Joints, scale and parameters of which the touches tell nothing."""
-    arm = found.nominal
+    arm = calibration.nominal
 
     if not REACHES[0] <= arm.reach <= REACHES[1]:
         yield Doubt(
@@ -171,17 +177,17 @@ def _untold(found: Calibration, series: Sequence[Array], told: Told) -> Iterator
             "its lengths is wrong"
         )
 
-    if found.degrees_of_freedom < LEAST_FREEDOM:
+    if calibration.degrees_of_freedom < LEAST_FREEDOM:
         yield Doubt(reason="the touches are too few for what is identified: they fit any arm")
 
     still = ~np.any([moved(q, arm) for q in series], axis=0)
     most = np.max([motions(q) for q in series], axis=0)
     for k in np.flatnonzero(
-        still & np.isin(np.arange(arm.n), found.estimate.parameters.index // ROW)
+        still & np.isin(np.arange(arm.n), calibration.estimate.parameters.index // ROW)
     ):
         unit = f"{1e3 * most[k]:.1f} mm" if arm.slides[k] else f"{np.rad2deg(most[k]):.1f} deg"
         yield Doubt(
-            reason=f"joint {k + 1 - told.base_joints} moves by {unit} RMS about any point: its "
+            reason=f"joint {k + 1 - stated.base_joints} moves by {unit} RMS about any point: its "
             "parameters are not identifiable; move it, or leave its parameters out of "
             "those that are free"
         )
@@ -263,11 +269,15 @@ def _two_points(
         )
 
 
-def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
+def _clusters(calibration: Calibration, q: Array) -> np.ndarray | None:
     """Mask (m,) of the touches `q` (m, n) in one of two clusters of tips; None if one will do."""
-    best, labels = 0.0, None
+    best = 0.0
+    labels = None
 
-    for arm, tcp in ((found.arm, found.tcp), (found.nominal, found.nominal_tcp)):
+    for arm, tcp in (
+        (calibration.arm, calibration.tcp),
+        (calibration.nominal, calibration.nominal_tcp),
+    ):
         p = arm.tips(q, tcp)
         off = p - p.mean(axis=0)
         mine = off @ np.linalg.svd(off, full_matrices=False)[2][0] > 0.0
@@ -276,19 +286,22 @@ def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
         for _ in range(10):
             if not _CLUSTER <= mine.sum() <= len(q) - _CLUSTER:
                 break
-            gaps = [((p - p[each].mean(axis=0)) ** 2).sum(axis=1) for each in (mine, ~mine)]
+            gaps = [((p - p[cluster].mean(axis=0)) ** 2).sum(axis=1) for cluster in (mine, ~mine)]
             mine = gaps[0] < gaps[1]
 
         if not _CLUSTER <= mine.sum() <= len(q) - _CLUSTER:
             continue
-        within = sum(((p[each] - p[each].mean(axis=0)) ** 2).sum() for each in (mine, ~mine))
+        within = sum(
+            ((p[cluster] - p[cluster].mean(axis=0)) ** 2).sum() for cluster in (mine, ~mine)
+        )
 
         # Of isotropic tips a cut leaves 0.79 of the squares; which touch is of which point costs a
         # bit each.
         gain = 1.5 * len(q) * np.log((off**2).sum() / max(within, 1e-18)) - len(q) * np.log(2.0)
 
         if gain > best:
-            best, labels = gain, mine
+            best = gain
+            labels = mine
 
     return labels
 
@@ -296,16 +309,17 @@ def _clusters(found: Calibration, q: Array) -> np.ndarray | None:
 # Known lengths
 
 
-def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
+def _wrong_lengths(free: Calibration, series: Sequence[Array], stated: Told) -> Iterator[Doubt]:
     """Known lengths against those that the touches and the making of the arm tell, without them."""
-    informed, made = _information(free), as_made(free)
+    informed = _information(free)
+    tolerances = as_made(free)
     covariance = np.linalg.inv(
-        informed + np.diag(np.maximum(free.estimate.prior, made / 3.0) ** -2.0)
+        informed + np.diag(np.maximum(free.estimate.prior, tolerances / 3.0) ** -2.0)
     )
 
     slopes: dict[int, Array] = {}
 
-    for i, j, length, deviation in told.distances:
+    for i, j, length, deviation in stated.distances:
         gap = free.points[i] - free.points[j]
         size = float(np.linalg.norm(gap))
         variance = deviation**2 + (_MADE_SCALE * length) ** 2
@@ -322,8 +336,9 @@ def _wrong_lengths(free: Calibration, series: Sequence[Array], told: Told) -> It
         error2 = (size - length) ** 2
 
         yield Doubt(
-            reason=f"known distance {told.names[i]} to {told.names[j]}: stated {length:.5g} m, "
-            f"from the touches {size:.5g} ± {2.0 * np.sqrt(variance):.2g} m: the length is wrong",
+            reason=f"known distance {stated.names[i]} to {stated.names[j]}: stated {length:.5g} "
+            f"m, from the touches {size:.5g} ± {2.0 * np.sqrt(variance):.2g} m: the length is "
+            "wrong",
             log_odds=0.5 * (error2 / variance - error2 / wide - np.log(wide / variance)),
         )
 
@@ -342,18 +357,18 @@ def _slope(free: Calibration, q: Array, k: int) -> Array:
 # Noise and parameters
 
 
-def _scatter(found: Calibration, series: Sequence[Array]) -> Doubt:
+def _scatter(calibration: Calibration, series: Sequence[Array]) -> Doubt:
     """Touches that come no closer than those of no point: by a hand's noise, by joint motion."""
-    motion = motion_of(found.arm, found.tcp, series)
-    share = found.noise / max(motion, 1e-12)
+    motion = motion_of(calibration.arm, calibration.tcp, series)
+    share = calibration.noise / max(motion, 1e-12)
 
     odds = max(
-        _log_unlike(found.noise, HAND_NOISE, _LIKE_HAND, motion),
+        _log_unlike(calibration.noise, HAND_NOISE, _LIKE_HAND, motion),
         _log_unlike(share, _SHARE_OF_MOTION, _LIKE_SHARE, 1.0),
     )
 
     return Doubt(
-        reason=f"touches scatter by {1e3 * found.noise:.3g} mm about their points, "
+        reason=f"touches scatter by {1e3 * calibration.noise:.3g} mm about their points, "
         f"{100.0 * share:.2g} % of the motion "
         "of the joints: they are not touches of points by this arm",
         log_odds=odds,
@@ -375,10 +390,10 @@ def _log_unlike(value: float, usual: float, factor: float, most: float) -> float
     return 0.5 * z**2 + np.log(np.sqrt(2.0 * np.pi) * np.log(factor)) - np.log(np.log(most / usual))
 
 
-def _left_out(found: Calibration, names: Sequence[str]) -> Doubt:
+def _left_out(calibration: Calibration, names: Sequence[str]) -> Doubt:
     """More touches left out than a hand's blunders, of all points or of one."""
-    out = np.array([(weights == 0.0).sum() for weights in found.weights])
-    counts = np.array([len(weights) for weights in found.weights])
+    out = np.array([(weights == 0.0).sum() for weights in calibration.weights])
+    counts = np.array([len(weights) for weights in calibration.weights])
 
     tried = [(f"{out.sum()} of all {counts.sum()} touches", out.sum(), counts.sum())]
     tried += [
@@ -392,13 +407,15 @@ def _left_out(found: Calibration, names: Sequence[str]) -> Doubt:
             any_share - betaln(left_out + 1.0, count - left_out + _BLUNDERS) - np.log(_BLUNDERS)
         )
 
-    text, *worst = max(tried, key=lambda one: log_odds(*one[1:]))
+    text, *worst = max(tried, key=lambda candidate: log_odds(*candidate[1:]))
     return Doubt(reason=f"{text} do not belong to their points", log_odds=log_odds(*worst))
 
 
-def _foreign_table(found: Calibration) -> Doubt:
+def _foreign_table(calibration: Calibration) -> Doubt:
     """One parameter further off than arms are made, by the evidence of the linearised touches."""
-    estimate, informed, made = found.estimate, _information(found), as_made(found)
+    estimate = calibration.estimate
+    informed = _information(calibration)
+    tolerances = as_made(calibration)
     toward = np.linalg.solve(estimate.covariance, estimate.changes)
 
     def evidence(deviations: Array) -> tuple[float, Array]:
@@ -408,7 +425,7 @@ def _foreign_table(found: Calibration) -> Doubt:
         changes = deviations * np.linalg.solve(root, deviations * toward)
         return 0.5 * float(toward @ changes) - 0.5 * float(np.linalg.slogdet(root)[1]), changes
 
-    own, _ = evidence(made)
+    as_stated, _ = evidence(tolerances)
 
     tried = [
         k
@@ -419,10 +436,10 @@ def _foreign_table(found: Calibration) -> Doubt:
 
     # Each parameter with a wider deviation of its own.
     for k in tried:
-        wider = made.copy()
+        wider = tolerances.copy()
         wider[k] *= _FOREIGN
         value, changes = evidence(wider)
-        odds = value - own - np.log(len(tried))
+        odds = value - as_stated - np.log(len(tried))
 
         if odds > best.log_odds:
             unit = estimate.parameters.units[k]
@@ -431,7 +448,11 @@ def _foreign_table(found: Calibration) -> Doubt:
                 if unit == "rad"
                 else f"{1e3 * changes[k]:.3g} mm"
             )
-            usual = f"{np.rad2deg(made[k]):.2g} deg" if unit == "rad" else f"{1e3 * made[k]:.2g} mm"
+            usual = (
+                f"{np.rad2deg(tolerances[k]):.2g} deg"
+                if unit == "rad"
+                else f"{1e3 * tolerances[k]:.2g} mm"
+            )
 
             best = Doubt(
                 reason=f"{estimate.names[k]} would be wrong by {amount}, manufacturing tolerances "
@@ -442,7 +463,7 @@ def _foreign_table(found: Calibration) -> Doubt:
     return best
 
 
-def _information(found: Calibration) -> Array:
+def _information(calibration: Calibration) -> Array:
     """Information (P, P) of the touches alone, without the prior."""
-    estimate = found.estimate
+    estimate = calibration.estimate
     return np.linalg.inv(estimate.covariance) - np.diag(estimate.prior**-2.0)

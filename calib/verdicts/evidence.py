@@ -53,12 +53,12 @@ class Told:
     base_joints: int = 0
 
 
-def log_evidence(found: Calibration, series: Sequence[Array]) -> float:
+def log_evidence(calibration: Calibration, series: Sequence[Array]) -> float:
     """Logarithm of how well an arm as made explains all touches, of a hand's noise or more."""
-    square = np.concatenate(found.residuals) ** 2
+    square = np.concatenate(calibration.residuals) ** 2
     return freedom(series) * float(
-        log_likely(square, motion_of(found.arm, found.tcp, series)).sum()
-    ) + log_made(found)
+        log_likely(square, motion_of(calibration.arm, calibration.tcp, series)).sum()
+    ) + log_made(calibration)
 
 
 def log_likely(square: Array, motion: float) -> Array:
@@ -76,19 +76,21 @@ def freedom(series: Sequence[Array]) -> float:
     return 1.0 - len(series) / sum(map(len, series))
 
 
-def log_made(found: Calibration) -> float:
+def log_made(calibration: Calibration) -> float:
     """Logarithm of how likely the arm found was made so."""
-    away = found.estimate.changes / as_made(found)
+    away = calibration.estimate.changes / as_made(calibration)
 
-    bounded = np.isfinite(widest_prior(found.estimate.parameters, found.nominal.reach))
+    bounded = np.isfinite(widest_prior(calibration.estimate.parameters, calibration.nominal.reach))
     return -0.5 * float((away[bounded] ** 2).sum())
 
 
-def as_made(found: Calibration) -> Array:
+def as_made(calibration: Calibration) -> Array:
     """Deviations (P,) to which arms are made, or as stated where that is more."""
-    bounds = widest_prior(found.estimate.parameters, found.nominal.reach)
+    bounds = widest_prior(calibration.estimate.parameters, calibration.nominal.reach)
     return np.where(
-        np.isfinite(bounds), np.maximum(bounds, found.estimate.prior), found.estimate.prior
+        np.isfinite(bounds),
+        np.maximum(bounds, calibration.estimate.prior),
+        calibration.estimate.prior,
     )
 
 
@@ -98,11 +100,14 @@ def motion_of(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
     The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that
     makes them small, shrink it as much as their scatter.
     """
-    rng, square, count = np.random.default_rng(0), 0.0, 0
+    rng = np.random.default_rng(0)
+    square = 0.0
+    count = 0
 
     for q in series:
         for _ in range(_SHUFFLES if len(q) > 1 else 0):
             p = arm.tips(np.ascontiguousarray(rng.permuted(q, axis=0)), tcp)
-            square, count = square + float(((p - p.mean(axis=0)) ** 2).sum()), count + 3 * len(q)
+            square += float(((p - p.mean(axis=0)) ** 2).sum())
+            count += 3 * len(q)
 
     return float(np.sqrt(square / max(count, 1)))

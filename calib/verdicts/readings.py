@@ -74,60 +74,71 @@ class Rival:
 
 
 def rival_readings(
-    found: Calibration, series: Sequence[Array], again: Again, told: Told, single: bool
+    calibration: Calibration, series: Sequence[Array], again: Again, stated: Told, single: bool
 ) -> list[Rival]:
     """Other readings of the files that explain the touches about as well: columns, signs, units.
 
     Readings that bring the touches about as close as they are, by the nominal arm, are fitted.
 
     Args:
-        found: calibration from the files as given.
+        calibration: from the files as given.
         series: their touches (m_i, n).
         again: the same identification from other touches.
-        told: names of the points, known distances, joints of a moving base.
+        stated: names of the points, known distances, joints of a moving base.
         single: also readings of one file alone.
     """
-    readings = list(_readings(found.nominal, told.base_joints))
+    readings = list(_readings(calibration.nominal, stated.base_joints))
 
-    misses = np.array([[_miss(found.nominal, each.change(q)) for q in series] for each in readings])
-    given = np.array([_miss(found.nominal, q) for q in series])
-    read = [(total, k, range(len(series))) for k, total in enumerate((misses - given).sum(axis=1))]
+    misses = np.array(
+        [[_miss(calibration.nominal, reading.change(q)) for q in series] for reading in readings]
+    )
+    as_read = np.array([_miss(calibration.nominal, q) for q in series])
+    read = [
+        (total, k, range(len(series))) for k, total in enumerate((misses - as_read).sum(axis=1))
+    ]
 
     # A reading of one file alone.
     if single and len(series) > 1:
         read += [
-            (misses[k, i] - given[i], k, (i,))
+            (misses[k, i] - as_read[i], k, (i,))
             for k in range(len(readings))
             for i in range(len(series))
         ]
 
-    nearest = [one for one in sorted(read, key=lambda one: one[0]) if one[0] < _ABOUT * len(one[2])]
+    nearest = [
+        candidate
+        for candidate in sorted(read, key=lambda candidate: candidate[0])
+        if candidate[0] < _ABOUT * len(candidate[2])
+    ]
 
     # A mirror image may explain touches to the last digit, and other readings come closer by
     # chance.
     mirrored = [
-        one
-        for one in nearest[_SCREENED:]
-        if readings[one[1]].mirrored and len(one[2]) == len(series)
+        candidate
+        for candidate in nearest[_SCREENED:]
+        if readings[candidate[1]].mirrored and len(candidate[2]) == len(series)
     ]
 
     # Those worth it are fitted.
-    own, out = log_evidence(found, series), []
+    evidence = log_evidence(calibration, series)
+    out = []
     for _, k, chosen in (*nearest[:_SCREENED], *mirrored):
-        one = readings[k]
+        reading = readings[k]
 
-        meant = [one.change(q) if i in chosen else q for i, q in enumerate(series)]
+        meant = [reading.change(q) if i in chosen else q for i, q in enumerate(series)]
         try:
-            other = again(meant, distances=told.distances, method=BRIEF)
+            other = again(meant, distances=stated.distances, method=BRIEF)
         except ConfigurationError:
             continue
 
-        where = f" of {told.names[chosen[0]]}" if len(chosen) < len(series) else ""
-        odds = log_evidence(other, meant) - own - np.log(len(read))
+        where = f" of {stated.names[chosen[0]]}" if len(chosen) < len(series) else ""
+        odds = log_evidence(other, meant) - evidence - np.log(len(read))
         out.append(
             Rival(
-                reading=one,
-                doubt=Doubt(reason=f"{one.text}{where} explains the touches better", log_odds=odds),
+                reading=reading,
+                doubt=Doubt(
+                    reason=f"{reading.text}{where} explains the touches better", log_odds=odds
+                ),
             )
         )
 
@@ -143,7 +154,7 @@ def _miss(arm: SerialArm, q: Array) -> float:
 def _readings(arm: SerialArm, first: int) -> Iterator[ColumnReading]:
     """Other readings of joint values (m, n) of the joints from `first` on."""
     n, hinges = arm.n, ~arm.slides
-    own = np.arange(n) >= first
+    of_arm = np.arange(n) >= first
 
     for i, j in combinations(range(first, n), 2):
         if hinges[i] == hinges[j]:
@@ -155,7 +166,7 @@ def _readings(arm: SerialArm, first: int) -> Iterator[ColumnReading]:
             )
 
     for text, factor in ((_SIGN, -1.0), *_UNITS):
-        turned = own & (hinges | (factor < 0.0))
+        turned = of_arm & (hinges | (factor < 0.0))
         change = partial(np.multiply, np.where(turned, factor, 1.0))
         yield ColumnReading(
             text=f"all joints {text}", change=change, joints=(), mirrored=factor < 0.0
@@ -187,33 +198,40 @@ class HiddenJoint:
 
 
 def hidden_joints(
-    found: Calibration, series: Sequence[Array], again: Again, told: Told
+    calibration: Calibration, series: Sequence[Array], again: Again, stated: Told
 ) -> Iterator[HiddenJoint]:
     """Hinges whose axis is close to the tip, and the odds that their readings are of other touches.
 
     Args:
-        found: the calibration.
+        calibration: the calibration.
         series: touches (m_i, n) that it is from.
         again: the same identification from other touches.
-        told: names of the points, known distances, joints of a moving base.
+        stated: names of the points, known distances, joints of a moving base.
     """
-    for k in range(told.base_joints, found.arm.n):
-        if found.arm.slides[k]:
+    for k in range(stated.base_joints, calibration.arm.n):
+        if calibration.arm.slides[k]:
             continue
 
-        lever = float(np.sqrt((_by_joint(found, series, k) ** 2).sum(axis=1).mean()))
-        if lever < min(_HIDDEN * found.noise, _CLOSE * found.nominal.reach):
-            yield _with_unknown_readings(found, series, again, told, k, lever)
+        lever = float(np.sqrt((_by_joint(calibration, series, k) ** 2).sum(axis=1).mean()))
+        if lever < min(_HIDDEN * calibration.noise, _CLOSE * calibration.nominal.reach):
+            yield _with_unknown_readings(calibration, series, again, stated, k, lever)
 
 
-def _by_joint(found: Calibration, series: Sequence[Array], k: int) -> Array:
+def _by_joint(calibration: Calibration, series: Sequence[Array], k: int) -> Array:
     """Derivatives (M, 3) of all tips by the reading of joint k."""
-    J = found.arm.tips_and_jacobian(np.ascontiguousarray(np.vstack(series)), found.tcp)[1]
-    return J[:, ROW * k + (D if found.arm.slides[k] else THETA)]
+    _, J = calibration.arm.tips_and_jacobian(
+        np.ascontiguousarray(np.vstack(series)), calibration.tcp
+    )
+    return J[:, ROW * k + (D if calibration.arm.slides[k] else THETA)]
 
 
 def _with_unknown_readings(
-    found: Calibration, series: Sequence[Array], again: Again, told: Told, k: int, lever: float
+    calibration: Calibration,
+    series: Sequence[Array],
+    again: Again,
+    stated: Told,
+    k: int,
+    lever: float,
 ) -> HiddenJoint:
     """Joint k fitted in turn with the arm, by readings that bring each touch closest to its point.
 
@@ -221,53 +239,55 @@ def _with_unknown_readings(
     finds unlikely. Where the joint stood still for some touches, those are replaced: its reading
     may have frozen.
     """
-    own, seen, frozen = (
-        log_evidence(found, series),
-        found,
-        np.concatenate([repeated(q[:, k]) for q in series]),
-    )
+    evidence = log_evidence(calibration, series)
+    refitted = calibration
+    frozen = np.concatenate([repeated(q[:, k]) for q in series])
 
-    some, every, noise = -np.inf, -np.inf, found.noise
+    some = -np.inf
+    every = -np.inf
+    noise = calibration.noise
     for turn in range(_ROUNDS):
-        given, unknown = _log_likely_readings(seen, series, k)
-        made = log_made(seen)
-        every = max(every, freedom(series) * float(unknown.sum()) + made)
+        as_read, unknown = _log_likely_readings(refitted, series, k)
+        prior = log_made(refitted)
+        every = max(every, freedom(series) * float(unknown.sum()) + prior)
 
         # Evidence with shares of the readings unknown, or with those that froze.
         mixed = [
-            np.logaddexp(given + np.log1p(-share), unknown + np.log(share)).sum()
+            np.logaddexp(as_read + np.log1p(-share), unknown + np.log(share)).sum()
             for share in _UNKNOWN
         ]
-        mixed.append(np.where(frozen, unknown, given).sum())
-        value = freedom(series) * float(np.logaddexp.reduce(mixed) - np.log(len(mixed))) + made
+        mixed.append(np.where(frozen, unknown, as_read).sum())
+        mixture = freedom(series) * float(np.logaddexp.reduce(mixed) - np.log(len(mixed))) + prior
 
-        if value > some:
-            some, noise = value, seen.noise
+        if mixture > some:
+            some = mixture
+            noise = refitted.noise
 
         # The least likely readings are replaced, and the arm is fitted to these.
-        unlikely = frozen if frozen.any() else (unknown > given) | (turn < _ALL_REPLACED)
+        unlikely = frozen if frozen.any() else (unknown > as_read) | (turn < _ALL_REPLACED)
         replaced = np.split(unlikely, np.cumsum([len(q) for q in series])[:-1])
         read = [
-            np.where(mine[:, None], _nearest(seen, q, point, k), q)
-            for q, point, mine in zip(series, seen.points, replaced, strict=True)
+            np.where(mine[:, None], _nearest(refitted, q, point, k), q)
+            for q, point, mine in zip(series, refitted.points, replaced, strict=True)
         ]
 
         try:
-            seen = again(read, distances=told.distances, method=BRIEF)
+            refitted = again(read, distances=stated.distances, method=BRIEF)
         except ConfigurationError:
             break
 
-    name, joints = f"joint {k + 1 - told.base_joints}", np.log(found.arm.n - told.base_joints)
+    name = f"joint {k + 1 - stated.base_joints}"
+    joints = np.log(calibration.arm.n - stated.base_joints)
     return HiddenJoint(
         joint=k,
         lever=lever,
         doubt=Doubt(
             reason=f"the readings of {name} are not those of these touches: with them the touches "
-            f"scatter by {1e3 * found.noise:.3g} mm, with others about its axis by "
+            f"scatter by {1e3 * calibration.noise:.3g} mm, with others about its axis by "
             f"{1e3 * noise:.3g} mm",
-            log_odds=some - own - joints,
+            log_odds=some - evidence - joints,
         ),
-        log_any=every - own,
+        log_any=every - evidence,
     )
 
 
@@ -277,33 +297,39 @@ def repeated(read: Array) -> np.ndarray:
     return np.bincount(run)[run] >= _LEAST_FROZEN
 
 
-def _log_likely_readings(seen: Calibration, series: Sequence[Array], k: int) -> tuple[Array, Array]:
+def _log_likely_readings(
+    calibration: Calibration, series: Sequence[Array], k: int
+) -> tuple[Array, Array]:
     """Log likelihoods (M,) of the touches with the readings of joint k, and with any of it."""
-    motion = motion_of(seen.arm, seen.tcp, series)
-    pairs = list(zip(series, seen.points, strict=True))
+    motion = motion_of(calibration.arm, calibration.tcp, series)
+    pairs = list(zip(series, calibration.points, strict=True))
 
-    given = [((seen.arm.tips(q, seen.tcp) - point) ** 2).sum(axis=1) for q, point in pairs]
+    squares = [
+        ((calibration.arm.tips(q, calibration.tcp) - point) ** 2).sum(axis=1) for q, point in pairs
+    ]
     likely = np.concatenate(
-        [log_likely(_squares(seen, q, point, k), motion) for q, point in pairs], axis=1
+        [log_likely(_squares(calibration, q, point, k), motion) for q, point in pairs], axis=1
     )
 
     unknown = np.logaddexp.reduce(likely, axis=0) - np.log(len(_ANGLES))
-    return log_likely(np.concatenate(given), motion), unknown
+    return log_likely(np.concatenate(squares), motion), unknown
 
 
-def _squares(seen: Calibration, q: Array, point: Array, k: int) -> Array:
+def _squares(calibration: Calibration, q: Array, point: Array, k: int) -> Array:
     """Squared distances (A, m) [m^2] of the touches from `point` (3,), joint k at every angle."""
     turned = np.tile(q, (len(_ANGLES), 1))
     turned[:, k] += np.repeat(_ANGLES, len(q))
     return (
-        ((seen.arm.tips(turned, seen.tcp) - point) ** 2).sum(axis=1).reshape(len(_ANGLES), len(q))
+        ((calibration.arm.tips(turned, calibration.tcp) - point) ** 2)
+        .sum(axis=1)
+        .reshape(len(_ANGLES), len(q))
     )
 
 
-def _nearest(seen: Calibration, q: Array, point: Array, k: int) -> Array:
+def _nearest(calibration: Calibration, q: Array, point: Array, k: int) -> Array:
     """The touches `q` (m, n) with joint k turned for each tip closest to `point` (3,) [m]."""
     out = np.array(q)
-    out[:, k] += _ANGLES[_squares(seen, q, point, k).argmin(axis=0)]
+    out[:, k] += _ANGLES[_squares(calibration, q, point, k).argmin(axis=0)]
     out[:, k] = (out[:, k] + np.pi) % (2.0 * np.pi) - np.pi
     return out
 
@@ -311,19 +337,22 @@ def _nearest(seen: Calibration, q: Array, point: Array, k: int) -> Array:
 # Readings that froze
 
 
-def frozen_readings(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[Doubt]:
+def frozen_readings(
+    calibration: Calibration, series: Sequence[Array], stated: Told
+) -> Iterator[Doubt]:
     """Joints that read the same for touches which the fit left out, as blunders hardly do."""
-    left_out = np.concatenate([weights == 0.0 for weights in found.weights])
+    left_out = np.concatenate([weights == 0.0 for weights in calibration.weights])
 
-    for k in range(told.base_joints, found.arm.n):
+    for k in range(stated.base_joints, calibration.arm.n):
         same = np.concatenate([repeated(q[:, k]) for q in series])
         lost = int((same & left_out).sum())
 
         if lost:
             yield Doubt(
-                reason=f"joint {k + 1 - told.base_joints} reads the same in {same.sum()} touches, "
-                f"of which {lost} do not belong to their points: its reading froze",
-                log_odds=-lost * np.log(same.mean()) - np.log(found.arm.n - told.base_joints),
+                reason=f"joint {k + 1 - stated.base_joints} reads the same in {same.sum()} "
+                f"touches, of which {lost} do not belong to their points: its reading froze",
+                log_odds=-lost * np.log(same.mean())
+                - np.log(calibration.arm.n - stated.base_joints),
             )
 
 
@@ -340,64 +369,71 @@ class _Shift:
 
 
 def shifted_readings(
-    found: Calibration, series: Sequence[Array], again: Again, told: Told
+    calibration: Calibration, series: Sequence[Array], again: Again, stated: Told
 ) -> Iterator[Doubt]:
     """The shift of one joint, in one file or from some touch on, that explains the touches best.
 
     The evidence of the linearised touches chooses it; the arm is then fitted to the touches without
     it.
     """
-    shifts = list(_shifts(found, series, told))
+    shifts = list(_shifts(calibration, series, stated))
     if not shifts:
         return
 
     # The best shift by the linearised touches.
-    odds, sizes, occam = _linear_odds(found, series, shifts)
+    odds, sizes, occam = _linear_odds(calibration, series, shifts)
     best = int(odds.argmax())
     if odds[best] < 0.0:
         return
-    size, shift, seen = float(sizes[best]), shifts[best], found
+    size = float(sizes[best])
+    shift = shifts[best]
+    refitted = calibration
 
     # Its size in turn with the arm, while the evidence rises.
-    own, value, settled = log_evidence(found, series), -np.inf, size
+    evidence = log_evidence(calibration, series)
+    shifted = -np.inf
+    settled = size
     for _ in range(_ROUNDS):
         meant = _without(series, shift, size)
         try:
-            seen = again(meant, distances=told.distances, method=BRIEF)
+            refitted = again(meant, distances=stated.distances, method=BRIEF)
         except ConfigurationError:
             break
 
-        if (reached := log_evidence(seen, meant)) <= value:
+        if (reached := log_evidence(refitted, meant)) <= shifted:
             break
-        value, settled = reached, size
-        size += float(_linear_odds(seen, meant, [shift])[1][0])
+        shifted = reached
+        settled = size
+        size += float(_linear_odds(refitted, meant, [shift])[1][0])
 
     if abs(settled) < _GEARS:
         return
     amount = (
         f"{1e3 * settled:+.3g} mm"
-        if found.arm.slides[shift.joint]
+        if calibration.arm.slides[shift.joint]
         else f"{np.rad2deg(settled):+.3g} deg"
     )
 
     yield Doubt(
-        reason=f"joint {shift.joint + 1 - told.base_joints} reads {amount} off {shift.where} "
+        reason=f"joint {shift.joint + 1 - stated.base_joints} reads {amount} off {shift.where} "
         "against the other touches: its zero was set again, or it slipped",
-        log_odds=value - own - float(occam[best]) - np.log(len(shifts)),
+        log_odds=shifted - evidence - float(occam[best]) - np.log(len(shifts)),
     )
 
 
-def _shifts(found: Calibration, series: Sequence[Array], told: Told) -> Iterator[_Shift]:
+def _shifts(calibration: Calibration, series: Sequence[Array], stated: Told) -> Iterator[_Shift]:
     """Shifts that are tried: each joint in each file, and from some touch on."""
     counts = [len(q) for q in series]
-    rows, ends = np.arange(sum(counts)), np.cumsum(counts)
+    rows = np.arange(sum(counts))
+    ends = np.cumsum(counts)
     parts = []
 
     for start in np.unique(
         np.linspace(_LEAST_RUN, len(rows) - _LEAST_RUN, _MOST_SPLITS).astype(int)
     ):
         i = int(np.searchsorted(ends, start, side="right"))
-        first, name = start - (ends[i] - counts[i]) + 1, told.names[i]
+        first = start - (ends[i] - counts[i]) + 1
+        name = stated.names[i]
         parts.append((rows >= start, f"from touch {first} of {name} on"))
 
         if i < len(series) - 1 and start <= ends[i] - _LEAST_RUN:
@@ -408,10 +444,10 @@ def _shifts(found: Calibration, series: Sequence[Array], told: Told) -> Iterator
     if len(series) > 1:
         parts += [
             ((rows >= end - count) & (rows < end), f"in {name}")
-            for end, count, name in zip(ends, counts, told.names, strict=True)
+            for end, count, name in zip(ends, counts, stated.names, strict=True)
         ]
 
-    for k in range(told.base_joints, found.arm.n):
+    for k in range(stated.base_joints, calibration.arm.n):
         yield from (_Shift(joint=k, rows=mine, where=where) for mine, where in parts)
 
 
@@ -423,7 +459,7 @@ def _without(series: Sequence[Array], shift: _Shift, size: float) -> list[Array]
 
 
 def _linear_odds(
-    found: Calibration, series: Sequence[Array], shifts: Sequence[_Shift]
+    calibration: Calibration, series: Sequence[Array], shifts: Sequence[_Shift]
 ) -> tuple[Array, Array, Array]:
     """Linearised touches with each of C shifts, the noise unknown.
 
@@ -441,18 +477,20 @@ def _linear_odds(
         means = np.zeros((len(series), *values.shape[1:]))
         np.add.at(means, owner, values)
         means /= counts.reshape(-1, *(1,) * (values.ndim - 1))
-        return (values - means[owner]) / found.noise
+        return (values - means[owner]) / calibration.noise
 
     # Residuals less what the parameters explain.
-    J = found.arm.tips_and_jacobian(np.ascontiguousarray(np.vstack(series)), found.tcp)[1]
-    J = np.concatenate([J, np.zeros((len(J), found.arm.n, 3))], axis=1)
-    A = rows(J[:, found.estimate.parameters.index]).transpose(0, 2, 1).reshape(3 * len(J), -1)
-    r = rows(np.vstack(found.touched_tips(series))).ravel()
-    covariance = np.linalg.inv(A.T @ A + np.diag(found.estimate.prior**-2.0))
+    _, J = calibration.arm.tips_and_jacobian(
+        np.ascontiguousarray(np.vstack(series)), calibration.tcp
+    )
+    J = np.concatenate([J, np.zeros((len(J), calibration.arm.n, 3))], axis=1)
+    A = rows(J[:, calibration.estimate.parameters.index]).transpose(0, 2, 1).reshape(3 * len(J), -1)
+    r = rows(np.vstack(calibration.touched_tips(series))).ravel()
+    covariance = np.linalg.inv(A.T @ A + np.diag(calibration.estimate.prior**-2.0))
     r -= A @ (covariance @ (A.T @ r))
 
-    moved = [_by_joint(found, series, k) for k in range(found.arm.n)]
-    V = np.array([rows(moved[each.joint] * each.rows[:, None]).ravel() for each in shifts])
+    moved = [_by_joint(calibration, series, k) for k in range(calibration.arm.n)]
+    V = np.array([rows(moved[shift.joint] * shift.rows[:, None]).ravel() for shift in shifts])
 
     # Size and evidence of each shift.
     toward, crossed = V @ r, V @ A
@@ -465,7 +503,7 @@ def _linear_odds(
     occam = 0.5 * np.log1p(_WRONG_ZERO**2 * informed)
 
     return (
-        -0.5 * found.degrees_of_freedom * np.log1p(-explained) - occam - np.log(len(shifts)),
+        -0.5 * calibration.degrees_of_freedom * np.log1p(-explained) - occam - np.log(len(shifts)),
         sizes,
         occam,
     )

@@ -106,7 +106,7 @@ def estimate(
             blocks,
             parameters,
             start=fit.deviations,
-            own=fit.own,
+            local=fit.local,
             rounds=3,
             enough=SETTLED,
             straight=True,
@@ -115,19 +115,19 @@ def estimate(
     return WaterFit(
         named=fit,
         widened=dict(zip(blocks.channels, widened.tolist(), strict=True)),
-        quantile=float(t.ppf(0.975, FREEDOM * len(blocks.own))),
+        quantile=float(t.ppf(0.975, FREEDOM * len(blocks.local))),
     )
 
 
 def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
     """Variance (channels,) of residuals over that of white noise passed through the same fit."""
-    slopes = blocks.slopes(fit.deviations, fit.own)
-    reduced = Reduced.of(slopes, fit.deviations, fit.own)
+    slopes = blocks.slopes(fit.deviations, fit.local)
+    reduced = Reduced.of(slopes, fit.deviations, fit.local)
     inverse = np.array(np.linalg.inv(reduced.H), dtype=np.float64)
     solved = [np.linalg.inv(L.T @ L + np.eye(L.shape[1])) @ L.T for _, _, L in slopes]
 
     # Powers of the residuals, and of white noise through the same fit.
-    seen = _powers(blocks, [each.residuals for each in slopes])
+    measured = _powers(blocks, [block.residuals for block in slopes])
     rng = np.random.default_rng(0)
     white = np.mean(
         [
@@ -140,7 +140,7 @@ def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
         axis=0,
     )
 
-    ratio = np.max(seen / np.maximum(white, 1e-12), axis=0)
+    ratio = np.max(measured / np.maximum(white, 1e-12), axis=0)
     return np.clip(ratio, _LEAST, None)
 
 
@@ -162,19 +162,20 @@ def _through(
 def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
     """Mean squares (2, channels) of residuals, and of their sums over a second by their number."""
     count = len(blocks.channels)
-    squares, numbers = np.zeros((2, count)), np.zeros((2, count))
+    squares = np.zeros((2, count))
+    numbers = np.zeros((2, count))
 
     for r, label in zip(residuals, blocks.labels, strict=True):
         for c in range(count):
-            own = r[label == c].reshape(-1, blocks.widths[c])
-            squares[0, c] += np.sum(own**2)
-            numbers[0, c] += own.size
+            residuals_c = r[label == c].reshape(-1, blocks.widths[c])
+            squares[0, c] += np.sum(residuals_c**2)
+            numbers[0, c] += residuals_c.size
 
             # Sums over a second: coloured residuals do not average out.
             summed = max(2, blocks.a_second[c])
-            whole = len(own) // summed
+            whole = len(residuals_c) // summed
             if whole:
-                sums = own[: whole * summed].reshape(whole, summed, -1).sum(axis=1)
+                sums = residuals_c[: whole * summed].reshape(whole, summed, -1).sum(axis=1)
                 squares[1, c] += np.sum(sums**2) / summed
                 numbers[1, c] += sums.size
 

@@ -48,49 +48,51 @@ class Finding:
         return "" if self.verdict == "identified" else _HELP.get(self.group, "")
 
 
-def findings(fit: NamedFit, count: int, quantile: float = 1.96) -> list[Finding]:
+def findings(fit: NamedFit, count: int, quantile: float) -> list[Finding]:
     """The vehicle's parameters, the first `count` of a fit; intervals of `quantile` deviations."""
-    found = []
-    for i, each in enumerate(fit.parameters[:count]):
+    rows = []
+    for i, parameter in enumerate(fit.parameters[:count]):
         low, high = fit.interval(i, quantile)
-        found.append(
+        rows.append(
             Finding(
-                name=each.name,
-                unit=each.unit,
-                group=group_of(each.name),
-                nominal=each.nominal,
-                value=each.value(float(fit.deviations[i])),
+                name=parameter.name,
+                unit=parameter.unit,
+                group=group_of(parameter.name),
+                nominal=parameter.nominal,
+                value=parameter.value(float(fit.deviations[i])),
                 low=low,
                 high=high,
                 told=float(np.clip(fit.told[i], 0.0, 1.0)),
             )
         )
 
-    return found
+    return rows
 
 
 def together(fit: NamedFit, count: int) -> list[str]:
     """Sentences on parameters with correlated errors, of which only a sum or a ratio is told."""
     sigma = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.outer(sigma, sigma)
-    said = []
+    sentences = []
 
     for group in _linked(np.abs(correlation) > TOGETHER):
         if len(group) > 1 and group[0] < count:
-            said.append(
+            sentences.append(
                 _sentence(
                     [fit.parameters[i].name for i in group], correlation[np.ix_(group, group)]
                 )
             )
 
-    return said
+    return sentences
 
 
 def _linked(near: np.ndarray) -> list[list[int]]:
     """Groups of indices that are linked by pairs."""
-    left, groups = list(range(len(near))), []
+    left = list(range(len(near)))
+    groups = []
     while left:
-        group, edge = [left[0]], [left[0]]
+        group = [left[0]]
+        edge = [left[0]]
         while edge:
             here = edge.pop()
             new = [j for j in left if near[here, j] and j not in group]
@@ -110,24 +112,22 @@ def _sentence(names: Sequence[str], correlation: Array) -> str:
 
     # What remains open, and the experiment that resolves it.
     if "thrusters" in kinds and kinds & {"added mass", "quadratic damping", "linear damping"}:
-        what, how = "only their ratios are identifiable", _SCALE
+        what = "only their ratios are identifiable"
+        how = _SCALE
     elif kinds == {"thrusters"}:
-        what, how = "their common factor is not identifiable", _SCALE
+        what = "their common factor is not identifiable"
+        how = _SCALE
     elif kinds == {"linear damping", "quadratic damping"} and len(axes) == 1:
-        what, how = (
-            "only the drag at the flown speeds is identifiable",
-            "the same axis at two speeds would separate them",
-        )
+        what = "only the drag at the flown speeds is identifiable"
+        how = "the same axis at two speeds would separate them"
     elif "nuisance" in kinds and "trim" in kinds:
         what = "only their sum is identifiable"
         mount = any("mount" in name for name in names)
         how = "a level mark for the attitude sensor" if mount else "water at rest"
         how += " would separate them"
     else:
-        what, how = (
-            "only a combination is identifiable",
-            "another axis or another speed would separate them",
-        )
+        what = "only a combination is identifiable"
+        how = "another axis or another speed would separate them"
 
     shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
     return f"{shown}: {what} (correlation {least:.2f} and more); {how}"

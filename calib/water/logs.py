@@ -86,7 +86,8 @@ class WaterLog:
         """Begin and end [s] of each part without a gap."""
         steps = np.diff(self.time)
         after = np.flatnonzero(steps > max(GAP, 5.0 * float(np.median(steps))))
-        begins, ends = self.time[np.r_[0, after + 1]], self.time[np.r_[after, len(self.time) - 1]]
+        begins = self.time[np.r_[0, after + 1]]
+        ends = self.time[np.r_[after, len(self.time) - 1]]
         return [(float(a), float(b)) for a, b in zip(begins, ends, strict=True)]
 
 
@@ -121,19 +122,52 @@ def log_of(
     columns = _of_run(columns, thrusters, joints) if _RUN in columns else dict(columns)
     known = {
         "time",
-        *(each for group in CHANNELS.values() for each in group),
-        *(f"{kind}{each}" for kind in (THRUSTER, THRUST) for each in thrusters),
-        *(f"{JOINT}{each}" for each in joints),
+        *(channel for group in CHANNELS.values() for channel in group),
+        *(f"{kind}{thruster}" for kind in (THRUSTER, THRUST) for thruster in thrusters),
+        *(f"{JOINT}{joint}" for joint in joints),
     }
 
-    if unknown := [each for each in columns if each not in known]:
+    if unknown := [column for column in columns if column not in known]:
         raise ConfigurationError(_unknown(name, unknown[0], known, thrusters, joints))
     if "time" not in columns:
         raise ConfigurationError(f"{name}: it has no column 'time' [s]")
 
     time = _time(name, columns["time"])
+    channels = _channels(name, columns, time)
 
-    # Samples of each sensor, in the units of the format.
+    # Channels that need one another.
+    _compare_rates(name, channels)
+    if POSITION in channels and ATTITUDE not in channels:
+        raise ConfigurationError(
+            f"{name}: x y z need qx qy qz qw: without an attitude the heading is unknown"
+        )
+
+    _refuse_half(name, columns, thrusters, joints)
+
+    return WaterLog(
+        name=name,
+        time=time,
+        channels=channels,
+        commands={
+            thruster: _command(name, thruster, _held(columns[THRUSTER + thruster]))
+            for thruster in thrusters
+            if THRUSTER + thruster in columns
+        },
+        thrusts={
+            thruster: _held(columns[THRUST + thruster])
+            for thruster in thrusters
+            if THRUST + thruster in columns
+        },
+        joints={
+            joint: _joint(name, joint, time, columns[JOINT + joint], limits)
+            for joint, limits in joints.items()
+            if JOINT + joint in columns
+        },
+    )
+
+
+def _channels(name: str, columns: Mapping[str, Array], time: Array) -> dict[str, Channel]:
+    """Samples of each sensor, in the units of the format; at least one sensor is needed."""
     channels = {}
     for kind, words in CHANNELS.items():
         have = [word for word in words if word in columns]
@@ -163,27 +197,29 @@ def log_of(
         some = "; ".join(" ".join(words) for words in CHANNELS.values())
         raise ConfigurationError(f"{name}: nothing was measured; it needs one of: {some}")
 
-    # Channels that need one another.
-    _compare_rates(name, channels)
-    if POSITION in channels and ATTITUDE not in channels:
-        raise ConfigurationError(
-            f"{name}: x y z need qx qy qz qw: without an attitude the heading is unknown"
-        )
+    return channels
 
+
+def _refuse_half(
+    name: str, columns: Mapping[str, Array], thrusters: Sequence[str], joints: Iterable[str]
+) -> None:
+    """Refuse thrusters and joints of which only some have a column, or a thruster with two."""
     # A column for every thruster and joint, or for none.
     for kind, have in (
         (
             "thruster",
             [
-                each
-                for each in thrusters
-                if f"{THRUSTER}{each}" in columns or f"{THRUST}{each}" in columns
+                thruster
+                for thruster in thrusters
+                if f"{THRUSTER}{thruster}" in columns or f"{THRUST}{thruster}" in columns
             ],
         ),
-        ("joint", [each for each in joints if f"{JOINT}{each}" in columns]),
+        ("joint", [joint for joint in joints if f"{JOINT}{joint}" in columns]),
     ):
         lacking = [
-            each for each in (thrusters if kind == "thruster" else joints) if each not in have
+            channel
+            for channel in (thrusters if kind == "thruster" else joints)
+            if channel not in have
         ]
         if have and lacking:
             raise ConfigurationError(
@@ -193,33 +229,14 @@ def log_of(
 
     # Of a thruster the command or the thrust, not both.
     both = [
-        each
-        for each in thrusters
-        if f"{THRUSTER}{each}" in columns and f"{THRUST}{each}" in columns
+        thruster
+        for thruster in thrusters
+        if f"{THRUSTER}{thruster}" in columns and f"{THRUST}{thruster}" in columns
     ]
     if both:
         raise ConfigurationError(
             f"{name}: thruster {both[0]} has a command and a thrust; give only one of the two"
         )
-
-    return WaterLog(
-        name=name,
-        time=time,
-        channels=channels,
-        commands={
-            each: _command(name, each, _held(columns[THRUSTER + each]))
-            for each in thrusters
-            if THRUSTER + each in columns
-        },
-        thrusts={
-            each: _held(columns[THRUST + each]) for each in thrusters if THRUST + each in columns
-        },
-        joints={
-            each: _joint(name, each, time, columns[JOINT + each], limits)
-            for each, limits in joints.items()
-            if JOINT + each in columns
-        },
-    )
 
 
 def write_log(file: Path, log: WaterLog) -> None:
@@ -232,7 +249,7 @@ def write_log(file: Path, log: WaterLog) -> None:
             columns[word][at] = channel.values[:, i]
 
     for before, group in ((THRUSTER, log.commands), (THRUST, log.thrusts), (JOINT, log.joints)):
-        columns |= {f"{before}{each}": values for each, values in group.items()}
+        columns |= {f"{before}{channel}": values for channel, values in group.items()}
 
     with file.open("w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out)
@@ -310,17 +327,17 @@ def _cell(file: str, line: int, column: str, cell: str) -> float:
     if not cell.strip():
         return np.nan
     try:
-        value = float(cell)
+        number = float(cell)
     except ValueError:
         raise ConfigurationError(
             f"log {file}: line {line}, column {column!r}: expected a number, got {shown(cell)}"
         ) from None
-    if not np.isfinite(value):
+    if not np.isfinite(number):
         raise ConfigurationError(
             f"log {file}: line {line}, column {column!r} is {cell.strip()}; leave a cell blank "
             "where there is no sample"
         )
-    return value
+    return number
 
 
 def _parquet(path: Path) -> dict[str, Array]:
@@ -334,7 +351,7 @@ def _parquet(path: Path) -> dict[str, Array]:
     except (pa.ArrowException, OSError, ValueError) as error:
         raise ConfigurationError(f"log {path.name}: no Parquet table ({error})") from error
 
-    found = {}
+    columns = {}
     for word in table.column_names:
         try:
             values = np.asarray(
@@ -352,14 +369,14 @@ def _parquet(path: Path) -> dict[str, Array]:
                 f"log {path.name}: row {bad[0]}, column {word!r} is not finite; leave null where "
                 "there is no sample"
             )
-        found[word] = np.array(values, dtype=np.float64)
+        columns[word] = np.array(values, dtype=np.float64)
 
     if len(table) < 2:
         raise ConfigurationError(
             f"log {path.name}: it has {len(table)} rows; it needs {SHORTEST:g} s of them"
         )
 
-    return found
+    return columns
 
 
 def _of_run(
@@ -369,8 +386,8 @@ def _of_run(
 ) -> dict[str, Array]:
     """Columns of a run's own table by the names of this module; all others are left out."""
     names = {"time": "time", **_OF_RUNS}
-    names |= {f"{THRUST}{each}": f"{THRUST}{each}" for each in thrusters} | {
-        f"q.{each}": f"{JOINT}{each}" for each in joints
+    names |= {f"{THRUST}{thruster}": f"{THRUST}{thruster}" for thruster in thrusters} | {
+        f"q.{joint}": f"{JOINT}{joint}" for joint in joints
     }
 
     return {names[word]: values for word, values in columns.items() if word in names}
@@ -388,13 +405,11 @@ def _unknown(
     # A thruster or joint that this vehicle does not have.
     for before, have in ((THRUSTER, thrusters), (THRUST, thrusters), (JOINT, tuple(joints))):
         if dot and f"{kind}." == before:
-            there = ", ".join(before + each for each in have) or "none"
-            meant = did_you_mean(column, [before + each for each in have])
-            return f"{name}: unknown column {shown(column)}; this vehicle has {there}{meant}"
+            available = ", ".join(before + word for word in have) or "none"
+            meant = did_you_mean(column, [before + word for word in have])
+            return f"{name}: unknown column {shown(column)}; this vehicle has {available}{meant}"
 
-    plain = ", ".join(
-        each for each in ("time", *(word for group in CHANNELS.values() for word in group))
-    )
+    plain = ", ".join(("time", *(word for group in CHANNELS.values() for word in group)))
     return (
         f"{name}: unknown column {shown(column)}; there are {plain}, {THRUSTER}NAME, "
         f"{THRUST}NAME, {JOINT}NAME{did_you_mean(column, list(known))}"
@@ -506,18 +521,18 @@ def _command(name: str, thruster: str, values: Array) -> Array:
     most = float(np.abs(values).max())
     if most <= 1.0 + 1e-6:
         return np.clip(values, -1.0, 1.0)
-    said = f"{name}: {THRUSTER}{thruster} reaches {most:.4g}; it is a fraction from -1 to 1"
+    message = f"{name}: {THRUSTER}{thruster} reaches {most:.4g}; it is a fraction from -1 to 1"
     if _PULSE[0] <= float(np.median(values)) <= _PULSE[1]:
-        raise ConfigurationError(f"{said}: of a pulse in us, (pulse - {_NEUTRAL}) / {_SPAN}")
-    raise ConfigurationError(f"{said}{': of percent, a hundredth' if most <= 100.0 else ''}")
+        raise ConfigurationError(f"{message}: of a pulse in us, (pulse - {_NEUTRAL}) / {_SPAN}")
+    raise ConfigurationError(f"{message}{': of percent, a hundredth' if most <= 100.0 else ''}")
 
 
 def _joint(name: str, joint: str, time: Array, values: Array, limits: tuple[float, float]) -> Array:
-    there = ~np.isnan(values)
-    if there.sum() < 2:
+    sampled = ~np.isnan(values)
+    if sampled.sum() < 2:
         raise ConfigurationError(f"{name}: {JOINT}{joint} has no two samples")
 
-    filled = np.interp(time, time[there], values[there])
+    filled = np.interp(time, time[sampled], values[sampled])
     low, high = limits
     beyond = max(float(filled.max()) - high, low - float(filled.min()))
     if beyond > 0.5:

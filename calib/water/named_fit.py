@@ -70,22 +70,22 @@ class Slopes(NamedTuple):
 
     residuals: Array  # (m,) in their standard deviations
     shared: Array  # (m, n) with respect to the deviations of the named parameters
-    own: Array  # (m, k) with respect to the block's own numbers, which have unit prior variance
+    local: Array  # (m, k) with respect to the block's own numbers, which have unit prior variance
 
 
 class Blocks(Protocol):
     """Residuals in blocks."""
 
     @property
-    def own(self) -> Sequence[int]:
+    def local(self) -> Sequence[int]:
         """How many numbers of its own each block has."""
         ...
 
-    def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def residuals(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         """Residuals of each block in their standard deviations; not finite where not computable."""
         ...
 
-    def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
+    def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
         """Residuals of each block with their derivatives."""
         ...
 
@@ -100,7 +100,7 @@ class NamedFit:
     covariance: Array
     cost: float  # sum of squares of residuals and deviations
     rounds: int
-    own: tuple[Array, ...] = ()  # numbers of each block
+    local: tuple[Array, ...] = ()  # numbers of each block
 
     @property
     def values(self) -> dict[str, float]:
@@ -112,16 +112,20 @@ class NamedFit:
         """Share (n,) of the prior variance that the data took away: 0 where uninformative."""
         return 1.0 - np.diag(self.covariance)
 
-    def interval(self, index: int, sigmas: float = 1.96) -> tuple[float, float]:
-        """Interval of a parameter, by default that of 95 % of a normal distribution."""
-        each, x = self.parameters[index], float(self.deviations[index])
+    def interval(self, index: int, sigmas: float) -> tuple[float, float]:
+        """Interval of a parameter, `sigmas` standard deviations to either side."""
+        parameter = self.parameters[index]
+        x = float(self.deviations[index])
         half = sigmas * float(np.sqrt(max(self.covariance[index, index], 0.0)))
-        return each.value(x - half), each.value(x + half)
+        return parameter.value(x - half), parameter.value(x + half)
 
 
 def values_of(parameters: Sequence[NamedParameter], deviations: Array) -> dict[str, float]:
     """Value by name at so many prior standard deviations (n,) from the nominal values."""
-    return {each.name: each.value(float(x)) for each, x in zip(parameters, deviations, strict=True)}
+    return {
+        parameter.name: parameter.value(float(x))
+        for parameter, x in zip(parameters, deviations, strict=True)
+    }
 
 
 def fit_named(
@@ -157,7 +161,7 @@ def fit_blocks(
     parameters: Sequence[NamedParameter],
     *,
     start: Array | None = None,
-    own: Sequence[Array] | None = None,
+    local: Sequence[Array] | None = None,
     rounds: int = 8,
     enough: float = ENOUGH,
     straight: bool = False,
@@ -168,7 +172,7 @@ def fit_blocks(
         blocks: The residuals.
         parameters: Those to fit.
         start: (n,) deviations to begin with; None: the nominal values.
-        own: Numbers of each block to begin with; None: zeros.
+        local: Numbers of each block to begin with; None: zeros.
         rounds: Most rounds.
         enough: Share of the cost by which a round must lower it.
         straight: Step in the values of factors, not in their logarithms: residuals of forces are
@@ -182,7 +186,7 @@ def fit_blocks(
     """
     n = len(parameters)
     x = np.zeros(n) if start is None else np.array(start, dtype=np.float64)
-    y = [np.zeros(k) for k in blocks.own] if own is None else [np.array(each) for each in own]
+    y = [np.zeros(k) for k in blocks.local] if local is None else [np.array(b) for b in local]
 
     cost = _cost(blocks.residuals(x, y), x, y)
     if not np.isfinite(cost):
@@ -191,7 +195,8 @@ def fit_blocks(
     # Relative to the diagonal, damping holds what only a sum tells; a straight fit begins with
     # hardly any.
     damping, least = (1e-6, 1e-9) if straight else (1e-2, 1e-4)
-    reduced, done = Reduced.of([], x, y), 0
+    reduced = Reduced.of([], x, y)
+    done = 0
     while done < rounds:
         done += 1
         reduced = Reduced.of(blocks.slopes(x, y), x, y)
@@ -201,11 +206,14 @@ def fit_blocks(
         for _ in range(_TRIES):
             held = reduced.H + damping * np.diag(np.diag(reduced.H))
             step = np.asarray(-np.linalg.solve(held, reduced.gradient), dtype=np.float64)
-            step, there = _moved(parameters, x, step, straight)
-            beside = _sums(y, reduced.own(step))
-            reached = _cost(blocks.residuals(there, beside), there, beside)
+            step, trial = _moved(parameters, x, step, straight)
+            beside = _sums(y, reduced.local(step))
+            reached = _cost(blocks.residuals(trial, beside), trial, beside)
             if reached < cost:
-                x, y, cost, damping = there, beside, reached, max(damping / 5.0, least)
+                x = trial
+                y = beside
+                cost = reached
+                damping = max(damping / 5.0, least)
                 break
             damping *= 100.0 if straight else 10.0
 
@@ -219,7 +227,7 @@ def fit_blocks(
         covariance=covariance,
         cost=cost,
         rounds=done,
-        own=tuple(y),
+        local=tuple(y),
     )
 
 
@@ -232,11 +240,13 @@ class Reduced(NamedTuple):
     eliminated: list[tuple[Array, Array]]
 
     @classmethod
-    def of(cls, blocks: Sequence[Slopes], deviations: Array, own: Sequence[Array]) -> "Reduced":
+    def of(cls, blocks: Sequence[Slopes], deviations: Array, local: Sequence[Array]) -> "Reduced":
         """Normal equations with unit priors."""
-        H, gradient, eliminated = np.eye(len(deviations)), np.array(deviations), []
+        H = np.eye(len(deviations))
+        gradient = np.array(deviations)
+        eliminated = []
 
-        for (r, J, L), y in zip(blocks, own, strict=False):
+        for (r, J, L), y in zip(blocks, local, strict=False):
             # The block's own numbers are eliminated (Schur complement).
             C = L.T @ L + np.eye(L.shape[1])
             B = L.T @ J
@@ -247,7 +257,7 @@ class Reduced(NamedTuple):
 
         return cls(H, gradient, eliminated)
 
-    def own(self, step: Array) -> list[Array]:
+    def local(self, step: Array) -> list[Array]:
         """Steps of each block's own numbers that go with a step (n,) of the parameters."""
         return [alone + slope @ step for alone, slope in self.eliminated]
 
@@ -264,42 +274,44 @@ def _moved(
     return short, np.asarray(x + short, dtype=np.float64)
 
 
-def _sums(own: Sequence[Array], steps: Sequence[Array]) -> list[Array]:
-    return [y + step for y, step in zip(own, steps, strict=True)]
+def _sums(local: Sequence[Array], steps: Sequence[Array]) -> list[Array]:
+    return [y + step for y, step in zip(local, steps, strict=True)]
 
 
-def _cost(residuals: Sequence[Array], x: Array, own: Sequence[Array]) -> float:
+def _cost(residuals: Sequence[Array], x: Array, local: Sequence[Array]) -> float:
     if not all(np.all(np.isfinite(r)) for r in residuals):
         return np.inf
-    return float(sum(r @ r for r in residuals) + x @ x + sum(y @ y for y in own))
+    return float(sum(r @ r for r in residuals) + x @ x + sum(y @ y for y in local))
 
 
 class _Differences:
     """One block with slopes by differences, which a pool of processes may compute."""
 
-    own = (0,)
+    local = (0,)
 
     def __init__(self, residuals: Callable[[Array], Array], mapped: Mapping) -> None:
-        self._function, self._mapped = residuals, mapped
+        self._function = residuals
+        self._mapped = mapped
         self._last = np.zeros(0), np.zeros(0)
 
-    def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def residuals(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         """Of the block."""
-        (found,) = self._mapped(self._function, [deviations])
-        self._last = np.array(deviations), found
-        return [found]
+        (r,) = self._mapped(self._function, [deviations])
+        self._last = np.array(deviations), r
+        return [r]
 
-    def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
+    def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
         """Residuals and differences of them; a column that is not finite counts as zero."""
         at, r = self._last
         if not np.array_equal(at, deviations):
-            (r,) = self.residuals(deviations, own)
+            (r,) = self.residuals(deviations, local)
 
         moved = self._mapped(
             self._function, [deviations + STEP * e for e in np.eye(len(deviations))]
         )
 
         columns = [
-            (each - r) / STEP if np.all(np.isfinite(each)) else np.zeros_like(r) for each in moved
+            (r_moved - r) / STEP if np.all(np.isfinite(r_moved)) else np.zeros_like(r)
+            for r_moved in moved
         ]
         return [Slopes(r, np.column_stack(columns), np.zeros((len(r), 0)))]

@@ -92,12 +92,13 @@ class VehicleWater:
             raise ConfigurationError(f"body {names.hull!r} has no hydrodynamics to begin with")
         density = water_density(model)
 
-        water, center = nominal[hull], np.array(model.body_ipos[hull])
+        water = nominal[hull]
+        center = np.array(model.body_ipos[hull])
         inertia = _dry_diagonal(model, hull) + np.diag(water.added_mass)
         gains = tuple(gains)
 
         # Added mass.
-        found = [
+        factors = [
             _factor(
                 added_mass_name(i),
                 "kg" if i < 3 else "kg m^2",
@@ -114,35 +115,35 @@ class VehicleWater:
         ):
             for i, axis in enumerate(AXES):
                 tabled = diagonal[i] > 0.0
-                value = float(diagonal[i]) if tabled else DECAY * float(inertia[i])
-                found.append(
-                    _factor(f"{kind} {axis}", units[i >= 3], value, sigma if tabled else UNTABLED)
-                )
+                prior = sigma if tabled else UNTABLED
+                coefficient = float(diagonal[i]) if tabled else DECAY * float(inertia[i])
+                factors.append(_factor(f"{kind} {axis}", units[i >= 3], coefficient, prior))
 
         # Net buoyancy.
         mass = float(np.sum(model.body_mass))
-        displaced = density * sum(each.volume for each in nominal.values())
-        found.append(
+        displaced = density * sum(body.volume for body in nominal.values())
+        factors.append(
             _offset(NET_BUOYANCY, "N", GRAVITY * (displaced - mass), BUOYANCY * GRAVITY * mass)
         )
 
         # Centre of buoyancy: above the centre of mass its height is a factor.
         off = water.center_of_buoyancy - center
-        height, small = float(off[2]), _SMALL * float(np.cbrt(max(water.volume, 1e-9)))
+        height = float(off[2])
+        small = _SMALL * float(np.cbrt(max(water.volume, 1e-9)))
         aside = LOPSIDED * height if height > 0.0 else small
-        found += [
+        factors += [
             _offset(name, "m", float(x), aside) for name, x in zip(CENTER[:2], off[:2], strict=True)
         ]
-        found.append(
+        factors.append(
             _factor(CENTER[2], "m", height, HEIGHT)
             if height > 0.0
             else _offset(CENTER[2], "m", height, small)
         )
 
         # Thrusters, and the links of the arm.
-        found += [_factor(f"gain of {name}", "1", 1.0, GAIN) for name in gains]
+        factors += [_factor(f"gain of {name}", "1", 1.0, GAIN) for name in gains]
         if len(nominal) > 1:
-            found += [
+            factors += [
                 _factor(ARM_DRAG, "1", 1.0, LINK_DRAG),
                 _factor(ARM_ADDED_MASS, "1", 1.0, LINK_ADDED_MASS),
             ]
@@ -154,7 +155,7 @@ class VehicleWater:
             center_of_mass=center,
             density=density,
             thrusters=gains,
-            parameters=tuple(found),
+            parameters=tuple(factors),
         )
 
     def bodies(self, values: Mapping[str, float]) -> dict[int, BodyHydrodynamics]:
@@ -164,22 +165,22 @@ class VehicleWater:
             ConfigurationError: The values are no vehicle, such as a volume below zero.
         """
         # The hull has what the links leave of the displaced volume.
-        made = {i: self._link(each, values) for i, each in self.nominal.items() if i != self.hull}
+        bodies = {i: self._link(body, values) for i, body in self.nominal.items() if i != self.hull}
         here = self.nominal[self.hull]
         displaced = (self.mass + values[NET_BUOYANCY] / GRAVITY) / self.density
         added = np.array([values[added_mass_name(i)] for i in range(6)])
 
         linear = np.array([values[f"linear damping {axis}"] for axis in AXES])
-        made[self.hull] = replace(
+        bodies[self.hull] = replace(
             here,
-            volume=displaced - sum(each.volume for each in made.values()),
+            volume=displaced - sum(body.volume for body in bodies.values()),
             center_of_buoyancy=self.center_of_mass + [values[name] for name in CENTER],
             added_mass=_with_diagonal(here.added_mass, added),
             linear_damping=_with_diagonal(here.linear_damping, linear),
             quadratic_damping=np.array([values[f"quadratic damping {axis}"] for axis in AXES]),
         )
 
-        return made
+        return bodies
 
     def write(self, model: mujoco.MjModel, values: Mapping[str, float]) -> None:
         """Put the coefficients into a compiled model; constants of contacts stay."""
@@ -230,12 +231,12 @@ def _dry_diagonal(model: mujoco.MjModel, hull: int) -> Array:
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     first = int(model.jnt_dofadr[model.body_jntadr[model.body_rootid[hull]]])
-    found = np.empty(6)
+    diagonal = np.empty(6)
 
     for i in range(6):
         unit, product = np.zeros(model.nv), np.zeros(model.nv)
         unit[first + i] = 1.0
         mujoco.mj_mulM(model, data, product, unit)
-        found[i] = product[first + i]
+        diagonal[i] = product[first + i]
 
-    return found
+    return diagonal

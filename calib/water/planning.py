@@ -69,12 +69,13 @@ def planned(
     for group in aim:
         if group not in GROUPS:
             raise ConfigurationError(f"--aim {shown(group)}: allowed {', '.join(GROUPS)}")
-    mask = np.array([not aim or group_of(each.name) in aim for each in parameters])
+    mask = np.array([not aim or group_of(parameter.name) in aim for parameter in parameters])
     if not mask.any():
         raise ConfigurationError(f"--aim {', '.join(aim)}: this vehicle has no such parameters")
 
-    before, inverse = np.sqrt(np.diag(known)), np.linalg.inv(known)
-    found = [
+    before = np.sqrt(np.diag(known))
+    inverse = np.linalg.inv(known)
+    plans = [
         Planned(
             name=name,
             before=before,
@@ -84,4 +85,4 @@ def planned(
         for name, added in candidates.items()
     ]
 
-    return sorted(found, key=lambda each: each.left)
+    return sorted(plans, key=lambda plan: plan.left)

@@ -18,7 +18,7 @@ from uuv.sim.interfaces.documents import yaml_text
 
 def write_fit(
     file: Path,
-    found: Sequence[Finding],
+    findings: Sequence[Finding],
     *,
     vehicle: str,
     date: str,
@@ -30,7 +30,7 @@ def write_fit(
 
     Args:
         file: To write.
-        found: Parameters of the vehicle.
+        findings: Parameters of the vehicle.
         vehicle: Its name.
         date: ISO 8601.
         logs: SHA-256 of each log by its name.
@@ -43,15 +43,15 @@ def write_fit(
         "logs": dict(logs),
         "noise_over_stated": {name: float(f"{factor:.3g}") for name, factor in widened.items()},
         "identified": {
-            each.name: {
-                "value": float(f"{each.value:.8g}"),
-                "interval_95": [float(f"{each.low:.6g}"), float(f"{each.high:.6g}")],
-                "unit": each.unit,
-                "nominal": float(f"{each.nominal:.8g}"),
-                "told": round(each.told, 3),
-                "verdict": each.verdict,
+            finding.name: {
+                "value": float(f"{finding.value:.8g}"),
+                "interval_95": [float(f"{finding.low:.6g}"), float(f"{finding.high:.6g}")],
+                "unit": finding.unit,
+                "nominal": float(f"{finding.nominal:.8g}"),
+                "told": round(finding.told, 3),
+                "verdict": finding.verdict,
             }
-            for each in found
+            for finding in findings
         },
         "only_together": list(combined),
     }
@@ -101,9 +101,10 @@ def scaled(thruster: Thruster, gain: float) -> Thruster:
     """The thruster with `gain` times its thrust."""
 
     def times(row: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(gain * each for each in row)
+        return tuple(gain * coefficient for coefficient in row)
 
-    polynomial, table = thruster.polynomial, thruster.table
+    polynomial = thruster.polynomial
+    table = thruster.table
     return replace(
         thruster,
         forward=gain * thruster.forward,

@@ -32,6 +32,7 @@ from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
 from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
+from uuv.sim.interfaces.records import EstimateRecord
 from uuv.sim.interfaces.spatial import Array
 
 
@@ -284,7 +285,9 @@ class TorqueSensors(TorqueResidual):
         doubt = np.zeros(len(e.q)) if e.tau_doubt is None else e.tau_doubt
         feel_by_torques(state.arm, self.gains, readings, doubt, drives.tau, state.record)
 
-    def weigh(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
+    def weigh(
+        self, state: ContactState, estimate: StateEstimate | EstimateRecord, reference: Reference
+    ) -> None:
         """Identify the payload while the arm unfolds; adopt it at the first tool pose.
 
         Args:

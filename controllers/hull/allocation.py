@@ -6,6 +6,9 @@ pitch come first: a tilt of the hull tilts the tool and moves the tip by the len
 force comes next: where it lacks, the hull is pushed away slowly and the arm re-aims. Yaw is last.
 Among thrusts that are equal in all this, the effort is minimal.
 
+Where no thrusters drive roll or pitch, weight and buoyancy right the hull: that axis is in no level
+(`undriven_axes`), and the hull lists until they balance the moment that is left.
+
 A rotating propeller gives at least a minimal thrust: `uuv.controllers.hull.thruster_gaps` finds the
 nearest thrusts that exist.
 """
@@ -33,8 +36,13 @@ from uuv.sim.interfaces.spatial import Array, checked, fitting
 
 # order of a wrench on the hull, hull axes
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+# those that weight and buoyancy hold where no thrusters do
+RIGHTED = ("pitch", "roll")
+MOST_LIST = float(np.radians(20.0))  # [rad] of a hull that they right, up to which it is to work
 # [-] share of the largest entry of B below which an entry is rounding noise and set to zero
 _ROUNDING = 1e-12
+# [m] lever, or share of a unit thrust, below which thrusters do not reach an axis
+_REACHED = 1e-6
 # [-] times the sum of all thrusts: a demand that always saturates, to measure the authority
 _BEYOND = 1e3
 
@@ -117,6 +125,29 @@ def allocate(allocation, wrench_B):
     return nearest_thrusts(a.H, c, a.low, a.high, a.least, a.patterns[: a.numbers[_PATTERNS]])
 
 
+def undriven_axes(B: Array) -> tuple[str, ...]:
+    """Axes of `RIGHTED` that thrusters of wrenches B (6, m) leave to weight and buoyancy.
+
+    Empty: they span all six, or what they lack is not roll and pitch alone.
+    """
+    if _spans(B):
+        return ()
+    for axes in (("pitch",), ("roll",), RIGHTED):
+        if _spans(np.delete(B, [AXES.index(axis) for axis in axes], axis=0)):
+            lacking = np.linalg.svd(B)[0][:, np.linalg.matrix_rank(B) :]
+            weights = np.abs(lacking).max(axis=1)
+            either = len(axes) == 1 and _spans(np.delete(B, AXES.index("roll"), axis=0))
+            # of two that would do, the one that the thrusters reach less
+            if either and weights[AXES.index("roll")] > weights[AXES.index("pitch")]:
+                return ("roll",)
+            return axes
+    return ()
+
+
+def _spans(rows: Array) -> bool:
+    return bool(rows.size) and int(np.linalg.matrix_rank(rows, tol=_REACHED)) == len(rows)
+
+
 class Allocation:
     """Thrust allocation of one vehicle by strict priority levels."""
 
@@ -135,7 +166,7 @@ class Allocation:
                 thrusters.
             priorities: levels of names from `AXES`, the first is kept first once thrusters
                 saturate. Within a level newtons and newton metres count alike. An axis in no level
-                is not driven.
+                is not driven, nor is one of `undriven_axes`.
             effort: (m,) [-] cost weight of each thruster, > 0, equal by default. A larger weight
                 spares that thruster where there is a choice.
             headroom: [-] share of full thrust that is used, in (0, 1].
@@ -151,7 +182,9 @@ class Allocation:
         if not 0.0 < headroom <= 1.0:
             raise ConfigurationError(f"headroom: must be in (0, 1], got {headroom}")
 
-        levels = _levels(priorities)
+        spared = {AXES.index(axis) for axis in undriven_axes(vehicle.thruster_wrench)}
+        levels = [[axis for axis in level if axis not in spared] for level in _levels(priorities)]
+        levels = [level for level in levels if level]
         self._set_up(vehicle, levels, effort, headroom, np.zeros(m, dtype=bool))
         if not self.record.numbers[_SPANS]:
             driven = sum(map(len, levels))
@@ -248,17 +281,15 @@ class Allocation:
             raise ConfigurationError("no thruster is left to allocate to")
 
         left = object.__new__(type(self))
-        left._set_up(
-            vehicle, levels if priorities is None else _levels(priorities), effort, headroom, lost
-        )
+        if priorities is not None:
+            driven = {axis for level in levels for axis in level}
+            spared = {AXES.index(axis) for axis in undriven_axes(vehicle.thruster_wrench)} - driven
+            levels = [
+                [axis for axis in level if axis not in spared] for level in _levels(priorities)
+            ]
+            levels = [level for level in levels if level]
+        left._set_up(vehicle, levels, effort, headroom, lost)
         return left
-
-    def lost_directions(self) -> Array:
-        """Uncontrollable wrenches (d, 6) [N, N m], hull axes: orthonormal, normal to all thrusts.
-
-        Force and moment count alike. d = 0 while the thrusters span all six directions.
-        """
-        return np.linalg.svd(self.record.B.T)[2][np.linalg.matrix_rank(self.record.B) :]
 
     def authority(self, *, spoiling: Sequence[str] = ()) -> Array:
         """Least and greatest wrench along each axis, all others zero; minimal thrusts are ignored.
@@ -309,18 +340,6 @@ class Allocation:
         """
         thrust = fitting(thrust, self.record.least.shape, "thrusts wanted [N]")
         return _commands(self._curves, thrust)
-
-    def lacking(self, wrench_B: Array, thrust: Array) -> Array:
-        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from `thrust` (m,) [N].
-
-        Zero while no thruster is saturated.
-        """
-        r = self.record
-        missing = wrench_B - r.B @ thrust
-        full = (thrust <= r.low * (1.0 - 1e-9)) | (thrust >= r.high * (1.0 - 1e-9))
-        if not np.any(full):
-            return np.zeros(6)
-        return np.where(np.abs(missing) > 1e-6 * np.abs(wrench_B).max(), missing, 0.0)
 
 
 def _axis(name: str) -> int:

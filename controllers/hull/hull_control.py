@@ -36,7 +36,7 @@ from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import curves
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.kernels.control import Unsaved
+from uuv.sim.interfaces.kernels.control import BoundFields, Unsaved
 from uuv.sim.interfaces.kernels.record_box import as_annotated, new_box
 from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.messages import Reference, StateEstimate
@@ -209,9 +209,13 @@ class HullControl:
 
         Returns:
             The commands.
+
+        Raises:
+            ConfigurationError: an array of the state was replaced.
         """
         self.refer(state, reference)
-        tick = state.alone.get(lambda: HullTick(self.record(state)))
+        tick = state.alone.get(lambda: HullTick(self.record(state), state))
+        tick.bound.check()
         tick.run(estimate, reference, arm_wrench_B)
         return state.thrusters.copy()
 
@@ -258,7 +262,8 @@ class HullControl:
 class HullTick:
     """Tick of hull control by itself, bound to the arrays of a state."""
 
-    def __init__(self, hull: HullRecord) -> None:
+    def __init__(self, hull: HullRecord, state: HullControlState) -> None:
+        self.bound = BoundFields(state)
         motion = MeasuredMotion(np.eye(4), np.zeros(3), np.zeros(3))
         target = HullTarget(np.eye(4), np.zeros(3), np.zeros(3))
         self._work = HullWork(hull, motion, target, np.zeros(6))

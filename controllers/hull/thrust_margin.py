@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, inverse_dynamics
+from uuv.controllers.hull.allocation import AXES, undriven_axes
 from uuv.controllers.hull.station_keeping import StationKeeping
 from uuv.models import hydrodynamics
 from uuv.models.hydrodynamics import BodyHydrodynamics
@@ -63,8 +64,13 @@ class ThrustMargin:
 
         most = np.maximum(self._forward, self._reverse)
         # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a
-        # single solution.
-        self._thrust = most[:, None] * np.linalg.pinv(vehicle.thruster_wrench * most)
+        # single solution. What weight and buoyancy right is left to these.
+        spared = undriven_axes(vehicle.thruster_wrench)
+        driven = [i for i, axis in enumerate(AXES) if axis not in spared]
+        self._thrust = np.zeros((len(most), 6))
+        self._thrust[:, driven] = most[:, None] * np.linalg.pinv(
+            vehicle.thruster_wrench[driven] * most
+        )
 
         self._advance = np.array(vehicle.thruster_wrench[:3])
         self._parameters = tuple(arm.parameters)
@@ -120,18 +126,26 @@ class ThrustMargin:
 
         # Load of the arm, at rest.
         joints = (np.array(q, dtype=np.float64), self._still, self._still)
-        arm_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1]
+        load_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1] + self._static
 
-        # of the hull through the water
-        past_B = np.concatenate([-(R_WB.T @ self._current_W), np.zeros(3)])
-        drag_B = -(self._linear @ past_B + self._quadratic * np.abs(past_B) * past_B)
-        drag_B[3:] -= cross(past_B[:3], (self._added @ past_B)[:3])  # Munk moment
-        for form in self._forms:
-            drag_B += form.wrench(past_B[None, :3], past_B[None, 3:], self._added)[0]
+        # Drag of the hull, and what the inflow takes of each thruster at full speed ahead.
+        taken: Array | float = 0.0
+        if self._current_W.any():
+            past_B = -(R_WB.T @ self._current_W)
+            load_B += self._drag(past_B)
+            taken = self._loss * (past_B @ self._advance)
 
         # Shares of the strength that the inflow leaves.
-        thrust = self._thrust @ -(arm_B + self._static + drag_B)
-        taken = self._loss * (past_B[:3] @ self._advance)  # by the inflow, at full speed ahead
+        thrust = self._thrust @ -load_B
         most = np.where(thrust > 0.0, self._forward - taken, self._reverse + taken)
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.where(thrust == 0.0, 0.0, np.abs(thrust) / np.maximum(most, 0.0)).max())
+
+    def _drag(self, past_B: Array) -> Array:
+        """Wrench (6,) [N, N m] of the water on a hull that moves in it by `past_B` (3,) [m/s]."""
+        twist = np.concatenate([past_B, np.zeros(3)])
+        drag_B = -(self._linear @ twist + self._quadratic * np.abs(twist) * twist)
+        drag_B[3:] -= cross(past_B, (self._added @ twist)[:3])  # Munk moment
+        for form in self._forms:
+            drag_B += form.wrench(twist[None, :3], twist[None, 3:], self._added)[0]
+        return drag_B

@@ -93,23 +93,6 @@ class ThrusterLead:
         m = self._thrusters
         return ThrusterLeadState(np.zeros(m), np.zeros(m), np.zeros(6))
 
-    def static(self, thrust: Array, nu_r_B: Array) -> Array:
-        """Static commands (m,) [-] that give `thrust` (m,) [N] in the inflow of the moving hull.
-
-        Args:
-            thrust: (m,) [N] wanted.
-            nu_r_B: (6,) [m/s, rad/s] velocity of the hull relative to the water, hull axes.
-
-        Returns:
-            The commands, in [-1, 1]; the nearest where a thrust is out of reach.
-
-        Raises:
-            ConfigurationError: another shape, or a number that is not finite.
-        """
-        thrust = fitting(thrust, (self._thrusters,), "thrusts wanted [N]")
-        nu_r_B = fitting(nu_r_B, (6,), "motion through the water")
-        return static_commands(self.propellers, thrust, nu_r_B)
-
     def step(self, state: ThrusterLeadState, wanted: Array, nu_r_B: Array, dt: float) -> Array:
         """Commands (m,) for the next `dt` that replace the static ones `wanted`.
 
@@ -146,7 +129,16 @@ def _inflow(advance, i, nu_r_B):
 
 @kernel
 def static_commands(model, thrust, nu_r_B):
-    """Static commands (m,): see `ThrusterLead.static`; `model` is `Propellers`."""
+    """Static commands (m,) [-] that give thrusts in the inflow of the moving hull.
+
+    Args:
+        model: `Propellers`.
+        thrust: (m,) [N] wanted.
+        nu_r_B: (6,) [m/s, rad/s] velocity of the hull relative to the water, hull axes.
+
+    Returns:
+        The commands, in [-1, 1]; the nearest where a thrust is out of reach.
+    """
     command = np.empty(thrust.shape[0])
     for i in range(thrust.shape[0]):
         inflow = _inflow(model.advance, i, nu_r_B)

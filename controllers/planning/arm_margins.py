@@ -1,6 +1,6 @@
 """Margins of the arm along a tool path: joints, torques, singularities, distance, thrust."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import NamedTuple
 
@@ -147,6 +147,14 @@ class ArmMargins:
     force: float  # [N] largest set force
     clearance: float  # [m] distance of joint centres to the object that gives a margin of 1
     holding: ThrustMargin | None = None  # thrust margin of the vehicle; None leaves thrust out
+    _length: float = field(init=False, repr=False)  # [m] of the stretched arm
+    _slides: Array = field(init=False, repr=False)  # (n,) true where a joint is a slide
+
+    def __post_init__(self) -> None:
+        """What is the same for all candidates, of which there are thousands."""
+        object.__setattr__(self, "_length", reach(self.chain))
+        slides = np.array([kind == "p" for kind in self.chain.joint_types])
+        object.__setattr__(self, "_slides", slides)
 
     def along(self, track: ToolTrack, X_WB: Array, to_beat: float) -> "Worked | Dropped":
         """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
@@ -168,8 +176,6 @@ class ArmMargins:
         q = self.vehicle.q_ready if track.q is None else track.q
         q_start = None
         full = self.chain.n >= FULL
-        long = reach(self.chain)
-        slides = np.array([kind == "p" for kind in self.chain.joint_types])
 
         for i, X_WG in enumerate(track.poses):
             share = i / len(track.poses)
@@ -209,12 +215,12 @@ class ArmMargins:
                     return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
 
                 weakest = np.linalg.svd(J * _SCALE if full else J[:3], compute_uv=False)[-1]
-                margin = min(margin, weakest / (_SINGULAR if full else BENT * long))
+                margin = min(margin, weakest / (_SINGULAR if full else BENT * self._length))
                 if margin <= floor:
                     return Dropped(i, share, Limit.SINGULAR, q)
 
             # Distance to the object
-            centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[
+            centres = joint_centres_kernel(self._slides, self.chain.axes, self.chain.points, q)[
                 2 : self.chain.n - 2
             ]
             if (

@@ -11,7 +11,7 @@ from uuv.controllers.planning.arm_size import size
 from uuv.controllers.planning.trajectories import PoseMove
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 # [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
 CLEARANCE = 0.2
@@ -51,7 +51,10 @@ class HullPath:
 
     def keeps(self, X_WB: Array, clearance: float) -> bool:
         """True if `gap` is at least `clearance` [m]; sooner than by the gap itself."""
-        if self._arm_gap(X_WB) < clearance:
+        arm = joint_gap_kernel(self._arm_B, inverse(X_WB), self._planes, np.zeros(3))
+        if abs(arm - clearance) <= ROUNDING:  # the kernel cannot tell
+            arm = self._arm_gap(X_WB)
+        if arm < clearance:
             return False
         return hull_keeps(X_WB, self._hull_box, self._skin, clearance)
 

@@ -22,7 +22,8 @@ from uuv.controllers.tuning import SAFETY
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.sim.interfaces.kernels import kernel
-from uuv.sim.interfaces.messages import Reference, StateEstimate
+from uuv.sim.interfaces.messages import StateEstimate
+from uuv.sim.interfaces.records import FOLLOWS, IN_CONTACT
 from uuv.sim.interfaces.spatial import Array
 
 # [rad], slides [m], from the folded arm's joint angles, up to which the tool is near nothing
@@ -44,8 +45,6 @@ class HeldHull(NamedTuple):
     time: Array  # (1,) [s] of the newest one
     thrust: Array  # (m,) [N] steady, in still water
     force_W: Array  # (3,) [N] of the contact
-    touches: np.ndarray  # (1,) bool: the tool is to touch something
-    set_force_W: Array  # (3,) [N] of the contact, where the estimate has none
 
     @classmethod
     def start(cls, thrusters: int) -> "HeldHull":
@@ -55,19 +54,11 @@ class HeldHull(NamedTuple):
             time=np.zeros(1),
             thrust=np.zeros(thrusters),
             force_W=np.zeros(3),
-            touches=np.zeros(1, dtype=np.bool_),
-            set_force_W=np.zeros(3),
         )
-
-    def refer(self, reference: Reference) -> None:
-        """Take the contact that is wanted under the set points of the commands that follow."""
-        self.touches[0] = reference.set_force > 0.0 or reference.force_control
-        X_WG = reference.X_WG
-        self.set_force_W[:] = 0.0 if X_WG is None else -reference.set_force * X_WG[:3, 2]
 
 
 @kernel
-def follow(curves, balance_time, command, time, held):
+def follow(curves, balance_time, command, reference, time, held):
     """Take a new command of the hull into the means of what holds it.
 
     Args:
@@ -75,11 +66,13 @@ def follow(curves, balance_time, command, time, held):
         balance_time: [s] of the means.
         command: `Commanded`, finite. Its contact counts while the tool is to touch something; where
             it is unknown, the set force does.
+        reference: `ReferenceRecord` of it.
         time: [s] of it.
         held: `HeldHull`; updated.
     """
     estimated = np.isfinite(command.f_W.sum())
-    wanted = np.isfinite(held.set_force_W.sum())
+    along_W = reference.X_WG[0, 2] + reference.X_WG[1, 2] + reference.X_WG[2, 2]
+    wanted = reference.flags[FOLLOWS] and np.isfinite(reference.set_force[0] * along_W)
 
     # First-order means; the first command is taken as it is.
     share = 1.0
@@ -88,8 +81,11 @@ def follow(curves, balance_time, command, time, held):
 
     for i in range(3):
         force = 0.0
-        if held.touches[0] and (estimated or wanted):
-            force = command.f_W[i] if estimated else held.set_force_W[i]
+        if reference.flags[IN_CONTACT]:
+            if estimated:
+                force = command.f_W[i]
+            elif wanted:
+                force = -reference.set_force[0] * reference.X_WG[i, 2]
         held.force_W[i] += share * (force - held.force_W[i])
 
     for i in range(curves.shape[0]):

@@ -38,14 +38,8 @@ from uuv.controllers.safety.hull_residuals import (
     HullBalanceModel,
     HullLimits,
     HullResiduals,
-    HullSeen,
-    balance_hull,
 )
-from uuv.controllers.safety.joint_residuals import (
-    JointResidualModel,
-    JointResiduals,
-    update_residuals,
-)
+from uuv.controllers.safety.joint_residuals import JointResidualModel, JointResiduals
 from uuv.controllers.safety.sensor_checks import sensor_faults
 from uuv.controllers.safety.thruster_probe import ProbeState, ThrusterProbe, is_lost
 from uuv.controllers.tuning import FaultLimits
@@ -54,7 +48,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, curves, inflow_levers
 from uuv.sim.interfaces.kernels.record_box import as_annotated
-from uuv.sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
+from uuv.sim.interfaces.messages import Fault, FaultKind, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
 _FOLLOWED = 1.0  # [s] after a stuck thruster was found, for which what it gives is followed
@@ -69,7 +63,6 @@ class FaultDetectionState:
     joints: JointResiduals
     hull: HullResiduals
     asked: Array  # (m,) last thruster commands of the controller
-    load_seen: HullLoad | None = None  # of the last momentum balance, to recognise a new one
     probe: ProbeState | None = None  # of a thruster under suspicion
     # [s] for each thruster, when a probe last found it sound
     cleared: list[float] = field(default_factory=list)
@@ -91,7 +84,7 @@ class FaultDetectionState:
 
 
 class FaultDetection:
-    """Fault detection for one vehicle; explicit state, one step per controller period."""
+    """Verdicts on the residuals of one vehicle, which `guard_tick` makes; explicit state."""
 
     def __init__(
         self, model: mujoco.MjModel, *, period: float, limits: FaultLimits | None = None
@@ -163,32 +156,6 @@ class FaultDetection:
             cleared=[-np.inf] * m,
         )
 
-    def step(
-        self, state: FaultDetectionState, estimate: StateEstimate, command: Command
-    ) -> tuple[Fault, ...]:
-        """Update the residuals with one sample and return all faults found so far.
-
-        The hull is examined whenever the controller reports a new `Command.hull_load`.
-
-        Args:
-            state: of `init`, or as the last step left it; changed in place.
-            estimate: the vehicle's state now, all numbers finite.
-            command: the command that followed from it; it acts until the next step.
-
-        Returns:
-            The faults, in the order in which they were found.
-        """
-        age = estimate.time - state.began
-        warm = age > self.limits.warm_up
-
-        seen = (estimate.q, estimate.qd, estimate.tau)
-        suspect = update_residuals(tuple(self.joints), seen, age, warm, tuple(state.joints))
-        state.joints.tau_motor[:] = command.joint_torque
-
-        balance = self.balance(state, estimate, command.hull_load)
-        thrusters = command.thrusters
-        return self.judge(state, estimate, thrusters, suspect=warm and suspect, balance=balance)
-
     def judge(
         self,
         state: FaultDetectionState,
@@ -219,24 +186,6 @@ class FaultDetection:
         if balance is not None:
             self._judge_hull(state, estimate, thrusters, balance)
         return tuple(state.faults)
-
-    def balance(
-        self, state: FaultDetectionState, estimate: StateEstimate, load: HullLoad | None
-    ) -> HullBalance | None:
-        """Balance of the hull's momentum under a `load`; None unless that is new."""
-        if load is None or load is state.load_seen:
-            return None
-
-        state.load_seen = load
-        seen = HullSeen(
-            time=float(estimate.time),
-            X_WB=np.array(estimate.X_WB),
-            v_B=np.array(estimate.v_WB_B),
-            w_B=np.array(estimate.w_WB_B),
-            current_W=np.array(load.current_W),
-            arm_wrench_B=np.array(load.arm_wrench_B),
-        )
-        return HullBalance(*balance_hull(self.hull, seen, state.hull))
 
     def _judge_hull(
         self,

@@ -26,6 +26,7 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import BROKEN, STOPPED, UNSOUND, Commanded, call_control
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
+from uuv.sim.interfaces.records import ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 
 # Entries of `GuardRecord.numbers`
@@ -60,9 +61,12 @@ class GuardRecord(NamedTuple):
     memory: int  # address of what that works on
     estimate: int  # address of the box of the estimate
     command: Commanded  # of the wrapped controller
+    reference: ReferenceRecord  # that it follows
     thrusters: Array  # (m,) sent, with the doublet of a probe
     residuals: JointResiduals
     hull: HullResiduals
+    checks: tuple[Array, ...]  # entries of the estimate, of `sensor_checks.checked_entries`
+    quiet: Array  # value of each check's entries while its sensor is sound
     asked: Array  # (m,) thruster commands of the controller at the last balance
     held: HeldHull
     judge: Slot
@@ -105,7 +109,8 @@ def guard_tick(box, estimate):
     # Means for a blind departure.
     if command.hull_steps[0] != numbers[FOLLOWED]:
         numbers[FOLLOWED] = command.hull_steps[0]
-        follow(guard.hull_model.curves, limits.balance_time, command, e.time[0], guard.held)
+        curves = guard.hull_model.curves
+        follow(curves, limits.balance_time, command, guard.reference, e.time[0], guard.held)
 
     if numbers[FRESH] == 0.0:
         return answer
@@ -121,7 +126,9 @@ def guard_tick(box, estimate):
     # Residuals of the hull, and verdicts, where there is something to judge.
     stepped = command.hull_steps[0] != numbers[JUDGED]
     numbers[JUDGED] = command.hull_steps[0]
-    hull_doubtful = _balance(guard, e, stepped)
+    numbers[BALANCE_DT] = np.nan
+    numbers[ACCUSED] = NOBODY
+    hull_doubtful = stepped and _balance(guard, e)
     doubtful = numbers[SUSPECT] != 0.0 or numbers[FAULTY] != 0.0 or e.ages[0] > limits.vision_age
     if doubtful or hull_doubtful:
         judged = call(guard.judge)
@@ -136,13 +143,12 @@ def guard_tick(box, estimate):
 
 
 @kernel
-def _balance(guard, e, stepped):
-    """Balance of the hull, if it has `stepped`; True where it needs a verdict."""
+def _balance(guard, e):
+    """Balance of the hull, which has stepped; True where it needs a verdict."""
     numbers = guard.numbers
     command = guard.command
-    numbers[BALANCE_DT], numbers[ACCUSED] = np.nan, NOBODY
-    if not stepped or np.isnan(command.arm_wrench_B[0]):
-        return stepped and numbers[PROBING] != 0.0
+    if np.isnan(command.arm_wrench_B[0]):
+        return numbers[PROBING] != 0.0
 
     load_W = command.current_W
     load_B = command.arm_wrench_B
@@ -150,10 +156,11 @@ def _balance(guard, e, stepped):
     numbers[BALANCE_DT], suspect = balance_hull(guard.hull_model, seen, guard.hull)
     numbers[ACCUSED] = suspect
 
-    # What navigation says of its sensors: the checks of `sensor_checks`.
-    off = np.isfinite(e.ages[3])
-    for i in range(3):
-        off = off or e.gyro_off_B[i] != 0.0 or e.attitude_off_B[i] != 0.0
+    # What navigation says of its sensors.
+    off = False
+    for k in range(len(guard.checks)):
+        for value in guard.checks[k]:
+            off = off or value != guard.quiet[k]
     return off or suspect != NOBODY or numbers[PROBING] != 0.0
 
 

@@ -44,6 +44,7 @@ from uuv.controllers.safety.guard_tick import (
     guard_tick,
 )
 from uuv.controllers.safety.hull_residuals import HullBalance
+from uuv.controllers.safety.sensor_checks import checked_entries
 from uuv.controllers.tuning import SAFETY, FaultLimits
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -52,6 +53,7 @@ from uuv.sim.interfaces.kernels.control import (
     REFUSED,
     STOPPED,
     UNSOUND,
+    BoundFields,
     Commanded,
     ControlTick,
     Inputs,
@@ -398,15 +400,21 @@ class GuardTick:
 
         # The record, and how a kernel finds it.
         self.command = inner.command._replace(thrusters=state.thrusters)
+        self.reference = inner.reference
         self.box = guard_box(as_annotated(self._record()))
         self.memory: int = address_of_box(self.box)
         self.address = address_of_kernel(guard_tick, self.box, inputs.box)
+        self._bound = BoundFields(state, state.health)
 
     def refer(self, reference: Reference) -> None:
-        """Take the set points of the ticks that follow, each at a new time."""
+        """Take the set points of the ticks that follow, each at a new time.
+
+        Raises:
+            ConfigurationError: an array of the state was replaced.
+        """
+        self._bound.check()
         state = self._state
         state.numbers[FRESH] = 1.0
-        state.held.refer(reference)
         state.lost = reference.lost_thrusters
         self._inner.refer(reference)
 
@@ -450,6 +458,7 @@ class GuardTick:
 
         health = self._wrapper.health
         limits = health.limits
+        checks, quiet = checked_entries(self.inputs.record)
         return GuardRecord(
             limits=GuardLimits(
                 old_imu=SAFETY.old_imu,
@@ -463,9 +472,13 @@ class GuardTick:
             memory=inner.memory,
             estimate=self.inputs.address,
             command=inner.command,
+            reference=inner.reference,
             thrusters=state.thrusters,
+            # What is judged, and by what.
             residuals=state.health.joints,
             hull=state.health.hull,
+            checks=checks,
+            quiet=quiet,
             asked=state.health.asked,
             held=state.held,
             judge=empty_slot()._replace(address=self.slots.add(self._judge)),

@@ -2,8 +2,8 @@
 
 Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it makes the statistic,
 applies the limit, and goes on without the sensor. The estimate says by how much the sensor is off;
-here that becomes a fault with its figures. A new check is a field of the estimate, zero while its
-sensor is sound, a row, and a condition in `guard_tick`, which decides when the rows are asked.
+here that becomes a fault with its figures. A new check is a field of the estimate and a row. The
+tick of the safety wrapper reads the rows' entries and asks for the faults where one is not quiet.
 
 | sensor | field | statistic | limit |
 |---|---|---|---|
@@ -19,7 +19,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from uuv.sim.interfaces.messages import Fault, FaultKind, StateEstimate
+from uuv.sim.interfaces.records import EstimateRecord
+from uuv.sim.interfaces.spatial import Array
 
 _AXES = "xyz"
 
@@ -39,6 +43,8 @@ class SensorCheck:
 
     kind: FaultKind
     found: Callable[[StateEstimate], Iterator[SensorFinding]]
+    entries: Callable[[EstimateRecord], Array]  # (k,) of the record, by which it is known
+    quiet: float = 0.0  # value of all of them while the sensor is sound
 
 
 def sensor_faults(estimate: StateEstimate) -> Iterator[Fault]:
@@ -60,6 +66,7 @@ def _gyro(estimate: StateEstimate) -> Iterator[SensorFinding]:
 def _attitude(estimate: StateEstimate) -> Iterator[SensorFinding]:
     """An attitude that is off the integral of the rates."""
     off = estimate.attitude_off_B.tolist()
+
     if any(map(math.isnan, off)):
         yield SensorFinding("", -1, estimate.time, "no rotation")
         return
@@ -82,7 +89,18 @@ def _accelerometer(estimate: StateEstimate) -> Iterator[SensorFinding]:
 
 
 SENSOR_CHECKS = (
-    SensorCheck(FaultKind.IMU, _accelerometer),
-    SensorCheck(FaultKind.GYRO, _gyro),
-    SensorCheck(FaultKind.ATTITUDE, _attitude),
+    SensorCheck(FaultKind.IMU, _accelerometer, lambda record: record.ages[3:4], quiet=math.inf),
+    SensorCheck(FaultKind.GYRO, _gyro, lambda record: record.gyro_off_B),
+    SensorCheck(FaultKind.ATTITUDE, _attitude, lambda record: record.attitude_off_B),
 )
+
+
+def checked_entries(record: EstimateRecord) -> tuple[tuple[Array, ...], Array]:
+    """Entries of all checks, and the quiet value (number of checks,) of each.
+
+    Args:
+        record: of the estimate; the entries are its own.
+    """
+    entries = tuple(check.entries(record) for check in SENSOR_CHECKS)
+
+    return entries, np.array([check.quiet for check in SENSOR_CHECKS])

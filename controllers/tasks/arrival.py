@@ -22,9 +22,11 @@ from uuv.controllers.tasks.hull_phases import (
 )
 from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import (
+    INSTANT,
     Abort,
     Context,
     Decide,
+    Foreseen,
     Held,
     Outcome,
     Phase,
@@ -169,6 +171,11 @@ class ScanTarget(Phase):
         del held
         return Setpoint(scan=now.time >= state.look_from)
 
+    def foresee(self, state: ScanState, held: Held) -> Foreseen | None:
+        """The wait for the next look."""
+        del held
+        return Foreseen(until=state.look_from - INSTANT)
+
 
 def fuse_poses(finds: Sequence[Target]) -> Target:
     """Mean of the identifications that agree, weighted by information; path of the newest one.
@@ -273,10 +280,12 @@ class Since:
 class TareSensors(Phase):
     """Average the bias of the joint torques, free of contact; the tool is at the stand-off."""
 
+    foresee = Phase.foresee
+
     def __init__(self, after: float = 1.5, seconds: float = 2.0) -> None:
         """Set up the phase: a wait of `after` [s], then the mean of the bias over `seconds` [s]."""
         self._after = after
-        self._seconds = seconds
+        self.duration = after + seconds  # [s]
 
     def enter(self, held: Held, now: Context) -> Since:
         """Begin with the wait."""
@@ -286,7 +295,7 @@ class TareSensors(Phase):
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
         """Done after both times."""
         del held
-        return PhaseEvent.DONE if now.time - state.since > self._after + self._seconds else None
+        return PhaseEvent.DONE if now.time - state.since > self.duration else None
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool at rest, and the tare in its time."""

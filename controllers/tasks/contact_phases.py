@@ -16,6 +16,7 @@ from uuv.controllers.tasks.phase import (
     ZERO,
     Abort,
     Context,
+    Foreseen,
     Held,
     Outcome,
     Phase,
@@ -25,6 +26,7 @@ from uuv.controllers.tasks.phase import (
     way_back,
 )
 from uuv.controllers.tasks.stops import Stops
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
@@ -96,6 +98,13 @@ class GuardedApproach(Phase):
         del state, now
         X_WG = held.tool()[0]
         return Setpoint(X_WG=X_WG, v_WG_W=held.speed * X_WG[:3, 2])
+
+    def foresee(self, state: ApproachState, held: Held) -> Foreseen | None:
+        """Up to the first touch."""
+        del held
+        return (
+            None if state.felt_for else Foreseen(within=EstimateBounds(normal=self._limits.touch))
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,6 +206,8 @@ class Press(Phase):
 
 class Dwell(Phase):
     """Stay in place under the set force for some time."""
+
+    foresee = Phase.foresee
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
@@ -339,6 +350,11 @@ class FollowPath(Phase):
             at_rest=None if state.stops is None else state.stops.said,
         )
 
+    def foresee(self, state: FollowState, held: Held) -> Foreseen | None:
+        """All of it, unless it stops on its way."""
+        del held
+        return Foreseen() if state.stops is None else None
+
 
 def next_stretch(held: Held) -> float | None:
     """Arc length [m] at which the next stretch of the path begins; None after the last one."""
@@ -366,6 +382,8 @@ def travelling(state: FollowState, held: Held, now: Context) -> Setpoint:
 
 class NextStretch(Phase):
     """Move the tool at the stand-off to the next stretch that it can press; the hull goes along."""
+
+    foresee = Phase.foresee
 
     def __init__(self, limits: FollowLimits, standoff: float) -> None:
         """Set up the phase: limits of the motion, and distance [m] from the surface."""
@@ -397,6 +415,8 @@ class NextStretch(Phase):
 class Unload(Phase):
     """Ramp the force down before the tool leaves: released at 90 N, it rebounds."""
 
+    foresee = Phase.foresee
+
     def __init__(self, rate: float, until: float) -> None:
         """Set up the phase: `rate` [N/s] of the force, down to `until` [N]."""
         self._rate = rate
@@ -416,6 +436,8 @@ class Unload(Phase):
 
 class Retreat(Phase):
     """Withdraw the tool by the arm along its axis: the whole approach, at least the stand-off."""
+
+    foresee = Phase.foresee
 
     def __init__(self, speed: float, clearance: float) -> None:
         """Set up the phase: `speed` [m/s] of the tool, `clearance` [m] least length of the way."""
@@ -447,6 +469,8 @@ class NextPoint(Phase):
 
     The hull travels along.
     """
+
+    foresee = Phase.foresee
 
     def __init__(self, points: Sequence[float], limits: FollowLimits, standoff: float) -> None:
         """Set up the phase; the tool is at the point of index 0 when it is entered first.

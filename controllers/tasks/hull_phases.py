@@ -10,9 +10,11 @@ import numpy as np
 from uuv.controllers.planning.trajectories import JointMove, PoseMove
 from uuv.controllers.safety.blind_departure import ascent_direction
 from uuv.controllers.tasks.phase import (
+    INSTANT,
     ZERO,
     Abort,
     Context,
+    Foreseen,
     Held,
     Outcome,
     Phase,
@@ -21,6 +23,7 @@ from uuv.controllers.tasks.phase import (
     way_back,
 )
 from uuv.controllers.tuning import SAFETY
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
@@ -77,9 +80,22 @@ class Settle(Phase):
 
         return PhaseEvent.DONE if estimate.time - state.quiet_since > limits.time else None
 
+    def foresee(self, state: SettleState, held: Held) -> Foreseen | None:
+        """The rest of the time at rest."""
+        del held
+        limits = self._limits
+        if not math.isfinite(state.quiet_since):
+            return None
+
+        end = min(state.quiet_since + limits.time, state.since + limits.within)
+        quiet = EstimateBounds(off=limits.error, speed=limits.speed, turn=limits.turn)
+        return Foreseen(until=end - INSTANT, within=quiet)
+
 
 class KeepStation(Phase):
     """Station keeping for a set time, from a hull at rest."""
+
+    foresee = Phase.foresee
 
     def __init__(self, seconds: float) -> None:
         """Set up the phase; it lasts `seconds` [s]."""
@@ -181,6 +197,15 @@ class MoveHull(Phase):
         del held, now
         return Setpoint(v_WB_W=state.v_WB_W)
 
+    def foresee(self, state: MoveState, held: Held) -> Foreseen | None:
+        """The rest of the present move, for a hull that is not late."""
+        del held
+        if state.waited > self._motion.late:
+            return None
+        behind = self._motion.behind
+        near = EstimateBounds() if behind is None else EstimateBounds(off=behind[0])
+        return Foreseen(until=state.move.start + state.move.duration - INSTANT, within=near)
+
 
 @dataclass(slots=True, eq=False)
 class UnfoldState:
@@ -192,6 +217,8 @@ class UnfoldState:
 
 class Unfold(Phase):
     """Move the arm to the posture of the tool before the line."""
+
+    foresee = Phase.foresee
 
     def __init__(self, speed: float) -> None:
         """Set up the phase; `speed` [rad/s] of the joints."""
@@ -228,6 +255,8 @@ class PullState:
 
 class PullBack(Phase):
     """The hull withdraws the tool along its axis; the arm holds its joint angles."""
+
+    foresee = Phase.foresee
 
     def __init__(self, motion: HullMotion, clearance: float) -> None:
         """Set up the phase; `clearance` [m] is the least length of the way back."""

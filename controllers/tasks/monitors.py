@@ -25,6 +25,7 @@ from enum import StrEnum
 import numpy as np
 
 from uuv.controllers.tasks.phase import Abort, Context, Held
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, FaultKind, WorkState
 
 
@@ -45,6 +46,21 @@ IN_CONTACT = frozenset({WorkState.APPROACH, WorkState.PRESS, WorkState.WORK})
 LEAVING = frozenset({WorkState.RETREAT})
 
 Condition = Callable[[Held, Context], str]  # the sentence if it holds, else empty
+BoundsOfPeriod = Callable[[Held], EstimateBounds]
+
+
+@dataclass(frozen=True, slots=True)
+class Bounded:
+    """Condition that is known not to hold while the estimate is within bounds, and no fault is
+    reported.
+    """
+
+    condition: Condition
+    bounds: BoundsOfPeriod | EstimateBounds  # those of a period, or of all
+
+    def __call__(self, held: Held, context: Context) -> str:
+        """The sentence of the condition."""
+        return self.condition(held, context)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,10 +147,13 @@ def fault_monitors(
     )
 
 
-def no_time(held: Held, now: Context) -> str:
+def _no_time(held: Held, now: Context) -> str:
     """The time of the estimate is not finite."""
     del held
     return "" if math.isfinite(now.estimate.time) else "the state estimate is lost"
+
+
+no_time = Bounded(_no_time, EstimateBounds())
 
 
 def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math.inf) -> Condition:
@@ -164,7 +183,7 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
         figures = "; ".join(fault.figures for fault in alike if fault.figures)
         return f"{report} ({figures})" if figures else report
 
-    return condition
+    return Bounded(condition, EstimateBounds())
 
 
 def adrift(limit: float) -> Condition:
@@ -178,7 +197,7 @@ def adrift(limit: float) -> Condition:
             else ""
         )
 
-    return condition
+    return Bounded(condition, EstimateBounds(off=limit))
 
 
 def object_moves(limit: float) -> Condition:
@@ -200,11 +219,11 @@ def object_moves(limit: float) -> Condition:
         )
         return message if across > limit else ""
 
-    return condition
+    return Bounded(condition, EstimateBounds(moved=0.0))
 
 
 def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Condition:
-    """Condition: the estimated force `felt` [N] is above `limit` [N]."""
+    """Condition: the estimated force `felt` [N], or a part of it, is above `limit` [N]."""
 
     def condition(held: Held, now: Context) -> str:
         force = felt(held, now)
@@ -214,7 +233,9 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
             else ""
         )
 
-    return condition
+    along = felt is normal_force
+    bounds = EstimateBounds(normal=limit) if along else EstimateBounds(force=limit)
+    return Bounded(condition, bounds)
 
 
 def uncertain_force(limit: float) -> Condition:
@@ -229,7 +250,7 @@ def uncertain_force(limit: float) -> Condition:
             f"{now.normal_sigma:.0f} N"
         )
 
-    return condition
+    return Bounded(condition, EstimateBounds(sigma=limit))
 
 
 def normal_force(held: Held, now: Context) -> float:

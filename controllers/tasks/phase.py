@@ -16,6 +16,7 @@ import numpy as np
 from uuv.controllers.planning.path_poses import tool_pose
 from uuv.controllers.planning.placement import Placement
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import (
     AbortCode,
     Command,
@@ -29,6 +30,7 @@ from uuv.sim.interfaces.spatial import Array, readonly
 
 Plan = TypeVar("Plan")
 ZERO = readonly(np.zeros(3))
+INSTANT = 1e-9  # [s] far below any period: what comes so soon is now
 NO_ESTIMATE = "the controller gives no contact estimate: Command.contact.normal [N] is not a number"
 
 
@@ -209,6 +211,18 @@ class Setpoint:
 Outcome = PhaseEvent | Abort | None  # of a period; None: the phase goes on
 
 
+@dataclass(frozen=True, slots=True)
+class Foreseen:
+    """Periods of a phase that depend on the time alone."""
+
+    until: float = math.inf  # [s] first time of one that may not
+    # while the estimate is within these
+    within: EstimateBounds = field(default_factory=EstimateBounds)
+
+
+_ALL = Foreseen()
+
+
 class Phase:
     """Base of all phases; one that overrides nothing holds hull and joint angles for ever."""
 
@@ -244,6 +258,24 @@ class Phase:
         del state, held, now
         return Setpoint()
 
+    def foresee(self, state: Any, held: Held) -> Foreseen | None:
+        """The next periods, where `step` and `setpoint` read time and period alone of `Context`.
+
+        Both are then called ahead of time on copies of `state` and `held`, whose fields they may
+        assign, but whose arrays and parts they must not change. A phase that overrides one of them
+        gives this too, or nothing of it is foreseen; one that goes by the time in all periods
+        repeats `foresee = Phase.foresee`.
+
+        Args:
+            state: state of the phase, after a step that went on.
+            held: what the phases share.
+
+        Returns:
+            How far that is so, while the work is not paused; None: not in the next period.
+        """
+        del state, held
+        return _ALL
+
 
 class Hold(Phase):
     """Hold hull and joint angles: the end of a task with the arm away from the object."""
@@ -251,6 +283,8 @@ class Hold(Phase):
 
 class HoldTool(Phase):
     """Hold the tool where the retreat ended: the end of a task beside the object."""
+
+    foresee = Phase.foresee
 
     def __init__(self, clearance: float = 0.0) -> None:
         self._clearance = clearance

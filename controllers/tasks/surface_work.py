@@ -42,6 +42,7 @@ from uuv.controllers.tasks.monitors import (
     BEFORE_CONTACT,
     IN_CONTACT,
     LEAVING,
+    Bounded,
     Monitor,
     Reaction,
     adrift,
@@ -53,8 +54,10 @@ from uuv.controllers.tasks.monitors import (
     uncertain_force,
 )
 from uuv.controllers.tasks.phase import (
+    INSTANT,
     Abort,
     Context,
+    Foreseen,
     Held,
     Hold,
     HoldTool,
@@ -67,6 +70,7 @@ from uuv.controllers.tasks.settings import SurfaceSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow
 from uuv.models.objects.targets import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import Array
 
@@ -200,6 +204,11 @@ class CertainPlace(Phase):
     def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:
         """As in the tare."""
         return self._tare.setpoint(state.inner, held, now)
+
+    def foresee(self, state: CertainState, held: Held) -> Foreseen | None:
+        """The rest of the tare."""
+        del held
+        return Foreseen(until=state.inner.since + self._tare.duration - INSTANT)
 
 
 class SurfaceWork(TaskPlanner):
@@ -369,12 +378,14 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
     touch = job.approach.touch
     at_work = frozenset({WorkState.WORK}) if job.presses else frozenset()
 
+    def allowed(held: Held) -> float:
+        return (1.0 + limits.excess) * held.set_force + touch
+
     def too_hard(held: Held, now: Context) -> str:
-        allowed = (1.0 + limits.excess) * held.set_force + touch
         reason = (
             f"the force cannot be held: {now.normal:.0f} N estimated, {held.set_force:.0f} N set"
         )
-        return reason if now.normal > allowed else ""
+        return reason if now.normal > allowed(held) else ""
 
     def lost(held: Held, now: Context) -> str:
         del held
@@ -416,14 +427,14 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=IN_CONTACT if job.presses else frozenset(),
         ),
         Monitor(
-            condition=too_hard,
+            condition=Bounded(too_hard, lambda held: EstimateBounds(normal=allowed(held))),
             reaction=Reaction.RETREAT,
             code=AbortCode.FORCE_NOT_HELD,
             lasting=limits.excess_time,
             during=at_work,
         ),
         Monitor(
-            condition=lost,
+            condition=Bounded(lost, EstimateBounds(slack=-0.5 * touch)),
             reaction=Reaction.RETREAT,
             code=AbortCode.CONTACT_LOST,
             lasting=limits.lost_time,

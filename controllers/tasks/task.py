@@ -2,14 +2,17 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from uuv.controllers.tasks.monitors import Monitor, Reaction, watch
+from uuv.controllers.tasks.monitors import Bounded, BoundsOfPeriod, Monitor, Reaction, watch
 from uuv.controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.kernels.foresight import EstimateBounds, Foresight, is_plain
+from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.messages import (
     Command,
     Fault,
@@ -20,6 +23,8 @@ from uuv.sim.interfaces.messages import (
     WorkState,
 )
 from uuv.sim.interfaces.spatial import Array
+
+_FELT = EstimateBounds(normal=1e9)  # any force, but a number
 
 
 class AtOnce(str):
@@ -55,6 +60,11 @@ class TaskState:
     false_at: list[float]  # [s] for each monitor, the time at which its condition was last false
     abort: Abort | None = None  # why the work was broken off
     lost_thrusters: tuple[Fault, ...] = ()
+
+
+def _copied(state: TaskState) -> TaskState:
+    """A state that may be stepped ahead of time (`Phase.foresee`)."""
+    return replace(state, phase=copy(state.phase), held=copy(state.held))
 
 
 class TaskPlanner:
@@ -93,6 +103,22 @@ class TaskPlanner:
                     raise ConfigurationError(
                         f"task row {name!r}: there is no row {after!r} to follow it"
                     )
+
+        # Bounds of the rows that can be foreseen.
+        by_row = {name: self._bounds_of(row) for name, row in self._rows.items()}
+        self._bounds = {name: bounds for name, bounds in by_row.items() if bounds is not None}
+
+    def _bounds_of(self, row: TaskRow) -> tuple[EstimateBounds, tuple[BoundsOfPeriod, ...]] | None:
+        """Bounds of a row's monitors, in all periods and by period; None: it is not foreseen."""
+        watched = [monitor.condition for monitor in self._monitors if row.work in monitor.during]
+        bounded = [condition for condition in watched if isinstance(condition, Bounded)]
+        if len(bounded) < len(watched) or not gives_kernel(row.phase, "foresee"):
+            return None
+
+        bounds = [condition.bounds for condition in bounded]
+        felt = _FELT if row.feels else EstimateBounds()
+        always = felt.and_within(*(bound for bound in bounds if isinstance(bound, EstimateBounds)))
+        return always, tuple(bound for bound in bounds if not isinstance(bound, EstimateBounds))
 
     @property
     def works(self) -> tuple[WorkState, ...]:
@@ -137,6 +163,68 @@ class TaskPlanner:
         while isinstance(self._advance(state, now), AtOnce):
             pass
         return state, self._reference(state, now)
+
+    def ahead(
+        self,
+        state: TaskState,
+        estimate: StateEstimate,
+        target: Target | None,
+        times: Sequence[float],
+    ) -> Foresight | None:
+        """The next periods, as far as the present phase goes by the time alone.
+
+        Args:
+            state: after the present step; it is not changed.
+            estimate: of the present step.
+            target: newest target, or None.
+            times: [s] of the estimates of the next steps.
+
+        Returns:
+            The periods; None: not even the next one can be foreseen.
+        """
+        row = self._rows[state.row]
+        phase = row.phase
+        bounds = self._bounds.get(state.row)
+        foreseen = None if bounds is None else phase.foresee(state.phase, state.held)
+        if foreseen is None or bounds is None:
+            return None
+        always, varying = bounds
+        steady = foreseen.within.and_within(always)
+
+        # Steps on a copy.
+        trial = _copied(state)
+        references: list[Reference] = []
+        within: list[EstimateBounds] = []
+        for time in times:
+            if not time < foreseen.until:
+                break
+            narrow = steady.and_within(*[of_period(trial.held) for of_period in varying])
+            context = Context(time, self.period, estimate, target, None)
+            ended = phase.step(trial.phase, trial.held, context) is not None
+            reference = None if ended else self._reference(trial, context)
+            if reference is None or not is_plain(reference):
+                trial = None
+                break
+            references.append(reference)
+            within.append(narrow)
+
+        if not references:
+            return None
+        seen = estimate, target
+        return Foresight(references, times[: len(references)], within, seen, trial)
+
+    def followed(self, state: TaskState, foresight: Foresight, periods: int) -> TaskState:
+        """State after so many of the foreseen periods, of which `ahead` was asked for `state`."""
+        after = foresight.after
+        if after is None or periods < len(foresight.times):
+            after = _copied(state)
+            phase = self._rows[state.row].phase
+            for time in foresight.times[:periods]:
+                context = Context(time, self.period, *foresight.seen, None)
+                phase.step(after.phase, after.held, context)
+
+        after.false_at = [foresight.times[periods - 1]] * len(self._monitors)
+        return after
 
     def _advance(self, state: TaskState, now: Context) -> str | None:
         """Watch, and step the present phase; the name of the row entered after it, if any."""

@@ -33,7 +33,7 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import Commanded
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
-from uuv.sim.interfaces.records import CONTROLLED, TARE, ReferenceRecord
+from uuv.sim.interfaces.records import CONTROLLED, IN_CONTACT, TARE, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 
 
@@ -90,7 +90,11 @@ def drive_tick(box, estimate):
     e = estimate.record
     gains = record.gains
     tick = record.ticks[0]
-    answer = _feel(record, e)
+
+    # Parts are handed on by themselves: a whole record would cost a count of each of its arrays.
+    parts = record.estimator, record.weigh
+    asked = record.command.tau, record.command.current_W
+    answer = _feel(gains, record.arm, record.contact, parts, record.reference, asked, e)
     if answer != FINE:
         return answer
     since = tick % gains.task_ticks
@@ -98,7 +102,10 @@ def drive_tick(box, estimate):
         answer = move_tool(record.tool, record.contact, e, record.reference)
         if answer != FINE:
             return answer
-    _drive(record, e, since)
+    goal = record.tool.motion, since
+    felt = record.contact.sensed, record.contact.friction
+    held = record.softness, record.integral
+    _drive(gains, record.arm, goal, felt, record.reference, held, e, record.command.tau)
     if tick % gains.hull_ticks == 0:
         answer = step_hull(
             record.hull, record.contact, record.tool, e, record.reference, record.command
@@ -110,54 +117,75 @@ def drive_tick(box, estimate):
 
 
 @kernel
-def _feel(record, e):
-    """Contact force, friction of the gears, and motion of arm and hull."""
-    gains = record.gains
-    contact = record.contact
-    tau = record.command.tau
-    current_W = record.command.current_W
+def _feel(gains, arm, contact, parts, reference, asked, e):
+    """Contact force, friction of the gears, and motion of arm and hull.
+
+    Args:
+        gains: `DriveGains`.
+        arm: `ArmParameters`.
+        contact: `ContactRecord`; updated.
+        parts: slots of the estimator and of the payload.
+        reference: `ReferenceRecord`.
+        asked: motor torques (n,) [N m], and the estimated current (3,) [m/s], of the last step.
+        e: `EstimateRecord` of the vehicle now.
+
+    Returns:
+        FINE, or the answer of a slot that failed.
+    """
+    estimator, weigh = parts
+    tau, current_W = asked
     if not gains.feels:
-        return call(record.estimator)
+        return call(estimator)
     readings = ArmReadings(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
-    feel_by_torques(record.arm, gains.feel, readings, e.tau_doubt, tau, contact)
-    if record.estimator.address:
-        answer = feel_by_slot(record.estimator, (e.X_WB, e.q, e.qd, e.tau), tau, contact)
+    feel_by_torques(arm, gains.feel, readings, e.tau_doubt, tau, contact)
+    if estimator.address:
+        answer = feel_by_slot(estimator, (e.X_WB, e.q, e.qd, e.tau), tau, contact)
         if answer != FINE:
             return answer
-    if record.reference.flags[TARE]:
+    if reference.flags[TARE]:
         add_to_tare(contact.tare, contact.sensed.tau_e, contact.bias)
 
     # As often as the hull steps: the payload, and how sure the force is.
     answer = FINE
     if contact.ticks[0] % gains.feel.slow_ticks == 0:
         if contact.weighing[0]:
-            answer = call(record.weigh)
+            answer = call(weigh)
         find_sigma(gains.feel, e.tau, contact)
     contact.ticks[0] += 1
     return answer
 
 
 @kernel
-def _drive(record, e, since):
-    """Joint torques, `since` ticks after the last motion of the tool."""
-    gains = record.gains
-    reference = record.reference
-    motion = record.tool.motion
-    sensed = record.contact.sensed
+def _drive(gains, arm, goal, felt, reference, held, e, tau_motor):
+    """Joint torques.
+
+    Args:
+        gains: `DriveGains`.
+        arm: `ArmParameters`.
+        goal: `ToolMotion`, and the ticks since it was made.
+        felt: `SensedArm`, and the friction (n,) [N m] of the gears.
+        reference: `ReferenceRecord`.
+        held: softness and integral of the `DriveRecord`; updated.
+        e: `EstimateRecord` of the vehicle now.
+        tau_motor: (n,) [N m] output.
+    """
+    motion, since = goal
+    sensed, friction = felt
+    given_up, integral = held
     controlled = reference.flags[CONTROLLED]
     presses = controlled and gains.closed_loop
 
     # Stiffness along the tool axis, given up at once and restored slowly.
-    softness = record.softness[0]
+    softness = given_up[0]
     if presses:
         softness = gains.softness
     elif softness > 0.0:
         softness = max(0.0, softness - gains.hardening)
-    record.softness[0] = softness
+    given_up[0] = softness
 
     # Loads that are fed forward.
-    borne = BorneLoad(np.zeros(6), record.contact.friction)
-    if reference.set_force[0] > 0.0 or controlled:
+    borne = BorneLoad(np.zeros(6), friction)
+    if reference.flags[IN_CONTACT]:
         for i in range(3):
             borne.wrench_G[i] = gains.friction_feedforward * sensed.f_G[i]
     borne.wrench_G[2] = -reference.set_force[0] if presses else 0.0
@@ -166,6 +194,6 @@ def _drive(record, e, since):
     target = JointTarget(motion.q, motion.qd, motion.qdd, since * gains.period)
     seen = SeenArm(e.q, e.qd, sensed.hull)
     soft = SoftAxis(motion.yielding, softness)
-    tau = servo_joints(record.arm, gains.drives, seen, target, soft, borne, record.integral)
+    tau = servo_joints(arm, gains.drives, seen, target, soft, borne, integral)
     for j in range(tau.shape[0]):
-        record.command.tau[j] = tau[j]
+        tau_motor[j] = tau[j]

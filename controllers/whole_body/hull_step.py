@@ -12,7 +12,7 @@ from uuv.controllers.hull.station_keeping import HullTarget, MeasuredMotion
 from uuv.controllers.whole_body.tool_tick import K
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, call
-from uuv.sim.interfaces.records import CONTROLLED
+from uuv.sim.interfaces.records import IN_CONTACT
 from uuv.sim.interfaces.spatial import Array
 
 
@@ -55,7 +55,7 @@ def step_hull(step, contact, tool, e, reference, command):
     hull = step.hull
     contact_B = np.zeros(6)
     fed_B = np.empty(6)
-    if reference.set_force[0] > 0.0 or reference.flags[CONTROLLED]:
+    if reference.flags[IN_CONTACT]:
         contact_wrench(sensed.X_BG, sensed.f_B, contact_B)
     for k in range(6):
         command.arm_wrench_B[k] = sensed.wrench_B[k] + contact_B[k]

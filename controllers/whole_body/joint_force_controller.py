@@ -20,7 +20,6 @@ from uuv.controllers.estimation.tip_force_estimator import ContactState, DriveSt
 from uuv.controllers.hull.hull_control import HullControl, HullControlState
 from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.controllers.whole_body.tool_control import ToolControl, ToolControlState
-from uuv.controllers.whole_body.work_controller import in_contact
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array
@@ -127,7 +126,7 @@ class JointForceController:
         # Thrusters, on their tick.
         if state.tick % self._hull_ticks == 0:
             wrench_B = contact.sensed.wrench_B + (
-                contact.wrench_B() if in_contact(reference) else np.zeros(6)
+                contact.wrench_B() if reference.in_contact else np.zeros(6)
             )
             self._hull.step(state.hull, estimate, reference, wrench_B)
             state.load = HullLoad(arm_wrench_B=wrench_B, current_W=state.hull.current_W.copy())

@@ -37,7 +37,7 @@ from uuv.controllers.whole_body.tool_tick import (
 )
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
-from uuv.sim.interfaces.kernels.control import NO_POSE, Inputs, Unsaved
+from uuv.sim.interfaces.kernels.control import NO_POSE, BoundFields, Inputs, Unsaved
 from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.kernels.slots import (
     FINE,
@@ -296,6 +296,7 @@ class ToolControl:
             contact: estimated force, and motion of arm and hull.
         """
         tick = state.alone.get(lambda: ToolTick(self, state, contact))
+        tick.bound.check()
         tick.inputs.take(estimate)
         tick.inputs.reference = reference
         take_reference(tick.reference, reference)
@@ -376,6 +377,7 @@ class ToolTick:
         self, control: ToolControl, state: ToolControlState, contact: ContactState
     ) -> None:
         n = len(state.motion.q)
+        self.bound = BoundFields(state, contact)
         self.inputs = Inputs(estimate_record(n))
         self.slots = PythonSlots()
         self.reference = reference_record(n)

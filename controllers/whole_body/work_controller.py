@@ -48,7 +48,7 @@ from uuv.controllers.whole_body.tool_control import (
     ToolControlState,
 )
 from uuv.models.vehicle import Vehicle
-from uuv.sim.interfaces.kernels.control import Commanded, Inputs, Unsaved, commanded
+from uuv.sim.interfaces.kernels.control import BoundFields, Commanded, Inputs, Unsaved, commanded
 from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.kernels.slots import (
     PythonSlots,
@@ -161,13 +161,14 @@ class WorkController:
         contact = self.contact.init(estimate)
         tool = self.tool.init(estimate)
         command = commanded(n, len(self._vehicle.thruster_names))
+        felt = contact.record
 
         return WorkControllerState(
             contact=contact,
             tool=tool,
             integral=np.zeros(n),
             hull=self._hull.init(),
-            command=command._replace(f_W=contact.record.f_W, felt=contact.record.felt),
+            command=command._replace(f_W=felt.f_W, felt=felt.felt, sigma_G=felt.sigma_G),
             reference=reference_record(n),
             softness=np.zeros(1),
             ticks=np.zeros(1, dtype=np.int64),
@@ -261,7 +262,7 @@ class WorkController:
             estimator.step(contact, inputs.seen(), inputs.reference, drives)
 
         def weigh() -> None:
-            feeling.weigh(contact, inputs.seen(), inputs.reference)
+            feeling.weigh(contact, inputs.record, inputs.reference)
 
         # Record.
         none = empty_slot()
@@ -314,14 +315,21 @@ class WorkTick:
         self.inputs = inputs
         self.slots = PythonSlots()
         self.command = state.command
+        self.reference = state.reference
         record = controller.record(state, inputs, self.slots)
         self.slow = controller.slow
         self.box = drive_box(as_annotated(record))
         self.memory: int = address_of_box(self.box)
         self.address = address_of_kernel(drive_tick, self.box, inputs.box)
+        self._bound = BoundFields(state, state.contact, state.tool, state.hull)
 
     def refer(self, reference: Reference) -> None:
-        """Take the set points of the ticks that follow."""
+        """Take the set points of the ticks that follow.
+
+        Raises:
+            ConfigurationError: an array of the state was replaced.
+        """
+        self._bound.check()
         self.inputs.reference = reference
         self._controller.refer(self._state, reference)
 
@@ -347,11 +355,6 @@ class WorkTick:
             hull_load=load,
             believed=state.log,
         )
-
-
-def in_contact(reference: Reference) -> bool:
-    """True while the tool is to touch something."""
-    return reference.set_force > 0.0 or reference.force_control
 
 
 def _log(state: WorkControllerState) -> dict[str, Array]:

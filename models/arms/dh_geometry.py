@@ -287,7 +287,7 @@ def _world(data: mujoco.MjData, body: int) -> Array:
     return pose(data.xmat[body].reshape(3, 3), data.xpos[body])
 
 
-def _set_pose(thing: mujoco.MjsBody | mujoco.MjsSite, X: Array) -> None:
-    thing.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    thing.pos = X[:3, 3]
-    thing.quat = quat_wxyz_from_rotation(X[:3, :3])
+def _set_pose(element: mujoco.MjsBody | mujoco.MjsSite, X: Array) -> None:
+    element.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    element.pos = X[:3, 3]
+    element.quat = quat_wxyz_from_rotation(X[:3, :3])

@@ -37,7 +37,7 @@ def complete(spec: mujoco.MjSpec, *, trim: float | None = None, name: str = "veh
     Raises:
         ConfigurationError: the hull cannot be ballasted.
     """
-    lines = _add_missing(spec) if is_armed(spec) else {}
+    lines = _add_missing(spec, trimmed=trim is not None) if is_armed(spec) else {}
     for part, line in lines.items():
         forget(spec, part)
         spec.add_text(name=COMPUTED + part, data=line)
@@ -50,7 +50,7 @@ def complete(spec: mujoco.MjSpec, *, trim: float | None = None, name: str = "veh
     return [*lines.values(), ballast]
 
 
-def _add_missing(spec: mujoco.MjSpec) -> dict[str, str]:
+def _add_missing(spec: mujoco.MjSpec, *, trimmed: bool) -> dict[str, str]:
     """Add what an armed vehicle lacks of COMPUTABLE; returns a line by the name of each part."""
     lines: dict[str, str] = {}
     if CAMERA_SITE not in {site.name for site in spec.sites}:
@@ -67,7 +67,7 @@ def _add_missing(spec: mujoco.MjSpec) -> dict[str, str]:
         )
 
     keys = {key.name for key in spec.keys}
-    if not {HOME_KEY, READY_KEY} <= keys and (search := _search(spec)) is not None:
+    if not {HOME_KEY, READY_KEY} <= keys and (search := _search(spec, trimmed)) is not None:
         for key, find in ((HOME_KEY, search.home), (READY_KEY, search.ready)):
             if key not in keys:
                 posture = find()
@@ -84,17 +84,17 @@ def is_armed(spec: mujoco.MjSpec) -> bool:
     return {ARM_BASE_BODY, HULL_BODY} <= bodies and TIP_SITE in sites
 
 
-def _search(spec: mujoco.MjSpec) -> PostureSearch | None:
+def _search(spec: mujoco.MjSpec, trimmed: bool) -> PostureSearch | None:
     """Search of postures; None for an arm that cannot be read, as where a joint has no range."""
     try:
-        return PostureSearch(spec.compile())
+        return PostureSearch(spec.compile(), trimmed=trimmed)
     except ConfigurationError:
         return None
 
 
-def _add_key(spec: mujoco.MjSpec, search: PostureSearch, name: str, found: FoundPosture) -> None:
+def _add_key(spec: mujoco.MjSpec, search: PostureSearch, name: str, posture: FoundPosture) -> None:
     qpos = np.array(search.model.qpos0)
-    qpos[search.vehicle.qpos] = found.q
+    qpos[search.vehicle.qpos] = posture.q
     spec.add_key(name=name, qpos=qpos)
 
 

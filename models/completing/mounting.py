@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.completing.mapping import add_motors, joints_between
+from uuv.models.completing.actuators import add_motors, bound, joints_between
 from uuv.models.files import urdf
-from uuv.models.files.urdf import rotation_from_rpy
+from uuv.models.files.urdf_places import rotation_from_rpy
 from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -82,7 +82,9 @@ def mount_arm(
     spec.body(names[tip]).add_site(
         name=TIP_SITE, pos=checked(tip_p, (3,), "tip_p"), quat=tip_quat, group=4
     )
-    add_motors(spec, joints_between(spec), name)
+    joints = joints_between(spec)
+    add_motors(spec, joints, name)
+    bound(spec, joints, name)
     return list(names.values())
 
 

@@ -10,7 +10,7 @@ count as touching.
   camera, at 40 to 75 % of the arm's reach.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +21,7 @@ import numpy as np
 from uuv.models import hydrodynamics
 from uuv.models.naming import CAMERA_SITE
 from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array
 
 DRAWN = 3000  # postures
@@ -50,17 +51,20 @@ class FoundPosture:
 class PostureSearch:
     """Search of postures of the arm of one vehicle."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
+    def __init__(self, model: mujoco.MjModel, *, trimmed: bool = False) -> None:
         """Take a copy of a vehicle's model in which all its parts may touch each other.
 
         Args:
             model: compiled, without a scene. Shapes that do not collide count only where the
                 vehicle has no others.
+            trimmed: the hull will be ballasted level with the arm folded, so that its list there
+                does not count.
 
         Raises:
             ConfigurationError: it has no vehicle with an arm.
         """
         self.vehicle = Vehicle.of(model)
+        self._lists = 0.0 if trimmed else _LISTS
         self.model = model = copy(model)
         solid = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) > 0
         bits = (solid if solid.any() else np.ones_like(solid)).astype(np.int32)
@@ -338,7 +342,7 @@ class PostureSearch:
         radius = np.append(model.geom_rbound[self._arm_geoms], 0.0)
 
         out = np.maximum(np.maximum(self._box[0] - p_B, p_B - self._box[1]), 0.0)
-        return float((np.linalg.norm(out, axis=1) + radius).max()) + _LISTS * min(
+        return float((np.linalg.norm(out, axis=1) + radius).max()) + self._lists * min(
             _list_angle(data, hull, self._masses), 1.0
         )
 
@@ -350,6 +354,52 @@ class PostureSearch:
             for pair in _touching(self.model, self.data):
                 counts[pair] = counts.get(pair, 0) + 1
         return {pair for pair, count in counts.items() if count >= _ALWAYS * len(postures)}
+
+
+def set_posture(
+    spec: mujoco.MjSpec,
+    key: str,
+    joints: Sequence[str],
+    values: Mapping[str, float] | Sequence[float],
+    name: str,
+) -> None:
+    """Make a keyframe of stated joint values, in place of the one of that name.
+
+    Args:
+        spec: vehicle with an arm.
+        key: name of the keyframe.
+        joints: of the arm, base to tip.
+        values: [rad] or [m] of these, or by joint; those left out are zero, or the nearest to it.
+        name: with which errors begin.
+
+    Raises:
+        ConfigurationError: another number of values, an unknown joint, or a value out of range.
+    """
+    if not isinstance(values, Mapping):
+        if len(values) != len(joints):
+            raise ConfigurationError(
+                f"{name}: {len(joints)} joint values, of {', '.join(joints)}; got {len(values)}"
+            )
+        values = dict(zip(joints, values, strict=True))
+    if unknown := [joint for joint in values if joint not in joints]:
+        raise ConfigurationError(
+            f"{name}: the arm has {', '.join(joints)}; got {unknown[0]!r}"
+            f"{did_you_mean(unknown[0], joints)}"
+        )
+
+    for old in [old for old in spec.keys if old.name == key]:
+        spec.delete(old)
+    model = spec.compile()
+    qpos = np.array(model.qpos0)
+    for joint in joints:
+        low, high = model.joint(joint).range
+        value = values.get(joint, float(np.clip(0.0, low, high)))
+        if not low <= value <= high:
+            raise ConfigurationError(
+                f"{name}: joint {joint!r} has the range {low:.4g} to {high:.4g}, got {value:g}"
+            )
+        qpos[model.joint(joint).qposadr[0]] = value
+    spec.add_key(name=key, qpos=qpos)
 
 
 def _fan(half_angle: float) -> Iterator[Array]:

@@ -20,6 +20,11 @@ _KNOWN = (
 )
 
 
+def is_known(name: str) -> bool:
+    """True for a parameter of the plugin."""
+    return name in _KNOWN
+
+
 def body_hydrodynamics(
     parameters: Mapping[str, float],
     *,

@@ -74,7 +74,7 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {error}") from error
+        raise ConfigurationError(f"{name}: {reason_of(error)}") from error
 
     for field in _JUDGED:
         numbers = np.asarray(getattr(model, field))
@@ -87,3 +87,15 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
             )
 
     return model
+
+
+def reason_of(error: Exception) -> str:
+    """What MuJoCo has against a model, in one line, with a way on where it lacks a mass."""
+    reason = " ".join(str(error).split())
+    body = re.search(r"moving bodies.*Element name '(.*?)'", reason)
+    if body is None:
+        return f"MuJoCo cannot compile it: {reason}"
+    return (
+        f"body {body[1]!r} moves and has no mass or inertia; state it in the file, or in its "
+        f"mapping, masses: {{{body[1]}: 30}} [kg]"
+    )

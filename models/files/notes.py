@@ -4,7 +4,11 @@ from collections.abc import Iterable
 
 import mujoco
 
+from uuv.models.files.gazebo.entries import ReadEntry
+
 COMPUTED = "computed_"  # begins the name of a text element about a computed part
+_ENTRY = "entry_"  # begins that of a text about water or a thruster of the file
+_BETWEEN = " | "  # the columns of such a text
 _NOTE = "note_"  # follows it in that of a line about the file
 
 
@@ -21,12 +25,45 @@ def computed(spec: mujoco.MjSpec) -> dict[str, str]:
     return {text.name.removeprefix(COMPUTED): text.data for text in texts}
 
 
+def keep_entries(spec: mujoco.MjSpec, entries: Iterable[ReadEntry]) -> None:
+    """Keep what a vehicle's file carries in its spec, for `entries_of`; alike parts are one."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for entry in entries:
+        key = entry.quantity, entry.value, entry.way, entry.origin
+        alike.setdefault(key, []).append(entry.part)
+
+    for i, (key, parts) in enumerate(alike.items(), start=1):
+        spec.add_text(name=f"{_ENTRY}{i}", data=_BETWEEN.join((_joined(parts), *key)))
+
+
+def entries_of(spec: mujoco.MjSpec) -> tuple[ReadEntry, ...]:
+    """What the file of a spec carries, as `keep_entries` kept it."""
+    rows = [text.data.split(_BETWEEN) for text in spec.texts if text.name.startswith(_ENTRY)]
+    return tuple(ReadEntry.of(row) for row in rows)
+
+
+def _joined(parts: list[str]) -> str:
+    """Names of parts, their common beginning once."""
+    if len(parts) == 1:
+        return parts[0]
+    first = min(parts)
+    last = max(parts)
+    same = [a == b for a, b in zip(first, last, strict=False)]
+    common = first[: same.index(False) if False in same else len(same)]
+
+    return common + ", ".join(part.removeprefix(common) for part in parts)
+
+
 def forget(spec: mujoco.MjSpec, name: str = "") -> None:
     """Delete what a spec states of a computed part, or of all.
 
     A saved MJCF may describe another state.
     """
     for text in list(spec.texts):
+        if text.name.startswith(_ENTRY) and not name:
+            spec.delete(text)
+            continue
+
         part = text.name.removeprefix(COMPUTED)
         if text.name.startswith(COMPUTED) and name in ("", part):
             spec.delete(text)

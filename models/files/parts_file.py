@@ -17,6 +17,12 @@
     # Ballasts the hull: neutral, and this metacentric height [m], with the arm folded.
     trim: 0.05
 
+    home: [0, 1.2, -2]                 # postures [rad], base to tip, or by joint; also `ready`
+    armature: {shoulder: 0.02}         # rotor inertia [kg m^2] by joint, or one number for all
+    up: -z                             # axis of the file that points up; x is ahead
+    masses: {base_link: 30}            # [kg] of links whose file states none
+    xacro: {namespace: rov}            # arguments of a xacro file
+
 Every key may be left out where the model has that part by its usual name. What a kind may hold:
 `uuv.models.files.sidecar`.
 """
@@ -24,6 +30,7 @@ Every key may be left out where the model has that part by its usual name. What 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal
 
 from uuv.models.files.sidecar import water_kind
 from uuv.models.water.bounds import LONGEST
@@ -41,6 +48,15 @@ _LENGTH = {"schema": {"unit": "m", "title": "three numbers"}}
 _DIRECTION = {"schema": {"title": "three numbers"}}
 _T200 = "t200"
 _KIND = {"schema": {"title": f"{_T200}, or a table of figures"}}
+_POSTURE = {"schema": {"title": "joint values, base to tip, or by joint [rad]", "minItems": 1}}
+_ARMATURE = {
+    "schema": {
+        "unit": "kg m^2",
+        "minimum": 0,
+        "additionalProperties": {"unit": "kg m^2", "minimum": 0},
+    }
+}
+_MASSES = {"schema": {"additionalProperties": {"unit": "kg", "exclusiveMinimum": 0}}}
 _ORIGIN = readonly([0.0, 0.0, 0.0])
 _UP = readonly([0.0, 0.0, 1.0])
 
@@ -148,6 +164,12 @@ class PartsMap:
     trim: float | None = field(  # metacentric height to which the hull is ballasted
         default=None, metadata={"schema": {"unit": "m", "minimum": 0, "maximum": 10}}
     )
+    home: Mapping[str, float] | list[float] | None = field(default=None, metadata=_POSTURE)
+    ready: Mapping[str, float] | list[float] | None = field(default=None, metadata=_POSTURE)
+    armature: Mapping[str, float] | float | None = field(default=None, metadata=_ARMATURE)
+    up: Literal["z", "-z", "y", "-y"] = "z"  # axis of the file
+    masses: Mapping[str, float] = field(default_factory=dict, metadata=_MASSES)
+    xacro: Mapping[str, str] = field(default_factory=dict)  # arguments
 
     @property
     def torque_limits(self) -> Mapping[str, float | None] | None:

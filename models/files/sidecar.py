@@ -94,13 +94,20 @@ def beside(mjcf: str | Path) -> Path:
     return path.with_name(path.stem + ENDING)
 
 
-def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | None = None) -> None:
+def attach_beside(
+    spec: mujoco.MjSpec,
+    mjcf: str | Path,
+    sidecar: str | Path | None = None,
+    of_file: Mapping[str, Any] | None = None,
+) -> None:
     """Attach the custom elements of `spec` and its sidecar; the elements are removed from the spec.
 
     Args:
         spec: as read from `mjcf`, changed in place.
         mjcf: file of the spec.
         sidecar: YAML file; by default the one `beside` the MJCF, if there is one.
+        of_file: tree of water that the file states in another way; bodies and the density of the
+            sidecar take its place.
 
     Raises:
         ConfigurationError: a file that cannot be read, an unknown name, a wrong number, or water
@@ -108,6 +115,14 @@ def attach_beside(spec: mujoco.MjSpec, mjcf: str | Path, sidecar: str | Path | N
     """
     in_file = elements_of(spec)
     file = beside(mjcf) if sidecar is None else Path(sidecar)
+    if of_file:
+        stated = read_sidecar(file) if sidecar is not None or file.is_file() else {}
+        kept = {
+            name: body
+            for name, body in of_file["bodies"].items()
+            if name not in stated.get("bodies", {})
+        }
+        attach_tree(spec, {**_with_density_of(stated, of_file), "bodies": kept}, str(mjcf))
 
     # Two sources may complete each other, but not state the same part.
     if sidecar is not None or file.is_file():
@@ -205,6 +220,7 @@ def attach_tree(
         _check_names(sections.bodies, bodies, "body")
         _check_names(sections.thrusters, actuators, "actuator")
 
+        # Water and thrusters are read whole before any of them is written.
         wet = {}
         driven = {}
         for name, entry in sections.bodies.items():
@@ -377,8 +393,8 @@ class _Sections:
     thrusters: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _check_names(given: Mapping[str, Any], known: Mapping[str, Any], kind: str) -> None:
-    for name in given:
+def _check_names(entries: Mapping[str, Any], known: Mapping[str, Any], kind: str) -> None:
+    for name in entries:
         if name not in known:
             near = did_you_mean(name, known) or f"; there are {', '.join(known)}"
             raise ConfigurationError(f"unknown {kind} {shown(name)}{near}")
@@ -403,6 +419,7 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes and "volume" not in entry:
         raise ConfigurationError(f"{where}: volume or a shape ({', '.join(SHAPES)}) is missing")
 
+    # Fields of the body; of a matrix the diagonal is enough.
     stated = {name: figure for name, figure in entry.items() if name not in SHAPES}
     for name in ("added_mass", "linear_damping"):
         if name in stated:
@@ -412,6 +429,7 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes:
         return _READER.made(BodyHydrodynamics, stated, where)
 
+    # The shape's coefficients, which the fields replace.
     shape = shapes[0]
     path = inside(where, shape)
     density = {} if water_density is None else {_DENSITY: water_density}
@@ -431,6 +449,7 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     Raises:
         ConfigurationError: another form, or fields beside the name of what makes the thruster.
     """
+    # A form: one key with its fields below.
     if kind is Form:
         _READER.check_keys(table, _FORM_MAKERS, where)
         if len(table) != 1:
@@ -441,6 +460,7 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     if kind is not Thruster:
         return kind, table, where
 
+    # A thruster: by what makes it, or by its own fields.
     makers = [name for name in table if name in _THRUSTER_MAKERS]
     if makers and len(table) > 1:
         got = ", ".join(table)
@@ -502,11 +522,11 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
 # -- writing ---------------------------------------------------------------------------------------
 
 
-def _written(thing: Any) -> dict[str, Any]:
+def _written(record: Any) -> dict[str, Any]:
     """Fields of a dataclass that differ from their defaults: plain numbers, rows and mappings."""
     tree = {}
-    for entry in fields(thing):
-        content = getattr(thing, entry.name)
+    for entry in fields(record):
+        content = getattr(record, entry.name)
         if entry.name == "linear_damping" and _same(content, np.diag(np.diag(content))):
             content = np.diag(content)
 

@@ -9,7 +9,7 @@ that do not move, and drops `mimic`, by which URDF couples joints.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,33 +19,21 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
+from uuv.models.files.holding import follow
+from uuv.models.files.urdf_joints import DRIVEN, limits_of, settle, speeds, taken_mimics
+from uuv.models.files.urdf_places import axis_of, origin_of
+from uuv.models.files.xacro_files import TAGS, expanded, is_xacro
+from uuv.models.files.xml_files import xml_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
-from uuv.sim.interfaces.spatial import (
-    Array,
-    checked_place,
-    exp_so3,
-    finite_number,
-    pose,
-    readonly,
-    shown,
-)
+from uuv.sim.interfaces.spatial import Array, readonly, shown
 
 if TYPE_CHECKING:
     from uuv.models.arms.serial_arm import SerialArm
 
 CHAIN_TIP = "chain tip"  # site that `model_from_urdf` adds
-MESHES = (".stl", ".obj", ".msh")  # endings of the mesh files that MuJoCo reads
-LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millimetres
-_DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 _UNSOLVED = ("floating", "planar")
-_JOINTS = (*_DRIVEN, "fixed", *_UNSOLVED)
-# tags
-_XACRO = (
-    "{http://www.ros.org/wiki/xacro}",
-    "{http://ros.org/wiki/xacro}",
-    "{http://wiki.ros.org/xacro}",
-)
+_JOINTS = (*DRIVEN, "fixed", *_UNSOLVED)
 _HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
 
 
@@ -62,50 +50,20 @@ def is_urdf(file: str | os.PathLike[str], what: str) -> bool:
     return Path(file).suffix.lower() == ".urdf" or b"<robot" in bytes_of(file, what)[:_HEAD]
 
 
-def robot_of(file: str | os.PathLike[str], name: str) -> "UrdfRobot | None":
-    """The robot of a URDF; None for a file of another format.
+def robot_of(
+    file: str | os.PathLike[str], name: str, arguments: Mapping[str, str] | None = None
+) -> "UrdfRobot | None":
+    """The robot of a URDF or xacro; None for a file of another format.
 
     Args:
         file: path of a file that exists.
         name: begins the error messages.
+        arguments: of xacro.
 
     Raises:
         ConfigurationError: as `parse`.
     """
-    return parse(file, name) if is_urdf(file, name) else None
-
-
-def mesh_file(name: str, folder: Path) -> Path | None:
-    """File of a mesh that a URDF names, whatever its format; None: there is none.
-
-    A plain path counts from the URDF's folder. A package is looked for above it, and where it is
-    not found, the end of the path below the URDF's folder or the one above.
-
-    Args:
-        name: path, file:// or package://.
-        folder: of the URDF.
-    """
-    plain = name.removeprefix("file://")
-    folder = folder.resolve()
-
-    tried = [folder / plain]
-
-    # A package, by the folders above that of the URDF.
-    if "://" in plain:
-        plain = plain.partition("://")[2]
-        package, _, rest = plain.partition("/")
-        above = [folder, *folder.parents]
-        tried = [base / package / rest for base in above] + [
-            base / rest for base in above if base.name == package
-        ]
-
-    # The end of the path, below the URDF's folder or the one above.
-    parts = Path(plain).parts
-    tried += [
-        base.joinpath(*parts[k:]) for k in range(len(parts)) for base in (folder, folder.parent)
-    ]
-
-    return next((path.resolve() for path in tried if path.is_file()), None)
+    return parse(file, name, arguments) if is_urdf(file, name) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,7 +79,7 @@ class UrdfChain:
     @property
     def driven(self) -> tuple[int, ...]:
         """Indices of the joints that move."""
-        return tuple(i for i, joint in enumerate(self.joints) if joint.get("type") in _DRIVEN)
+        return tuple(i for i, joint in enumerate(self.joints) if joint.get("type") in DRIVEN)
 
     @property
     def X_base_child(self) -> list[Array]:
@@ -136,7 +94,7 @@ class UrdfChain:
     def arm(self) -> "SerialArm":
         """Build the serial arm from the frame of the base link to the frame of the tip link.
 
-        Joints without limits, and continuous ones, have infinite limits.
+        Joints without limits have infinite ones (`uuv.models.files.urdf_joints`).
 
         Raises:
             ConfigurationError: numbers that cannot be read or lie beyond 1e4, or an axis without
@@ -149,22 +107,11 @@ class UrdfChain:
         limits = []
         for i in self.driven:
             joint = self.joints[i]
-            element = joint.find("axis")
-            axis = _numbers(
-                element.get("xyz") if element is not None else None,
-                (1.0, 0.0, 0.0),
-                self.name,
-                joint,
-            )
-            if not np.linalg.norm(axis) > 0.0:
-                raise ConfigurationError(
-                    f"{self.name}: joint {joint.get('name')!r}: its axis has no length"
-                )
-            axes.append(X[i][:3, :3] @ axis)
-            limits.append(_limits(joint, self.name))
+            axes.append(X[i][:3, :3] @ axis_of(joint, self.name))
+            limits.append(limits_of(joint, self.name))
 
         driven = [self.joints[i] for i in self.driven]
-        types = "".join(_DRIVEN[str(joint.get("type"))] for joint in driven)
+        types = "".join(DRIVEN[str(joint.get("type"))] for joint in driven)
         return replace(
             SerialArm.from_axes(axes, [X[i][:3, 3] for i in self.driven], X[-1], types),
             limits=readonly(limits),
@@ -180,6 +127,8 @@ class UrdfRobot:
     xml: Element
     links: tuple[str, ...]
     root: str  # link
+    speeds: Mapping[str, float]  # [rad/s] or [m/s] of the joints that state one
+    notes: tuple[str, ...]  # what its joints state and how it is taken, a line each
     # of each link but the root: its parent link and the joint between
     carriers: Mapping[str, tuple[str, Element]]
 
@@ -220,7 +169,7 @@ class UrdfRobot:
             if joint.get("type") in _UNSOLVED:
                 raise ConfigurationError(
                     f"{self.name}: joint {joint.get('name')!r} between base and tip: allowed "
-                    f"{', '.join(_DRIVEN)}, fixed, not {joint.get('type')}"
+                    f"{', '.join(DRIVEN)}, fixed, not {joint.get('type')}"
                 )
         return joints
 
@@ -277,12 +226,17 @@ class UrdfRobot:
         return chain
 
 
-def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot:
-    """Read a URDF and validate that its links form one tree.
+def parse(
+    urdf: str | os.PathLike[str] | bytes,
+    name: str = "urdf",
+    arguments: Mapping[str, str] | None = None,
+) -> UrdfRobot:
+    """Read a URDF, or the xacro of one, and validate that its links form one tree.
 
     Args:
         urdf: path of a file, or content: text that begins with "<", or bytes.
         name: begins the error messages.
+        arguments: of xacro, which is expanded where it is a file.
 
     Returns:
         The robot.
@@ -291,28 +245,15 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
         ConfigurationError: a file that cannot be read, text that is not XML or not URDF, an unknown
             type of joint, or links that do not form one tree.
     """
-    xml = _parsed(urdf, name)
+    xml = _parsed(urdf, name, arguments)
     links = tuple(link.get("name", "") for link in xml.findall("link"))
-    carriers: dict[str, tuple[str, Element]] = {}
-
-    for joint in xml.findall("joint"):
-        subject = f"{name}: joint {joint.get('name', '')!r}"
-        kind = joint.get("type", "")
-        if kind not in _JOINTS:
-            raise ConfigurationError(f"{subject}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
-
-        ends = [
-            end.get("link", "")
-            for end in (joint.find("parent"), joint.find("child"))
-            if end is not None
-        ]
-        if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
-            raise ConfigurationError(
-                f"{subject}: must join a parent link to a child of no other, got {ends}"
-            )
-        carriers[ends[1]] = ends[0], joint
+    carriers = _carriers(xml, links, name)
 
     # From each link up to the one root, without a loop.
+    if not links:
+        raise ConfigurationError(
+            f"{name}: the robot has no links; a file of xacro macros is used by another one"
+        )
     roots = [link for link in links if link not in carriers]
     if len(roots) != 1:
         raise ConfigurationError(
@@ -332,7 +273,43 @@ def parse(urdf: str | os.PathLike[str] | bytes, name: str = "urdf") -> UrdfRobot
             )
         carried.update(way)
 
-    return UrdfRobot(name=name, xml=xml, links=links, root=roots[0], carriers=carriers)
+    notes = tuple(settle(xml, name))
+    return UrdfRobot(
+        name=name,
+        xml=xml,
+        links=links,
+        root=roots[0],
+        speeds=speeds(xml, name),
+        notes=notes,
+        carriers=carriers,
+    )
+
+
+def _carriers(xml: Element, links: tuple[str, ...], name: str) -> dict[str, tuple[str, Element]]:
+    """Parent link and joint of each link that a joint carries.
+
+    Raises:
+        ConfigurationError: an unknown type of joint, or one that does not join two links.
+    """
+    carriers: dict[str, tuple[str, Element]] = {}
+
+    for joint in xml.findall("joint"):
+        subject = f"{name}: joint {joint.get('name', '')!r}"
+        kind = joint.get("type", "")
+        if kind not in _JOINTS:
+            raise ConfigurationError(f"{subject}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+
+        ends = [
+            end.get("link", "")
+            for end in (joint.find("parent"), joint.find("child"))
+            if end is not None
+        ]
+        if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
+            raise ConfigurationError(
+                f"{subject}: must join a parent link to a child of no other, got {ends}"
+            )
+        carriers[ends[1]] = ends[0], joint
+    return carriers
 
 
 def model_from_urdf(
@@ -355,12 +332,14 @@ def model_from_urdf(
         ConfigurationError: as `parse` and `UrdfRobot.path`, and whatever MuJoCo does not accept.
     """
     robot = parse(urdf)
-    robot.path(base_link, tip_link)
-    mimics = take_mimics(robot)
+    for joint in robot.path(base_link, tip_link):
+        limits_of(joint, robot.name)
+    coupled = taken_mimics(robot.xml, robot.name)
 
+    # Beside the chain, where MuJoCo would refuse it.
     for _, joint in robot.carriers.values():
         if joint.get("type") in _UNSOLVED:
-            joint.set("type", "fixed")  # beside the chain, where MuJoCo would refuse it
+            joint.set("type", "fixed")
 
     # Bodies without shapes.
     for link in robot.xml.findall("link"):
@@ -380,7 +359,7 @@ def model_from_urdf(
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
         carrier = spec.worldbody if tip_link == robot.root else spec.body(tip_link)
         carrier.add_site(name=CHAIN_TIP)
-        couple(spec, mimics)
+        follow(spec, coupled)
         return spec.compile(), robot.root
     except ConfigurationError:
         raise
@@ -388,44 +367,7 @@ def model_from_urdf(
         raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {error}") from error
 
 
-def take_mimics(robot: UrdfRobot) -> list[tuple[str, Element]]:
-    """Take the `mimic` elements, which MuJoCo lacks, out of a robot: joint and element of each."""
-    mimics = []
-    for _, joint in robot.carriers.values():
-        mimic = joint.find("mimic")
-        if mimic is not None:
-            mimics.append((joint.get("name", ""), mimic))
-            joint.remove(mimic)
-    return mimics
-
-
-def couple(spec: mujoco.MjSpec, mimics: Sequence[tuple[str, Element]]) -> None:
-    """Couple the joints of `mimic` elements by equalities.
-
-    Raises:
-        ConfigurationError: a multiplier or an offset that is no number.
-    """
-    for follower, mimic in mimics:
-        multiplier = _figure(
-            mimic.get("multiplier", "1"), f"joint {follower!r}: mimic's multiplier"
-        )
-        offset = _figure(mimic.get("offset", "0"), f"joint {follower!r}: mimic's offset")
-        spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_JOINT,
-            objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            name1=follower,
-            name2=mimic.get("joint", ""),
-            data=[offset, multiplier, *(0.0,) * 10],
-        )
-
-
-def rotation_from_rpy(angles: Sequence[float] | Array) -> Array:
-    """Rotation (3, 3) of URDF's `angles` roll, pitch, yaw [rad]: Rz(yaw) Ry(pitch) Rx(roll)."""
-    roll, pitch, yaw = angles
-    return exp_so3([0.0, 0.0, yaw]) @ exp_so3([0.0, pitch, 0.0]) @ exp_so3([roll, 0.0, 0.0])
-
-
-def _parsed(urdf: Any, name: str) -> Element:
+def _parsed(urdf: Any, name: str, arguments: Mapping[str, str] | None) -> Element:
     text = urdf.lstrip("\ufeff \t\r\n") if isinstance(urdf, str) else ""
     if isinstance(urdf, bytes):
         content = urdf
@@ -433,62 +375,16 @@ def _parsed(urdf: Any, name: str) -> Element:
         content = text
     elif isinstance(urdf, str | os.PathLike):
         content = bytes_of(urdf, name)  # as bytes: XML says its encoding itself
+        if is_xacro(content):
+            content = expanded(urdf, name, arguments)
     else:
         raise ConfigurationError(f"{name}: expected a file or its text, got {shown(urdf)}")
 
-    try:
-        xml = ElementTree.fromstring(content)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        # the latter two of encodings it does not know
-        raise ConfigurationError(f"{name}: no XML ({error})") from error
-
+    xml = xml_of(content, name)
     if xml.tag != "robot":
         raise ConfigurationError(f"{name}: the root element must be <robot>, got <{xml.tag}>")
-    if any(str(element.tag).startswith(_XACRO) for element in xml.iter()):
+    if any(
+        str(element.tag).startswith("{" + tag.decode()) for element in xml.iter() for tag in TAGS
+    ):
         raise ConfigurationError(f"{name}: it is xacro, convert it first: xacro FILE > rov.urdf")
     return xml
-
-
-def origin_of(joint: Element, name: str) -> Array:
-    """Pose (4, 4) of the child link in the parent link, at zero."""
-    element = joint.find("origin")
-    if element is None:
-        return np.eye(4)
-    p = _numbers(element.get("xyz"), (0.0, 0.0, 0.0), name, joint)
-    return pose(rotation_from_rpy(_numbers(element.get("rpy"), (0.0, 0.0, 0.0), name, joint)), p)
-
-
-def _limits(joint: Element, name: str) -> tuple[float, float]:
-    """Limits [rad] or [m] of a joint; infinite where the file has none that rise."""
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
-        return -np.inf, np.inf
-    try:
-        lower = float(limit.get("lower", "-inf"))
-        upper = float(limit.get("upper", "inf"))
-    except ValueError as error:
-        raise ConfigurationError(
-            f"{name}: joint {joint.get('name')!r}: limits must be numbers"
-        ) from error
-    return (lower, upper) if lower < upper else (-np.inf, np.inf)
-
-
-def _numbers(
-    text: str | None, default: tuple[float, float, float], name: str, joint: Element
-) -> Array:
-    """Three numbers of an attribute, or `default` where it is missing."""
-    if text is None:
-        return np.array(default)
-    subject = f"{name}: joint {joint.get('name')!r}"
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError as error:
-        raise ConfigurationError(f"{subject}: expected three numbers, got {shown(text)}") from error
-    return checked_place(numbers, (3,), subject, LONGEST)
-
-
-def _figure(text: str, name: str) -> float:
-    try:
-        return finite_number(float(text), name)
-    except ValueError:
-        raise ConfigurationError(f"{name}: expected a number, got {shown(text)}") from None

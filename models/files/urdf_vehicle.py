@@ -1,11 +1,12 @@
 """A vehicle from a URDF, as MuJoCo reads it: links with their names, those on fixed joints too.
 
 ROS's link `world` is taken off, and a massless root gets the mass fixed to it, so that the root can
-float. A mesh that is not there, or not of a format of MuJoCo, is left out; the vehicle then keeps
-the shapes that it has.
+float. A mesh that is not there, or that no reader knows, is left out; the vehicle then keeps the
+shapes that it has.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -13,41 +14,64 @@ from xml.etree.ElementTree import Element
 import mujoco
 import numpy as np
 
-from uuv.models.files import urdf
-from uuv.models.files.urdf import UrdfRobot, origin_of, parse
+from uuv.models.files.holding import follow
+from uuv.models.files.mesh_shapes import MESHES, OTHERS, LinkMesh, add_meshes
+from uuv.models.files.ros_packages import mesh_file
+from uuv.models.files.urdf import UrdfRobot, parse
+from uuv.models.files.urdf_joints import listed, taken_mimics
+from uuv.models.files.urdf_places import figure, numbers_of, origin_of, set_origin
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, shown
 
 _WORLD = "world"  # link of ROS that stands for the world
 _SHAPES = ("visual", "collision")
 _BITS = 1, 2  # contype, conaffinity: parts of a vehicle meet the world (1, 1), never each other
 _UNCOUPLED = ("floating", "planar")
 _KEPT = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
+# options of MuJoCo's extension of URDF that count: they mend inertias
+_MENDING = ("balanceinertia", "boundmass", "boundinertia")
+_ONCE = ("inertial", "origin", "mass", "inertia", "geometry", "axis", "limit", "dynamics")
+_BY = 'by <mujoco><compiler balanceinertia="true"/></mujoco> within <robot>'
+_ROUNDED = 1e-3  # share by which principal inertias may miss what a body has, as rounding
 
 
-def spec_of_urdf(robot: UrdfRobot, folder: Path) -> tuple[mujoco.MjSpec, list[str]]:
+def spec_of_urdf(
+    robot: UrdfRobot, folder: Path, *, floats: bool = True, needed: tuple[str, ...] = ()
+) -> tuple[mujoco.MjSpec, list[str]]:
     """The model of a vehicle, or of an arm, from its URDF.
+
+    Joints that follow another (`mimic`) are held to it by an equality.
 
     Args:
         robot: as parsed; its XML is changed in place.
         folder: of its file, from which the paths of its meshes count.
+        floats: its root link is to float, so that ROS's `world` is taken off.
+        needed: kinds of shapes, "visual" or "collision", whose meshes must be there; others are
+            left out where they are not.
 
     Returns:
         The spec, its root link a body on the world without a joint; and what was left out, one
         line each.
 
     Raises:
-        ConfigurationError: MuJoCo does not accept it.
+        ConfigurationError: an inertia that no body has, a mesh that is needed and not there, or
+            MuJoCo does not accept it.
     """
-    robot, notes = with_floating_root(robot)
+    robot, notes = with_floating_root(robot) if floats else (robot, [])
+    notes += robot.notes
+    coupled = taken_mimics(robot.xml, robot.name)
 
     # What MuJoCo would refuse, or read in a way of its own.
+    options, meshdir = _own_options(robot.xml)
+    notes += _repeated_elements(robot.xml)
     notes += _weightless_links(robot.xml)
-    notes += _missing_meshes(robot.xml, folder)
-    notes += _held_joints(robot.xml)
-    for old in robot.xml.findall("mujoco"):
-        robot.xml.remove(old)
+    if options.get("balanceinertia") != "true":
+        notes += _mended_inertias(robot)
+    meshes, lines = _taken_meshes(robot, folder / meshdir, needed)
+    notes += lines
+    notes += _loose_joints(robot.xml)
     extension = ElementTree.SubElement(robot.xml, "mujoco")
-    ElementTree.SubElement(extension, "compiler", {**_KEPT, "angle": "radian"})
+    ElementTree.SubElement(extension, "compiler", {**_KEPT, **options, "angle": "radian"})
 
     try:
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
@@ -55,13 +79,21 @@ def spec_of_urdf(robot: UrdfRobot, folder: Path) -> tuple[mujoco.MjSpec, list[st
         reason = " ".join(str(error).split())
         raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {reason}") from error
 
-    # What a URDF does not say: integrator, friction cone, which shapes meet.
+    follow(spec, coupled)
+    notes += add_meshes(spec, meshes)
+    as_vehicle(spec)
+
+    return spec, notes
+
+
+def as_vehicle(spec: mujoco.MjSpec) -> None:
+    """Set what neither a URDF nor an SDF says: integrator, friction cone, which shapes meet."""
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+
     for geom in spec.geoms:
         if geom.contype or geom.conaffinity:
             geom.contype, geom.conaffinity = _BITS
-    return spec, notes
 
 
 def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
@@ -74,6 +106,7 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
         ConfigurationError: an origin in it is no origin.
     """
     notes: list[str] = []
+
     if robot.root == _WORLD:
         hung = [joint for joint in robot.xml.findall("joint") if _end(joint, "parent") == _WORLD]
         if len(hung) == 1 and hung[0].get("type") in ("floating", "fixed"):
@@ -81,13 +114,16 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
             for link in robot.xml.findall("link"):
                 if link.get("name") == _WORLD:
                     robot.xml.remove(link)
+
             notes.append(f"link world left out: {_end(hung[0], 'child')} floats")
-            robot = parse(ElementTree.tostring(robot.xml), robot.name)
+            settled = robot.notes
+            robot = replace(parse(ElementTree.tostring(robot.xml), robot.name), notes=settled)
 
     links = {link.get("name", ""): link for link in robot.xml.findall("link")}
     if _weighs(links[robot.root]):
         return robot, notes
 
+    # MuJoCo needs a mass at the root: it may take that of a link fixed to it.
     for joint in robot.xml.findall("joint"):
         child = links[_end(joint, "child")]
         fixed = joint.get("type") == "fixed" and _end(joint, "parent") == robot.root
@@ -96,6 +132,7 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
             change = f"it takes that of {child.get('name', '')!r}, which is fixed to it"
             notes.append(f"link {robot.root} has no mass: {change}")
             break
+
     return robot, notes
 
 
@@ -106,46 +143,197 @@ def _weightless_links(xml: Element) -> Iterator[str]:
         for link in xml.findall("link")
         if link.find("inertial") is None and any(link.find(shape) is not None for shape in _SHAPES)
     ]
+
     if names:
         listed = ", ".join(names)
         yield f"links without <inertial> weigh as their shapes filled with water: {listed}"
 
 
-def _missing_meshes(xml: Element, folder: Path) -> Iterator[str]:
-    """Make the paths of mesh files absolute; a line about shapes removed for want of their file."""
+def _repeated_elements(xml: Element) -> Iterator[str]:
+    """Remove what links and joints state twice, the first as ROS counts; a line about it."""
+    twice = []
+    for owner in [*xml.findall("link"), *xml.findall("joint")]:
+        for part in [
+            owner,
+            *owner.iter("inertial"),
+            *owner.iter("visual"),
+            *owner.iter("collision"),
+        ]:
+            for tag in _ONCE:
+                for element in part.findall(tag)[1:]:
+                    part.remove(element)
+                    twice.append(f"{owner.get('name')} <{tag}>")
+
+    if twice:
+        yield f"stated twice, the first counts: {listed(twice)}"
+
+
+def _own_options(xml: Element) -> tuple[dict[str, str], str]:
+    """Options by which the file's own <mujoco> mends inertias, and its folder of meshes.
+
+    The element is removed.
+    """
+    options = {}
+    meshdir = ""
+
+    for extension in xml.findall("mujoco"):
+        for compiler in extension.findall("compiler"):
+            options.update(
+                {key: compiler.attrib[key] for key in _MENDING if key in compiler.attrib}
+            )
+            meshdir = compiler.get("meshdir", meshdir)
+
+        xml.remove(extension)
+
+    return options, meshdir
+
+
+def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
+    """A line about inertias that rounding has made impossible, raised to what a body has.
+
+    Raises:
+        ConfigurationError: an inertia that misses it by more, with what can be done.
+    """
+    mended = []
+
+    for link in robot.xml.findall("link"):
+        inertia = link.find("inertial/inertia")
+        if inertia is None:
+            continue
+        subject = f"{robot.name}: link {link.get('name')!r}: inertia"
+        tensor, changed = mended_tensor(
+            _tensor(inertia, subject), subject, f"correct it, or let MuJoCo take their mean, {_BY}"
+        )
+
+        if changed:
+            for i, j, key in _ENTRIES:
+                inertia.set(key, repr(float(tensor[i, j])))
+            mended.append(link.get("name", ""))
+
+    if mended:
+        yield f"inertias raised by rounding, for no body has them as stated: {listed(mended)}"
+
+
+def mended_tensor(tensor: Array, subject: str, remedy: str) -> tuple[Array, bool]:
+    """An inertia (3, 3) that a body can have, and whether rounding had to be mended for it.
+
+    Raises:
+        ConfigurationError: no body has it, by more than rounding.
+    """
+    principal, R = np.linalg.eigh(tensor)
+    lacking = float(principal[2] - principal[0] - principal[1])
+    if lacking <= 1e-12 * abs(float(principal[2])):
+        return tensor, False
+
+    if lacking > _ROUNDED * principal[2]:
+        figures = ", ".join(f"{entry:.4g}" for entry in principal)
+        raise ConfigurationError(
+            f"{subject}: no body has the principal moments {figures} kg m^2, for the largest "
+            f"exceeds the sum of the others; {remedy}"
+        )
+
+    principal[:2] += 0.51 * lacking
+
+    return R @ np.diag(principal) @ R.T, True
+
+
+_ENTRIES = (
+    (0, 0, "ixx"),
+    (1, 1, "iyy"),
+    (2, 2, "izz"),
+    (0, 1, "ixy"),
+    (0, 2, "ixz"),
+    (1, 2, "iyz"),
+)
+
+
+def _tensor(inertia: Element, subject: str) -> np.ndarray:
+    tensor = np.zeros((3, 3))
+    for i, j, key in _ENTRIES:
+        tensor[i, j] = tensor[j, i] = figure(inertia.get(key, "0"), f"{subject} {key}")
+    return tensor
+
+
+def _taken_meshes(
+    robot: UrdfRobot, folder: Path, needed: tuple[str, ...]
+) -> tuple[list[LinkMesh], list[str]]:
+    """Take the meshes out of the links; a line about those that are left out.
+
+    Raises:
+        ConfigurationError: one of a kind that is needed is not there, or of no format that is read.
+    """
+    meshes = []
     missing: set[str] = set()
-    for link in xml.findall("link"):
+
+    for link in robot.xml.findall("link"):
         for shape in [part for kind in _SHAPES for part in link.findall(kind)]:
-            mesh = shape.find("geometry/mesh")
-            if mesh is None:
+            element = shape.find("geometry/mesh")
+            if element is None:
                 continue
-            filename = mesh.get("filename", "")
-            readable = Path(filename).suffix.lower() in urdf.MESHES
-            path = urdf.mesh_file(filename, folder) if readable else None
-            if path is None:
+            subject = f"{robot.name}: link {link.get('name')!r}: mesh"
+            filename = element.get("filename", "")
+            file = _file_of(filename, folder, subject, shape.tag in needed, link)
+            link.remove(shape)
+
+            if file is None:
                 missing.add(Path(filename).name)
-                link.remove(shape)
-            else:
-                mesh.set("filename", str(path))
-    if missing:
-        endings = ", ".join(urdf.MESHES)
-        yield f"meshes left out, not found or not of {endings}: {', '.join(sorted(missing))}"
+                continue
+
+            x, y, z = numbers_of(element.get("scale"), (1.0, 1.0, 1.0), f"{subject} scale").tolist()
+            collides = shape.tag == "collision"
+            meshes.append(
+                LinkMesh(
+                    link=link.get("name", ""),
+                    file=file,
+                    X_LG=origin_of(shape, f"{subject} origin"),
+                    scale=(x, y, z),
+                    collides=collides,
+                    weighs=collides and link.find("inertial") is None,
+                )
+            )
+
+    endings = ", ".join((*MESHES, *OTHERS))
+    line = f"meshes left out, not found or not of {endings}: {', '.join(sorted(missing))}"
+    return meshes, [line] if missing else []
 
 
-def _held_joints(xml: Element) -> Iterator[str]:
-    """Fix joints that MuJoCo cannot have, with a line about them; give continuous ones a range."""
+def _file_of(filename: str, folder: Path, subject: str, needed: bool, link: Element) -> Path | None:
+    """File of a mesh; None: it is left out.
+
+    Raises:
+        ConfigurationError: it is needed, and there is none that can be read.
+    """
+    if needed and not filename:
+        raise ConfigurationError(f"{subject}: it has no filename")
+    readable = Path(filename).suffix.lower() in (*MESHES, *OTHERS)
+    file = mesh_file(filename, folder) if readable else None
+    if file is not None or not needed:
+        return file
+
+    if readable:
+        raise ConfigurationError(
+            f"{subject} {shown(filename)}: there is no such file (looked in {shown(str(folder))})"
+        )
+
+    if link.find("collision/geometry/mesh") is not None or link.find("collision") is None:
+        raise ConfigurationError(
+            f"{subject} {shown(filename)}: what is read is {', '.join((*MESHES, *OTHERS))}; "
+            "convert it"
+        )
+
+    return None  # its collision shapes stand for it
+
+
+def _loose_joints(xml: Element) -> Iterator[str]:
+    """Fix joints that MuJoCo cannot have, with a line about them."""
     held = []
     for joint in xml.findall("joint"):
-        if joint.find("mimic") is not None or joint.get("type") in _UNCOUPLED:
+        if joint.get("type") in _UNCOUPLED:
             held.append(joint.get("name", ""))
             joint.set("type", "fixed")
-        if joint.get("type") == "continuous":  # a serial arm needs a range
-            joint.set("type", "revolute")
-            limit = joint.find("limit")
-            limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
-            limit.attrib.update({"lower": str(-np.pi), "upper": str(np.pi)})
+
     if held:
-        yield f"joints held at zero, mimic, floating or planar: {', '.join(held)}"
+        yield f"joints held at zero, floating or planar: {listed(held)}"
 
 
 def _end(joint: Element, which: str) -> str:
@@ -163,18 +351,16 @@ def _weighs(link: Element) -> bool:
 
 def _take_inertia(root: Element, child: Element, joint: Element, name: str) -> None:
     """Move the <inertial> of a link to that which it is fixed to."""
-    from scipy.spatial.transform import Rotation
-
     inertial = child.find("inertial")
     assert inertial is not None
-    X = origin_of(joint, name) @ origin_of(inertial, name)
-    origin = inertial.find("origin")
-    origin = ElementTree.SubElement(inertial, "origin") if origin is None else origin
-    origin.set("xyz", " ".join(f"{number!r}" for number in X[:3, 3].tolist()))
-    yaw_pitch_roll = Rotation.from_matrix(X[:3, :3]).as_euler("ZYX").tolist()
-    origin.set("rpy", " ".join(f"{number!r}" for number in reversed(yaw_pitch_roll)))
+    set_origin(inertial, origin_of(joint, name) @ origin_of(inertial, name))
 
     child.remove(inertial)
     for old in root.findall("inertial"):
         root.remove(old)
     root.append(inertial)
+
+    # Or the shapes of the child would weigh.
+    empty = ElementTree.SubElement(child, "inertial")
+    ElementTree.SubElement(empty, "mass", value="0")
+    ElementTree.SubElement(empty, "inertia", dict.fromkeys((key for *_, key in _ENTRIES), "0"))

@@ -1,4 +1,4 @@
-"""The reader of vehicles, whatever describes one: a name, a function, an MJCF, a URDF, or a spec.
+"""The reader of vehicles, whatever describes one: a name, a function, MJCF, URDF, SDF, or a spec.
 
     file = read("rov.urdf")  # with its rov.water.yaml and rov.parts.yaml
     file.spec                # under the names of the file
@@ -6,22 +6,30 @@
 Nothing is renamed or computed here.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import mujoco
 
 from uuv import models
 from uuv.models import hydrodynamics
 from uuv.models.files import notes, sidecar
+from uuv.models.files.gazebo.blocks import content_of_urdf
+from uuv.models.files.gazebo.entries import ReadEntry
+from uuv.models.files.gazebo.sdf import SdfModel, parse_sdf
+from uuv.models.files.gazebo.sdf_vehicle import spec_of_sdf
 from uuv.models.files.mjcf_files import read_mjcf
-from uuv.models.files.parts_file import PARTS_SUFFIX, PartsMap, read_parts
+from uuv.models.files.parts_file import PARTS_SUFFIX, MappedThruster, PartsMap, read_parts
 from uuv.models.files.urdf import UrdfRobot, robot_of
+from uuv.models.files.urdf_joints import speeds
 from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
-from uuv.sim.interfaces.files import existing_file
+from uuv.sim.interfaces.files import bytes_of, existing_file
 from uuv.sim.interfaces.spatial import shown
 
+_HEAD = 20_000  # [bytes] within which a file has its root element
 _TAKE_TOOL = ("uuv_puma",)  # names whose maker takes the tool, and trims the vehicle with it
 
 
@@ -36,6 +44,9 @@ class VehicleFile:
     has_tool: bool = False  # it was made with the tool that was asked for
     parts: PartsMap | None = None  # its mapping to the contract; None: it has none
     parts_name: str = ""  # with which messages about the mapping begin
+    entries: tuple[ReadEntry, ...] = ()  # water and thrusters of the file, and where they are from
+    thrusters: tuple[MappedThruster, ...] = ()  # of the file, where the mapping has none
+    speeds: Mapping[str, float] = field(default_factory=dict)  # [rad/s] or [m/s] of its joints
     trim: float | None = None  # [m] metacentric height to which the hull is to be ballasted
 
 
@@ -62,23 +73,26 @@ def read(
     Raises:
         ConfigurationError: neither a name nor a file, or a file that cannot be read.
     """
-    if not isinstance(vehicle, str | Path):
+    if not isinstance(vehicle, str | Path | mujoco.MjSpec):
+        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(vehicle)}")
+    is_file = isinstance(vehicle, str | Path) and not check_name(str(vehicle))
+    if is_file and parts is None:
+        parts = _parts_beside(existing_file(vehicle, "vehicle"))
+    mapping = None if parts is None else read_parts(parts)
+
+    if isinstance(vehicle, mujoco.MjSpec):
         file = _of_spec(vehicle)
-    elif check_name(str(vehicle)):
-        file = _of_name(str(vehicle), tool if parts is None else None)
-    else:
+    elif is_file:
         path = existing_file(vehicle, "vehicle")
-        parts = _parts_beside(path) if parts is None else parts
-        robot = robot_of(path, f"vehicle {shown(str(path))}")
-        file = _of_mjcf(path, water) if robot is None else _of_urdf(path, robot, water)
+        file = _of_file(path, water, {} if mapping is None else mapping.xacro)
         water = None  # it is attached
+    else:
+        file = _of_name(str(vehicle), tool if parts is None else None)
 
     if water is not None:
         raise ConfigurationError(f"{file.name}: has its own water, so a water file is refused")
-    if parts is None:
+    if mapping is None:
         return replace(file, parts_name=file.name)
-
-    mapping = read_parts(parts)
     name = f"parts {shown(str(parts))}"
     return replace(file, parts=mapping, parts_name=name, trim=mapping.trim)
 
@@ -95,14 +109,12 @@ def check_name(vehicle: str) -> bool:
     if Path(vehicle).suffix:
         return False
     raise ConfigurationError(
-        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF or "
-        f"URDF{did_you_mean(vehicle, names)}"
+        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF, URDF "
+        f"or SDF{did_you_mean(vehicle, names)}"
     )
 
 
 def _of_spec(spec: mujoco.MjSpec) -> VehicleFile:
-    if not isinstance(spec, mujoco.MjSpec):
-        raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(spec)}")
     return VehicleFile(name=f"vehicle {shown(spec.modelname)}", spec=spec.copy())
 
 
@@ -112,11 +124,46 @@ def _of_name(name: str, tool: str | None) -> VehicleFile:
     return VehicleFile(name=f"vehicle {shown(name)}", spec=spec, has_tool=takes)
 
 
-def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:
-    spec, lines = spec_of_urdf(robot, file.resolve().parent)
-    sidecar.attach_beside(spec, file, water)
+def _of_file(file: Path, water: str | Path | None, arguments: Mapping[str, str]) -> VehicleFile:
+    """A vehicle from a file: SDF, URDF or xacro, else MJCF."""
+    name = f"vehicle {shown(str(file))}"
+    if b"<sdf" in bytes_of(file, "vehicle")[:_HEAD]:
+        return _of_sdf(file, parse_sdf(file, name), water)
+    robot = robot_of(file, name, arguments)
+    return _of_mjcf(file, water) if robot is None else _of_urdf(file, robot, water)
 
-    return VehicleFile(name=robot.name, spec=spec, notes=tuple(lines), bare=True)
+
+def _of_sdf(file: Path, model: SdfModel, water: str | Path | None) -> VehicleFile:
+    spec, lines, content = spec_of_sdf(model, file.resolve().parent)
+    sidecar.attach_beside(spec, file, water, content.tree())
+    elements = Element("robot")
+    elements.extend(joint.element for joint in model.joints.values())
+
+    return VehicleFile(
+        name=model.name,
+        spec=spec,
+        notes=tuple(lines),
+        bare=True,
+        entries=tuple(content.entries),
+        thrusters=tuple(content.thrusters),
+        speeds=speeds(elements, model.name),
+    )
+
+
+def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleFile:
+    content = content_of_urdf(robot.xml, robot.name)
+    spec, lines = spec_of_urdf(robot, file.resolve().parent)
+    sidecar.attach_beside(spec, file, water, content.tree())
+
+    return VehicleFile(
+        name=robot.name,
+        spec=spec,
+        notes=tuple(lines),
+        bare=True,
+        entries=tuple(content.entries),
+        thrusters=tuple(content.thrusters),
+        speeds=robot.speeds,
+    )
 
 
 def _parts_beside(file: Path) -> Path | None:

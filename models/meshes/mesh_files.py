@@ -1,4 +1,4 @@
-"""Reader of mesh files: PLY and OFF natively, STL, OBJ and glTF by trimesh.
+"""Reader of mesh files: PLY and OFF natively, STL, OBJ, glTF and COLLADA by trimesh.
 
 A file that cannot be read gives one kind of error, whatever reads it. Trimesh is used for corners
 and faces only, without textures, merging or repair. It accepts PLY and
@@ -8,6 +8,7 @@ therefore these two are read here.
 
 import logging
 import warnings
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -22,31 +23,35 @@ from uuv.sim.interfaces.spatial import Array
 
 # by ending
 FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}
+_READ = {**FORMATS, "dae": "COLLADA"}  # of vehicles, whose files name it
 _SILENT = logging.NullHandler()
 
 
-def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
+def read_mesh(file: Path, what: str = "target mesh") -> tuple[Array, np.ndarray]:
     """Read vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file; parts are joined in place.
 
-    Lengths are in the file's unit. Faces with more corners are triangulated. Duplicate vertices are
+    Lengths are in the file's unit, of COLLADA, which states it, in metres; its axes stay as they
+    are. Faces with more corners are triangulated. Duplicate vertices are
     merged; degenerate faces and
     unused vertices are left out.
+
+    Args:
+        file: path.
+        what: it is, with which errors begin.
 
     Raises:
         ConfigurationError: another format, no triangles, cut short or otherwise malformed.
     """
     kind = file.suffix.lower().removeprefix(".")
-    if kind not in FORMATS:
+    if kind not in _READ:
         raise ConfigurationError(
-            f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}, and for "
+            f"{what} {str(file)!r}: the formats are {', '.join(FORMATS.values())}, and for "
             f"clouds PCD and {', '.join(TEXT)}"
         )
     reader = {"ply": read_ply, "off": _read_off}.get(kind)
 
     try:
-        vertices, triangles = (
-            reader(bytes_of(file, "target mesh")) if reader else _read_by_trimesh(file)
-        )
+        vertices, triangles = reader(bytes_of(file, what)) if reader else _read_by_trimesh(file)
         need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
@@ -58,13 +63,13 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
         if kind == "obj" and isinstance(error, IndexError):
             reason = NO_SUCH_VERTEX
         raise ConfigurationError(
-            f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {reason}"
+            f"{what} {str(file)!r}: it cannot be read as {_READ[kind]}: {reason}"
         ) from error
 
     vertices, triangles = _tidied(vertices, triangles)
     if not len(triangles):
         raise ConfigurationError(
-            f"target mesh {str(file)!r}: no triangles could be read (formats: "
+            f"{what} {str(file)!r}: no triangles could be read (formats: "
             f"{', '.join(FORMATS.values())})"
         )
     return vertices, triangles
@@ -73,6 +78,9 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
 def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
     with wanted():
         import trimesh
+
+        if file.suffix.lower() == ".dae":
+            import_module("collada")  # without it, trimesh knows no such format
 
     # otherwise it prints tracebacks of recovered errors
     logging.getLogger("trimesh").addHandler(_SILENT)
@@ -85,9 +93,13 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
             part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)
         ]
 
+    # "0.01 * meters", as trimesh has the unit that COLLADA states
+    factor, _, of_metres = str(scene.units).partition(" * ")
+    unit = float(factor) if of_metres else 1.0
+
     # One mesh: indices of a part count from its first vertex.
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    vertices = [np.asarray(part.vertices, dtype=np.float64) for part in parts]
+    vertices = [unit * np.asarray(part.vertices, dtype=np.float64) for part in parts]
     triangles = [
         np.asarray(part.faces, dtype=np.int64) + start
         for part, start in zip(parts, first, strict=False)

@@ -102,15 +102,15 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
 
 @kernel
 def _search(
-    asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array
+    points: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array
 ) -> None:
     """Write the index `at` (N,) of each point's nearest triangle, and weights (N, 3) there."""
     waiting = np.empty(128, dtype=np.int64)
     away = np.empty(128)
 
     # Depth first, the nearer child first; a box farther than the best is passed over.
-    for n in range(len(asked)):
-        x, y, z = asked[n, 0], asked[n, 1], asked[n, 2]
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
         best = np.inf
         waiting[0] = 0
         away[0] = 0.0

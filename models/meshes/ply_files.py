@@ -71,11 +71,13 @@ def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
     normals = None
     triangles = np.zeros((0, 3), dtype=np.int64)
 
+    # All elements in turn, for each begins where the one before ends.
     for element in elements:
         columns = source.read(element)
         if element.name == "vertex":
             if not {"x", "y", "z"} <= columns.keys():
                 raise ValueError("its vertices have no x, y and z")
+
             with np.errstate(invalid="ignore"):  # a signalling NaN raises a flag
                 points = np.column_stack(
                     [np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"]
@@ -155,6 +157,7 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
     elements: list[_Element] = []
     at = 0
 
+    # A line at a time; properties belong to the element named last.
     while (end := content.find(b"\n", at)) >= 0:
         words = content[at:end].decode("ascii", "replace").split()
         at = end + 1

@@ -72,12 +72,14 @@ def valve() -> TargetModel:
     The origin is in the middle of the pipe. The closed shells (body, bonnet with stem, lever)
     intersect. Paths "handle" and "collar".
     """
+    # The body: a pipe with a flange at each end.
     r = PIPE[0]
     half = 0.5 * PIPE[1]
     wide, thick = FLANGE
     profile = [(-half, 0.0), (-half, wide), (thick - half, wide), (thick - half, r)]
     profile += [(-x, radius) for x, radius in reversed(profile)]
 
+    # Bonnet and stem as one body of revolution, and the lever on top.
     bonnet = [(0.0, 0.0), (0.0, BONNET[0]), (BONNET[1], BONNET[0]), (BONNET[1], STEM[0])]
     bonnet += [(STEM[1] - 0.5 * LEVER[2], STEM[0]), (STEM[1] - 0.5 * LEVER[2], 0.0)]
     along_z, faces = revolve(np.array(bonnet), _SIDES)

@@ -122,7 +122,7 @@ def rankine(friction: float) -> float:
     return float(np.tan(0.25 * np.pi + 0.5 * friction) ** 2)
 
 
-_FORM = MadeForm("a uuv.models.site.soil.Soil", lambda thing: isinstance(thing, Soil))
+_FORM = MadeForm("a uuv.models.site.soil.Soil", lambda candidate: isinstance(candidate, Soil))
 SOILS = Registry("soil", {"sand": sand, "mud": mud}, form=_FORM)
 
 

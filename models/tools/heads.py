@@ -79,13 +79,13 @@ class Jaws:
 
 
 def add_head(
-    link: mujoco.MjsBody, place: Array, turn: Array, tip: mujoco.MjsSite, head: Head
+    link: mujoco.MjsBody, position: Array, turn: Array, tip: mujoco.MjsSite, head: Head
 ) -> dict[str, BodyHydrodynamics]:
     """Add a head to a link, its z along the tool, and move `tip` to its summit.
 
     Args:
         link: that carries the tool.
-        place: (3,) [m] of the mount in the link.
+        position: (3,) [m] of the mount in the link.
         turn: orientation wxyz of the mount in the link; z out of the tool.
         tip: site of the arm's tip.
         head: the head.
@@ -93,7 +93,7 @@ def add_head(
     Returns:
         Hydrodynamics by body name.
     """
-    held = _mount(link, place, turn, tip, head.length, head.mass, head.stiffness, head.damping)
+    held = _mount(link, position, turn, tip, head.length, head.mass, head.stiffness, head.damping)
     _dome(held, head.radius, head.length, head.friction)
     return {PAD_BODY: cylinder(0.5 * head.radius, np.zeros(3), [0.0, 0.0, head.length])}
 
@@ -101,7 +101,7 @@ def add_head(
 def add_jaws(
     spec: mujoco.MjSpec,
     link: mujoco.MjsBody,
-    place: Array,
+    position: Array,
     turn: Array,
     tip: mujoco.MjsSite,
     jaws: Jaws,
@@ -109,7 +109,14 @@ def add_jaws(
     """Add jaws to a link, as `add_head` does a head."""
     palm = jaws.palm
     held = _mount(
-        link, place, turn, tip, jaws.length, jaws.mass - 2.0 * jaws.finger_mass, STIFFNESS, DAMPING
+        link,
+        position,
+        turn,
+        tip,
+        jaws.length,
+        jaws.mass - 2.0 * jaws.finger_mass,
+        STIFFNESS,
+        DAMPING,
     )
     _dome(held, 0.5 * jaws.breadth, jaws.length, 0.3)
 
@@ -175,7 +182,7 @@ def _add_finger(held: mujoco.MjsBody, name: str, side: float, jaws: Jaws) -> Bod
 
 def _mount(
     link: mujoco.MjsBody,
-    place: Array,
+    position: Array,
     turn: Array,
     tip: mujoco.MjsSite,
     length: float,
@@ -186,11 +193,11 @@ def _mount(
     """The tool's body on its spring, with the face at its end; the tip moves there."""
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
-    tip.pos = place + R.reshape(3, 3)[:, 2] * length
+    tip.pos = position + R.reshape(3, 3)[:, 2] * length
 
     held = link.add_body(
         name=PAD_BODY,
-        pos=place,
+        pos=position,
         quat=turn,
         mass=mass,
         ipos=[0.0, 0.0, 0.5 * length],

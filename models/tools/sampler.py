@@ -112,7 +112,7 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
 
 def add(
     link: mujoco.MjsBody,
-    place: np.ndarray,
+    position: np.ndarray,
     turn: np.ndarray,
     along: np.ndarray,
     tip: mujoco.MjsSite,
@@ -123,7 +123,7 @@ def add(
 
     Args:
         link: that carries the tool.
-        place: (3,) [m] of the mount in the link.
+        position: (3,) [m] of the mount in the link.
         turn: orientation wxyz of the mount in the link.
         along: (3,) direction of the tool in the mount.
         tip: site of the arm's tip.
@@ -135,7 +135,7 @@ def add(
     """
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
-    tip.pos = place + R.reshape(3, 3) @ along * tool.length
+    tip.pos = position + R.reshape(3, 3) @ along * tool.length
     face = np.array(tip.quat) if face is None else face
 
     # Slides across the tool, on plates of their own, and along it.
@@ -149,7 +149,7 @@ def add(
             name=name, mass=_MOUNT, ipos=[0.0] * 3, inertia=[1e-5] * 3, explicitinertial=True
         )
         if name == "mount_x":
-            parent.pos = place
+            parent.pos = position
             parent.quat = turn
         add_slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
 
@@ -181,6 +181,7 @@ def _add_shape(
             float(np.sqrt(tool.width * tool.breadth / np.pi)), np.zeros(3), tool.length * along
         )
     else:
+        # A capsule's length is between the centres of its ends.
         dome = tool.radius if tool.domed else 0.0
         geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE if tool.domed else mujoco.mjtGeom.mjGEOM_CYLINDER
         geom.size = [tool.radius, 0, 0]

@@ -58,12 +58,29 @@ WU_2018 = PublishedHull(
 # Forward, starboard, down, as printed: position [m], direction of positive thrust. 1-4 horizontal,
 # 5-8 vertical.
 _D = math.sqrt(0.5)
-_LEVEL = (
-    ((0.156, 0.111, 0.085), (_D, -_D, 0.0)),
-    ((0.156, -0.111, 0.085), (_D, _D, 0.0)),
-    ((-0.156, 0.111, 0.085), (-_D, -_D, 0.0)),
-    ((-0.156, -0.111, 0.085), (-_D, _D, 0.0)),
-)
+
+
+def slanted_thrusters(*, front: float, rear: float, abreast: float, below: float) -> tuple:
+    """Four level thrusters at 45 degrees: bow starboard, bow port, stern starboard, stern port.
+
+    Args:
+        front: [m] of the two at the bow, ahead of the origin.
+        rear: [m] of the two at the stern, behind it.
+        abreast: [m] of each from the plane of symmetry.
+        below: [m] of all, below the origin.
+
+    Returns:
+        Position [m] and direction of positive thrust of each, forward, starboard, down.
+    """
+    return (
+        ((front, abreast, below), (_D, -_D, 0.0)),
+        ((front, -abreast, below), (_D, _D, 0.0)),
+        ((-rear, abreast, below), (-_D, -_D, 0.0)),
+        ((-rear, -abreast, below), (-_D, _D, 0.0)),
+    )
+
+
+_LEVEL = slanted_thrusters(front=0.156, rear=0.156, abreast=0.111, below=0.085)
 _UPRIGHT = ((0.120, 0.218, 0.0), (0.120, -0.218, 0.0), (-0.120, 0.218, 0.0), (-0.120, -0.218, 0.0))
 _UP = (0.0, 0.0, -1.0)
 _DOWN = (0.0, 0.0, 1.0)
@@ -88,7 +105,7 @@ def with_alpha_5() -> mujoco.MjSpec:
     The combination is not published; ballast compensates the arm's weight.
     """
     spec = published_hulls.new_spec("bluerov2_heavy_alpha5")
-    hull = _add_hull(spec, BENZON_2022, BENZON_THRUSTERS)
+    hull = add_hull(spec, BENZON_2022, BENZON_THRUSTERS)
     reach_alpha_5.add_arm(spec, hull, [0.19, 0.0, -0.12], [0.0, 1.0, 0.0, 0.0])
     published_hulls.add_keys(spec, reach_alpha_5.HOME, reach_alpha_5.READY)
     published_hulls.ballast(spec)
@@ -97,13 +114,16 @@ def with_alpha_5() -> mujoco.MjSpec:
 
 def _vehicle(name: str, figures: PublishedHull, places: tuple) -> mujoco.MjSpec:
     spec = published_hulls.new_spec(name)
-    _add_hull(spec, figures, places)
+    add_hull(spec, figures, places)
     published_hulls.add_keys(spec)
     published_hulls.ballast(spec)
     return spec
 
 
-def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> mujoco.MjsBody:
+def add_hull(
+    spec: mujoco.MjSpec, figures: PublishedHull, places: tuple, *, width: float = WIDTH
+) -> mujoco.MjsBody:
+    """Add the hull with its shape, its camera and a T200 at each of `places`; return its body."""
     hull = published_hulls.add_hull(spec, figures)
 
     # For rendering and contact only: the frame as a box, the foam above it.
@@ -112,7 +132,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
     hull.add_geom(
         name="frame",
         type=frame,
-        size=[LENGTH / 2, WIDTH / 2, HEIGHT / 2],
+        size=[LENGTH / 2, width / 2, HEIGHT / 2],
         mass=0.0,
         contype=1,
         conaffinity=2,
@@ -120,7 +140,8 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         group=3,
     )
 
-    for side, y in (("port", 0.17), ("starboard", -0.17)):
+    inset = 0.1175  # [m] of the foam's middle from the side
+    for side, y in (("port", width / 2 - inset), ("starboard", inset - width / 2)):
         hull.add_geom(
             name=f"foam_{side}",
             type=frame,

@@ -94,6 +94,7 @@ def with_arm_7() -> mujoco.MjSpec:
             rgba=[0.93, 0.72, 0.13, 1.0],
         )
 
+    # Thrusters along x of their sites.
     turned = (
         exp_so3([0.0, 0.0, math.radians(z)]) @ exp_so3([0.0, math.radians(y), 0.0])
         for _, (y, z) in _THRUSTERS
@@ -107,11 +108,12 @@ def with_arm_7() -> mujoco.MjSpec:
     )
     thrusters.attach(spec, dict.fromkeys(names, thruster))
 
+    # Camera, looking ahead and down.
     s = math.sin(_DOWN)
     c = math.cos(_DOWN)
-    look = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
+    R_BC = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
     hull.add_site(
-        name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(look), group=4, size=[0.01] * 3
+        name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(R_BC), group=4, size=[0.01] * 3
     )
 
     _add_arm(spec, hull)
@@ -129,6 +131,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         ARM_BASE_BODY: cylinder(0.08, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
     }
 
+    # Links by the published table, each in the frame of the one before.
     arm = published_arms.load("iiwa7")
     body = base
     X = np.eye(4)

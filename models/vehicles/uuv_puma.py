@@ -158,8 +158,8 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
     return spec
 
 
-def _move(item: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
-    item.pos = X[:3, 3]
-    item.quat = quat_wxyz_from_rotation(X[:3, :3])
+def _move(element: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
+    element.pos = X[:3, 3]
+    element.quat = quat_wxyz_from_rotation(X[:3, :3])
     # overrides Euler angles or axes of the file
-    item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    element.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

@@ -355,6 +355,7 @@ class LiftDrag(Form):
             *self.point.tolist(),
             *self.forward.tolist(),
             *self.upward.tolist(),
+            # Scalars, in the order of `of`.
             self.area,
             self.water_density,
             self.lift_slope,

@@ -18,6 +18,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Self
 
 import mujoco
@@ -33,6 +34,7 @@ from uuv.models.water.actuator_kinds import (
     set_kind,
 )
 from uuv.models.water.native_mark import mark
+from uuv.models.water.thruster_tables import T200, ThrusterTable
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number
 
@@ -211,6 +213,7 @@ class Thruster:
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
 
+_T200_VOLTAGE = 16.0  # [V]
 # [BlueRobotics 2019], 16 V sheet: pulse width [us], thrust [N].
 _T200_PULSE = (1100, 1180, 1260, 1340, 1420, 1468, 1472, 1528, 1532, 1580, 1660, 1740, 1820, 1900)
 _T200_THRUST = (
@@ -239,8 +242,9 @@ def t200(
     torque_per_thrust: float = 0.014,
     slew_rate: float = math.inf,
     least_thrust: float = 0.36,
+    voltage: float = _T200_VOLTAGE,
 ) -> Thruster:
-    """Blue Robotics T200 at 16 V; command u: pulse of 1500 + 400 u us, dead from 1472 to 1528 us.
+    """Blue Robotics T200; command u: pulse of 1500 + 400 u us, at 16 V dead from 1472 to 1528 us.
 
     Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other
     defaults are assumptions, since no measurement was found.
@@ -254,13 +258,19 @@ def t200(
             N.
         slew_rate: [1/s] largest rate of the command.
         least_thrust: [N] of a turning propeller, measured.
+        voltage: [V] at the speed controller, from 10 to 20.
 
     Returns:
         The thruster.
+
+    Raises:
+        ConfigurationError: a voltage that is not measured.
     """
+    curve = T200.points(voltage) if voltage != _T200_VOLTAGE else (_T200_PULSE, _T200_THRUST)
+    if voltage != _T200_VOLTAGE:
+        least_thrust = min(least_thrust, T200.least(voltage))
     return Thruster.of_table(
-        _T200_PULSE,
-        _T200_THRUST,
+        *curve,
         neutral=1500.0,
         handedness=handedness,
         time_constant=time_constant,
@@ -269,6 +279,23 @@ def t200(
         slew_rate=slew_rate,
         least_thrust=least_thrust,
     )
+
+
+def from_table(file: str | Path, voltage: float = 0.0, **figures: Any) -> Thruster:
+    """Thruster of a maker's table (`uuv.models.water.thruster_tables`) at a voltage [V].
+
+    Args:
+        file: CSV with the columns pulse_us, force_N, and voltage_V where it has several.
+        voltage: [V], within the table's; 0 for a table without that column.
+        **figures: the other fields of `Thruster`, without those of the curve.
+
+    Raises:
+        ConfigurationError: the file cannot be read, or the voltage is not in it.
+    """
+    table = ThrusterTable.of_csv(file)
+    pulses, thrusts = table.points(voltage)
+    full = 0.5 * float(np.ptp(table.ends))
+    return Thruster.of_table(pulses, thrusts, neutral=table.neutral, full=full, **figures)
 
 
 def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:

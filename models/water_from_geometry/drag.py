@@ -99,7 +99,7 @@ def spin_integral(vertices: Array, triangles: np.ndarray) -> Array:
 
 
 def strip_of(
-    R: Array, extent: Array, center: Array, seen: Silhouettes, density: float
+    R: Array, extent: Array, center: Array, outline: Silhouettes, density: float
 ) -> StripDrag:
     """One strip along the longest axis of a body, through its centre of buoyancy.
 
@@ -108,11 +108,11 @@ def strip_of(
         extent: (3,) [m] lowest and highest position along the longest axis from `center`, and the
             length.
         center: (3,) [m] centre of buoyancy, body frame.
-        seen: silhouettes along the principal axes.
+        outline: silhouettes along the principal axes.
         density: [kg/m^3].
     """
     low, high, length = extent
-    force = 0.5 * density * seen.coefficients * seen.area
+    force = 0.5 * density * outline.coefficients * outline.area
 
     return StripDrag(
         start=center + low * R[:, 0],
@@ -169,8 +169,8 @@ def _spin(corners: Array, surface: UnionSurface) -> Array:
     return spin_integral(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
-def _coefficients(seen: Silhouettes) -> str:
-    return f"C_d {figures(seen.coefficients)} on {figures(1e4 * seen.area)} cm^2"
+def _coefficients(outline: Silhouettes) -> str:
+    return f"C_d {figures(outline.coefficients)} on {figures(1e4 * outline.area)} cm^2"
 
 
 def figures(values: Array) -> str:

@@ -9,15 +9,16 @@
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
 
 import mujoco
 
 from uuv.models import hydrodynamics
 from uuv.models.files import sidecar
+from uuv.models.files.holding import hold, massless
+from uuv.models.files.mesh_shapes import MESHES
 from uuv.models.files.mjcf_files import read_mjcf
-from uuv.models.files.urdf import MESHES, UrdfRobot, couple, is_urdf, mesh_file, parse, take_mimics
-from uuv.models.files.urdf_vehicle import with_floating_root
+from uuv.models.files.urdf import is_urdf, parse
+from uuv.models.files.urdf_vehicle import spec_of_urdf
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import existing_file
 from uuv.sim.interfaces.spatial import finite_number, shown
@@ -169,96 +170,37 @@ def make_neutral(spec: mujoco.MjSpec) -> None:
 
 
 def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[str]]:
-    """Spec of a URDF, its welded links kept."""
+    """Spec of a URDF, its welded links kept; what has no mass is fixed to what carries it."""
     robot = parse(path, f"model {shown(str(path))}")
-    notes = []
+    needed = ("visual", "collision") if visual else ("collision",)
+    spec, notes = spec_of_urdf(robot, path.resolve().parent, floats=free, needed=needed)
+
+    root = spec.worldbody.bodies[0]
+    # A link with shapes and no <inertial> is a slip, one without either or of 1 g a frame.
+    frames = [
+        joint for joint in massless(spec) if joint.parent.explicitinertial or not joint.parent.geoms
+    ]
+    notes += hold(spec, frames, "for what they carry has no mass or inertia")
     if free:
-        robot, notes = with_floating_root(robot)
-    notes += _found_meshes(robot, path, visual)
-    mimics = take_mimics(robot)
-
-    # Options of MuJoCo's reader, beside those of the file.
-    extension = robot.xml.find("mujoco")
-    extension = ElementTree.SubElement(robot.xml, "mujoco") if extension is None else extension
-    compiler = extension.find("compiler")
-    compiler = ElementTree.SubElement(extension, "compiler") if compiler is None else compiler
-    compiler.attrib.pop("meshdir", None)
-    compiler.attrib.update(_DIRECTIVES)
-
-    try:
-        spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
-        couple(spec, mimics)
-        if free:
-            spec.body(robot.root).add_freejoint()
-    except (ValueError, TypeError, AttributeError, mujoco.FatalError) as error:
-        raise ConfigurationError(
-            f"{robot.name}: MuJoCo does not accept it: {_line(error)}"
-        ) from error
+        root.add_freejoint()
     return _compiling(spec, robot.name), notes
 
 
-def _found_meshes(robot: UrdfRobot, path: Path, visual: bool) -> list[str]:
-    """Put paths of mesh files into a robot's XML; visual meshes that MuJoCo does not read go.
-
-    `visual` False: those of links without another shape, and those that are missing, go too.
-    """
-    left_out = []
-    extension = robot.xml.find("mujoco/compiler")
-    folder = path.parent / (extension.get("meshdir", "") if extension is not None else "")
-    for link in robot.xml.findall("link"):
-        for part in [*link.findall("visual"), *link.findall("collision")]:
-            mesh = part.find("geometry/mesh")
-            if mesh is None:
-                continue
-            subject = f"{robot.name}: link {link.get('name')!r}: mesh"
-            name = mesh.get("filename", "")
-            if not name:
-                raise ConfigurationError(f"{subject}: it has no filename")
-
-            spared = part.tag == "visual" and not visual
-            if Path(name).suffix.lower() not in MESHES:
-                if not spared and (part.tag == "collision" or link.find("collision") is None):
-                    raise ConfigurationError(
-                        f"{subject} {shown(name)}: MuJoCo reads {', '.join(MESHES)}; convert it"
-                    )
-                link.remove(part)
-                left_out.append(name)
-                continue
-
-            mesh_path = mesh_file(name, folder)
-            if mesh_path is None and spared:
-                link.remove(part)
-                left_out.append(name)
-                continue
-            if mesh_path is None:
-                raise ConfigurationError(
-                    f"{subject} {shown(name)}: there is no such file "
-                    f"(looked in {shown(str(folder))})"
-                )
-            mesh.set("filename", str(mesh_path))
-
-    if not left_out:
-        return []
-    endings = ", ".join(sorted({Path(name).suffix or name for name in left_out}))
-    why = (
-        f"MuJoCo does not read {endings}"
-        if visual
-        else (f"not there, or of no format that MuJoCo reads ({endings})")
-    )
-    return [f"{len(left_out)} visual meshes left out: {why}; collision geoms stand for them"]
-
-
-def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
+def _compiling(spec: mujoco.MjSpec, message: str) -> mujoco.MjSpec:
     """`spec` if MuJoCo compiles it, else with the inertia of its meshes' surfaces, maybe open."""
     try:
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         if "inertia of moving bodies" in str(error):
             raise ConfigurationError(
-                f"{said}: each link that moves needs an <inertial>: {_line(error)}"
+                f"{message}: each link that moves needs an <inertial>: {_line(error)}"
             ) from error
+
+        # Meshes that are not closed have no volume; their surfaces have an inertia.
         if "mesh" not in str(error):
-            raise ConfigurationError(f"{said}: MuJoCo cannot compile it: {_line(error)}") from error
+            raise ConfigurationError(
+                f"{message}: MuJoCo cannot compile it: {_line(error)}"
+            ) from error
 
         for mesh in spec.meshes:
             mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
@@ -266,7 +208,7 @@ def _compiling(spec: mujoco.MjSpec, said: str) -> mujoco.MjSpec:
             spec.compile()
         except (ValueError, mujoco.FatalError) as second:
             raise ConfigurationError(
-                f"{said}: MuJoCo cannot compile it: {_line(second)}"
+                f"{message}: MuJoCo cannot compile it: {_line(second)}"
             ) from second
     return spec
 

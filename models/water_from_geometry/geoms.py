@@ -79,6 +79,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
     """
     meshes: dict[int, Shells] = {}
     for g in geoms:
+        # Only shapes with an inside.
         kind = int(model.geom_type[g])
         name = _name(model, g)
         if kind not in _SHAPES:
@@ -88,6 +89,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
                 f"{', '.join(_SHAPES.values())}"
             )
 
+        # The shape in its own frame; a mesh is closed once for all geoms that use it.
         R, p = _in_body(model, g, body)
         if kind == int(_KINDS.mjGEOM_MESH):
             at = int(model.geom_dataid[g])
@@ -98,6 +100,7 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
             vertices, triangles = primitive(_SHAPES[kind], model.geom_size[g])
             shells = Shells(corners=vertices[triangles], said="closed form")
 
+        # In the body's frame, of a size that a vehicle may have.
         corners = shells.corners @ R.T + p
         extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if extent > LARGEST:
@@ -124,6 +127,7 @@ def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]
     R = rotation_from_quat_wxyz(model.geom_quat[geom])
     p = np.array(model.geom_pos[geom])
     at = int(model.geom_bodyid[geom])
+
     while at != body:
         outer = rotation_from_quat_wxyz(model.body_quat[at])
         R = outer @ R
@@ -143,6 +147,8 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
         Vertices (V, 3) [m] in the geom's frame, and triangles (T, 3).
     """
     x, y, z = (float(length) for length in size)
+
+    # Profile of a round shape, from pole to pole.
     angle = np.linspace(0.0, np.pi, _RINGS)
     arc = np.column_stack([-np.cos(angle), np.sin(angle)])
     arc[[0, -1], 1] = 0.0
@@ -167,6 +173,7 @@ def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
         wider = np.sqrt(true / volume(vertices, triangles))
         return vertices * [wider, wider, 1.0], triangles
 
+    # Sphere or ellipsoid.
     vertices, triangles = revolve(arc, _SIDES)
     vertices = vertices * (4.0 / 3.0 * np.pi / volume(vertices, triangles)) ** (1.0 / 3.0)
     return vertices[:, [1, 2, 0]] * ([x, x, x] if shape == "sphere" else [x, y, z]), triangles

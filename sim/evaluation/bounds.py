@@ -20,6 +20,7 @@ class Bounds:
     off_speed: float = 2.0 / 3.0  # share of the path below it, in ramps, bends and stops
     position_error: float = 0.005  # [m] of the identification
     position_error_share: float = 0.005  # of the range
-    tilt: float = float(np.radians(3.0))  # [rad] tool and hull; infinite: it is not judged
+    tilt: float = float(np.radians(3.0))  # [rad] of the tool; infinite: it is not judged
+    heel: float = float(np.radians(3.0))  # [rad] likewise
     # [m] of work without contact: sum of the bounds of identification and path
     gap_error: float = 0.008

@@ -88,12 +88,12 @@ def bootstrap_interval(
     if not count:
         raise ConfigurationError("bootstrap: expected at least one value, got none")
     if count == 1:  # every resample is the sample, which SciPy refuses
-        value = float(statistic(*samples, axis=0))
-        return Bootstrap(value, value, np.full(resamples, value))
+        estimate = float(statistic(*samples, axis=0))
+        return Bootstrap(estimate, estimate, np.full(resamples, estimate))
 
     from scipy.stats import bootstrap
 
-    result = bootstrap(
+    resampled = bootstrap(
         samples,
         statistic,
         n_resamples=resamples,
@@ -104,8 +104,8 @@ def bootstrap_interval(
         method="percentile",
         rng=rng,
     )
-    interval = result.confidence_interval
-    return Bootstrap(float(interval.low), float(interval.high), result.bootstrap_distribution)
+    interval = resampled.confidence_interval
+    return Bootstrap(float(interval.low), float(interval.high), resampled.bootstrap_distribution)
 
 
 def ratio_interval(

@@ -97,8 +97,8 @@ class Requirement:
             return ""
         if self.value is None:
             return f"{self.name}: no value"
-        value, bound = self.value * self.scale, self.bound * self.scale
-        return f"{self.name}: {value:.3g} {self.unit}, allowed {bound:.3g} {self.unit}"
+        figure, bound = self.value * self.scale, self.bound * self.scale
+        return f"{self.name}: {figure:.3g} {self.unit}, allowed {bound:.3g} {self.unit}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -338,7 +338,7 @@ def assess(
         ),
         # the hull
         Requirement("hull excursion, peak", hull.excursion_max_m, None, "mm", mm),
-        Requirement("hull tilt, peak", hull.tilt_max_rad, _judged(bounds.tilt), "deg", degrees),
+        Requirement("hull tilt, peak", hull.tilt_max_rad, _judged(bounds.heel), "deg", degrees),
     )
 
     others = () if identification.accepted else ("the object was not identified",)
@@ -552,9 +552,9 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
 
     tree = cKDTree(p)
     near = tree.query_ball_point(p[tree.query(tip_T)[1]], CORNER)
-    first = np.cumsum([0, *(len(each) for each in near[:-1])])
+    first = np.cumsum([0, *(len(points) for points in near[:-1])])
     row, point = (
-        np.repeat(np.arange(len(near)), [len(each) for each in near]),
+        np.repeat(np.arange(len(near)), [len(points) for points in near]),
         np.concatenate(near).astype(np.int64),
     )
 
@@ -581,8 +581,8 @@ def _finely(path: ModelPath) -> tuple[Array, Array]:
     steps = Steps.of(path.a, path.b)
     smooth = steps.taken_out(path.a, path.b)
     p, a, b = (
-        np.column_stack([np.interp(fine, s, column) for column in each.T])
-        for each in (path.p, path.a, smooth)
+        np.column_stack([np.interp(fine, s, column) for column in curve.T])
+        for curve in (path.p, path.a, smooth)
     )
 
     return p, steps.put_back(a, b, np.interp(fine, s, np.arange(len(s))))
@@ -597,18 +597,18 @@ def joint_figures(recording: "Recording") -> JointMetrics:
     rows = np.searchsorted(state.time, q.time)
     work = recording.within(WorkState.WORK)[np.minimum(rows, len(state.time) - 1)]
 
-    return JointMetrics(reversals=int(sum(reversals(each) for each in q.value[work].T)))
+    return JointMetrics(reversals=int(sum(reversals(angles) for angles in q.value[work].T)))
 
 
 def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
     """Number of direction changes of a joint's motion q (N,) [rad] beyond a `hysteresis`."""
     count, way, extreme = 0, 0, q[0] if len(q) else 0.0
-    for value in q:
-        if way * (value - extreme) > 0.0 or (way == 0 and abs(value - extreme) > hysteresis):
-            way = way or (1 if value > extreme else -1)
-            extreme = value
-        elif way and way * (extreme - value) > hysteresis:
-            count, way, extreme = count + 1, -way, value
+    for angle in q:
+        if way * (angle - extreme) > 0.0 or (way == 0 and abs(angle - extreme) > hysteresis):
+            way = way or (1 if angle > extreme else -1)
+            extreme = angle
+        elif way and way * (extreme - angle) > hysteresis:
+            count, way, extreme = count + 1, -way, angle
 
     return count
 
@@ -646,9 +646,9 @@ def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
     """
     time, tip_T, _ = _at_work(recording, truth)
     surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
-    found, normal = surface.closest(tip_T)
-    outside = np.sum((tip_T - found) * normal, axis=1) > 0.0
-    return time, np.where(outside, np.linalg.norm(tip_T - found, axis=1), 0.0)
+    p_surface, normal = surface.closest(tip_T)
+    outside = np.sum((tip_T - p_surface) * normal, axis=1) > 0.0
+    return time, np.where(outside, np.linalg.norm(tip_T - p_surface, axis=1), 0.0)
 
 
 def _at_work(recording: "Recording", truth: TrueObject) -> tuple[Array, Array, Array]:
@@ -765,16 +765,16 @@ def _identification(recording: "Recording", truth: TrueObject) -> Identification
     """
     if not recording.targets:
         return unmeasured(IdentificationMetrics, accepted=False, views=0)
-    found = recording.targets[-1]
-    worked_on = recording.goes_by or found
-    position, orientation = truth.model.symmetry.error(worked_on.X_WT, truth.X_WT)
+    last_target = recording.targets[-1]
+    target_in_use = recording.goes_by or last_target
+    position, orientation = truth.model.symmetry.error(target_in_use.X_WT, truth.X_WT)
 
     return IdentificationMetrics(
         position_error_m=_finite(position),
         orientation_error_rad=_finite(orientation),
-        range_m=_finite(found.range_m),
-        check_m=_finite(found.check_m),
-        accepted=worked_on.accepted,
+        range_m=_finite(last_target.range_m),
+        check_m=_finite(last_target.check_m),
+        accepted=target_in_use.accepted,
         views=len(recording.targets),
     )
 

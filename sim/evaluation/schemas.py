@@ -98,7 +98,8 @@ def _object(kind: type) -> dict[str, Any]:
 
 
 def _type(hint: Any) -> dict[str, Any]:
-    origin, args = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    args = get_args(hint)
     if origin in (Union, types.UnionType):
         (inner,) = (arg for arg in args if arg is not type(None))
         inner_type = _type(inner)

@@ -150,6 +150,7 @@ def assess_seabed_work(
     bounds = bounds or SeabedBounds()
     target = recording.targets[-1] if recording.targets else None
     worked = truth.push is not None, recording.within(WorkState.WORK).any()
+
     surface = _surface(target, truth, bounds)
     core = _core(recording, truth) if worked == (True, True) else None
     drag = _drag(recording, truth) if worked == (False, True) else None
@@ -193,18 +194,19 @@ def _drag_checks(drag: DragMetrics | None, bounds: SeabedBounds) -> tuple[Requir
     )
 
 
-def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> TargetMetrics:
+def _surface(target: Target | None, truth: TrueGround, bounds: SeabedBounds) -> TargetMetrics:
     """Error of the target heights from the true ground, at the ends of the path."""
-    if found is None or found.path is None:
-        return unmeasured(TargetMetrics, accepted=found is not None and found.accepted)
-    ends = found.path.p[[0, -1]] if truth.push is None else found.path.p[:1]
+    if target is None or target.path is None:
+        return unmeasured(TargetMetrics, accepted=target is not None and target.accepted)
+    ends = target.path.p[[0, -1]] if truth.push is None else target.path.p[:1]
+
     off = np.abs(ends[:, 2] - truth.ground.height(ends))
-    allowed = bounds.target + bounds.target_share * found.range_m
+    allowed = bounds.target + bounds.target_share * target.range_m
     return TargetMetrics(
-        accepted=found.accepted,
+        accepted=target.accepted,
         target_error_max_m=float(off.max()),
         target_error_share=float(off.max() / allowed),
-        range_m=float(found.range_m),
+        range_m=float(target.range_m),
     )
 
 

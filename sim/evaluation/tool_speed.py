@@ -32,21 +32,23 @@ def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
     moving = commanded > STANDSTILL
     if not moving.any():
         return unmeasured(SpeedMetrics, set=asked)
-    paces = [found.path.pace for found in recording.targets if found.path is not None]
+    paces = [target.path.pace for target in recording.targets if target.path is not None]
     set_speed = float(commanded.max()) if asked is None else asked * (paces[-1] if paces else 1.0)
 
     # Way of the tip along the commanded motion, between neighbouring rows of one stretch.
-    time, tip = recording["p_pad"].time[work], recording["p_pad"].value[work]
+    time = recording["p_pad"].time[work]
+    tip = recording["p_pad"].value[work]
     tangent = velocity[1:] / np.maximum(commanded[1:], STANDSTILL)[:, None]
-    way, took = np.sum(np.diff(tip, axis=0) * tangent, axis=1), np.diff(time)
-    together = moving[1:] & moving[:-1] & (took < 1.5 * recording.timestep)
+    way = np.sum(np.diff(tip, axis=0) * tangent, axis=1)
+    intervals = np.diff(time)
+    together = moving[1:] & moving[:-1] & (intervals < 1.5 * recording.timestep)
 
     fast = together & (commanded[1:] >= AT_SPEED * set_speed)
-    travelled = float(commanded[1:][together] @ took[together])
-    at_speed = float(commanded[1:][fast] @ took[fast])
+    travelled = float(commanded[1:][together] @ intervals[together])
+    at_speed = float(commanded[1:][fast] @ intervals[fast])
 
     return SpeedMetrics(
         set=set_speed,
-        mean=float(way[fast].sum() / took[fast].sum()) if fast.any() else None,
+        mean=float(way[fast].sum() / intervals[fast].sum()) if fast.any() else None,
         share=at_speed / travelled if travelled > 0.0 else None,
     )

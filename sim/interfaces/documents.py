@@ -116,14 +116,14 @@ def toml_value(text: str) -> Any:
 
 def _document(text: str, what: str, parse: Callable[[str], Any], *, finite: bool = False) -> Any:
     try:
-        value = parse(text)
+        document = parse(text)
     except RecursionError as error:
         raise ConfigurationError(f"{what}: more than {DEEPEST} tables deep") from error
     except ValueError as error:
         raise ConfigurationError(f"{what}: cannot be read ({error})") from error
 
     try:
-        return checked(value, finite=finite)
+        return checked(document, finite=finite)
     except ConfigurationError as error:
         raise ConfigurationError(f"{what}: {error}") from error
 
@@ -217,10 +217,10 @@ def _table_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     """A JSON object; a key that stands in it twice would hide a value."""
     table: dict[str, Any] = {}
 
-    for key, value in pairs:
+    for key, entry in pairs:
         if key in table:
             raise ValueError(f"the key {shown(key)} stands twice in one table")
-        table[key] = value
+        table[key] = entry
     return table
 
 
@@ -263,11 +263,11 @@ class _YamlEvents:
             return None
 
         self._events.get_event()  # of the document
-        value = self._value(self._events.get_event(), DEEPEST)
+        document = self._value(self._events.get_event(), DEEPEST)
         self._events.get_event()  # end of the document
         if not self._events.check_event(self._kinds.StreamEndEvent):
             raise ValueError("more than one document, parted by ---")
-        return value
+        return document
 
     def _value(self, event: Any, depth: int) -> Any:
         """Value that begins with an event."""
@@ -277,35 +277,35 @@ class _YamlEvents:
         before = self._count
         self._count += 1
         if isinstance(event, self._kinds.ScalarEvent):
-            value = self._scalar(event)
+            node = self._scalar(event)
         else:
             if event.tag not in (None, "!", f"{_YAML}seq", f"{_YAML}map"):
                 raise self._fault(event, self._foreign(event.tag))
             if not depth:
                 raise self._fault(event, f"more than {DEEPEST} tables deep")
             is_list = isinstance(event, self._kinds.SequenceStartEvent)
-            value = self._list(depth - 1) if is_list else self._table(depth - 1)
+            node = self._list(depth - 1) if is_list else self._table(depth - 1)
 
         if event.anchor is not None:
-            self._anchored[event.anchor] = value, self._count - before
-        return value
+            self._anchored[event.anchor] = node, self._count - before
+        return node
 
     def _alias(self, event: Any) -> Any:
         if event.anchor not in self._anchored:
             name = shown(event.anchor)
             raise self._fault(event, f"no anchor {name} before it, or it is within its own")
 
-        value, count = self._anchored[event.anchor]
+        node, count = self._anchored[event.anchor]
         self._count += count
         if self._count > _MOST_UNFOLDED:
             raise self._fault(event, f"its aliases unfold to more than {_MOST_UNFOLDED} values")
-        return value
+        return node
 
     def _list(self, depth: int) -> list[Any]:
-        values = []
+        entries = []
         while not isinstance(event := self._events.get_event(), self._kinds.SequenceEndEvent):
-            values.append(self._value(event, depth))
-        return values
+            entries.append(self._value(event, depth))
+        return entries
 
     def _table(self, depth: int) -> dict[str, Any]:
         table: dict[str, Any] = {}
@@ -314,13 +314,13 @@ class _YamlEvents:
         while not isinstance(event := self._events.get_event(), self._kinds.MappingEndEvent):
             if not isinstance(event, self._kinds.ScalarEvent):
                 raise self._fault(event, "a key must be one word")
-            value = self._value(self._events.get_event(), depth)
+            node = self._value(self._events.get_event(), depth)
             if event.value == "<<" and event.implicit[0]:
-                merged |= self._merged(event, value)
+                merged |= self._merged(event, node)
             elif event.value in table:
                 raise self._fault(event, f"the key {shown(event.value)} stands twice in one table")
             else:
-                table[event.value] = value
+                table[event.value] = node
         return merged | table
 
     def _merged(self, event: Any, value: Any) -> dict[str, Any]:

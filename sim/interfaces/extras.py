@@ -8,10 +8,13 @@ from importlib.util import find_spec
 from uuv.sim.interfaces.errors import MissingLibraryError
 
 LOG = "log"  # the extra that log and report need
+BRIDGE = "bridge"  # the extra of files and doors of other programs
 EXTRAS = {  # module: extra, as in pyproject.toml
     "embreex": "perception",
     "trimesh": "perception",
     "charset_normalizer": "perception",
+    "collada": "vehicles",
+    "xacro": "vehicles",
     "matplotlib": LOG,
     "PIL": LOG,
     "plotly": LOG,
@@ -20,6 +23,9 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "dm_control": "rl",
     "dm_env": "rl",
     "gymnasium": "rl",
+    "mcap": BRIDGE,
+    "rosbags": BRIDGE,
+    "pymavlink": BRIDGE,
     "ray": "cluster",
     "open3d": "open3d",
 }
@@ -54,11 +60,11 @@ def check_dm_control_physics() -> None:
     """
     from importlib.metadata import version
 
-    here = version("mujoco")
-    if int(here.partition(".")[0]) > DM_CONTROL_RUNS:
+    installed = version("mujoco")
+    if int(installed.partition(".")[0]) > DM_CONTROL_RUNS:
         raise MissingLibraryError(
             f"this needs dm_control's physics, which runs on MuJoCo {DM_CONTROL_RUNS} (here "
-            f"{here}): {to_install('rl')}"
+            f"{installed}): {to_install('rl')}"
         )
 
 
@@ -86,6 +92,6 @@ def wanted() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        if (told := missing(error)) is not None:
-            raise told from error
+        if (absence := missing(error)) is not None:
+            raise absence from error
         raise

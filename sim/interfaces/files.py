@@ -57,16 +57,16 @@ def existing_file(file: Any, what: str) -> Path:
         raise ConfigurationError(f"{what}: expected the name of a file, got {shown(file)}")
     path = Path(file)
     try:
-        found = path.is_file()
+        exists = path.is_file()
     except (OSError, ValueError) as error:
         # a name of more than 255 characters, or a cycle of links
         raise ConfigurationError(f"{what} {shown(str(path))}: {_why(error)}") from error
 
-    if not found:
-        there = "there is no such file"
+    if not exists:
+        fault = "there is no such file"
         if path.exists():
-            there = "it is a folder" if path.is_dir() else "it is no regular file"
-        raise ConfigurationError(f"{what} {shown(str(path))}: {there}")
+            fault = "it is a folder" if path.is_dir() else "it is no regular file"
+        raise ConfigurationError(f"{what} {shown(str(path))}: {fault}")
     return path
 
 

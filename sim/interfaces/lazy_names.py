@@ -31,8 +31,8 @@ def names_of_stub(
     def get(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}; it has {names}")
-        module, name_there = homes[name]
-        return getattr(import_module(module), name_there)
+        module, original_name = homes[name]
+        return getattr(import_module(module), original_name)
 
     def listed() -> list[str]:
         return sorted({*vars(import_module(package)), *names})
@@ -43,17 +43,17 @@ def names_of_stub(
 def _homes(stub: Path) -> dict[str, tuple[str, str]]:
     """Of each name of a stub: the module, and the name there."""
     imported: dict[str, tuple[str, str]] = {}
-    handed_out: dict[str, tuple[str, str]] = {}
+    exports: dict[str, tuple[str, str]] = {}
 
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom) and node.module is not None:
             for alias in node.names:
                 imported[alias.asname or alias.name] = node.module, alias.name
                 if alias.asname == alias.name:
-                    handed_out[alias.name] = node.module, alias.name
+                    exports[alias.name] = node.module, alias.name
 
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Name):
             for target in node.targets:
                 if isinstance(target, ast.Name):
-                    handed_out[target.id] = imported[node.value.id]
-    return handed_out
+                    exports[target.id] = imported[node.value.id]
+    return exports

@@ -469,6 +469,11 @@ class Reference:
     # for navigation; None: the tool moves, or nothing new is to be said
     at_rest: ToolAtRest | None = None
 
+    @property
+    def in_contact(self) -> bool:
+        """True while the tool is to touch something."""
+        return self.set_force > 0.0 or self.force_control
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactEstimate:

@@ -120,9 +120,9 @@ def figure(title: str, about: str, drawing: Drawing) -> Html:
     svg = io.BytesIO()
     # The page says when a result was made, where that matters; its figures do not.
     drawing.savefig(svg, format="svg", dpi=160, metadata={"Date": None})
-    data = base64.b64encode(svg.getvalue()).decode("ascii")
+    encoded = base64.b64encode(svg.getvalue()).decode("ascii")
 
-    image = Html(f'<img alt="{text(title)}" src="data:image/svg+xml;base64,{data}">')
+    image = Html(f'<img alt="{text(title)}" src="data:image/svg+xml;base64,{encoded}">')
     return section(title, image, caption(about))
 
 

@@ -70,8 +70,8 @@ class PoseCovariance:
 
     def chance_within(self, position: float, angle: float) -> float:
         """Probability of a held error within `position` [m] and `angle` [rad], by Monte Carlo."""
-        values, vectors = np.linalg.eigh(self.matrix)
-        drawn = _normal_draws() @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        eigenvalues, vectors = np.linalg.eigh(self.matrix)
+        drawn = _normal_draws() @ (vectors * np.sqrt(np.maximum(eigenvalues, 0.0))).T
         near = np.sum(drawn[:, :3] ** 2, axis=1) < position**2
 
         return float(
@@ -95,17 +95,17 @@ class PoseCovariance:
             return "none"
 
         mixed, turns, _ = np.linalg.svd(self.free[:, 3:])
-        said = []
+        phrases = []
         for i, twist in enumerate(mixed.T @ self.free):
             turn = i < len(turns) and turns[i] > _RESISTED
             axis = twist[3:] if turn else twist[:3]
             axis = (
                 axis / np.linalg.norm(axis) * (1.0 if axis[np.abs(axis).argmax()] > 0.0 else -1.0)
             )
-            x, y, z = (f"{value:.2f}".replace("-0.00", "0.00") for value in axis)
-            said.append(f"a {'turn about' if turn else 'slide along'} ({x}, {y}, {z})")
+            x, y, z = (f"{coordinate:.2f}".replace("-0.00", "0.00") for coordinate in axis)
+            phrases.append(f"a {'turn about' if turn else 'slide along'} ({x}, {y}, {z})")
 
-        return ", ".join(said)
+        return ", ".join(phrases)
 
     def sigma(self, p_A: ArrayLike, direction_A: ArrayLike) -> float:
         """Standard deviation [m] of a point of the object along a direction; inf if it is free.
@@ -139,10 +139,10 @@ class PoseCovariance:
         """
         points = checked_rows(points_A, 3, "points")
         rows = self._rows(points, checked(directions_A, points.shape, "directions"))
-        told = rows - rows @ self.same.T @ self.same
+        observed = rows - rows @ self.same.T @ self.same
         square = np.einsum("ni,ij,nj->n", rows, self.matrix, rows)
 
-        loose = np.linalg.norm(told @ self.free.T, axis=1) > _RESISTED
+        loose = np.linalg.norm(observed @ self.free.T, axis=1) > _RESISTED
         return np.where(loose, np.inf, np.sqrt(np.maximum(square, 0.0)))
 
     def normalised_error(self, X_AT: ArrayLike, X_AT_true: ArrayLike) -> float:
@@ -158,7 +158,8 @@ class PoseCovariance:
 
     def twist(self, X_AT: ArrayLike, X_AT_other: ArrayLike) -> Array:
         """Twist (6,) [m] from this covariance's estimate `X_AT` (4, 4) to another pose (4, 4)."""
-        estimate, other = checked_pose(X_AT, "X_AT"), checked_pose(X_AT_other, "other X_AT")
+        estimate = checked_pose(X_AT, "X_AT")
+        other = checked_pose(X_AT_other, "other X_AT")
 
         middle = transform_points(inverse(estimate), self.center)
         off = transform_points(other, middle) - self.center
@@ -254,8 +255,8 @@ class PoseCovariance:
 def common_free(frees: Sequence[Array]) -> Array:
     """Orthonormal twists (k, 6) free in each of several sets (k_i, 6), up to direction noise."""
     resisted = sum((np.eye(6) - free.T @ free for free in frees), np.zeros((6, 6))) / len(frees)
-    values, vectors = np.linalg.eigh(resisted)
-    return np.asarray(vectors[:, values < 1.0 - _ONE].T, dtype=np.float64)
+    eigenvalues, vectors = np.linalg.eigh(resisted)
+    return np.asarray(vectors[:, eigenvalues < 1.0 - _ONE].T, dtype=np.float64)
 
 
 def mean_pose(
@@ -304,19 +305,19 @@ def mean_pose(
     # Scatter about the mean, over what is stated.
     off = [twist - mean for twist in twists]
     degrees = sum(covariance.degrees for covariance in aligned) - (6 - len(free))
-    square = sum(float(one @ weight @ one) for one, weight in zip(off, weights, strict=True))
+    square = sum(float(twist @ weight @ twist) for twist, weight in zip(off, weights, strict=True))
     scatter = square / degrees if degrees > 0 else 0.0
 
     shared = held @ checked(common, (6, 6), "common") @ held
     # The error that all share does not shrink. Scatter beyond what is stated widens the rest.
-    own = sum(
+    unshared = sum(
         (
             spread @ weight @ (covariance.matrix - shared) @ weight @ spread
             for weight, covariance in zip(weights, aligned, strict=True)
         ),
         np.zeros((6, 6)),
     )
-    matrix = max(1.0, scatter) * own + shared
+    matrix = max(1.0, scatter) * unshared + shared
     same = last.same if len(free) else np.zeros((0, 6))
 
     return (

@@ -67,11 +67,11 @@ class ReferenceRecord(NamedTuple):
     q: Array  # (n,) [rad] joint angles to hold
     qd: Array  # (n,) [rad/s]
     set_force: Array  # (1,) [N] normal force to press with
-    flags: np.ndarray  # (5,) bool, entries FOLLOWS to STANDING
+    flags: np.ndarray  # (6,) bool, entries FOLLOWS to IN_CONTACT
 
 
 # Entries of `ReferenceRecord.flags`: a tool pose is followed; and the fields of these names
-FOLLOWS, CONTROLLED, TARE, COMPLIANT, STANDING = range(5)
+FOLLOWS, CONTROLLED, TARE, COMPLIANT, STANDING, IN_CONTACT = range(6)
 
 
 def imu_record() -> ImuRecord:
@@ -87,7 +87,8 @@ def joint_record(joints: int) -> JointRecord:
 def estimate_record(joints: int) -> EstimateRecord:
     """Record of a vehicle at rest at the origin of the world, with so many joints."""
     v, w, a, sigma, moved, gyro, attitude = np.zeros((7, 3))
-    unknown, ages = np.full(1, math.nan), np.zeros(4)
+    unknown = np.full(1, math.nan)
+    ages = np.zeros(4)
     joint = joint_record(joints)
     off = gyro, attitude, np.zeros(joints)
     beside = sigma, unknown, ages, moved, *off
@@ -107,7 +108,7 @@ def reference_record(joints: int) -> ReferenceRecord:
         q=np.zeros(joints),
         qd=np.zeros(joints),
         set_force=np.zeros(1),
-        flags=np.zeros(5, np.bool_),
+        flags=np.zeros(6, np.bool_),
     )
 
 
@@ -132,7 +133,8 @@ def take_reference(record: ReferenceRecord, reference: Reference) -> None:
     """Write the set points of a message into `record`."""
     r = reference
     record.time[0] = r.time
-    record.flags[:] = r.X_WG is not None, r.force_control, r.tare, r.compliant, r.standing
+    follows = r.X_WG is not None
+    record.flags[:] = follows, r.force_control, r.tare, r.compliant, r.standing, r.in_contact
 
     # Hull.
     record.X_WB[:] = r.X_WB
@@ -172,5 +174,5 @@ def state_estimate(record: EstimateRecord) -> StateEstimate:
         object_moved_W=record.object_moved_W.copy(),
         gyro_off_B=record.gyro_off_B.copy(),
         attitude_off_B=record.attitude_off_B.copy(),
-        tau_doubt=record.tau_doubt.copy() if record.tau_doubt.any() else None,
+        tau_doubt=record.tau_doubt.copy() if np.count_nonzero(record.tau_doubt) else None,
     )

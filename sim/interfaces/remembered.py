@@ -31,25 +31,25 @@ def remembered(most: int, owners: int = 0) -> Decorator[Owner, Rest, Result]:
     """
 
     def decorated(function: Function[Owner, Rest, Result]) -> Function[Owner, Rest, Result]:
-        results: WeakKeyDictionary[Any, dict[Any, Any]] = WeakKeyDictionary()
+        memory: WeakKeyDictionary[Any, dict[Any, Any]] = WeakKeyDictionary()
         latest: deque[Owner] = deque(maxlen=owners)
 
         @wraps(function)
         def remembering(owner: Owner, *rest: Rest.args, **named: Rest.kwargs) -> Result:
-            of_owner = results.get(owner)
+            of_owner = memory.get(owner)
             if of_owner is None:
-                of_owner = results.setdefault(owner, {})
+                of_owner = memory.setdefault(owner, {})
                 latest.append(owner)
 
             key = (rest, *named.items())
-            result = of_owner.get(key, _NONE)
-            if result is _NONE:
-                result = function(owner, *rest, **named)
-                if result is not owner:
-                    of_owner[key] = result
+            outcome = of_owner.get(key, _NONE)
+            if outcome is _NONE:
+                outcome = function(owner, *rest, **named)
+                if outcome is not owner:
+                    of_owner[key] = outcome
                 while len(of_owner) > most:
                     of_owner.pop(next(iter(of_owner)), None)
-            return result
+            return outcome
 
         return remembering
 

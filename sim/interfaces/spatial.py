@@ -22,7 +22,8 @@ _FLOAT64 = np.dtype(np.float64)
 
 GRAVITY = 9.81  # [m/s^2], along -z of W
 FARTHEST = 1e9  # [m] largest coordinate accepted; up to there float64 resolves a micrometre
-_EYE, _LAST_ROW = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
+_EYE = np.eye(3)
+_LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def readonly(values: ArrayLike) -> Array:
@@ -51,7 +52,9 @@ _MOST_SHOWN = 80  # [characters] longest text of a value in a message
 _FEW = 16  # numbers of an array that are printed in full: those of a pose
 _REPR = reprlib.Repr()
 _REPR.maxlist = _REPR.maxtuple = _REPR.maxdict = _REPR.maxset = 6
-_REPR.maxlong, _REPR.maxstring, _REPR.maxother = 30, _MOST_SHOWN, _MOST_SHOWN
+_REPR.maxlong = 30
+_REPR.maxstring = _MOST_SHOWN
+_REPR.maxother = _MOST_SHOWN
 
 
 def unit_vector(values: ArrayLike, name: str) -> Array:
@@ -62,6 +65,7 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
             `name`.
     """
     vector = checked(values, (3,), name)
+
     largest = float(np.abs(vector).max())
     if not largest > 1e-9:
         raise ConfigurationError(f"{name}: must not be zero")
@@ -111,11 +115,11 @@ def real_array(values: Any, name: str, wanted: str = "numbers") -> Array:
             refused.
     """
     try:
-        given = np.asarray(values)
-        if given.dtype.kind not in "biufO":
-            raise TypeError(f"{given.dtype} is not a real number")
+        array = np.asarray(values)
+        if array.dtype.kind not in "biufO":
+            raise TypeError(f"{array.dtype} is not a real number")
         with np.errstate(over="ignore"):  # a float beyond float64 becomes infinite
-            return np.array(given, dtype=np.float64)
+            return np.array(array, dtype=np.float64)
     except Exception as error:  # a foreign object's `__array__` or `__float__` can raise anything
         raise ConfigurationError(f"{name}: expected {wanted}, got {shown(values)}") from error
 
@@ -174,6 +178,7 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
     """
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
+
     # Plain differences of finite numbers: np.allclose takes ten times as long.
     rigid = (
         np.abs(R).max() < 2.0 and np.abs(R.T @ R - _EYE).max() <= 1e-6 and np.linalg.det(R) > 0.0
@@ -239,11 +244,15 @@ def spread_directions(count: int) -> Array:
     spiral.
     """
     axes = np.vstack([np.eye(3), -np.eye(3)])
+
     rest = count - len(axes)
     if rest <= 0:
         return axes[:count]
+
+    # Equal steps of height have equal areas; the golden angle between neighbours spreads them.
     k = np.arange(rest) + 0.5
-    z, turn = 1.0 - 2.0 * k / rest, np.pi * (1.0 + np.sqrt(5.0)) * k
+    z = 1.0 - 2.0 * k / rest
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * k
     r = np.sqrt(1.0 - z * z)
     return np.vstack([axes, np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
 
@@ -271,13 +280,14 @@ def finite_number(
     Raises:
         ConfigurationError: `value` is not finite or out of bounds.
     """
-    given = number(value, name)
-    if math.isfinite(given) and given > above and least <= given <= most:
-        return given
+    scalar = number(value, name)
+    if math.isfinite(scalar) and scalar > above and least <= scalar <= most:
+        return scalar
+
     word = "positive and finite" if above == 0.0 else "finite"
     bounds = ((">", above if above else -math.inf), (">=", least), ("<=", most))
-    said = "".join(f", {sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
-    raise ConfigurationError(f"{name}: must be {word}{said}, got {given:g}")
+    limits = "".join(f", {sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
+    raise ConfigurationError(f"{name}: must be {word}{limits}, got {scalar:g}")
 
 
 def whole_number(value: Any, name: str, *, least: int = 0, most: int | None = None) -> int:
@@ -318,8 +328,10 @@ def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
     """
     words = tuple(allowed)
     if not isinstance(value, str) or value not in words:
-        meant = did_you_mean(value, words)
-        raise ConfigurationError(f"{name}: allowed {', '.join(words)}, got {shown(value)}{meant}")
+        suggestion = did_you_mean(value, words)
+        raise ConfigurationError(
+            f"{name}: allowed {', '.join(words)}, got {shown(value)}{suggestion}"
+        )
     return value
 
 
@@ -372,7 +384,10 @@ def exp_so3(phi: ArrayLike) -> Array:
         s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
     else:
         angle = math.sqrt(square)
-        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+        s = math.sin(angle) / angle
+        c = (1.0 - math.cos(angle)) / square
+
+    # R = I + s [phi] + c [phi]^2
     rows = (
         1.0 - c * (y * y + z * z),
         c * x * y - s * z,
@@ -397,6 +412,8 @@ def rotation_vector_of(quaternion: Sequence[float]) -> tuple[float, float, float
     w, x, y, z = quaternion
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
+
+    # sin(angle/2) is the length of the vector part; near zero its ratio to the angle is 1/2.
     sine = math.sqrt(x * x + y * y + z * z)
     scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
     return scale * x, scale * y, scale * z
@@ -430,6 +447,8 @@ def quat_wxyz_from_rotation(R: Array) -> Array:
 def quaternion_of(rows: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z) of the three rows of a rotation; compiled code calls it too."""
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
+
+    # The largest of the four components is divided by: no difference of near numbers.
     trace = r00 + r11 + r22
     if trace >= max(r00, r11, r22):
         w, x, y, z = 1.0 + trace, r21 - r12, r02 - r20, r10 - r01
@@ -439,6 +458,7 @@ def quaternion_of(rows: Sequence[Sequence[float]]) -> tuple[float, float, float,
         w, x, y, z = r02 - r20, r01 + r10, 1.0 + r11 - r00 - r22, r21 + r12
     else:
         w, x, y, z = r10 - r01, r02 + r20, r12 + r21, 1.0 + r22 - r00 - r11
+
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return w / length, x / length, y / length, z / length
 
@@ -452,12 +472,16 @@ def rotation_from_z(z: ArrayLike, x_hint: ArrayLike) -> Array:
     """
     z_axis = np.asarray(z, dtype=np.float64)
     z_axis = z_axis / max(float(np.linalg.norm(z_axis)), 1e-300)
+
     x_axis = np.asarray(x_hint, dtype=np.float64)
     x_axis = x_axis - (x_axis @ z_axis) * z_axis
     length = float(np.linalg.norm(x_axis))
     if not length > 1e-9:
         raise ConfigurationError(f"x_hint {x_hint} must not be zero or parallel to z {z}")
     x_axis /= length
+
     R = np.empty((3, 3))
-    R[:, 0], R[:, 1], R[:, 2] = x_axis, cross(z_axis, x_axis), z_axis
+    R[:, 0] = x_axis
+    R[:, 1] = cross(z_axis, x_axis)
+    R[:, 2] = z_axis
     return R

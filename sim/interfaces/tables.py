@@ -62,9 +62,9 @@ class TableReader:
         if self.choose is not None:
             chosen, entry, where = self.choose(maker, table, where)
             table = self.table(entry, where)
-        values = self.values(chosen, table, where)
+        arguments = self.values(chosen, table, where)
         try:
-            return chosen(**values)
+            return chosen(**arguments)
         except ConfigurationError as error:
             if self.places_faults:
                 raise ConfigurationError(f"{where or self.whole}: {error}") from error
@@ -85,7 +85,7 @@ class TableReader:
             ConfigurationError: As `made` does.
         """
         slots = _slots(maker)
-        known = {key: value for key, value in table.items() if key in slots}
+        known = {key: entry for key, entry in table.items() if key in slots}
         if not self.passes_unknown:
             self.check_keys(table, slots, where)
 
@@ -95,8 +95,8 @@ class TableReader:
             raise ConfigurationError(f"{self.place(where)}: {', '.join(missing)} {are} missing")
 
         return {
-            key: self._value(slots[key].hint, value, _Spot(inside(where, key), slots[key].schema))
-            for key, value in known.items()
+            key: self._value(slots[key].hint, entry, _Spot(inside(where, key), slots[key].schema))
+            for key, entry in known.items()
         }
 
     def table(self, given: Any, where: str = "") -> dict[str, Any]:
@@ -131,59 +131,60 @@ class TableReader:
             return where
         return f"[{where}]" if where else self.whole
 
-    def _item(self, hint: Any, given: Any, outer: "_Spot", key: str | int) -> Any:
+    def _item(self, hint: Any, entry: Any, outer: "_Spot", key: str | int) -> Any:
         """`given`, which stands in a table or a list, as the type `hint` asks for."""
-        if not outer.schema and type(given) in _unchanged(hint):  # as most of a table of rows
-            return given
-        return self._value(hint, given, outer.of(key))
+        if not outer.schema and type(entry) in _unchanged(hint):  # as most of a table of rows
+            return entry
+        return self._value(hint, entry, outer.of(key))
 
-    def _value(self, hint: Any, given: Any, spot: "_Spot") -> Any:
+    def _value(self, hint: Any, entry: Any, spot: "_Spot") -> Any:
         """`given` as the type `hint` asks for, within the bounds of its field."""
-        value = self._typed(hint, given, spot)
+        typed = self._typed(hint, entry, spot)
         if spot.schema:
-            _check_bounds(value, spot)
-        return value
+            _check_bounds(typed, spot)
+        return typed
 
-    def _typed(self, hint: Any, given: Any, spot: "_Spot") -> Any:
-        origin, args = get_origin(hint), get_args(hint)
-        if given is None and type(None) in args:
+    def _typed(self, hint: Any, entry: Any, spot: "_Spot") -> Any:
+        origin = get_origin(hint)
+        args = get_args(hint)
+        if entry is None and type(None) in args:
             return None
         if origin in (Union, types.UnionType) and not _is_array(hint):
-            return self._typed(_option(args, given, spot), given, spot)
+            return self._typed(_option(args, entry, spot), entry, spot)
 
         # Single values.
         if hint is Any:
-            return given
+            return entry
         if hint in _WORDS:
-            return _plain(hint, given, spot)
+            return _plain(hint, entry, spot)
         if origin is Literal:
-            return _chosen(args, given, spot)
+            return _chosen(args, entry, spot)
 
         # Lists.
         if _is_array(hint):
-            return _array(given, spot)
+            return _array(entry, spot)
         if origin is tuple or origin is list:
-            items = self._several((args[0], Ellipsis) if origin is list else args, given, spot)
-            return items if origin is list else tuple(items)
+            entries = self._several((args[0], Ellipsis) if origin is list else args, entry, spot)
+            return entries if origin is list else tuple(entries)
 
         # Tables.
-        if not isinstance(given, Mapping):
-            raise spot.refused("a table", given)
+        if not isinstance(entry, Mapping):
+            raise spot.refused("a table", entry)
         if isinstance(origin, type) and issubclass(cast(Any, origin), Mapping):
-            return {key: self._item(args[1], value, spot, key) for key, value in given.items()}
-        return self.made(hint, given, spot.where)
+            return {key: self._item(args[1], element, spot, key) for key, element in entry.items()}
+        return self.made(hint, entry, spot.where)
 
-    def _several(self, args: tuple[Any, ...], given: Any, spot: "_Spot") -> list[Any]:
+    def _several(self, args: tuple[Any, ...], entry: Any, spot: "_Spot") -> list[Any]:
         """The items of a list, of one type where `args` ends with an ellipsis, else of one each."""
-        if not isinstance(given, list):
-            raise spot.refused("a list", given)
+        if not isinstance(entry, list):
+            raise spot.refused("a list", entry)
         if args[-1] is Ellipsis:
-            args = (args[0],) * len(given)
-        elif len(given) != len(args):
-            raise spot.refused(f"{len(args)} values", given)
+            args = (args[0],) * len(entry)
+        elif len(entry) != len(args):
+            raise spot.refused(f"{len(args)} values", entry)
 
-        pairs = enumerate(zip(args, given, strict=True))
-        return [self._item(arg, value, spot, i) for i, (arg, value) in pairs]
+        pairs = enumerate(zip(args, entry, strict=True))
+        return [self._item(arg, element, spot, i) for i, (arg, element) in pairs]
 
 
 # -- what a table is read into ---------------------------------------------------------------------
@@ -268,12 +269,12 @@ class _Spot:
         schema = {**unit, **stated} if isinstance(stated, Mapping) else unit
         return _Spot(inside(self.where, key), schema)
 
-    def refused(self, words: str, given: Any, hint: str = "") -> ConfigurationError:
+    def refused(self, words: str, entry: Any, hint: str = "") -> ConfigurationError:
         """Error for a value that is not what its field's title or, without one, `words` say."""
         unit = f" [{self.schema['unit']}]" if "unit" in self.schema else ""
         allowed = self.schema.get("title", words)
-        place = f"{self.where}{unit}"
-        return ConfigurationError(f"{place}: must be {allowed}, got {shown(given)}{hint}")
+        key = f"{self.where}{unit}"
+        return ConfigurationError(f"{key}: must be {allowed}, got {shown(entry)}{hint}")
 
     @property
     def limits(self) -> str:
@@ -286,7 +287,7 @@ class _Spot:
         return " and ".join(words)
 
 
-def _option(options: Iterable[Any], given: Any, spot: _Spot) -> Any:
+def _option(options: Iterable[Any], entry: Any, spot: _Spot) -> Any:
     """The kind among those of a union that a value is of; literals count as one kind."""
     options = [option for option in options if option is not type(None)]
     literals = [option for option in options if get_origin(option) is Literal]
@@ -296,10 +297,10 @@ def _option(options: Iterable[Any], given: Any, spot: _Spot) -> Any:
     if len(options) == 1:
         return options[0]
 
-    fitting = [option for option in options if _kind(option)[1](given)]
+    fitting = [option for option in options if _kind(option)[1](entry)]
     if not fitting:
         kinds = " or ".join(dict.fromkeys(_kind(option)[0] for option in options))
-        raise spot.refused(kinds, given, _if_quoted(options, given))
+        raise spot.refused(kinds, entry, _if_quoted(options, entry))
     return fitting[0]
 
 
@@ -327,24 +328,24 @@ _WORDS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
 # -- single values ---------------------------------------------------------------------------------
 
 
-def _chosen(allowed: Iterable[Any], given: Any, spot: _Spot) -> Any:
+def _chosen(allowed: Iterable[Any], entry: Any, spot: _Spot) -> Any:
     words = list(allowed)
-    if given not in words:
-        meant = did_you_mean(given, [word for word in words if isinstance(word, str)])
+    if entry not in words:
+        suggestion = did_you_mean(entry, [word for word in words if isinstance(word, str)])
         known = ", ".join(map(str, words))
-        raise ConfigurationError(f"{spot.where}: allowed {known}, got {shown(given)}{meant}")
-    return given
+        raise ConfigurationError(f"{spot.where}: allowed {known}, got {shown(entry)}{suggestion}")
+    return entry
 
 
-def _plain(kind: type, given: Any, spot: _Spot) -> Any:
+def _plain(kind: type, entry: Any, spot: _Spot) -> Any:
     word, fits = _WORDS[kind]
-    if not fits(given):
+    if not fits(entry):
         words = f"{word}, {spot.limits}" if spot.limits else word
-        raise spot.refused(words, given, _if_quoted([kind], given))
+        raise spot.refused(words, entry, _if_quoted([kind], entry))
     try:
-        return kind(given)
+        return kind(entry)
     except OverflowError as error:
-        raise spot.refused(f"{word} that a float can hold", given) from error
+        raise spot.refused(f"{word} that a float can hold", entry) from error
 
 
 def _if_quoted(kinds: Iterable[Any], word: Any) -> str:
@@ -358,23 +359,23 @@ def _if_quoted(kinds: Iterable[Any], word: Any) -> str:
     return "; it is text: leave out the quotes"
 
 
-def _array(given: Any, spot: _Spot) -> Array:
+def _array(entry: Any, spot: _Spot) -> Array:
     """Array of a number, a row of numbers, or rows of one length; the callee checks its shape."""
 
     def numbers(value: Any, inner: _Spot) -> Any:
         if isinstance(value, list):
-            return [numbers(item, inner.of(i)) for i, item in enumerate(value)]
+            return [numbers(row, inner.of(i)) for i, row in enumerate(value)]
         return _plain(float, value, inner)
 
     # A text for the whole is no wrong item of it.
-    if not (isinstance(given, list) or _WORDS[float][1](given)):
-        raise spot.refused("a list of numbers", given)
+    if not (isinstance(entry, list) or _WORDS[float][1](entry)):
+        raise spot.refused("a list of numbers", entry)
     try:
-        return np.array(numbers(given, spot))
+        return np.array(numbers(entry, spot))
     except ValueError as error:
         if isinstance(error, ConfigurationError):
             raise
-        raise spot.refused("rows of one length", given) from error
+        raise spot.refused("rows of one length", entry) from error
 
 
 # -- bounds ----------------------------------------------------------------------------------------

@@ -137,8 +137,8 @@ class Recording(RecordedSeries):
         for name in sorted(set(names) & set(self.series)):
             series = self.series[name]
             digest.update(f"{name}{series.value.shape}".encode())
-            for values in (series.time, series.value):
-                exact = np.array(values, dtype="<f8", order="C")
+            for array in (series.time, series.value):
+                exact = np.array(array, dtype="<f8", order="C")
                 exact[np.isnan(exact)] = np.nan
                 digest.update(exact.data)
 
@@ -302,7 +302,7 @@ class Recorder:
 
     def save(self) -> dict[str, Any]:
         """All that was recorded, as it is: to be copied before the next step."""
-        return {name: value for name, value in vars(self).items() if name not in self._OF_THE_RUN}
+        return {name: entry for name, entry in vars(self).items() if name not in self._OF_THE_RUN}
 
     def resume(self, saved: dict[str, Any]) -> None:
         """Go on from a copy of what `save` of a recorder of an equal plant returned."""
@@ -310,7 +310,8 @@ class Recorder:
 
     def references(self) -> Iterator[tuple[float, WorkState, float]]:
         """Time [s], state and set force [N] at the first step under each reference so far."""
-        rows, references = self._rows[: self._written[0]], self._references.table()
+        rows = self._rows[: self._written[0]]
+        references = self._references.table()
         for first in np.flatnonzero(np.diff(rows[:, 1], prepend=-1.0)):
             _, state, set_force = references[int(rows[first, 1]), :3]
             yield float(rows[first, 0]), STATES[int(state)], float(set_force)
@@ -329,7 +330,8 @@ class Recorder:
 
     def observe(self, moment: Moment) -> None:
         """Record one step."""
-        truth, contact = moment.truth, moment.command.contact
+        truth = moment.truth
+        contact = moment.command.contact
         if truth is not self._truth:
             self._bind(truth)
 
@@ -421,7 +423,8 @@ class Recorder:
         ].value
 
         if self._full:
-            slow, poses = self._slow.table(), self._poses.table()
+            slow = self._slow.table()
+            poses = self._poses.table()
             for body in range(len(self._bodies)):
                 _without_sign_jumps(poses[:, 1 + 7 * body :][:, 3:7])
             series |= _split(slow[:, 0], slow[:, 1:], self._slow_columns)
@@ -436,11 +439,11 @@ class Recorder:
                 time=table[:, 0], value=table[:, 1:], unit="", labels=labels
             )
 
-        for name, item in series.items():
+        for name, record in series.items():
             if name.startswith("quat_"):
-                _without_sign_jumps(item.value)
-            item.time.setflags(write=False)
-            item.value.setflags(write=False)
+                _without_sign_jumps(record.value)
+            record.time.setflags(write=False)
+            record.value.setflags(write=False)
 
         return Recording(
             timestep=self._timestep,
@@ -459,10 +462,10 @@ class Recorder:
         )
 
     def _first_collision(self) -> str:
-        own, other, time = self._truth.collided.tolist()
-        if own < 0.0:
+        vehicle_geom, other, time = self._truth.collided.tolist()
+        if vehicle_geom < 0.0:
             return ""
-        return f"{self._geoms[int(own)]} met {self._geoms[int(other)]} at {time:.1f} s"
+        return f"{self._geoms[int(vehicle_geom)]} met {self._geoms[int(other)]} at {time:.1f} s"
 
     def _bind(self, truth: Any) -> None:
         """Cache the views of `truth`; they stay valid while the plant returns the same object."""
@@ -496,7 +499,8 @@ class Recorder:
         row[10:13] = reference.X_WB[:3, 3]
 
     def _observe_slow(self, moment: Moment) -> None:
-        truth, estimate = moment.truth, moment.estimate
+        truth = moment.truth
+        estimate = moment.estimate
         row = self._slow.row()
         row[0] = truth.time
 
@@ -515,13 +519,13 @@ class Recorder:
             out=row[1:],
         )
 
-        for name, value in _estimates(moment.command).items():
+        for name, quantity in _estimates(moment.command).items():
             block = self._believed.get(name)
             if block is None:
-                block = self._believed[name] = _Block(1 + np.size(value))
+                block = self._believed[name] = _Block(1 + np.size(quantity))
             row = block.row()
             row[0] = truth.time
-            row[1:] = np.ravel(value)
+            row[1:] = np.ravel(quantity)
 
 
 def _estimates(command: Command) -> dict[str, Array]:
@@ -546,8 +550,8 @@ def _without_sign_jumps(quat: Array) -> None:
     q and -q are one turn. Rows without numbers are passed over.
     """
     known = np.flatnonzero(np.isfinite(quat).all(axis=1))
-    kept = quat[known]
-    turned_over = np.sum(kept[1:] * kept[:-1], axis=1) < 0.0
+    quat_known = quat[known]
+    turned_over = np.sum(quat_known[1:] * quat_known[:-1], axis=1) < 0.0
     quat[known[1:][np.cumsum(turned_over) % 2 == 1]] *= -1.0
 
 
@@ -557,7 +561,8 @@ def _total_width(columns: Columns) -> int:
 
 def _split(time: Array, table: Array, columns: Columns) -> dict[str, Series]:
     """Columns of `table` (N, sum of widths) as series, in the order of `columns`."""
-    series, start = {}, 0
+    series = {}
+    start = 0
     for name, (labels, unit) in columns.items():
         stop = start + max(1, len(labels))
         series[name] = Series(time=time, value=table[:, start:stop], unit=unit, labels=labels)

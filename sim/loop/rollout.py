@@ -253,7 +253,7 @@ class Rollout:
 
         state = parts.estimator.init(first)
         self.estimator_state, self.estimate = parts.estimator.step(state, first)
-        self._planner_state = parts.planner.init(self.estimate)
+        self.planner_state = parts.planner.init(self.estimate)
         self.controller_state = parts.controller.init(self.estimate)
 
         self.tick = 0  # the next one to be taken, or the one that has begun
@@ -313,7 +313,8 @@ class Rollout:
 
     def act(self, moment: Moment) -> None:
         """Show what `decide` has returned to the observers, and step the plant."""
-        self.stage, self.frame = Stage.NEW, None
+        self.stage = Stage.NEW
+        self.frame = None
 
         for observer in self.observers:
             observer.observe(moment)
@@ -328,7 +329,7 @@ class Rollout:
             ConfigurationError: A wrapper of the plant has no attribute `plant` (`SteppedPlant`).
         """
         everything = vars(self).items()
-        changing = {name: value for name, value in everything if name not in self._OF_THE_RUN}
+        changing = {name: entry for name, entry in everything if name not in self._OF_THE_RUN}
         return {"plant": _keeper(self.plant).save(), "loop": changing}
 
     def resume(self, saved: dict[str, Any]) -> None:
@@ -347,8 +348,8 @@ class Rollout:
 
     def plan(self) -> Reference:
         """Step the planner; returns its set points."""
-        self._planner_state, self.reference = self.parts.planner.step(
-            self._planner_state, self.estimate, self.target, self.command
+        self.planner_state, self.reference = self.parts.planner.step(
+            self.planner_state, self.estimate, self.target, self.command
         )
 
         if self.reference.at_rest is not None:
@@ -386,13 +387,13 @@ class Rollout:
         return self.target.accepted and self.reference.state is WorkState.SCAN
 
     @property
-    def told(self) -> bool:
+    def message_waits(self) -> bool:
         """True if a message waits for the estimator's next step."""
         return bool(self._arrived)
 
     def next_due(self, tick: int) -> int:
         """Tick from `tick` on at which a slow sensor measures, or a message or a frame is due."""
-        if self.looking or self.told:
+        if self.looking or self.message_waits:
             return tick
 
         due = min((tick + -tick % every for every in self._slow), default=tick + self._look_ticks)
@@ -402,12 +403,10 @@ class Rollout:
         """Let the sensors that are due measure, and collect what arrives."""
         scan = self.command is not None and self.command.scan
         followed = self.following and not tick % self._follower_ticks
-        truth, states, sensors, arrived = (
-            self.truth,
-            self.sensor_states,
-            self.parts.sensors,
-            self._arrived,
-        )
+        truth = self.truth
+        states = self.sensor_states
+        sensors = self.parts.sensors
+        arrived = self._arrived
 
         # Sensors without a period send frames: when asked, or for the follower.
         for i, every in enumerate(self._every):
@@ -451,21 +450,23 @@ class Rollout:
             self._arrived = []
 
         # A frame goes to the finder with the estimate at its exposure.
-        frame, finder, follower = self.frame, self.parts.finder, self.parts.follower
+        frame = self.frame
+        finder = self.parts.finder
+        follower = self.parts.follower
         if frame is None or finder is None:
             return
-        then = self._seen_from.pop(frame.time, self.estimate)
+        estimate_then = self._seen_from.pop(frame.time, self.estimate)
 
         if frame.time in self._followed:
             self._followed.discard(frame.time)
             self.frame = None
         else:
-            self._finder_state, found = finder.step(self._finder_state, then, frame)
-            self.target = found or self.target  # None: the finder needs more frames first
+            self._finder_state, new_target = finder.step(self._finder_state, estimate_then, frame)
+            self.target = new_target or self.target  # None: the finder needs more frames first
 
         if follower is not None and self.target is not None and self.target.accepted:
             self._follower_state, motion = follower.step(
-                self._follower_state, then, self.target, frame
+                self._follower_state, estimate_then, self.target, frame
             )
             self.motion = motion or self.motion
 

@@ -9,8 +9,11 @@ from uuv.models.water.forms import CrossTerms, FadingDamping, LiftDrag, MunkFact
 from uuv.sim.native.native_memory import f64 as _f64
 from uuv.sim.native.vectors import Vector, cross, dot, load3, plus
 
-_MUNK, _FADING, _LIFT = MunkFactor.kind, FadingDamping.kind, LiftDrag.kind
-_CROSS, _PLANAR = CrossTerms.kind, PlanarStrip.kind
+_MUNK = MunkFactor.kind
+_FADING = FadingDamping.kind
+_LIFT = LiftDrag.kind
+_CROSS = CrossTerms.kind
+_PLANAR = PlanarStrip.kind
 _RIGHT = 0.5 * math.pi
 _GAUSS = 0.5 / math.sqrt(3.0)  # half the distance of two stations on an interval of length 1
 
@@ -31,36 +34,39 @@ def form_wrench(
         v: (3,) [m/s] velocity relative to the water, body axes.
         w: (3,) [rad/s] angular velocity, body axes.
     """
-    total, at = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), size
+    total = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    at = size
 
     # Records: kind, number of values, values.
     while at + 1 < nuser:
-        kind, count = _f64(row, at), _f64(row, at + 1)
+        kind = _f64(row, at)
+        count = _f64(row, at + 1)
         if not (kind > 0.0 and count >= 0.0 and at + 2.0 + count <= nuser):
             break
         at += 2
 
         if kind == _MUNK:
-            one = _munk(row, at, mass_at, v, w)
+            wrench = _munk(row, at, mass_at, v, w)
         elif kind == _FADING:
-            one = _fading(row, at, v, w)
+            wrench = _fading(row, at, v, w)
         elif kind == _LIFT:
-            one = _lift_drag(row, at, v, w)
+            wrench = _lift_drag(row, at, v, w)
         elif kind == _CROSS:
-            one = _cross_terms(row, at, int(count), v, w)
+            wrench = _cross_terms(row, at, int(count), v, w)
         elif kind == _PLANAR:
-            one = _planar(row, at, v, w)
+            wrench = _planar(row, at, v, w)
         else:
-            one = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            wrench = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
-        total = plus(total[0], one[0]), plus(total[1], one[1])
+        total = plus(total[0], wrench[0]), plus(total[1], wrench[1])
         at += int(count)
     return total
 
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _munk(row: Address, at: int, mass_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    a, b = load3(row, mass_at), load3(row, mass_at + 3)
+    a = load3(row, mass_at)
+    b = load3(row, mass_at + 3)
     c, d = load3(row, mass_at + 6), load3(row, mass_at + 9)
     e = load3(row, mass_at + 12)
 
@@ -71,16 +77,17 @@ def _munk(row: Address, at: int, mass_at: int, v: Vector, w: Vector) -> tuple[Ve
         a[2] * v[0] + c[1] * v[1] + d[2] * v[2] + dot(e, w),
     )
 
-    gone = 1.0 - _f64(row, at), 1.0 - _f64(row, at + 1), 1.0 - _f64(row, at + 2)
+    share_left = 1.0 - _f64(row, at), 1.0 - _f64(row, at + 1), 1.0 - _f64(row, at + 2)
     couple = cross(v, p)
-    force = cross((gone[0] * w[0], gone[1] * w[1], gone[2] * w[2]), p)
-    return force, (gone[0] * couple[0], gone[1] * couple[1], gone[2] * couple[2])
+    force = cross((share_left[0] * w[0], share_left[1] * w[1], share_left[2] * w[2]), p)
+    return force, (share_left[0] * couple[0], share_left[1] * couple[1], share_left[2] * couple[2])
 
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _fading(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     share = -math.exp(-_f64(row, at + 6) * math.sqrt(dot(v, v)))
-    d, e = load3(row, at), load3(row, at + 3)
+    d = load3(row, at)
+    e = load3(row, at + 3)
 
     return (
         (share * d[0] * v[0], share * d[1] * v[1], share * d[2] * v[2]),
@@ -90,15 +97,20 @@ def _fading(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    point, forward, upward = load3(row, at), load3(row, at + 3), load3(row, at + 6)
+    point = load3(row, at)
+    forward = load3(row, at + 3)
+    upward = load3(row, at + 6)
     area, density, slope = load3(row, at + 9)
     drag_0, induced, drag_slope = load3(row, at + 12)
     incidence, stall, stalled = load3(row, at + 15)
-    stalled_drag, sweep = _f64(row, at + 18), _f64(row, at + 19)
+    stalled_drag = _f64(row, at + 18)
+    sweep = _f64(row, at + 19)
 
     # Flow in the plane of forward and upward.
     u = plus(v, cross(w, point))
-    a, b, whole = dot(u, forward), dot(u, upward), dot(u, u)
+    a = dot(u, forward)
+    b = dot(u, upward)
+    whole = dot(u, u)
     square = a * a + b * b
     if not square > 0.0:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -111,7 +123,8 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
         alpha += math.pi
 
     # Lift and drag, linear up to the stall and beyond it.
-    near, beyond = min(abs(alpha), stall), max(abs(alpha) - stall, 0.0)
+    near = min(abs(alpha), stall)
+    beyond = max(abs(alpha) - stall, 0.0)
     lift = max(slope * near + stalled * beyond, 0.0)
     drag = drag_0 + drag_slope * near + stalled_drag * beyond + induced * lift * lift
     if alpha < 0.0:
@@ -125,7 +138,8 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
         swept = square * square / whole
 
     share = 0.5 * density * area * swept / math.sqrt(square)
-    along, across = share * (-lift * b - drag * a), share * (lift * a - drag * b)
+    along = share * (-lift * b - drag * a)
+    across = share * (lift * a - drag * b)
 
     force = (
         along * forward[0] + across * upward[0],
@@ -144,28 +158,30 @@ def _cross_terms(row: Address, at: int, count: int, v: Vector, w: Vector) -> tup
         times = _component(v, w, _f64(row, first + 2))
         if _f64(row, first + 3) != 0.0:
             times = abs(times)
-        one = -_f64(row, first + 4) * times * _component(v, w, _f64(row, first + 1))
+        coupling = -_f64(row, first + 4) * times * _component(v, w, _f64(row, first + 1))
 
         i = _f64(row, first)
         if i == 0.0:
-            x += one
+            x += coupling
         elif i == 1.0:
-            y += one
+            y += coupling
         elif i == 2.0:
-            z += one
+            z += coupling
         elif i == 3.0:
-            k += one
+            k += coupling
         elif i == 4.0:
-            m += one
+            m += coupling
         else:
-            n += one
+            n += coupling
 
     return (x, y, z), (k, m, n)
 
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    start, end, direction = load3(row, at), load3(row, at + 3), load3(row, at + 6)
+    start = load3(row, at)
+    end = load3(row, at + 3)
+    direction = load3(row, at + 6)
     along = end[0] - start[0], end[1] - start[1], end[2] - start[2]
 
     # Speed across the strip, linear along it, and where it changes sign.
@@ -176,7 +192,8 @@ def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
         turn = -low / rise
 
     # integrals of |u| u and of s |u| u over s from 0 to 1, exact either side of the turn
-    zeroth, first = 0.0, 0.0
+    zeroth = 0.0
+    first = 0.0
     for begin, width in ((0.0, turn), (turn, 1.0 - turn)):
         for side in (-1.0, 1.0):
             s = begin + width * (0.5 + side * _GAUSS)

@@ -67,12 +67,12 @@ def structure(name: str) -> type[ctypes.Structure]:
 
 def offset(struct: str, path: str) -> int:
     """Offset [bytes] of a field of `struct`; `path` is dotted within structs (`opt.gravity`)."""
-    here: Any = structure(struct)
+    struct_type: Any = structure(struct)
     total = 0
 
     for name in path.split("."):
-        total += getattr(here, name).offset
-        here = next(field[1] for field in here._fields_ if field[0] == name)
+        total += getattr(struct_type, name).offset
+        struct_type = next(field[1] for field in struct_type._fields_ if field[0] == name)
 
     return total
 
@@ -116,7 +116,8 @@ def _differences(
     name: str, live: mujoco.MjModel | mujoco.MjData, needed: Collection[str]
 ) -> list[str]:
     struct = structure(name).from_address(live._address)
-    differing, compared = [], set[str]()
+    differing = []
+    compared = set[str]()
 
     for field in structs.STRUCTS[name].fields:
         if not isinstance(field, ast_nodes.StructFieldDecl):

@@ -25,8 +25,8 @@ def loader(result: types.Type, kind: ir.Type, scale: int) -> Callable[[int, int]
 
     def load(_typing: Any, _address: Any, _index: Any) -> Any:
         def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-            place = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, scale)))
-            return builder.load(builder.inttoptr(place, kind.as_pointer()))
+            address = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, scale)))
+            return builder.load(builder.inttoptr(address, kind.as_pointer()))
 
         return result(types.intp, types.intp), codegen
 
@@ -45,8 +45,8 @@ def _storer() -> Callable[[int, int, float], None]:
 
     def store(_typing: Any, _address: Any, _index: Any, _value: Any) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-            place = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, 8)))
-            builder.store(args[2], builder.inttoptr(place, ir.DoubleType().as_pointer()))
+            address = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, 8)))
+            builder.store(args[2], builder.inttoptr(address, ir.DoubleType().as_pointer()))
 
             return context.get_dummy_value()
 
@@ -80,10 +80,11 @@ def _stepper() -> Callable[[int, int, int], Any]:
 
     def call(_typing: Any, _function: Any, _model: Any, _data: Any) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-            place = ir.IntType(8).as_pointer()
-            kind = ir.FunctionType(ir.VoidType(), [place, place]).as_pointer()
-            model, data = builder.inttoptr(args[1], place), builder.inttoptr(args[2], place)
-            builder.call(builder.inttoptr(args[0], kind), [model, data])
+            pointer = ir.IntType(8).as_pointer()
+            kind = ir.FunctionType(ir.VoidType(), [pointer, pointer]).as_pointer()
+            model = builder.inttoptr(args[1], pointer)
+            data_pointer = builder.inttoptr(args[2], pointer)
+            builder.call(builder.inttoptr(args[0], kind), [model, data_pointer])
             return context.get_dummy_value()
 
         return types.void(types.intp, types.intp, types.intp), codegen

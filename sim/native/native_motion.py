@@ -40,11 +40,11 @@ def build_motion() -> Any:
         shear = load3(user, row_of_world.current_shear)
 
         # The current of this simulation, in place of the model's.
-        place = int(f64(user, row_of_world.flow)) - 1
+        first = int(f64(user, row_of_world.flow)) - 1
         reserved = int(f64(user, row_of_world.flow + 1))
-        ends = place + reserved == pointer(m, of_model.nuserdata)
-        if place >= 0 and reserved >= in_data.size and ends:
-            row = pointer(d, of_data.userdata) + 8 * place
+        ends = first + reserved == pointer(m, of_model.nuserdata)
+        if first >= 0 and reserved >= in_data.size and ends:
+            row = pointer(d, of_data.userdata) + 8 * first
             kind = f64(row, in_data.kind)
             if kind == in_data.uniform:
                 wind = load3(row, in_data.velocity)

@@ -380,9 +380,9 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
 @_inline
 def _is_new(user: int, seen_at: int, what: int) -> bool:
     """Return True if the warning bit `what` was not yet set in the world's row `user`; set it."""
-    seen = int(_f64(user, seen_at))
-    _put(user, seen_at, float(seen | what))
-    return seen & what == 0
+    marks = int(_f64(user, seen_at))
+    _put(user, seen_at, float(marks | what))
+    return marks & what == 0
 
 
 def build() -> Any:
@@ -401,7 +401,7 @@ def build() -> Any:
         offset("mjModel", "opt.disableflags"),
         int(mujoco.mjtDisableBit.mjDSBL_GRAVITY),
     )
-    qvel_at, xpos_at, xmat_at, com_at = data.qvel, data.xpos, data.xmat, data.subtree_com
+    qvel_at, xpos_at, xmat_at, com_at = (data.qvel, data.xpos, data.xmat, data.subtree_com)
     cdof_at, cdof_dot_at, cvel_at = data.cdof, data.cdof_dot, data.cvel
     nv_at, factored_at, inverse_at = model.nv, data.qLD, data.qLDiagInv
     crb_at, M_at, passive_at = data.crb, data.M, data.qfrc_passive
@@ -556,15 +556,15 @@ def build() -> Any:
             # Buoyancy, and the pressure gradient that accelerates the water, at the centre of
             # buoyancy.
             volume, x, y, z = _gathered(user, row, volume_at)
-            own = four_of(
+            rho = four_of(
                 _f64(user, row[0] + own_density_at),
                 _f64(user, row[1] + own_density_at),
                 _f64(user, row[2] + own_density_at),
                 _f64(user, row[3] + own_density_at),
             )
             if density > 0.0:
-                own = all_four(density)
-            lift = _scaled(own * volume, _minus(flow, gravity))
+                rho = all_four(density)
+            lift = _scaled(rho * volume, _minus(flow, gravity))
             f = _plus(f, lift)
             t = _plus(t, _cross(_plus(r, _times(R, (x, y, z))), lift))
             _put_body(scratch, here, (B, C, J), f, t)
@@ -575,10 +575,10 @@ def build() -> Any:
                 row1 = user + 8 * nuser * i
                 if _f64(row1, size) == 0.0:
                     continue
-                turn, place = _rows(xmat, 9 * i), _load3(xpos, 3 * i)
-                lever = _minus(place, _load3(com, 3 * _i32(root, i)))
+                turn, p_body = _rows(xmat, 9 * i), _load3(xpos, 3 * i)
+                lever = _minus(p_body, _load3(com, 3 * _i32(root, i)))
                 w1, v1 = _load6(cvel, 6 * i)
-                v1 = _minus(v1, _plus(wind, _scaled(place[2], shear)))
+                v1 = _minus(v1, _plus(wind, _scaled(p_body[2], shear)))
                 back = _transposed(turn)
                 f1, t1 = form_wrench(
                     row1,

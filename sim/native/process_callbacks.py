@@ -140,19 +140,19 @@ def _has_user_actuators(model: mujoco.MjModel) -> bool:
     rows = np.asarray(model.actuator_user)
     if rows.shape[1] < thrusters.HEADER:
         return False
-    ours = thrusters.STAMP_VALUE, soil_bed.STAMP_VALUE
-    return bool(np.isin(rows[:, thrusters.STAMP], ours).any())
+    stamps = thrusters.STAMP_VALUE, soil_bed.STAMP_VALUE
+    return bool(np.isin(rows[:, thrusters.STAMP], stamps).any())
 
 
 def left_out(model: mujoco.MjModel) -> str:
     """What a model has that does not act, and why: "hydrodynamics but moves dry: ..."."""
     reason = missing()
-    what = "gear friction but its gears have Coulomb friction alone"
+    missed = "gear friction but its gears have Coulomb friction alone"
     if not has_curves(model):
-        what = "thrusters or soil but they give no force"
+        missed = "thrusters or soil but they give no force"
     if is_wet(model):
-        what = f"hydrodynamics but {'moves' if reason else 'moved'} dry"
-    return f"{what}: {reason or 'MuJoCo was kept from calling its callback'}"
+        missed = f"hydrodynamics but {'moves' if reason else 'moved'} dry"
+    return f"{missed}: {reason or 'MuJoCo was kept from calling its callback'}"
 
 
 def is_installed() -> bool:
@@ -196,6 +196,6 @@ def _build(callbacks: list[NativeCallback]) -> None:
 
 
 def _warn_replaced(callback: NativeCallback) -> None:
-    what = f"the {callback.name} callback of uuv.sim.hydrodynamics was replaced or removed"
+    replaced = f"the {callback.name} callback of uuv.sim.hydrodynamics was replaced or removed"
     # Named is the line that called MuJoCo's `set_mjcb_...`, two frames above.
-    warnings.warn(f"{what}: {callback.without}", RuntimeWarning, 3)
+    warnings.warn(f"{replaced}: {callback.without}", RuntimeWarning, 3)

@@ -75,10 +75,10 @@ def _unary(function: Any, llvm_name: str) -> None:
 
 
 def _splat(builder: Any, number: Any) -> Any:
-    one = builder.insert_element(
+    lane = builder.insert_element(
         ir.Constant(_VECTOR, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)
     )
-    return _shuffle(builder, one, one, (0, 0, 0, 0))
+    return _shuffle(builder, lane, lane, (0, 0, 0, 0))
 
 
 def _shuffle(builder: Any, a: Any, b: Any, lanes: tuple[int, ...]) -> Any:
@@ -156,7 +156,8 @@ def transposed_four(typingctx, a, b, c, d):
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         a, b, c, d = args
-        low, high = (0, 4, 2, 6), (1, 5, 3, 7)
+        low = (0, 4, 2, 6)
+        high = (1, 5, 3, 7)
         pairs = [
             _shuffle(builder, x, y, lanes) for x, y in ((a, b), (c, d)) for lanes in (low, high)
         ]

@@ -94,9 +94,9 @@ def press(numbers, p, axis, state):
     for k in range(3):
         across += (p[k] - anchor[k] - along * axis[k]) ** 2
     across = np.sqrt(across)
-    kept = min(1.0, quake / across) if across > 0.0 else 0.0
+    fraction = min(1.0, quake / across) if across > 0.0 else 0.0
     for k in range(3):
-        aside = kept * (p[k] - anchor[k] - along * axis[k])
+        aside = fraction * (p[k] - anchor[k] - along * axis[k])
         force[k] = -(push * held * axis[k] + side * aside) / quake
         after[k] = p[k] - held * axis[k] - aside
     return force, after
@@ -107,14 +107,17 @@ def _height(numbers, x, y):
     """Height at one point, as `Seabed.height` computes it; NaN outside the grid."""
     nodes = int(numbers[_NODES])
     last = nodes - 1
-    u, v = (x - numbers[_CORNER]) / numbers[_CELL], (y - numbers[_CORNER + 1]) / numbers[_CELL]
+    u = (x - numbers[_CORNER]) / numbers[_CELL]
+    v = (y - numbers[_CORNER + 1]) / numbers[_CELL]
     if not (0.0 <= u <= last and 0.0 <= v <= last):
         return np.nan
     i, j = min(int(u), last - 1), min(int(v), last - 1)
     u, v = u - i, v - j
     at = _FIRST + j * nodes + i
-    a, b = numbers[at], numbers[at + 1]
-    c, d = numbers[at + nodes + 1], numbers[at + nodes]
+    a = numbers[at]
+    b = numbers[at + 1]
+    c = numbers[at + nodes + 1]
+    d = numbers[at + nodes]
     z = a + u * (b - a) + v * (c - b) if v <= u else a + v * (d - a) + u * (c - d)
     return z + numbers[_CORNER + 2]
 

@@ -76,7 +76,8 @@ def verdict(time, before, least_gain, warned, mark):
 @kernel
 def observe(plant):
     """Update the kinematics, as `Plant.observe`; True if `Plant.check` must be called now."""
-    places, watch = plant.readout.places, plant.watch
+    places = plant.readout.places
+    watch = plant.watch
     _call_hook(plant.placed, watch)
     call_physics(places[STEP1], places[MODEL], places[DATA])
 
@@ -85,7 +86,8 @@ def observe(plant):
         time, watch.time[0], watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0]
     )
 
-    watch.time[0], watch.observed[0] = time, True
+    watch.time[0] = time
+    watch.observed[0] = True
     return doubtful or watch.failed[0]
 
 
@@ -104,7 +106,9 @@ def advance(plant, joint_torque, thrusters):
     if not (np.isfinite(joint_torque).all() and np.isfinite(thrusters).all()):
         return False
 
-    places, ctrl, last = plant.readout.places, plant.drive.ctrl, plant.substeps - 1
+    places = plant.readout.places
+    ctrl = plant.drive.ctrl
+    last = plant.substeps - 1
 
     # Commands.
     plant.drive.commanded[:] = thrusters

@@ -36,16 +36,16 @@ class DrivenWater:
         self._data = data
         wet = is_wet(model)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
-        place = place_of(model)
+        first = place_of(model)
 
-        self._in_data = place >= 0
+        self._in_data = first >= 0
 
         # Views, which compiled steps write too.
 
         self._model_wind = model.opt.wind
         self._model_flow = water[LAYOUT.current_acceleration :][:6]
         if self._in_data:
-            row = data.userdata[place : place + FLOW.size]
+            row = data.userdata[first : first + FLOW.size]
             self._head = row[FLOW.kind : FLOW.velocity + 3]
             self._wind = row[FLOW.velocity :][:3]
             self._acceleration = row[FLOW.acceleration :][:3]
@@ -99,9 +99,9 @@ class DrivenWater:
         # What is the same everywhere cancels.
 
         share = 1.0 if current.profile is None else current.profile(time)[0]
-        here = total_velocity(current.flows, p_WB, time)
+        velocity_there = total_velocity(current.flows, p_WB, time)
 
-        return velocity + share * (total_velocity(current.flows, p_W, time) - here)
+        return velocity + share * (total_velocity(current.flows, p_W, time) - velocity_there)
 
     def check(self) -> None:
         """Refuse water that something else has written.

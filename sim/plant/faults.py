@@ -71,9 +71,9 @@ class Frozen:
         """Measurement with the frozen fields."""
         measurement = reading.measurement
         for name in self.fields:
-            kept = getattr(reading.sound, name, None)
+            frozen = getattr(reading.sound, name, None)
             measurement = _changed(
-                measurement, name, self.index, lambda _, kept=kept: _part(kept, self.index)
+                measurement, name, self.index, lambda _, sound=frozen: _part(sound, self.index)
             )
         return measurement
 
@@ -159,11 +159,12 @@ def _changed(measurement: Any, name: str, index: int | None, change: Callable[[A
     Raises ConfigurationError for a field or an element that it does not have.
     """
     kind = type(measurement).__name__
-    names = [item.name for item in fields(measurement)]
+    names = [attribute.name for attribute in fields(measurement)]
     if name not in names:
         raise ConfigurationError(
             f"fault: a {kind} has no field {name!r}; it has {', '.join(names)}"
         )
+
     old = np.asarray(getattr(measurement, name))
     if index is None:
         new = np.array(change(old), dtype=np.float64)
@@ -174,6 +175,7 @@ def _changed(measurement: Any, name: str, index: int | None, change: Callable[[A
         raise ConfigurationError(
             f"fault: {name} of a {kind} has shape {old.shape}, no element {index}"
         )
+
     new.setflags(write=False)
     return replace(measurement, **{name: new if old.ndim else float(new)})
 
@@ -193,9 +195,12 @@ class FaultySensor:
     """Sensor (`uuv.sim.interfaces.protocols.Sensor`) with one fault; wrap again for more."""
 
     def __init__(self, sensor: Sensor, fault: SensorFault, onset: Onset) -> None:
-        self._sensor, self._fault, self._onset = sensor, fault, onset
+        self._sensor = sensor
+        self._fault = fault
+        self._onset = onset
         self.sound: Sensor = sensor.sound if isinstance(sensor, FaultySensor) else sensor
-        self.period, self.delay = sensor.period, sensor.delay
+        self.period = sensor.period
+        self.delay = sensor.delay
 
     def init(self, rng: np.random.Generator) -> FaultySensorState:
         """Initial state; the fault's random stream is separate from the sensor's."""
@@ -235,6 +240,8 @@ class FaultySensor:
         state.sensor, measurement = self._sensor.step(state.sensor, truth)
         if measurement is None:
             return state, None
+
+        # What a fault may hold on to is the last message before its onset.
         elapsed = self._onset.elapsed(float(truth.time))
         if not self._onset.active(float(truth.time)):
             if elapsed < 0.0:
@@ -276,8 +283,11 @@ class FaultyPlant:
             ConfigurationError: A thruster does not exist, or a share or command is out of its
                 range.
         """
-        self.plant, self.faults = plant, tuple(faults)
-        self.timestep, self._sound = plant.timestep, plant
+        self.plant = plant
+        self.faults = tuple(faults)
+        self.timestep = plant.timestep
+        self._sound = plant
+
         names = plant.vehicle.thruster_names
         for fault in self.faults:
             if not 0 <= fault.thruster < len(names):
@@ -292,6 +302,7 @@ class FaultyPlant:
                 raise ConfigurationError(
                     f"fault: command of a stuck thruster must be in [-1, 1], got {fault.command}"
                 )
+
         self._curves = curves(plant.vehicle.thruster_table)
         self._last = np.zeros(len(names))
 
@@ -318,7 +329,8 @@ class FaultyPlant:
 
     def _changed(self, command: Array) -> Array:
         """Commands (m,) that the thrusters follow."""
-        thrusters, time = np.array(command), self._sound.time
+        thrusters = np.array(command)
+        time = self._sound.time
         for fault in self.faults:
             i = fault.thruster
             if not fault.onset.active(time):
@@ -326,9 +338,10 @@ class FaultyPlant:
             if fault.stuck:
                 thrusters[i] = self._last[i] if fault.command is None else fault.command
             elif fault.share < 1.0:
-                wanted = float(np.clip(thrusters[i], -1.0, 1.0))
+                # The share is one of thrust: the curve is inverted for its command.
+                setpoint = float(np.clip(thrusters[i], -1.0, 1.0))
                 thrusters[i] = command_for(
-                    self._curves[i], fault.share * thrust_at(self._curves[i], wanted)
+                    self._curves[i], fault.share * thrust_at(self._curves[i], setpoint)
                 )
         self._last = thrusters
         return thrusters
@@ -382,6 +395,7 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
         )
 
     def rise(elapsed: float) -> tuple[float, float]:
+        # Cubic step, with zero slope at both ends.
         x = min(max(elapsed / ramp, 0.0), 1.0)
         return x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / ramp
 
@@ -409,7 +423,8 @@ class MisplacedFinder:
             shift_W: (3,) [m]
             onset: Time of the fault.
         """
-        self._finder, self._shift_W = finder, checked(shift_W, (3,), "shift of the target [m]")
+        self._finder = finder
+        self._shift_W = checked(shift_W, (3,), "shift of the target [m]")
         self._onset = onset
 
     def init(self) -> Any:

@@ -91,24 +91,23 @@ class MovedObjectPlant:
         sound = plant
         while not isinstance(sound, Plant):
             sound = sound.plant
-        self.plant, self._sound, self.timestep = plant, sound, plant.timestep
+        self.plant = plant
+        self._sound = sound
+        self.timestep = plant.timestep
 
-        model, number = sound.model, mujoco.mj_name2id(sound.model, mujoco.mjtObj.mjOBJ_BODY, body)
+        model = sound.model
+        number = mujoco.mj_name2id(sound.model, mujoco.mjtObj.mjOBJ_BODY, body)
         joint = int(model.body_jntadr[number]) if number >= 0 else -1
         if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
             raise ConfigurationError(
                 f"moved object: the scene has no body {body!r} on a free joint"
             )
 
-        self._qpos, self._dof, self._motion = (
-            int(model.jnt_qposadr[joint]),
-            int(model.jnt_dofadr[joint]),
-            motion,
-        )
-        self._p, self._R = (
-            np.array(model.body_pos[number]),
-            rotation_from_quat_wxyz(model.body_quat[number]),
-        )
+        self._qpos = int(model.jnt_qposadr[joint])
+        self._dof = int(model.jnt_dofadr[joint])
+        self._motion = motion
+        self._p = np.array(model.body_pos[number])
+        self._R = rotation_from_quat_wxyz(model.body_quat[number])
 
     def observe(self) -> Truth:
         """As `Plant.observe`, with the body where it is now."""
@@ -129,12 +128,14 @@ class MovedObjectPlant:
 
     def _place(self) -> None:
         """Write place and velocity of the body at this time."""
-        data, dt = self._sound.data, self.timestep
+        data = self._sound.data
+        dt = self.timestep
         (p, phi), (p_next, phi_next) = (
             self._motion(t) for t in (float(data.time), float(data.time) + dt)
         )
 
-        R, R_next = exp_so3(phi) @ self._R, exp_so3(phi_next) @ self._R
+        R = exp_so3(phi) @ self._R
+        R_next = exp_so3(phi_next) @ self._R
 
         data.qpos[self._qpos : self._qpos + 3] = self._p + p
         data.qpos[self._qpos + 3 : self._qpos + 7] = quat_wxyz_from_rotation(R)

@@ -29,9 +29,9 @@ class Onset:
         for name in (
             ("force", "after", "duration") if self.at is None else ("at", "after", "duration")
         ):
-            value = number(getattr(self, name), f"onset {name}")
-            if not value >= 0.0:
-                raise ConfigurationError(f"onset {name}: must be >= 0, got {value}")
+            moment = number(getattr(self, name), f"onset {name}")
+            if not moment >= 0.0:
+                raise ConfigurationError(f"onset {name}: must be >= 0, got {moment}")
 
         if self.at is not None:
             if self.state is not None:

@@ -234,8 +234,8 @@ class Plant(WithWater):
     def resume(self, saved: PlantState, _command: Command | None = None) -> None:
         """Go on from what `save` of a plant of an equal model returned."""
         mujoco.mj_copyData(self.data, self.model, saved.data)
-        for array, value in zip(self._changing, saved.arrays, strict=True):
-            array[...] = value
+        for array, saved_array in zip(self._changing, saved.arrays, strict=True):
+            array[...] = saved_array
         self._watch.tick[0] = saved.tick
 
         self._water.current.resume(saved.current, steps=saved.tick + 1)

@@ -31,7 +31,8 @@ from uuv.sim.water.water_motion import FLOW, place_of
 
 _STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants
 _GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
-_ROW, _MASS_AT = int(LAYOUT.size), int(LAYOUT.added_mass)
+_ROW = int(LAYOUT.size)
+_MASS_AT = int(LAYOUT.added_mass)
 _KIND_AT = int(FLOW.kind)
 _VELOCITY_AT = int(FLOW.velocity)
 _ACCELERATION_AT = int(FLOW.acceleration)
@@ -59,7 +60,8 @@ class ReactionWrench:
                 These are flexes, spatial tendons, gravity compensation by actuators, and actuators
                 on slider-cranks, on contacts or between two sites.
         """
-        self._model, self._body = model, _body(model, body)
+        self._model = model
+        self._body = _body(model, body)
         self._frame = self._body if frame is None else _body(model, frame)
         if self._body == 0:
             raise ConfigurationError("reaction: the world has no parent")
@@ -128,7 +130,8 @@ class ReactionWrench:
             mujoco.mj_rnePostConstraint(model, data)
             velocity = data.qvel
         else:
-            ahead, velocity = data.qvel.copy(), np.asarray(qvel, dtype=np.float64)
+            ahead = data.qvel.copy()
+            velocity = np.asarray(qvel, dtype=np.float64)
             data.qvel = velocity
             mujoco.mj_rnePostConstraint(model, data)
             data.qvel = ahead
@@ -146,8 +149,8 @@ class ReactionWrench:
         com, xpos, xmat = data.subtree_com[self._root], data.xpos, data.xmat
         gravity = _NOTHING if model.opt.disableflags & _GRAVITY_OFF else model.opt.gravity
 
-        own = data.cfrc_int[body]
-        total[:3], total[3:] = -own[3:], -own[:3]
+        interaction = data.cfrc_int[body]
+        total[:3], total[3:] = -interaction[3:], -interaction[:3]
 
         if self._wet:
             motion = xpos, xmat, cvel, data.cacc
@@ -222,7 +225,8 @@ class _Water(NamedTuple):
 
 def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
     bodies = [water.unpack(model.body_user[i]) for i in wet]
-    matrices, vectors = np.zeros((len(wet), 2, 6, 6)), np.zeros((len(wet), 10))
+    matrices = np.zeros((len(wet), 2, 6, 6))
+    vectors = np.zeros((len(wet), 10))
 
     stations = []
 
@@ -237,9 +241,9 @@ def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
             length = float(np.linalg.norm(along))
             for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
                 share = 0.5 * weight * length
-                place = strip.start + 0.5 * (1.0 + node) * along
+                p_node = strip.start + 0.5 * (1.0 + node) * along
                 stations.append(
-                    [k, *place, *(along / length), share * strip.normal, share * strip.tangential]
+                    [k, *p_node, *(along / length), share * strip.normal, share * strip.tangential]
                 )
 
     first = model.body_user.ctypes.data
@@ -278,8 +282,9 @@ def _body(model: mujoco.MjModel, body: int | str) -> int:
 
 def _refuse(model: mujoco.MjModel) -> None:
     """Raise HydrodynamicsError for forces, named, whose share on a subtree is not known here."""
-    kinds, trn = model.actuator_trntype, mujoco.mjtTrn
-    found = {
+    kinds = model.actuator_trntype
+    trn = mujoco.mjtTrn
+    unsupported = {
         "flexes": model.nflex > 0,
         "spatial tendons": model.nwrap > 0
         and np.any(model.wrap_type != mujoco.mjtWrap.mjWRAP_JOINT),
@@ -291,7 +296,7 @@ def _refuse(model: mujoco.MjModel) -> None:
         "gravity compensation by actuators (actuatorgravcomp)": np.any(model.jnt_actgravcomp),
     }
 
-    if names := [name for name, present in found.items() if present]:
+    if names := [name for name, present in unsupported.items() if present]:
         raise HydrodynamicsError(f"reaction: not known with {', '.join(names)}")
 
 
@@ -342,7 +347,8 @@ def _add(total, force, torque, lever):
 @kernel
 def _in_frame(total, R, p, com):
     """Wrench about `com` in world axes, expressed at `p` in the axes `R`."""
-    out, force = np.empty(6), _three(total, 0)
+    out = np.empty(6)
+    force = _three(total, 0)
     out[:3] = _turned_back(R, force)
 
     lever = com[0] - p[0], com[1] - p[1], com[2] - p[2]
@@ -353,16 +359,17 @@ def _in_frame(total, R, p, com):
 @kernel
 def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
     """Largest difference between twists in `cvel` and those from `qvel`, over the largest speed."""
-    worst, largest = 0.0, 1e-3
+    worst = 0.0
+    largest = 1e-3
 
     for i in range(first, end):
         for k in range(6):
-            given = cvel[i, k] - cvel[parent[i], k]
+            residual = cvel[i, k] - cvel[parent[i], k]
             largest = max(largest, abs(cvel[i, k]))
             for j in range(dofadr[i], dofadr[i] + dofnum[i]):
-                given -= cdof[j, k] * qvel[j]
+                residual -= cdof[j, k] * qvel[j]
                 largest = max(largest, abs(cdof[j, k] * qvel[j]))
-            worst = max(worst, abs(given))
+            worst = max(worst, abs(residual))
 
     return worst / largest
 
@@ -381,7 +388,10 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
     """
     bodies, matrices, vectors, stations, rows, width, at, wind_of_model, flow_of_model = of_water
     xpos, xmat, cvel, cacc = motion
-    nudot, nu, momentum, f = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    nudot = np.empty(6)
+    nu = np.empty(6)
+    momentum = np.empty(6)
+    f = np.empty(6)
 
     # The current of the simulation, else that of the model.
     wind = _three(wind_of_model, 0)
@@ -395,7 +405,8 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
     station = 0
     for k in range(len(bodies)):
         i = bodies[k]
-        R, z = xmat[i], xpos[i, 2]
+        R = xmat[i]
+        z = xpos[i, 2]
         r = xpos[i, 0] - com[0], xpos[i, 1] - com[1], z - com[2]
         current = _sum(wind, _scaled(z, shear))
         stream = _sum(surge, _scaled(current[2], shear))  # acceleration of the water
@@ -404,8 +415,10 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
 
         # Twist and its rate relative to the water, body axes.
         u = _turned_back(R, current)
-        w_W, wdot_W = _three(cvel[i], 0), _three(cacc[i], 0)
-        w, wdot = _turned_back(R, w_W), _turned_back(R, wdot_W)
+        w_W = _three(cvel[i], 0)
+        wdot_W = _three(cacc[i], 0)
+        w = _turned_back(R, w_W)
+        wdot = _turned_back(R, wdot_W)
 
         # `cacc` is the spatial acceleration, less gravity; converted to the rate of the twist at
         # the body origin.
@@ -417,7 +430,9 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
             nudot[n], nudot[3 + n], nu[n], nu[3 + n] = a[n], wdot[n], v[n], w[n]
 
         # Added mass and damping.
-        added, linear, numbers = matrices[k, 0], matrices[k, 1], vectors[k]
+        added = matrices[k, 0]
+        linear = matrices[k, 1]
+        numbers = vectors[k]
         for n in range(6):
             momentum[n], f[n] = 0.0, -numbers[n] * abs(nu[n]) * nu[n]
             for m in range(6):
@@ -437,15 +452,16 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
         # Strips.
         while station < len(stations) and stations[station, 0] == k:
             row = stations[station]
-            place, axis = _three(row, 1), _three(row, 4)
-            slip = _sum(v, _cross(w, place))
+            p_element = _three(row, 1)
+            axis = _three(row, 4)
+            slip = _sum(v, _cross(w, p_element))
             along = _dot(slip, axis)
             across = _sum(slip, _scaled(-along, axis))
             drag = _sum(
                 _scaled(-row[7] * np.sqrt(_dot(across, across)), across),
                 _scaled(-row[8] * abs(along) * along, axis),
             )
-            _add(f, drag, (0.0, 0.0, 0.0), place)
+            _add(f, drag, (0.0, 0.0, 0.0), p_element)
             station += 1
 
         if rows[k]:

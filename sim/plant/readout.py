@@ -21,8 +21,9 @@ from uuv.sim.native.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`
 NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
-# 1 if another part touched; smallest and largest normal force of a substep [N]
-COLLISION, LEAST, MOST = 4, 5, 6
+COLLISION = 4  # 1 if another part touched
+LEAST = 5  # [N] smallest normal force of a substep
+MOST = 6  # [N] largest one
 CONTACTS = 7  # number of entries
 
 # Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets;
@@ -72,7 +73,9 @@ def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarra
     """
     places = np.array(_offsets(), dtype=np.int64)
 
-    places[DATA], places[MODEL], places[PAD] = data._address, model._address, pad
+    places[DATA] = data._address
+    places[MODEL] = model._address
+    places[PAD] = pad
     places[PYRAMIDS] = model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     return places
 
@@ -99,7 +102,8 @@ def _compare(names: tuple[str, ...]) -> None:
     mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
 
-    of_data, kind = structure("mjData").from_address(data._address), structure("mjContact")
+    of_data = structure("mjData").from_address(data._address)
+    kind = structure("mjContact")
     counts = {
         name: getattr(of_data, name) == getattr(data, name)
         for name in ("time", "ncon", "ne", "nefc")
@@ -107,9 +111,11 @@ def _compare(names: tuple[str, ...]) -> None:
     counts["efc_force"] = of_data.efc_force == data.efc_force.ctypes.data
 
     live = data.contact[0]
-    seen = kind.from_address(of_data.contact)
+    as_read = kind.from_address(of_data.contact)
     for name in names:
-        counts[name] = np.array_equal(np.ravel(getattr(live, name)), np.ravel(getattr(seen, name)))
+        counts[name] = np.array_equal(
+            np.ravel(getattr(live, name)), np.ravel(getattr(as_read, name))
+        )
 
     if not all(counts.values()):
         wrong = ", ".join(name for name, equal in counts.items() if not equal)
@@ -151,36 +157,40 @@ def gears_and_contacts(readout, substep, substeps):
     efc_force = pointer(d, places[EFC_FORCE])
 
     # Friction of the gears.
-    first, end = i32(d + places[NE], 0), i32(d + places[NEFC], 0)
+    first = i32(d + places[NE], 0)
+    end = i32(d + places[NEFC], 0)
     for j in range(rows.shape[0]):
         if rows[j] >= 0:
             tau_friction[j] = f64(efc_force, first + rows[j]) if first + rows[j] < end else 0.0
 
     if substep == 0:
         contacts[:] = 0.0
-        contacts[LEAST], contacts[MOST] = np.inf, -np.inf
+        contacts[LEAST] = np.inf
+        contacts[MOST] = -np.inf
 
     # Contacts of the vehicle with the world.
-    here = pointer(d, places[CONTACT])
-    force, total = np.empty(3), np.zeros(4)
+    contact_at = pointer(d, places[CONTACT])
+    force = np.empty(3)
+    total = np.zeros(4)
     for _ in range(i32(d + places[NCON], 0)):
-        one, two = i32(here + places[GEOM], 0), i32(here + places[GEOM], 1)
-        address = i32(here + places[EFC_ADDRESS], 0)
+        geom_1 = i32(contact_at + places[GEOM], 0)
+        geom_2 = i32(contact_at + places[GEOM], 1)
+        address = i32(contact_at + places[EFC_ADDRESS], 0)
 
-        if own_geom[one] != own_geom[two] and address >= 0:
-            if places[PAD] == one or places[PAD] == two:
+        if own_geom[geom_1] != own_geom[geom_2] and address >= 0:
+            if places[PAD] == geom_1 or places[PAD] == geom_2:
                 _contact_force(
                     efc_force + 8 * address,
-                    here + places[FRICTION],
-                    i32(here + places[DIM], 0),
+                    contact_at + places[FRICTION],
+                    i32(contact_at + places[DIM], 0),
                     places[PYRAMIDS],
                     force,
                 )
 
                 total[NORMAL] += force[0]
-                sign = 1.0 if two == places[PAD] else -1.0
+                sign = 1.0 if geom_2 == places[PAD] else -1.0
                 for k in range(3):  # the rows of the contact frame are the axes of the force
-                    at = here + places[FRAME]
+                    at = contact_at + places[FRAME]
                     turned = (
                         f64(at, k) * force[0]
                         + f64(at, 3 + k) * force[1]
@@ -190,10 +200,12 @@ def gears_and_contacts(readout, substep, substeps):
             else:
                 contacts[COLLISION] = 1.0
                 if collided[0] < 0.0:
-                    collided[0], collided[1] = (one, two) if own_geom[one] else (two, one)
+                    collided[0], collided[1] = (
+                        (geom_1, geom_2) if own_geom[geom_1] else (geom_2, geom_1)
+                    )
                     collided[2] = f64(d + places[TIME], 0)
 
-        here += places[SIZE]
+        contact_at += places[SIZE]
 
     # Means over the substeps, and the extremes of the normal force.
     for k in range(4):

@@ -68,13 +68,13 @@ def command_thrusters(drive):
     saturated[0] = False
 
     for i in range(actuators.shape[0]):
-        wanted = min(max(commanded[i], -1.0), 1.0)
-        ctrl[actuators[i]] = wanted
+        command = min(max(commanded[i], -1.0), 1.0)
+        ctrl[actuators[i]] = command
 
         # Saturated is the thrust, not the command.
-        if abs(wanted) > _CURVED:
-            end = 1.0 if wanted > 0.0 else -1.0
-            saturated[0] |= thrust_at(curve[i], wanted) / thrust_at(curve[i], end) >= SATURATED
+        if abs(command) > _CURVED:
+            end = 1.0 if command > 0.0 else -1.0
+            saturated[0] |= thrust_at(curve[i], command) / thrust_at(curve[i], end) >= SATURATED
 
     return saturated[0]
 

@@ -107,7 +107,9 @@ class Truth:
         truth = cls()
         truth.vehicle = vehicle
 
-        truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
+        truth.xpos = data.xpos
+        truth.xquat = data.xquat
+        truth.xmat = data.xmat
 
         # Hull.
         truth.p_WB = data.xpos[vehicle.hull]
@@ -118,15 +120,15 @@ class Truth:
         truth.acceleration = data.qacc[dof : dof + 6]
 
         # Arm and thrusters.
-        truth.q, truth.qd, truth.qdd = (
-            _view(data.qpos, vehicle.qpos),
-            _view(data.qvel, vehicle.dof),
-            _view(data.qacc, vehicle.dof),
-        )
+        truth.q = _view(data.qpos, vehicle.qpos)
+        truth.qd = _view(data.qvel, vehicle.dof)
+        truth.qdd = _view(data.qacc, vehicle.dof)
         truth.tau_friction = np.zeros(len(vehicle.joints))
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
-        truth.armature, truth.joint_damping = vehicle.armature, vehicle.damping_in(data.model)
-        truth.propeller_speed, truth.thrust = drive.speed, drive.thrust
+        truth.armature = vehicle.armature
+        truth.joint_damping = vehicle.damping_in(data.model)
+        truth.propeller_speed = drive.speed
+        truth.thrust = drive.thrust
 
         truth.current_W = np.zeros(3)
         truth.arm_wrench_B = np.full(6, np.nan)
@@ -146,7 +148,8 @@ def _view(array: Array, addresses: np.ndarray) -> Array:
     """Slice of `array` at `addresses`, which must be evenly spaced so that it stays a view."""
     if not len(addresses):
         return np.zeros(0)
-    first, step = int(addresses[0]), spacing(addresses)
+    first = int(addresses[0])
+    step = spacing(addresses)
     if not step:
         raise ConfigurationError(
             "between the driven joints of the arm there must be equally many others, none or one "

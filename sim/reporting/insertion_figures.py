@@ -85,10 +85,10 @@ def insertion_figures(
     upper.axhline(1e3 * truth.depth, color=FAINT, linewidth=0.6)
     upper.set_ylabel("below the mouth [mm]")
     upper.legend(frameon=False, fontsize=9)
-    for label, values, color in (("tip, x", tip_H[:, 0], BLUE), ("tip, y", tip_H[:, 1], GREEN)):
-        lower.plot(time, 1e3 * values, color=color, linewidth=1.0, label=label)
-    for label, values in (("reference, x", asked_H[:, 0]), ("reference, y", asked_H[:, 1])):
-        lower.plot(time, 1e3 * values, color=INK, linewidth=0.6, linestyle="--", label=label)
+    for label, coordinate, color in (("tip, x", tip_H[:, 0], BLUE), ("tip, y", tip_H[:, 1], GREEN)):
+        lower.plot(time, 1e3 * coordinate, color=color, linewidth=1.0, label=label)
+    for label, coordinate in (("reference, x", asked_H[:, 0]), ("reference, y", asked_H[:, 1])):
+        lower.plot(time, 1e3 * coordinate, color=INK, linewidth=0.6, linestyle="--", label=label)
 
     clearance = 1e3 * (truth.radius - truth.tool_radius)
     lower.axhspan(-clearance, clearance, color=FAINT, alpha=0.15)

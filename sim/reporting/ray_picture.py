@@ -11,8 +11,10 @@ from uuv.sim.reporting.rerun_scene import body_mesh
 
 # direction to the light, W
 _LIGHT = np.array([0.25, -0.35, 0.9]) / np.linalg.norm([0.25, -0.35, 0.9])
-# shares of the light: from all sides, from the camera, from above
-_AMBIENT, _HEAD, _TOP = 0.35, 0.3, 0.45
+# Shares of the light:
+_AMBIENT = 0.35  # from all sides
+_HEAD = 0.3  # from the camera
+_TOP = 0.45  # from above
 
 
 class RayPicture:
@@ -52,22 +54,23 @@ class RayPicture:
         hit = RayScene(corners - eye, self._triangles).cast(np.zeros(3), rays.reshape(-1, 3))
 
         # Light: from all sides, from the camera, from above.
-        seen = np.isfinite(hit["t"])
+        visible = np.isfinite(hit["t"])
         ways = rays.reshape(-1, 3) / np.linalg.norm(rays.reshape(-1, 3), axis=1, keepdims=True)
         facing = -np.einsum("ij,ij->i", hit["normal"], ways)
         normal = hit["normal"] * np.sign(facing)[:, None]
         light = _AMBIENT + _HEAD * np.abs(facing) + _TOP * np.clip(normal @ _LIGHT, 0.0, None)
 
         picture = np.zeros((len(ways), 3))
-        picture[seen] = 255.0 * np.minimum(
-            1.0, self._colours[hit["triangle"][seen]] * light[seen, None]
+        picture[visible] = 255.0 * np.minimum(
+            1.0, self._colours[hit["triangle"][visible]] * light[visible, None]
         )
 
         return picture.astype(np.uint8).reshape(*self._size, 3), hit["t"].reshape(self._size)
 
     def _rays(self, camera: mujoco.MjvCamera) -> tuple[Array, Array]:
         """Direction of the view (3,), and rays (h, w, 3) whose length along it is 1; W."""
-        azimuth, elevation = math.radians(camera.azimuth), math.radians(camera.elevation)
+        azimuth = math.radians(camera.azimuth)
+        elevation = math.radians(camera.elevation)
         ahead = np.array(
             [
                 math.cos(elevation) * math.cos(azimuth),

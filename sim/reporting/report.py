@@ -102,13 +102,13 @@ def _drives(recording: Recording) -> Html:
         if name not in recording or not recording[name].labels:
             continue
         for i, label in enumerate(recording[name].labels):
-            value = recording[name].value[:, i]
-            share = np.where(value > 0.0, value / high[i], value / low[i]).max()
+            commands = recording[name].value[:, i]
+            share = np.where(commands > 0.0, commands / high[i], commands / low[i]).max()
             rows.append(
                 (
                     label.replace("_", " "),
-                    f"{value.min():.1f}",
-                    f"{value.max():.1f}",
+                    f"{commands.min():.1f}",
+                    f"{commands.max():.1f}",
                     unit,
                     f"{share:.0%}",
                 )
@@ -122,7 +122,7 @@ def _drives(recording: Recording) -> Html:
 
 
 def _gains(gains: Iterable[tuple[str, str, str, str]]) -> Html:
-    rows = [(part, name.replace("_", " "), value, about) for part, name, value, about in gains]
+    rows = [(part, name.replace("_", " "), gain, about) for part, name, gain, about in gains]
     if not rows:
         return Html()
 
@@ -131,7 +131,8 @@ def _gains(gains: Iterable[tuple[str, str, str, str]]) -> Html:
 
 
 def _heading(title: str, recording: Recording, assessment: Assessment) -> Html:
-    run, timings = assessment.metrics["run"], assessment.metrics["timings"]
+    run = assessment.metrics["run"]
+    timings = assessment.metrics["timings"]
     factor = timings["real_time_factor"]
     pace = f", {factor:.1f} × real time" if factor is not None else ""
 
@@ -176,8 +177,8 @@ def _uncertainty(assessment: Assessment) -> Html:
         return Html()
 
     def shown(name: str, scale: float) -> str:
-        value = stated[name]
-        return "free" if value is None else f"{value * scale:.2f}"
+        sigma = stated[name]
+        return "free" if sigma is None else f"{sigma * scale:.2f}"
 
     rows = [
         ("position of the centre", shown("position_sigma_m", 1e3), "", "mm"),
@@ -187,12 +188,12 @@ def _uncertainty(assessment: Assessment) -> Html:
     if any(stated[f"path_{way}_max_m"] is not None for way in _WAYS):
         rows += [
             (
-                f"surface under the path, {said}",
+                f"surface under the path, {phrase}",
                 shown(f"path_{way}_max_m", 1e3),
                 shown(f"path_{way}_p95_m", 1e3),
                 "mm",
             )
-            for way, said in _WAYS.items()
+            for way, phrase in _WAYS.items()
         ]
 
     columns = ("standard deviation of the object pose", "largest", "95 %", "")
@@ -228,7 +229,7 @@ def _provenance(
     return provenance_rows(
         {
             **({"replay": again} if again else {}),
-            **{f"option {name}": value for name, value in options.items()},
+            **{f"option {name}": setting for name, setting in options.items()},
             "seed": assessment.metrics["run"]["seed"],
             "trajectory, SHA-256": assessment.metrics["run"]["trajectory_sha256"],
             "physics step": _physics_step(recording),

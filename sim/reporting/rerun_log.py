@@ -162,7 +162,7 @@ class RerunLog:
         if moment.reference.state is not self._state:
             self._enter(moment.reference, truth.time)
         if moment.target is not None and moment.target is not self._target:
-            self._found(moment.target, truth.time)
+            self._log_target(moment.target, truth.time)
         if moment.reference.target is not None and moment.reference.target is not self._goes_by:
             self._decided(moment.reference.target, truth.time)
         if moment.motion is not None and moment.motion.moved and not self._motion_said:
@@ -202,13 +202,13 @@ class RerunLog:
             ConfigurationError: The shape is wrong.
         """
         rr = self._rr
-        own = self._cloud_colors.setdefault(name, LINES[len(self._cloud_colors) % len(LINES)])
+        tint = self._cloud_colors.setdefault(name, LINES[len(self._cloud_colors) % len(LINES)])
         points = np.asarray(points_W, dtype=np.float32)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
 
         self._stream.event(
-            f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time
+            f"world/clouds/{name}", rr.Points3D(points, colors=color or tint, radii=radius), time
         )
 
     def log_mesh(
@@ -302,7 +302,7 @@ class RerunLog:
         self._stream.event("state/now", rr.StateChange(state=state.value), time)
         self.flush()
 
-    def _found(self, target: Target, time: float) -> None:
+    def _log_target(self, target: Target, time: float) -> None:
         rr = self._rr
         self._target = target
         verdict = "accepted" if target.accepted else f"refused: {target.reason}"
@@ -329,7 +329,7 @@ class RerunLog:
 
         text = f"mean of the detections: {_deviations(target.covariance)}"
         if (sigma := target.path_sigma) is not None:
-            normal, along, across = (f"{1e3 * value:.1f}" for value in sigma.max(axis=0))
+            normal, along, across = (f"{1e3 * component:.1f}" for component in sigma.max(axis=0))
             text += f"; path: normal {normal} mm, along {along} mm, across {across} mm"
 
         self._stream.event("state/log", self._rr.TextLog(text, level="INFO"), time)
@@ -351,10 +351,10 @@ class RerunLog:
         K[2, 2] = 1.0
 
         w, x, y, z = quat_wxyz_from_rotation(X_WC[:3, :3])
-        where = rr.Transform3D(translation=X_WC[:3, 3], quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
+        view = rr.Transform3D(translation=X_WC[:3, 3], quaternion=rr.Quaternion(xyzw=[x, y, z, w]))
         eye = rr.Pinhole(image_from_camera=K, width=width, height=height, image_plane_distance=0.4)
 
-        self._stream.event("world/camera", where, time)
+        self._stream.event("world/camera", view, time)
         self._stream.event("world/camera", eye, time)
         self._stream.event("world/camera/depth", rr.DepthImage(depth, meter=1000.0), time)
 

@@ -39,7 +39,9 @@ class SeriesRows:
 
     def add(self, moment: Moment) -> None:
         """Keep one step."""
-        truth, reference, contact = moment.truth, moment.reference, moment.command.contact
+        truth = moment.truth
+        reference = moment.reference
+        contact = moment.command.contact
         self._tared |= reference.tare
 
         felt, felt_W = (
@@ -89,7 +91,7 @@ class SeriesRows:
         ]
         across = [np.linalg.norm(np.cross(axis, of_W), axis=1) for of_W in (felt_W, true_W)]
 
-        for name, values in (
+        for name, columns in (
             ("force", force),
             ("tangential_force", np.column_stack(across)),
             ("path_error", 1e3 * np.column_stack(deviation)),
@@ -99,7 +101,7 @@ class SeriesRows:
             ("joint_torque", tau),
             ("navigation", 1e3 * np.column_stack([off, sigma])),
         ):
-            stream.columns(f"series/{name}", time[:, 0], _rr().Scalars.columns(scalars=values))
+            stream.columns(f"series/{name}", time[:, 0], _rr().Scalars.columns(scalars=columns))
 
         if self._bound is not None:
             both = np.tile([self._bound, -self._bound], (2, 1))
@@ -122,8 +124,10 @@ class PoseRows:
             thrusters_B: (m, 3) [m] places of the thrusters, hull axes.
         """
         k, m = len(moving), len(thrusters_B)
-        self._thrusters_B, self._pushes_B = thrusters_B, np.asarray(vehicle.thruster_wrench)[:3].T
-        self._arm_base, self._bodies = vehicle.arm_base, np.array([body for body, _ in moving])
+        self._thrusters_B = thrusters_B
+        self._pushes_B = np.asarray(vehicle.thruster_wrench)[:3].T
+        self._arm_base = vehicle.arm_base
+        self._bodies = np.array([body for body, _ in moving])
         self._entities = [entity for _, entity in moving]
         self._widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3, 3, 9, m)
 
@@ -132,7 +136,8 @@ class PoseRows:
 
     def add(self, moment: Moment) -> None:
         """Keep one step."""
-        truth, load = moment.truth, moment.command.hull_load
+        truth = moment.truth
+        load = moment.command.hull_load
         working = moment.reference.state is WorkState.WORK
 
         self._rows.append(
@@ -159,7 +164,9 @@ class PoseRows:
         if not self._rows:
             return
 
-        rr, rows, k = _rr(), len(self._rows), len(self._entities)
+        rr = _rr()
+        rows = len(self._rows)
+        k = len(self._entities)
         parts = _columns(self._rows, self._widths)
         time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current, R_WB, thrust = (
             parts
@@ -167,7 +174,8 @@ class PoseRows:
 
         # Bodies.
         time = time[:, 0]
-        p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
+        p = p.reshape(rows, k, 3)
+        quat_wxyz = quat_wxyz.reshape(rows, k, 4)
         for i, entity in enumerate(self._entities):
             xyzw = np.roll(quat_wxyz[:, i], -1, axis=1)  # Rerun's order
             stream.columns(

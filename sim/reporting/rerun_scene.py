@@ -58,8 +58,11 @@ STATE_COLORS = dict(
 
 def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
     """Corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms, or None."""
-    corners, normals, colors = [], [], []
-    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    corners = []
+    normals = []
+    colors = []
+    first = int(model.body_geomadr[body])
+    count = int(model.body_geomnum[body])
 
     for geom in range(first, first + count):
         rgba = np.asarray(model.geom_rgba[geom])
@@ -98,9 +101,9 @@ def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> A
     """
     fixed = [b for b in range(1, model.nbody) if model.body_weldid[b] == 0]
     fields = np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_HFIELD
-    stands = np.vstack([data.xpos[fixed], data.geom_xpos[fields]])
+    p_fixed = np.vstack([data.xpos[fixed], data.geom_xpos[fields]])
     hull = data.xpos[vehicle.hull]
-    return 0.5 * (hull + stands.mean(axis=0)) if len(stands) else hull
+    return 0.5 * (hull + p_fixed.mean(axis=0)) if len(p_fixed) else hull
 
 
 def _plane(size: Array) -> tuple[Array, np.ndarray]:
@@ -116,7 +119,7 @@ def blueprint(middle: Array) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
-    so_far = rr.VisibleTimeRange(
+    until_now = rr.VisibleTimeRange(
         TIMELINE,
         start=rr.TimeRangeBoundary.infinite(),
         end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
@@ -134,7 +137,7 @@ def blueprint(middle: Array) -> Any:
         eye_controls=rrb.EyeControls3D(
             position=middle + np.array([2.0, -3.2, 1.4]), look_target=middle
         ),
-        overrides={"world/path/done": rrb.VisibleTimeRanges(so_far)},
+        overrides={"world/path/done": rrb.VisibleTimeRanges(until_now)},
     )
 
     return rrb.Blueprint(

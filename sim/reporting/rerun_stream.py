@@ -28,7 +28,8 @@ class LogStream:
         """
         import rerun as rr  # heavy, and not needed by a run without a log
 
-        self._rr, self._path = rr, path
+        self._rr = rr
+        self._path = path
         self._whole: list[int] = []  # [bytes] readable size of the file after each flush
         self.lost = ""  # why the log was abandoned; empty: it was not
 
@@ -84,8 +85,8 @@ class LogStream:
 
         # Closing or destroying a stream whose writer is dead can block forever: keep it alive.
         self._rr.unregister_shutdown()
-        for each in (self._stream, getattr(self._stream, "inner", None)):
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
+        for stream in (self._stream, getattr(self._stream, "inner", None)):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
 
         most = (self._path.stat().st_size if self._path.is_file() else 0) - (ROOM if full else 0)
         self._whole = [size for size in self._whole if size <= most] or [0]

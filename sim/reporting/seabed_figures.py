@@ -96,12 +96,16 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
 
     if "body_pose" in recording:
         poses = recording["body_pose"]
-        now = poses.value[np.searchsorted(poses.time, recording["p_WB"].time[row]) - 1].reshape(
-            -1, 7
-        )
+        body_poses = poses.value[
+            np.searchsorted(poses.time, recording["p_WB"].time[row]) - 1
+        ].reshape(-1, 7)
         links = [i for i, name in enumerate(poses.labels) if name.startswith(("arm_base", "link"))]
         axes.plot(
-            *seen(np.vstack([now[links, :3], tip])).T, "o-", color=BLUE, markersize=3, label="arm"
+            *seen(np.vstack([body_poses[links, :3], tip])).T,
+            "o-",
+            color=BLUE,
+            markersize=3,
+            label="arm",
         )
 
     targets = recording.clouds.get("targets")
@@ -164,18 +168,23 @@ def _soil(recording: Recording, truth: TrueGround, rows: np.ndarray) -> Figure:
 
 def _profile(recording: Recording, truth: TrueGround) -> Figure:
     rows = np.flatnonzero(recording.within(WorkState.WORK))[::_THIN]
-    tip, asked = recording["p_pad"].value[rows], recording["p_command"].value[rows]
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(asked[:, :2], axis=0), axis=1))])
+    tip = recording["p_pad"].value[rows]
+    command = recording["p_command"].value[rows]
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(command[:, :2], axis=0), axis=1))])
 
     figure = Figure(figsize=(WIDTH, 3.5), layout="constrained")
     axes = figure.subplots()
     level = truth.ground.center_W[2]
 
     axes.plot(
-        s, 1e3 * (truth.ground.height(asked) - level), color=INK, linewidth=1.2, label="true ground"
+        s,
+        1e3 * (truth.ground.height(command) - level),
+        color=INK,
+        linewidth=1.2,
+        label="true ground",
     )
     axes.plot(
-        s, 1e3 * (asked[:, 2] - level), color=ORANGE, linewidth=1.0, linestyle="--", label="asked"
+        s, 1e3 * (command[:, 2] - level), color=ORANGE, linewidth=1.0, linestyle="--", label="asked"
     )
     axes.plot(s, 1e3 * (tip[:, 2] - level), color=BLUE, linewidth=1.0, label="tip")
 

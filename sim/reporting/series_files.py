@@ -88,10 +88,11 @@ def write_table(file: Path, columns: Sequence[Column]) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    fields, arrays = [], []
+    fields = []
+    arrays = []
     for column in columns:
         arrays.append(pa.array(column.values))
-        about = {key.encode(): value.encode() for key, value in column.about.items()}
+        about = {key.encode(): entry.encode() for key, entry in column.about.items()}
         fields.append(pa.field(column.name, arrays[-1].type, metadata=about))
 
     pq.write_table(
@@ -118,27 +119,31 @@ def read_table(file: Path) -> dict[str, Column]:
             `MOST_NUMBERS` values.
         MissingLibraryError: It is a Parquet file, and the package pyarrow is not installed.
     """
-    what = f"series {shown(str(file))}"
-    columns = _from_npz(file, what) if file.suffix == ".npz" else _from_parquet(arrow_table(file))
+    subject = f"series {shown(str(file))}"
+    columns = (
+        _from_npz(file, subject) if file.suffix == ".npz" else _from_parquet(arrow_table(file))
+    )
     lengths = {column.values.shape for column in columns}
     if len(lengths) != 1 or len(next(iter(lengths))) != 1 or not next(iter(lengths))[0]:
-        raise ConfigurationError(f"{what}: its columns must have one length, at least 1")
+        raise ConfigurationError(f"{subject}: its columns must have one length, at least 1")
 
     for column in columns:
         named = column.name + column.series
         if len(named) > 2 * _LONGEST_NAME or commands_a_terminal(named):
-            raise ConfigurationError(f"{what}: {shown(column.name)} is no name of a column")
+            raise ConfigurationError(f"{subject}: {shown(column.name)} is no name of a column")
         if len(column.unit) > 20 or commands_a_terminal(column.unit):
-            raise ConfigurationError(f"{what}: {shown(column.unit)} is no unit")
+            raise ConfigurationError(f"{subject}: {shown(column.unit)} is no unit")
 
         if column.values.dtype.kind == "O":  # of Arrow: texts, or numbers with gaps
-            if not all(isinstance(each, str) for each in column.values):
+            if not all(isinstance(word, str) for word in column.values):
                 raise ConfigurationError(
-                    f"{what}: {shown(column.name)} is neither numbers nor texts"
+                    f"{subject}: {shown(column.name)} is neither numbers nor texts"
                 )
             checked(column.values.tolist(), column.name)
         elif column.values.dtype.kind not in "bifuU":
-            raise ConfigurationError(f"{what}: {shown(column.name)} is neither numbers nor texts")
+            raise ConfigurationError(
+                f"{subject}: {shown(column.name)} is neither numbers nor texts"
+            )
 
     return {column.name: column for column in columns}
 
@@ -153,43 +158,44 @@ def arrow_table(file: Path) -> "pa.Table":
     with wanted():
         import pyarrow as pa
         import pyarrow.parquet as pq
-    what = f"series {shown(str(file))}"
+    subject = f"series {shown(str(file))}"
     raw = bytes_of(file, "series", _MOST_BYTES // 2)
     try:
         stored = pq.ParquetFile(pa.BufferReader(raw), page_checksum_verification=True)
-        told = stored.metadata
+        metadata = stored.metadata
         parts = [
-            told.row_group(i).column(k)
-            for i in range(told.num_row_groups)
-            for k in range(told.num_columns)
+            metadata.row_group(i).column(k)
+            for i in range(metadata.num_row_groups)
+            for k in range(metadata.num_columns)
         ]
 
         # What it takes in memory, checked before it is read.
         unpacked = sum(part.total_uncompressed_size for part in parts)
-        if told.num_rows * told.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
-            raise ConfigurationError(f"{what}: more than {MOST_NUMBERS} values")
+        if metadata.num_rows * metadata.num_columns > MOST_NUMBERS or unpacked > _MOST_BYTES:
+            raise ConfigurationError(f"{subject}: more than {MOST_NUMBERS} values")
         if any(
             part.has_dictionary_page or not _ENCODINGS.issuperset(part.encodings) for part in parts
         ):
-            raise ConfigurationError(f"{what}: encoded otherwise than a run writes it")
+            raise ConfigurationError(f"{subject}: encoded otherwise than a run writes it")
 
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
         if isinstance(error, ConfigurationError):
             raise
-        raise ConfigurationError(f"{what}: is not a complete Parquet file") from error
+        raise ConfigurationError(f"{subject}: is not a complete Parquet file") from error
 
     if len(set(table.schema.names)) < len(table.schema.names):
-        raise ConfigurationError(f"{what}: two columns have one name")
+        raise ConfigurationError(f"{subject}: two columns have one name")
     return table
 
 
 def _from_parquet(table: "pa.Table") -> list[Column]:
     columns = []
     for field in table.schema:
-        told = field.metadata or {}
+        metadata = field.metadata or {}
         about = {
-            key: told.get(key.encode(), b"").decode(errors="replace") for key in ("unit", "series")
+            key: metadata.get(key.encode(), b"").decode(errors="replace")
+            for key in ("unit", "series")
         }
         columns.append(Column(field.name, table[field.name].to_numpy(), **about))
 
@@ -207,7 +213,8 @@ def _from_npz(file: Path, what: str) -> list[Column]:
             about = parsed_json(str(stored[_ABOUT]), f"{what}: about")
             names = TableReader("about").made(_Abouts, {"columns": about}).columns
             return [
-                Column(name, stored[name], each.unit, each.series) for name, each in names.items()
+                Column(name, stored[name], field.unit, field.series)
+                for name, field in names.items()
             ]
     except (*_BROKEN, RecursionError) as error:
         if isinstance(error, ConfigurationError):

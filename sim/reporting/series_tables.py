@@ -38,9 +38,13 @@ if TYPE_CHECKING:  # the figures of a run are read without the kernels of what r
 
 METRICS = "metrics.json"  # in the folder of a run
 STATES = (*WorkState, "interrupted", "crashed")  # in which a run may end
-LOOP, SLOW, POSES, EVENTS = "loop", "slow", "poses", "events"
+LOOP = "loop"
+SLOW = "slow"
+POSES = "poses"
+EVENTS = "events"
 # after the name of a table whose series begin later than those of another of its rate
 LATE = "_late"
+_CLOUD = "cloud_"  # before the name of a cloud
 _FILE = "series_"  # before the name of a table of series
 # series whose rate names a table; the other rate is SLOW
 _NAMES = {"body_pose": POSES, "contact_normal": LOOP}
@@ -61,6 +65,11 @@ def write_series(recording: "Recording", folder: Path) -> None:
         "note": [event.note for event in events],
     }
 
+    for name, points in recording.clouds.items():
+        columns = [Column(axis, points[:, k], "m") for k, axis in enumerate("xyz")]
+        if len(points):
+            write_table(folder / f"{_CLOUD}{name}", columns)
+
     times = Column("time", np.array([event.time for event in events]), "s")
     write_table(
         folder / EVENTS,
@@ -75,13 +84,13 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
         if len(series.time):
             by_time.setdefault((len(series.time), float(series.time[0])), []).append((name, series))
 
-    made: dict[str, list[Column]] = {}
+    tables: dict[str, list[Column]] = {}
     for group in by_time.values():
         title = next((_NAMES[name] for name, _ in group if name in _NAMES), SLOW)
-        while title in made:  # series that begin later, such as an estimate after the tare
+        while title in tables:  # series that begin later, such as an estimate after the tare
             title += LATE
 
-        made[title] = [Column("time", group[0][1].time, "s")]
+        tables[title] = [Column("time", group[0][1].time, "s")]
         for name, series in group:
             labels = series.labels
             if name == "body_pose":
@@ -95,11 +104,11 @@ def _tables(recording: "Recording") -> dict[str, list[Column]]:
             if len(labels) != width:
                 labels = tuple(map(str, range(width))) if width > 1 else ()
             words = [f"{name}.{label}" for label in labels] or [name]
-            made[title] += [
+            tables[title] += [
                 Column(word, series.value[:, i], series.unit, name) for i, word in enumerate(words)
             ]
 
-    return made
+    return tables
 
 
 @dataclass(frozen=True, slots=False)
@@ -165,6 +174,25 @@ class PastRun:
         files = [file for ending in ENDINGS for file in self.folder.glob(f"{_FILE}*{ending}")]
         return tuple(sorted({file.stem.removeprefix(_FILE) for file in files}))
 
+    @cached_property
+    def clouds(self) -> Mapping[str, np.ndarray]:
+        """Points (N, 3) [m] in W of each cloud that the run kept, by name.
+
+        Raises:
+            ConfigurationError: A file of them is none that a run writes.
+        """
+        files = sorted(f for ending in ENDINGS for f in self.folder.glob(f"{_CLOUD}*{ending}"))
+        read = {file.stem.removeprefix(_CLOUD): read_table(file) for file in files}
+        for name, columns in read.items():
+            if tuple(columns) != ("x", "y", "z"):
+                raise ConfigurationError(
+                    f"{self.folder}: cloud {shown(name)} must have the columns x, y, z"
+                )
+        return {
+            name: np.column_stack([column.values for column in columns.values()])
+            for name, columns in read.items()
+        }
+
     def table(self, rate: str = LOOP) -> "pa.Table":
         """Series of one rate, or EVENTS; with pandas `.to_pandas()` makes a data frame of it.
 
@@ -196,13 +224,13 @@ class PastRun:
         Raises:
             ConfigurationError: There is no such column, or it is texts.
         """
-        values = self.column(name, rate)
-        if values.dtype.kind not in "bifu":
+        numbers = self.column(name, rate)
+        if numbers.dtype.kind not in "bifu":
             raise ConfigurationError(
                 f"{self.folder}: the column {shown(name)} of {rate!r} is not numeric"
             )
 
-        return values
+        return numbers
 
     def units(self, rate: str = LOOP) -> dict[str, str]:
         """Unit of each column."""
@@ -234,8 +262,10 @@ class PastRun:
                     parts.setdefault(column.series, []).append(column)
             for name, group in parts.items():
                 labels = tuple(column.label for column in group) if group[0].label else ()
-                value = np.column_stack([self.numbers(column.name, rate) for column in group])
-                series[name] = Series(time=time, value=value, unit=group[0].unit, labels=labels)
+                components = np.column_stack([self.numbers(column.name, rate) for column in group])
+                series[name] = Series(
+                    time=time, value=components, unit=group[0].unit, labels=labels
+                )
 
         self._check_layout(series)
         return RecordedSeries(duration=self.simulated_s, series=series, events=self.events)
@@ -257,15 +287,15 @@ class PastRun:
         if not np.isfinite(times).all() or sorted(times) != times:
             raise ConfigurationError(f"{self.folder}: the times of its events do not rise")
 
-        made = []
+        events = []
         for time, state, note, abort in zip(times, *texts, strict=True):
             one_of(state, [*WorkState], f"{self.folder}: state of an event")
             if abort:
                 one_of(abort, [*AbortCode], f"{self.folder}: cause of an event")
             cause = AbortCode(abort) if abort else None
-            made.append(Event(time=float(time), state=WorkState(state), note=note, abort=cause))
+            events.append(Event(time=float(time), state=WorkState(state), note=note, abort=cause))
 
-        return tuple(made)
+        return tuple(events)
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
         """Refuses series of every step with other numbers of columns, or of rows, than `state`."""
@@ -297,8 +327,10 @@ class PastRun:
     def _columns(self, rate: str) -> dict[str, Column]:
         if rate not in self._kept:
             read = read_table(self._file(rate))
-            there = [column for table in (*self._kept.values(), read) for column in table.values()]
-            if sum(column.values.size for column in there) > MOST_NUMBERS:
+            columns = [
+                column for table in (*self._kept.values(), read) for column in table.values()
+            ]
+            if sum(column.values.size for column in columns) > MOST_NUMBERS:
                 raise ConfigurationError(
                     f"{self.folder}: its tables have more than {MOST_NUMBERS} values"
                 )
@@ -329,9 +361,9 @@ class PastRun:
             ("true path deviation, peak", "path", "true_deviation_max_m", 1e3, "mm"),
         ):
             figures = self.metrics.get(table)
-            value = figures.get(name) if isinstance(figures, Mapping) else None
-            if isinstance(value, int | float):
-                rows.append((title, f"{scale * value:.2f}", unit))
+            figure = figures.get(name) if isinstance(figures, Mapping) else None
+            if isinstance(figure, int | float):
+                rows.append((title, f"{scale * figure:.2f}", unit))
 
         return page.card(
             str(self.folder), bool(self.metrics["accepted"]), self.metrics["failed"], rows

@@ -61,7 +61,7 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         for name, recorded in runs.items()
     }
 
-    titles = list(dict.fromkeys(title for found in drawn.values() for title in found))
+    titles = list(dict.fromkeys(title for series in drawn.values() for title in series))
     if not titles:
         return ""
 
@@ -71,7 +71,7 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         _draw(
             figure,
             row,
-            {k: found[title] for k, found in enumerate(drawn.values()) if title in found},
+            {k: series[title] for k, series in enumerate(drawn.values()) if title in series},
             start,
         )
 
@@ -99,14 +99,14 @@ def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) 
         **_legends(figure, len(titles)),
     )
 
-    made = to_html(
+    html = to_html(
         figure,
         full_html=False,
         include_plotlyjs=True,
         div_id=ELEMENT,
         config={"displaylogo": False, "responsive": True, "doubleClick": "autosize"},
     )
-    return f"{made}<script>{_SHADES}</script>"
+    return f"{html}<script>{_SHADES}</script>"
 
 
 def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[Panel]:
@@ -119,8 +119,8 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
         yield Panel(
             "normal force [N]",
             [
-                Line(said, time, recorded[name].scalar[contact], colour)
-                for (said, name), colour in zip(force.items(), (FAINT, ORANGE, BLUE), strict=True)
+                Line(label, time, recorded[name].scalar[contact], colour)
+                for (label, name), colour in zip(force.items(), (FAINT, ORANGE, BLUE), strict=True)
             ],
         )
 
@@ -128,9 +128,9 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             "tangential force [N]",
             [
                 Line(
-                    said, time, np.linalg.norm(tangential(recorded, name), axis=1)[contact], colour
+                    label, time, np.linalg.norm(tangential(recorded, name), axis=1)[contact], colour
                 )
-                for said, name, colour in (
+                for label, name, colour in (
                     ("felt", "felt_force", ORANGE),
                     ("true", "contact_force", BLUE),
                 )
@@ -154,8 +154,8 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
         yield Panel(
             "tip path error [mm]",
             [
-                Line(name, error.time, 1e3 * value, _COLOURS[i])
-                for i, (name, value) in enumerate(parts)
+                Line(name, error.time, 1e3 * component, _COLOURS[i])
+                for i, (name, component) in enumerate(parts)
             ],
             _both(1e3 * bounds.path_deviation if bounds is not None and judged else None),
         )
@@ -197,7 +197,8 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
 def _arm_wrench(recorded: RecordedSeries) -> Iterator[Panel]:
     if "arm_wrench" not in recorded or "believed.arm_wrench_B" not in recorded:
         return
-    true, believed = recorded["arm_wrench"], recorded["believed.arm_wrench_B"]
+    true = recorded["arm_wrench"]
+    believed = recorded["believed.arm_wrench_B"]
 
     for first, title in ((0, "arm's force on the hull [N]"), (3, "arm's moment on the hull [N m]")):
         lines = []
@@ -232,20 +233,20 @@ def _draw(
     figure: go.Figure, row: int, of_runs: Mapping[int, Panel], start: Sequence[float]
 ) -> None:
     """One panel with the lines of all runs, by their number, and its bounds."""
-    told: set[str] = set()  # names in the legend
+    in_legend: set[str] = set()
     legend = f"legend{row}" if row > 1 else "legend"
 
     for k, panel in of_runs.items():
         for line in panel.lines:
-            time, value = thinned(line.time - start[k], line.value)
+            time, thinned_values = thinned(line.time - start[k], line.value)
             figure.add_trace(
                 go.Scatter(
                     x=time.astype(np.float32),
-                    y=value.astype(np.float32),
+                    y=thinned_values.astype(np.float32),
                     name=html.escape(line.name),  # Plotly draws tags in a text
                     legend=legend,
                     legendgroup=f"{row} {html.escape(line.name)}",
-                    showlegend=line.name not in told,
+                    showlegend=line.name not in in_legend,
                     mode="lines",
                     line={"color": line.colour, "width": 1.2, "dash": _DASHES[k % 2]},
                     hovertemplate="%{y:.3g}",
@@ -253,7 +254,7 @@ def _draw(
                 row=row,
                 col=1,
             )
-            told.add(line.name)
+            in_legend.add(line.name)
 
     panel = next(iter(of_runs.values()))
     figure.update_yaxes(title_text=panel.title, row=row, col=1)
@@ -268,17 +269,17 @@ def _draw(
 
 def _legends(figure: go.Figure, count: int) -> dict[str, dict[str, object]]:
     """A legend above each panel, at its right."""
-    made: dict[str, dict[str, object]] = {}
+    legends: dict[str, dict[str, object]] = {}
     for row in range(1, count + 1):
         top = figure.layout["yaxis" if row == 1 else f"yaxis{row}"].domain[1]
-        place = {"x": 1.0, "xanchor": "right", "y": top, "yanchor": "bottom", "orientation": "h"}
-        made["legend" if row == 1 else f"legend{row}"] = {
-            **place,
+        position = {"x": 1.0, "xanchor": "right", "y": top, "yanchor": "bottom", "orientation": "h"}
+        legends["legend" if row == 1 else f"legend{row}"] = {
+            **position,
             "bgcolor": "rgba(0,0,0,0)",
             "font": {"size": 11},
         }
 
-    return made
+    return legends
 
 
 def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:

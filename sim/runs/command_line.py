@@ -48,7 +48,7 @@ class RunOptions:
     """Options of every run that change no figure."""
 
     # title: names of the options
-    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest"}
+    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest pace"}
     # of a scenario file, by the option; others end with the option's name
     keys: ClassVar[Mapping[str, str]] = {}
 
@@ -60,6 +60,8 @@ class RunOptions:
     """Open the Rerun viewer while the run goes on."""
     record: bool = True
     """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
+    pace: float | None = None
+    """Factor of real time to keep, such as 1; default: as fast as it goes."""
     longest: float | None = None
     """Limit of the simulated time [s]; default: 1.5 times what the job needs, and at least 400."""
 
@@ -111,10 +113,10 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     from uuv.sim.runs.option_groups import cli  # here, so that `sim` runs without tyro
 
     args = [arg for arg in (sys.argv[1:] if args is None else args) if arg != TRACEBACK]
-    said = io.StringIO()
+    messages = io.StringIO()
 
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(messages):
             options = cli(kind, args)
     except SystemExit as stop:
         if stop.code != BAD_INPUT:
@@ -123,7 +125,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         # tyro draws a box, in colour on a terminal: title, message, a horizontal rule, help.
         rows = (
             row.strip(" │|")
-            for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:]
+            for row in re.sub(r"\x1b\[[0-9;]*m", "", messages.getvalue()).splitlines()[1:]
         )
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")
@@ -137,17 +139,19 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
             mistake = f"{', '.join(lacking)}: missing"
 
         unknown = re.search(r"Unrecognized options?: (--[\w-]+)", mistake)
-        known = [f"--{each.name.replace('_', '-')}" for each in fields(cast(Any, kind))]
-        meant = did_you_mean(unknown[1], known) if unknown else ""
-        raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options){meant}") from None
+        known = [f"--{option.name.replace('_', '-')}" for option in fields(cast(Any, kind))]
+        suggestion = did_you_mean(unknown[1], known) if unknown else ""
+        raise _refusal(
+            f"{mistake.strip().rstrip('.')} (--help lists the options){suggestion}"
+        ) from None
 
     global _typed
     _typed = kind
 
-    for name, value in vars(options).items():
-        if name.endswith("seed") and value is not None and value < 0:
-            raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
-        for number in value if isinstance(value, tuple) else (value,):
+    for name, setting in vars(options).items():
+        if name.endswith("seed") and setting is not None and setting < 0:
+            raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {setting}")
+        for number in setting if isinstance(setting, tuple) else (setting,):
             if isinstance(number, float) and not math.isfinite(number):
                 raise _refusal(f"--{name.replace('_', '-')}: must be finite, got {number}")
 
@@ -156,7 +160,9 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
 def as_base(options: Any, base: type[Options]) -> Options:
     """The options of the class `base` alone, of `options` of a class that inherits it."""
-    return base(**{each.name: getattr(options, each.name) for each in fields(cast(Any, base))})
+    return base(
+        **{option.name: getattr(options, option.name) for option in fields(cast(Any, base))}
+    )
 
 
 def with_options(message: str, kind: type[Any]) -> str:
@@ -229,8 +235,8 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
         raise _refusal(with_options(str(error), _typed)) from None
     except ImportError as error:
         give_back()
-        told = missing(error)
-        raise (_failure(error) if told is None else _refusal(str(told))) from None
+        absence = missing(error)
+        raise (_failure(error) if absence is None else _refusal(str(absence))) from None
     except KeyboardInterrupt as stop:
         give_back()
         print("interrupted", file=sys.stderr)
@@ -254,21 +260,23 @@ def _failure(error: Exception) -> SystemExit:
 
 def _blame(error: Exception) -> tuple[str, int]:
     """Message and exit code of an unexpected error, of a user's own module or of the program."""
-    said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+    failure = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
 
     # A user's own module counts before the program that called it.
     places = list(_places(error.__traceback__))
     folders = [_HOME / name for name in ("uuv", *ROOMS, "scripts")]
-    ours = [place for place in places if any(place[2].is_relative_to(folder) for folder in folders)]
-    of_user = [place for place in places if place not in ours and not is_installed(place[2])]
+    of_project = [
+        frame for frame in places if any(frame[2].is_relative_to(folder) for folder in folders)
+    ]
+    of_user = [frame for frame in places if frame not in of_project and not is_installed(frame[2])]
     if of_user:
         frame, line, file = of_user[-1]
         module = frame.f_globals.get("__name__", file.stem)
-        return f"{module}: {frame.f_code.co_qualname} raised {said} ({file}:{line})", BAD_INPUT
+        return f"{module}: {frame.f_code.co_qualname} raised {failure} ({file}:{line})", BAD_INPUT
 
-    _, line, file = (ours or places)[-1]
-    where = file.relative_to(_HOME) if file.is_relative_to(_HOME) else file
-    return f"internal: {said} ({where}:{line}; {TRACEBACK} shows the traceback)", INTERNAL
+    _, line, file = (of_project or places)[-1]
+    shown_path = file.relative_to(_HOME) if file.is_relative_to(_HOME) else file
+    return f"internal: {failure} ({shown_path}:{line}; {TRACEBACK} shows the traceback)", INTERNAL
 
 
 def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]]:
@@ -280,13 +288,13 @@ def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]
 
 def is_installed(file: Path) -> bool:
     """Return True if `file` belongs to Python itself or to an installed package."""
-    own = [
+    packages = [
         Path(path).resolve()
         for name in ("stdlib", "platstdlib")
         if (path := sysconfig.get_path(name))
     ]
     return not {"site-packages", "dist-packages"}.isdisjoint(file.parts) or any(
-        map(file.is_relative_to, own)
+        map(file.is_relative_to, packages)
     )
 
 

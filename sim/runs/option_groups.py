@@ -26,19 +26,20 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
     titles = _titles(kind)
     if len(titles) < 2:
         return tyro.cli(kind, args=args)
-    hints, texts = get_type_hints(kind, include_extras=True), help_texts(kind)
+    hints = get_type_hints(kind, include_extras=True)
+    texts = help_texts(kind)
     members: dict[str, list[tuple[str, Any, Any]]] = {title: [] for title in titles.values()}
 
-    for each in fields(cast(Any, kind)):
-        hint = Annotated[hints[each.name], tyro.conf.arg(help=texts.get(each.name, ""))]
-        members[titles[each.name]].append((each.name, hint, _default(each)))
+    for option in fields(cast(Any, kind)):
+        hint = Annotated[hints[option.name], tyro.conf.arg(help=texts.get(option.name, ""))]
+        members[titles[option.name]].append((option.name, hint, _default(option)))
 
     parts = []
     for title, group in members.items():
         part = make_dataclass(title, group, kw_only=True)
         whole = all(
-            each.default is not MISSING or each.default_factory is not MISSING
-            for each in fields(part)
+            member.default is not MISSING or member.default_factory is not MISSING
+            for member in fields(part)
         )
         # else tyro looks for its source
         hint = Annotated[part, tyro.conf.OmitArgPrefixes, tyro.conf.arg(help="")]
@@ -46,9 +47,13 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
 
     # Read by groups, handed to the class.
     grouped = make_dataclass("Grouped", parts, kw_only=True)
-    found = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
+    parsed = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
     return kind(
-        **{name: value for title in members for name, value in vars(getattr(found, title)).items()}
+        **{
+            name: setting
+            for title in members
+            for name, setting in vars(getattr(parsed, title)).items()
+        }
     )
 
 
@@ -59,19 +64,19 @@ def _titles(kind: type) -> dict[str, str]:
         for title, names in vars(base).get("groups", {}).items():
             named |= {name: title for name in names.split() if name not in named}
 
-    titles = {each.name: named.get(each.name, REST) for each in fields(kind)}
+    titles = {option.name: named.get(option.name, REST) for option in fields(kind)}
     order = sorted(
         dict.fromkeys(titles.values()), key=lambda title: (title != REST, title == "output")
     )
 
     return (
-        {name: title for wanted in order for name, title in titles.items() if title == wanted}
+        {name: title for group in order for name, title in titles.items() if title == group}
         if named
         else {}
     )
 
 
-def _default(each: Field[Any]) -> Any:
-    if each.default_factory is not MISSING:
-        return field(default_factory=each.default_factory)
-    return field() if each.default is MISSING else field(default=each.default)
+def _default(option: Field[Any]) -> Any:
+    if option.default_factory is not MISSING:
+        return field(default_factory=option.default_factory)
+    return field() if option.default is MISSING else field(default=option.default)

@@ -32,10 +32,12 @@ def parts_from_the_working_folder() -> None:
     First on the path, a csv.py or a folder `models` beside one's data would be run in place of
     Python's or of ours.
     """
-    here = os.getcwd()
+    working_folder = os.getcwd()
     sys.path[:] = [
-        each for each in sys.path if each and os.path.realpath(each) != os.path.realpath(here)
-    ] + [here]
+        folder
+        for folder in sys.path
+        if folder and os.path.realpath(folder) != os.path.realpath(working_folder)
+    ] + [working_folder]
 
 
 @contextmanager
@@ -104,9 +106,9 @@ def reader_is_gone(error: BaseException) -> bool:
 
 def _discard_output() -> None:
     """Turns stdout and stderr away, so that what is still to be flushed is lost without a word."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    null_device = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:
-            os.dup2(nowhere, stream.fileno())
+            os.dup2(null_device, stream.fileno())
         except (OSError, ValueError):
             continue

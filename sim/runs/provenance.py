@@ -47,19 +47,21 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
     Returns:
         Scenario, options, versions, machine, commit and digest.
     """
-    given = options if isinstance(options, Mapping) else asdict(options)
+    settings = options if isinstance(options, Mapping) else asdict(options)
 
-    made: dict[str, Any] = {
+    record: dict[str, Any] = {
         "scenario": scenario,
-        "options": {name: _plain(value) for name, value in given.items() if name not in _WHERE},
+        "options": {
+            name: _plain(setting) for name, setting in settings.items() if name not in _WHERE
+        },
         "versions": versions(),
         "machine": _machine(),
         **commit(),
     }
 
     if model is not None:
-        made["model_sha256"] = model_digest(model)
-    return made
+        record["model_sha256"] = model_digest(model)
+    return record
 
 
 def provenance_rows(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -72,7 +74,7 @@ def versions() -> dict[str, str]:
     """Versions of Python and of the installed packages that a result may depend on."""
     return {
         "python": platform.python_version(),
-        **{p: found for p in PACKAGES if (found := _version(p)) is not None},
+        **{p: version for p in PACKAGES if (version := _version(p)) is not None},
     }
 
 
@@ -102,7 +104,7 @@ def _machine() -> str:
 
 def _git(*words: str) -> str | None:
     try:
-        told = subprocess.run(
+        answer = subprocess.run(
             ["git", "--no-optional-locks", *words],
             cwd=HOME,
             capture_output=True,
@@ -112,7 +114,7 @@ def _git(*words: str) -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return told.stdout.strip()
+    return answer.stdout.strip()
 
 
 def _version(package: str) -> str | None:
@@ -125,11 +127,11 @@ def _version(package: str) -> str | None:
 def _plain(value: Any) -> Any:
     """`value` converted to JSON types."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(each) for key, each in value.items()}
+        return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, (set, frozenset)):
-        return sorted(_plain(each) for each in value)
+        return sorted(_plain(entry) for entry in value)
     if isinstance(value, (tuple, list)):
-        return [_plain(each) for each in value]
+        return [_plain(entry) for entry in value]
     if isinstance(value, float) and not np.isfinite(value):
         return str(value)
     return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)

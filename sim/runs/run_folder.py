@@ -28,7 +28,7 @@ class _Claimed:
     """Folder in which this process began a run."""
 
     folder: Path
-    made: bool  # created by this process
+    is_new: bool  # created by this process
     latest: Path | None = None  # link that points to it
 
 
@@ -53,12 +53,12 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
     folder_name(scenario, "name")
     if out is not None:
         folder_given(out, "--out")
-        made = True
+        is_new = True
         try:
             try:
                 out.mkdir(parents=True)
             except FileExistsError:
-                made = False
+                is_new = False
             used = any(out.iterdir())
         except OSError as error:
             raise _cannot(out, error) from error
@@ -68,7 +68,7 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
                 f"--out {out}: is in use already; each run needs a new or empty folder of its own"
             )
 
-        _claimed.append(_Claimed(out, made))
+        _claimed.append(_Claimed(out, is_new))
         return out
 
     name = f"{datetime.now():%Y%m%d-%H%M%S}" + ("" if seed is None else f"-{seed}")
@@ -103,8 +103,8 @@ def checked_format(document: Any, what: str) -> None:
 
 def _next_to_others(home: Path, name: str) -> Path:
     """Create folder `name` in `home`, or `name`.2 and so on if another began in that second."""
-    for again in count(1):
-        folder = home / (name if again == 1 else f"{name}.{again}")
+    for number in count(1):
+        folder = home / (name if number == 1 else f"{name}.{number}")
         try:
             folder.mkdir(parents=True)
         except FileExistsError as error:
@@ -130,7 +130,7 @@ def claimed_folder() -> Path:
 
 def works_in(folder: Path) -> None:
     """Note that this process's results go to `folder`, beside earlier ones: a study resumed."""
-    _claimed.append(_Claimed(folder, made=False))
+    _claimed.append(_Claimed(folder, is_new=False))
 
 
 def give_back() -> None:
@@ -140,13 +140,14 @@ def give_back() -> None:
     """
     while _claimed:
         claimed = _claimed.pop()
-        folder, latest = claimed.folder, claimed.latest
+        folder = claimed.folder
+        latest = claimed.latest
         try:
             if [path.name for path in folder.iterdir()] != [BEGUN]:
                 continue
             (folder / BEGUN).unlink()
 
-            if claimed.made:
+            if claimed.is_new:
                 folder.rmdir()
 
             if latest is not None and latest.is_symlink() and not latest.exists():

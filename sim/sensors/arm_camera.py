@@ -158,9 +158,9 @@ def predict(
         shift: [m] across the view since the key picture.
     """
     rays = camera.rays(GRID)
-    good = np.isfinite(depth) & ~hidden & (depth >= camera.near) & (depth <= camera.far)
-    seen = float(good.mean())
-    if good.sum() < 4:
+    valid = np.isfinite(depth) & ~hidden & (depth >= camera.near) & (depth <= camera.far)
+    visible = float(valid.mean())
+    if valid.sum() < 4:
         nothing = np.zeros((6, 6))
         return Prediction(
             texture=nothing,
@@ -171,28 +171,28 @@ def predict(
         )
 
     # Normals of the surface, by gradients of the inverse depth.
-    inverse_depth = np.where(good, 1.0 / np.where(good, depth, 1.0), np.nan)
+    inverse_depth = np.where(valid, 1.0 / np.where(valid, depth, 1.0), np.nan)
     wv, wu = np.gradient(inverse_depth, GRID)
     f = camera.focal
     u = f * rays[..., 0]
     v = f * rays[..., 1]
     normals = -np.stack([f * wu, f * wv, inverse_depth - u * wu - v * wv], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    shaped = good & np.isfinite(normals).all(axis=-1)
+    shaped = valid & np.isfinite(normals).all(axis=-1)
 
-    points = rays * np.where(good, depth, 0.0)[..., None]
-    slant = np.sum(np.where(shaped[..., None], normals, 0.0)[good] * -rays[good], axis=1)
+    points = rays * np.where(valid, depth, 0.0)[..., None]
+    slant = np.sum(np.where(shaped[..., None], normals, 0.0)[valid] * -rays[valid], axis=1)
     cosine = np.clip(np.abs(slant), 0.3, 1.0)
-    H_texture, ratio = _texture_information(camera, texture, water, points[good], cosine)
+    H_texture, ratio = _texture_information(camera, texture, water, points[valid], cosine)
     H_shape = _shape_information(camera, water, points[shaped], normals[shaped])
 
-    range_m = float(np.median(depth[good]))
+    range_m = float(np.median(depth[valid]))
     condition = np.array(
         [1.0, shift * f / (range_m * camera.width), water.cloud, np.clip(ratio, -2.0, 4.0)]
     )
 
     return Prediction(
-        texture=H_texture, shape=H_shape, condition=condition, seen=seen, range=range_m
+        texture=H_texture, shape=H_shape, condition=condition, seen=visible, range=range_m
     )
 
 
@@ -385,9 +385,9 @@ class ArmCamera:
             float(np.hypot(X_KC[0, 3], X_KC[1, 3])) if state.tracking else 0.0,
         )
 
-        chance = view.chance_lost(self._errors)
+        probability = view.chance_lost(self._errors)
         drawn = rng.standard_normal(3), rng.uniform(size=2)
-        if drawn[1][0] < chance:
+        if drawn[1][0] < probability:
             state.lost += 1
             state.tracking &= state.lost < MOST_LOST
             return state, None
@@ -472,13 +472,13 @@ def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> 
         time: [s]
         period: [s] between two pictures.
     """
-    comes = state.rng.uniform()
+    draw = state.rng.uniform()
     share = state.rng.uniform()
-    lasts = state.rng.exponential()
+    duration = state.rng.exponential()
 
-    if comes < conditions.cloud_rate * period:
+    if draw < conditions.cloud_rate * period:
         state.cloud = share
-        state.cloud_until = time + conditions.cloud_time * lasts
+        state.cloud_until = time + conditions.cloud_time * duration
     return state.cloud if time < state.cloud_until else 0.0
 
 

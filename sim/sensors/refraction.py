@@ -292,7 +292,9 @@ def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
 
     for i in range(rows):
         for j in range(columns):
-            x, y, z = points[i, j, 0] - baseline, points[i, j, 1], points[i, j, 2]
+            x = points[i, j, 0] - baseline
+            y = points[i, j, 1]
+            z = points[i, j, 2]
             if not np.isfinite(z):
                 continue
             rho = np.sqrt(x * x + y * y)

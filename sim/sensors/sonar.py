@@ -289,8 +289,8 @@ class Sonar:
 
     def _with_errors(self, r: Array, noise: SonarNoise, rng: np.random.Generator) -> Array:
         r = r * (1.0 + noise.range_share * rng.standard_normal(r.shape))
-        astray = rng.random(r.shape) < noise.outliers
-        r[astray] = rng.uniform(*self._range, int(astray.sum()))
+        is_outlier = rng.random(r.shape) < noise.outliers
+        r[is_outlier] = rng.uniform(*self._range, int(is_outlier.sum()))
         if noise.range_cell > 0.0:
             r = np.rint(r / noise.range_cell) * noise.range_cell
         return r

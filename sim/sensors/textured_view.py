@@ -163,8 +163,8 @@ def expose(
         )
 
     image = image + camera.intensity_noise * rng.standard_normal(depth.shape)
-    good = (noisy >= camera.near) & (noisy <= camera.far)
-    return Picture(image.astype(np.float32), np.where(good, noisy, np.nan).astype(np.float32))
+    valid = (noisy >= camera.near) & (noisy <= camera.far)
+    return Picture(image.astype(np.float32), np.where(valid, noisy, np.nan).astype(np.float32))
 
 
 def _cloud(

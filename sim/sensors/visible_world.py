@@ -395,7 +395,8 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
     """Mask (T,) of the cones that meet any of the spheres."""
     tiles = np.zeros(len(cones), dtype=np.bool_)
     for i in range(len(cones)):
-        cos_half, sin_half = np.cos(cones[i, 7]), np.sin(cones[i, 7])
+        cos_half = np.cos(cones[i, 7])
+        sin_half = np.sin(cones[i, 7])
         for j in range(len(spheres)):
             x, y, z = (
                 spheres[j, 0] - cones[i, 0],

@@ -112,21 +112,25 @@ class Current:
                 profile's rate is not that of its factor.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
-        gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
+        gust = number(gust, "gust [m/s]")
+        dt = number(timestep, "timestep of the current [s]")
         time_constant = number(time_constant, "time constant of the gusts [s]")
         _check_gusts(gust, rng, time_constant, dt)
         if profile is not None:
             _check_profile(profile)
 
-        self._rng, self._dt = rng, dt
-        self.profile, self._ticks = profile, 0
+        self._rng = rng
+        self._dt = dt
+        self.profile = profile
+        self._ticks = 0
         self.flows: tuple[FlowField, ...] = ()  # on top of all else; `with_flow` adds to them
         self._blows = gust > 0.0
         self._wave = wave if any(wave.amplitude_W) else None
         self._varies = self._blows or self._wave is not None
         if self._wave is not None:
             _check_wave(wave, dt)
-        a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
+        a = np.exp(-dt / time_constant)
+        b = -np.expm1(-dt / time_constant)
         self._gain, self._pole = float(b), float(a)
 
         # Stationary start, by Lyapunov's equation: deviations of both filter states for unit white
@@ -189,7 +193,9 @@ class Current:
             return f"the current has a flow field, {type(self.flows[0]).__name__}"
         # Of a subclass, or set on this object.
         methods = (self.step, Current.step), (self.at, Current.at)
-        replaced = any(getattr(method, "__func__", None) is not usual for method, usual in methods)
+        replaced = any(
+            getattr(method, "__func__", None) is not base_method for method, base_method in methods
+        )
         return f"current {type(self).__name__} has a step of its own" if replaced else ""
 
     @property

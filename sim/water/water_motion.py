@@ -87,11 +87,11 @@ def set_current(
         )
 
     # All are looked at before the first is written.
-    many = rows.shape[:-1]
+    shape = rows.shape[:-1]
     numbers = (
-        (FLOW.velocity, _fitted(velocity_W, many, "current velocity_W [m/s]")),
-        (FLOW.acceleration, _fitted(acceleration_W, many, "current acceleration_W [m/s^2]")),
-        (FLOW.shear, _fitted(shear, many, "current shear [1/s]")),
+        (FLOW.velocity, _fitted(velocity_W, shape, "current velocity_W [m/s]")),
+        (FLOW.acceleration, _fitted(acceleration_W, shape, "current acceleration_W [m/s^2]")),
+        (FLOW.shear, _fitted(shear, shape, "current shear [1/s]")),
     )
     for first, vectors in numbers:
         rows[..., first : first + 3] = vectors
@@ -116,7 +116,9 @@ def current(model: mujoco.MjModel, data: mujoco.MjData | Array) -> WaterMotion:
     if rows is not None:
         is_set = rows[..., FLOW.kind, None] == FLOW.uniform
         numbers = np.where(is_set, rows[..., FLOW.velocity : FLOW.size], numbers)
-    velocity, acceleration, shear = numbers[..., :3], numbers[..., 3:6], numbers[..., 6:]
+    velocity = numbers[..., :3]
+    acceleration = numbers[..., 3:6]
+    shear = numbers[..., 6:]
     return WaterMotion(velocity.copy(), acceleration.copy(), shear.copy())
 
 

@@ -199,8 +199,8 @@ class WetInertia:
         """Index of each block that a row touches, its columns within the block, their values."""
         owners = self.sums.owners[columns]
         for k in np.unique(owners):
-            mine = owners == k
-            yield int(k), columns[mine] - self.sums.dofs[k].start, values[mine]
+            in_block = owners == k
+            yield int(k), columns[in_block] - self.sums.dofs[k].start, values[in_block]
 
 
 class _Block(Protocol):

@@ -53,7 +53,9 @@ class Band:
             raise ValueError(f"{n} seeds; a spread needs at least {LEAST_SEEDS}")
         if np.ptp(v) <= ROUNDING * np.abs(v).max():
             margin = ROUNDING * (1.0 + abs(v[0]))
-            low, middle, high = float(v[0] - margin), float(v[0]), float(v[0] + margin)
+            low = float(v[0] - margin)
+            middle = float(v[0])
+            high = float(v[0] + margin)
             return cls(
                 low=low, high=high, middle=middle, spread=0.0, factor=False, seeds=n, truth=truth
             )
@@ -64,7 +66,9 @@ class Band:
         half = float(t.ppf(1.0 - 0.5 * FALSE_ALARMS, n - 1) * np.sqrt(1.0 + 1.0 / n)) * max(
             spread, least
         )
-        low, middle, high = x.mean() - half, x.mean(), x.mean() + half
+        low = x.mean() - half
+        middle = x.mean()
+        high = x.mean() + half
         if factor:
             low, middle, high = np.exp([low, middle, high])
         return cls(
@@ -94,15 +98,15 @@ def bands_of(runs: Sequence[Figures]) -> dict[str, Band | None]:
     could be held.
     """
     names = dict.fromkeys(name for run in runs for name in run)
-    found: dict[str, Band | None] = {}
+    bands: dict[str, Band | None] = {}
     for name in names:
-        values = [run.get(name) for run in runs]
-        known = [value for value in values if value is not None]
-        if len(known) == len(values) and not (isinstance(known[0], bool) and len(set(known)) > 1):
-            found[name] = Band.of(known)
+        figures = [run.get(name) for run in runs]
+        known = [figure for figure in figures if figure is not None]
+        if len(known) == len(figures) and not (isinstance(known[0], bool) and len(set(known)) > 1):
+            bands[name] = Band.of(known)
         elif not known:
-            found[name] = None
-    return found
+            bands[name] = None
+    return bands
 
 
 def faults(figures: Figures, bands: Mapping[str, Band | None], *, fresh: bool = False) -> list[str]:
@@ -114,13 +118,13 @@ def faults(figures: Figures, bands: Mapping[str, Band | None], *, fresh: bool = 
     for name, band in bands.items():
         if fresh and band is not None and band.truth:
             continue
-        value = figures.get(name)
+        figure = figures.get(name)
         if band is None:
-            said = "" if value is None else f"{value:.4g}, where no run gave a figure"
+            fault = "" if figure is None else f"{figure:.4g}, where no run gave a figure"
         else:
-            said = "no figure" if value is None else band.fault(value)
-        if said:
-            lines.append(f"{name}: {said}")
+            fault = "no figure" if figure is None else band.fault(figure)
+        if fault:
+            lines.append(f"{name}: {fault}")
     return lines
 
 
@@ -129,7 +133,7 @@ def numbers_of(metrics: Mapping[str, Any], without: Sequence[str] = ()) -> dict[
 
     `without`: dotted beginnings of what is left out.
     """
-    found: dict[str, float | None] = {}
+    numbers: dict[str, float | None] = {}
 
     def walk(value: Any, name: str) -> None:
         if any(name == part or name.startswith(f"{part}.") for part in without):
@@ -141,7 +145,7 @@ def numbers_of(metrics: Mapping[str, Any], without: Sequence[str] = ()) -> dict[
             for i, inner in enumerate(value):
                 walk(inner, f"{name}.{i}")
         elif value is None or isinstance(value, (bool, int, float, np.number)):
-            found[name] = value if value is None or isinstance(value, bool) else float(value)
+            numbers[name] = value if value is None or isinstance(value, bool) else float(value)
 
     walk(metrics, "")
-    return found
+    return numbers

@@ -86,7 +86,9 @@ def force_steps(seed: int) -> Figures:
     """The mean of three abrupt steps of the set force from 60 to 90 N while the tool moves along
     the barrel.
     """
-    low, high, steps = 60.0, 90.0, 3
+    low = 60.0
+    high = 90.0
+    steps = 3
     scenario = clean_barrel(seed=seed, length=0.36, forces=(low, high) * steps)
     assert isinstance(scenario.task, SurfaceWorkTask)
     recording = run(
@@ -130,23 +132,28 @@ def identification(name: str, seed: int) -> Figures:
     figures: dict[str, float | None] = {}
     for sensor in ("white", "stereo"):
         scenes = [object_scene(name, 2 * seed + k, sensor) for k in range(2)]
-        found = [
+        identifications = [
             identify(s.scan, s.target, s.approach, s.orientation, sensor=s.sensor.model)
             for s in scenes
         ]
         errors = np.array(
-            [scene.error(one.X_sensor_target) for scene, one in zip(scenes, found, strict=True)]
+            [
+                scene.error(identified.X_sensor_target)
+                for scene, identified in zip(scenes, identifications, strict=True)
+            ]
         )
         farther = [  # [m] mean distance by which the found points lie behind the true ones
-            np.linalg.norm(transform_points(one.X_sensor_target, s.target.center))
+            np.linalg.norm(transform_points(identified.X_sensor_target, s.target.center))
             - np.linalg.norm(transform_points(s.X_CT, s.target.center))
-            for s, one in zip(scenes, found, strict=True)
+            for s, identified in zip(scenes, identifications, strict=True)
         ]
         figures |= {
             f"{sensor}.position_m": float(np.sqrt(np.mean(errors[:, 0] ** 2))),
             f"{sensor}.orientation_rad": float(np.sqrt(np.mean(errors[:, 1] ** 2))),
             f"{sensor}.farther_m": float(np.mean(farther)),
-            f"{sensor}.accepted": float(np.mean([one.accepted for one in found])),
+            f"{sensor}.accepted": float(
+                np.mean([identified.accepted for identified in identifications])
+            ),
         }
     return figures
 
@@ -168,13 +175,13 @@ def calibration(seed: int) -> Figures:
         rng=rng,
     )
     assert case.truth is not None
-    found = calibrate(list(case.touches.series), source.arm, distances=case.distances)
+    fit = calibrate(list(case.touches.series), source.arm, distances=case.distances)
     q = rng.uniform(-np.pi, np.pi, (200, source.arm.n))
     true = case.truth.arm.tips(q, case.truth.tcp)
-    figures = {"noise_m": found.noise, "cost_m2": found.cost, "free": float(len(found.names))}
+    figures = {"noise_m": fit.noise, "cost_m2": fit.cost, "free": float(len(fit.names))}
     for name, arm, tcp in (
-        ("nominal", source.arm, found.nominal_tcp),
-        ("identified", found.arm, found.tcp),
+        ("nominal", source.arm, fit.nominal_tcp),
+        ("identified", fit.arm, fit.tcp),
     ):
         tips = arm.tips(q, tcp)
         off = transform_points(kabsch(tips, true), tips) - true  # the base of either is nobody's
@@ -195,14 +202,14 @@ def inverse_kinematics(seed: int) -> Figures:
         rows = []
         for q in rng.uniform(limits[:, 0], limits[:, 1], (150, arm.n)):
             start = rng.uniform(limits[:, 0], limits[:, 1])
-            result = solve(chain, arm.joint_frames(q)[-1], start)
+            solution = solve(chain, arm.joint_frames(q)[-1], start)
             rows.append(
                 (
-                    result.iterations,
-                    result.restarts,
-                    not result.converged,
-                    result.position_error,
-                    result.orientation_error,
+                    solution.iterations,
+                    solution.restarts,
+                    not solution.converged,
+                    solution.position_error,
+                    solution.orientation_error,
                 )
             )
         iterations, restarts, missed, position, orientation = np.array(rows, dtype=np.float64).T

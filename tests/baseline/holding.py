@@ -13,9 +13,9 @@ SEED = 0
 
 def check(name: str, fresh_seeds: Sequence[int]) -> None:
     """Fail with a line for each figure outside its band; at `fresh_seeds` where there are any."""
-    said = []
+    breaches = []
     for seed in fresh_seeds or (SEED,):
-        said += [
+        breaches += [
             f"{name}, seed {seed}: {line}"
             for line in faults(CASES[name](seed), store.read()[name], fresh=seed != SEED)
         ]
@@ -23,4 +23,4 @@ def check(name: str, fresh_seeds: Sequence[int]) -> None:
         "outside the band, better or worse; if meant: ./uvw run tests/baseline/record.py "
         "--reason ..."
     )
-    assert not said, "\n".join([advice, *said])
+    assert not breaches, "\n".join([advice, *breaches])

@@ -50,11 +50,11 @@ def died(task: Task) -> Figures:
 
 def all_figures(tasks: list[Task], workers: int) -> dict[str, dict[int, Figures]]:
     """Figures by case and seed, in the order of `tasks`."""
-    found: dict[str, dict[int, Figures]] = {name: {} for name, _ in tasks}
+    by_case: dict[str, dict[int, Figures]] = {name: {} for name, _ in tasks}
     for (name, seed), figures in run_all(tasks, workers, figures_of, died):
-        found[name][seed] = figures
+        by_case[name][seed] = figures
         print(f"{name}, seed {seed}", file=sys.stderr, flush=True)
-    return {name: dict(sorted(runs.items())) for name, runs in found.items()}
+    return {name: dict(sorted(runs.items())) for name, runs in by_case.items()}
 
 
 def differences(
@@ -86,10 +86,10 @@ def rewrite(reason: str, only: list[str], workers: int) -> None:
     tasks = [
         (name, seed) for name in names for seed in range(QUICK_SEEDS if name in QUICK else SEEDS)
     ]
-    found = all_figures(tasks, workers)
+    figures_of_runs = all_figures(tasks, workers)
     held = store.read() if store.FILE.exists() else {}
     for name in names:
-        bands = bands_of(list(found[name].values()))
+        bands = bands_of(list(figures_of_runs[name].values()))
         for line in differences(name, held.get(name, {}), bands):
             print(line)
         held[name] = bands
@@ -111,9 +111,9 @@ def judge(first: int, last: int, only: list[str], workers: int) -> int:
     alarms = judged = 0
     for (name, seed), figures in run_all(tasks, workers, figures_of, died):
         judged += len(held[name])
-        said = faults(figures, held[name], fresh=True)
-        alarms += len(said)
-        print(f"{name}, seed {seed}: {'; '.join(said) or 'within'}", flush=True)
+        breaches = faults(figures, held[name], fresh=True)
+        alarms += len(breaches)
+        print(f"{name}, seed {seed}: {'; '.join(breaches) or 'within'}", flush=True)
     print(f"{len(tasks)} runs, {judged} figures, {alarms} outside their bands")
     return 1 if alarms else 0
 

@@ -71,7 +71,7 @@ def here() -> dict[str, str]:
     libraries choose.
     """
     offered = sorted(
-        name for name, there in llvmlite.binding.get_host_cpu_features().items() if there
+        name for name, present in llvmlite.binding.get_host_cpu_features().items() if present
     )
     return {
         "system": f"{platform.system()} {platform.machine()}",
@@ -127,13 +127,13 @@ TRACES: Mapping[str, Callable[[], Trace]] = {
 def read() -> tuple[dict[str, Trace], bool]:
     """The traces held, and whether bits must agree here."""
     held = json.loads(FILE.read_text(encoding="utf-8"))
-    found = {
+    traces = {
         name: Trace(
             digest=row["digest"], samples=np.array(row["samples"]), tolerance=row["tolerance"]
         )
         for name, row in held["traces"].items()
     }
-    return found, held["written_on"] == here()
+    return traces, held["written_on"] == here()
 
 
 def rewrite(*, reason: str, date: str) -> Iterator[str]:
@@ -144,8 +144,8 @@ def rewrite(*, reason: str, date: str) -> Iterator[str]:
         trace = trace_of()
         if name not in held:
             yield f"trace {name}: new"
-        elif said := trace.difference(held[name]):
-            yield f"trace {name}: {said}"
+        elif difference := trace.difference(held[name]):
+            yield f"trace {name}: {difference}"
         samples = [[float(v) for v in row] for row in trace.samples]
         rows[name] = {"digest": trace.digest, "tolerance": trace.tolerance, "samples": samples}
     text = json.dumps(
@@ -161,16 +161,18 @@ def check(name: str) -> None:
     if os.environ.get(OFF):
         pytest.skip(f"{OFF} is set")
     held, bits = read()
-    found, kept = TRACES[name](), held[name]
-    said = found.difference(kept)
+    trace = TRACES[name]()
+    stored = held[name]
+    difference = trace.difference(stored)
     if not bits:
-        if kept.tolerance is None:
+        if stored.tolerance is None:
             pytest.skip(
-                f"{name}, on another platform than it was written on: {said or 'the same bits'}"
+                f"{name}, on another platform than it was written on: "
+                f"{difference or 'the same bits'}"
             )
-        if found.samples.shape == kept.samples.shape and found.off(kept) <= kept.tolerance:
+        if trace.samples.shape == stored.samples.shape and trace.off(stored) <= stored.tolerance:
             return
-    assert not said, (
-        f"{name}: {said}; if this is meant: ./uvw run tests/baseline/record.py "
+    assert not difference, (
+        f"{name}: {difference}; if this is meant: ./uvw run tests/baseline/record.py "
         "--only traces --reason ..."
     )

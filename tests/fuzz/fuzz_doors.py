@@ -113,11 +113,11 @@ def whole(value: Any, depth: int = 0) -> None:
         if value != value:
             raise FindingError("NaN")
     elif depth < 4 and isinstance(value, list | tuple):
-        for one in value:
-            whole(one, depth + 1)
+        for element in value:
+            whole(element, depth + 1)
     elif depth < 4 and isinstance(value, Mapping):
-        for one in value.values():
-            whole(one, depth + 1)
+        for element in value.values():
+            whole(element, depth + 1)
     elif depth < 4 and dataclasses.is_dataclass(value):
         for field in dataclasses.fields(value):
             whole(getattr(value, field.name), depth + 1)
@@ -159,10 +159,12 @@ def attempt(door: Door, seed: int, number: int) -> str:
             with at_most(LONGEST), contextlib.redirect_stdout(io.StringIO()):
                 whole(door.throw(rng, Path(folder)))
         except UuvError as error:
-            said = str(error)
-            if not said or len(said) > LONGEST_MESSAGE or not said.isprintable():
-                raise FindingError(f"{len(said)} characters, or not one line: {said!r}") from error
-            return said
+            message = str(error)
+            if not message or len(message) > LONGEST_MESSAGE or not message.isprintable():
+                raise FindingError(
+                    f"{len(message)} characters, or not one line: {message!r}"
+                ) from error
+            return message
         except Overdue as overdue:
             raise FindingError(str(overdue)) from overdue
         except FindingError:
@@ -292,7 +294,10 @@ def wrong(rng: Rng, value: Any) -> Any:
 def spoilt(rng: Rng, given: dict[str, Any], least: int = 1) -> dict[str, Any]:
     """`given` with at least so many of its values made `wrong`."""
     chosen = rng.permutation(list(given))[: max(least, int(rng.integers(1, 3)))]
-    return {name: wrong(rng, value) if name in chosen else value for name, value in given.items()}
+    return {
+        name: wrong(rng, argument) if name in chosen else argument
+        for name, argument in given.items()
+    }
 
 
 # What is thrown: files
@@ -377,13 +382,13 @@ def mutated(rng: Rng, raw: bytes) -> bytes:
             lines[i], lines[j] = lines[j], lines[i]
             raw = b"\n".join(lines)
         else:  # mostly a number in place of a number, a word in place of a word
-            found = list(
+            matches = list(
                 re.finditer(rb"-?\d+\.?\d*(e-?\d+)?" if kind < 8 else rb"[A-Za-z_]{2,}", raw)
             )
-            if found:
-                spot = one_of(rng, found)
+            if matches:
+                spot = one_of(rng, matches)
                 other = (
-                    one_of(rng, [word.group() for word in found])
+                    one_of(rng, [word.group() for word in matches])
                     if rng.random() < 0.3
                     else one_of(rng, WORDS[:17])
                 )
@@ -609,11 +614,14 @@ def give(door: str, file: Path, rng: Rng | None = None) -> Any:
         return [*map(np.array, out), Vehicle.of(model)]
     if door == "parts":
         parts = read_parts(file)
-        return [parts, [(each.axis, each.place, each.thruster) for each in parts.thrusters]]
+        return [
+            parts,
+            [(thruster.axis, thruster.place, thruster.thruster) for thruster in parts.thrusters],
+        ]
     if door == "water":
         spec = mujoco.MjSpec.from_string(_VEHICLE)
         sidecar.attach_tree(spec, sidecar.read_sidecar(file), "file")
-        return [np.array(each.userdata) for each in (*spec.bodies, *spec.actuators)]
+        return [np.array(element.userdata) for element in (*spec.bodies, *spec.actuators)]
     if door == "campaign":
         return [run.values for run in read_campaign(file).runs(2)]
     if door == "scenario":
@@ -679,11 +687,11 @@ def _vary(
     return throw
 
 
-_OPTIONS = [one.name for one in dataclasses.fields(IkOptions) if one.init]
+_OPTIONS = [option.name for option in dataclasses.fields(IkOptions) if option.init]
 
 
 def _with_options(how: dict[str, Any]) -> dict[str, Any]:
-    rest = {name: value for name, value in how.items() if name not in _OPTIONS}
+    rest = {name: setting for name, setting in how.items() if name not in _OPTIONS}
     return rest | {"options": IkOptions(**{name: how[name] for name in how if name in _OPTIONS})}
 
 
@@ -702,21 +710,21 @@ def _track(q0: Any, X_base_tip: Any, **how: Any) -> Any:
 
 
 def _scan(cloud: Any, sensor: Any) -> Any:
-    made = SensorModel(focal=sensor)
-    return [made, np.nan_to_num(Scan.from_cloud(cloud).points)]
+    model = SensorModel(focal=sensor)
+    return [model, np.nan_to_num(Scan.from_cloud(cloud).points)]
 
 
 def _identify(**how: Any) -> Any:
-    found = identify(_WALL, **how)
-    return [found.X_sensor_target, found.accepted]
+    identification = identify(_WALL, **how)
+    return [identification.X_sensor_target, identification.accepted]
 
 
 def _calibrate(**how: Any) -> Any:
     fit = MapFit(
         **{name: how.pop(name) for name in ("noise", "robust", "max_iterations") if name in how}
     )
-    found = calibrate(**how, method=fit)
-    return [found.dh, found.tcp, found.cost, found.noise, found.points, found.sigma]
+    outcome = calibrate(**how, method=fit)
+    return [outcome.dh, outcome.tcp, outcome.cost, outcome.noise, outcome.points, outcome.sigma]
 
 
 def _plan(**how: Any) -> Any:
@@ -952,12 +960,13 @@ def _options_stage(name: str, options: Any, args: list[str]) -> Any:
     """
     if name not in BY_NAME:
         return None
-    job, words = BY_NAME[name], typed(args)
-    made = job(**{word: getattr(options, word) for word in job.options() if word in words})
-    again = scenario_file.from_dict(tomllib.loads(scenario_file.to_toml(made)))
-    if again != made:
+    job = BY_NAME[name]
+    words = typed(args)
+    scenario = job(**{word: getattr(options, word) for word in job.options() if word in words})
+    again = scenario_file.from_dict(tomllib.loads(scenario_file.to_toml(scenario)))
+    if again != scenario:
         raise FindingError(f"{name}: its scenario's file reads as another one: {again}")
-    return made.site.pose(np.random.default_rng(0))
+    return scenario.site.pose(np.random.default_rng(0))
 
 
 VERBS = (
@@ -1038,12 +1047,12 @@ def _options_door(name: str) -> Door:
         for _ in range(int(rng.integers(1, 3))):
             args.append(one_of(rng, flags))
             args += [one_of(rng, VALUES) for _ in range(int(rng.choice([1, 1, 1, 1, 0, 2, 3])))]
-        said = io.StringIO()
+        output = io.StringIO()
         try:
-            with contextlib.redirect_stderr(said):
+            with contextlib.redirect_stderr(output):
                 options = startup.parse(kind, args)
         except SystemExit as stop:
-            text = said.getvalue()
+            text = output.getvalue()
             if (
                 stop.code != startup.BAD_INPUT
                 or text.count("\n") != 1
@@ -1071,31 +1080,36 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--door", default="", help="part of a door's name")
-    asked = parser.parse_args()
-    found, total = 0, 0
+    options = parser.parse_args()
+    findings, total = 0, 0
     for door in DOORS:
-        if asked.door not in door.name:
+        if options.door not in door.name:
             continue
-        began, became, seen = time.perf_counter(), Counter(), set()
-        for number in range(asked.first, asked.first + max(1, round(door.share * asked.inputs))):
+        began = time.perf_counter()
+        became = Counter()
+        seen_keys = set()
+        for number in range(
+            options.first, options.first + max(1, round(door.share * options.inputs))
+        ):
             try:
-                outcome = attempt(door, asked.seed, number)
+                outcome = attempt(door, options.seed, number)
                 became["passed" if outcome == "passed" else "refused"] += 1
             except FindingError as finding:
                 became["found"] += 1
                 key = re.sub(r"\d+", "", str(finding))[:60]
-                if key not in seen:
-                    seen.add(key)
+                if key not in seen_keys:
+                    seen_keys.add(key)
                     print(
-                        f"  {door.name} --seed {asked.seed} --first {number}: {finding}"[:400]
+                        f"  {door.name} --seed {options.seed} --first {number}: {finding}"[:400]
                         .encode("ascii", "backslashreplace")
                         .decode()
                     )
-        found, total = found + became["found"], total + sum(became.values())
+        findings = findings + became["found"]
+        total = total + sum(became.values())
         counts = " ".join(f"{became[word]:5} {word}" for word in ("passed", "refused", "found"))
         print(f"{door.name:34} {counts} {time.perf_counter() - began:6.1f} s", flush=True)
-    print(f"{total} inputs, {found} findings")
-    return 1 if found else 0
+    print(f"{total} inputs, {findings} findings")
+    return 1 if findings else 0
 
 
 if __name__ == "__main__":

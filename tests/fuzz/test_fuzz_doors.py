@@ -56,7 +56,7 @@ def test_what_is_thrown_is_met(door: Door) -> None:
                 f"--door {door.name!r}: "
                 f"{finding}"
             )
-    print(door.name, sum(one == "passed" for one in became), "of", len(became), "passed")
+    print(door.name, sum(outcome == "passed" for outcome in became), "of", len(became), "passed")
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="the system has no timers")
@@ -90,10 +90,10 @@ def test_files_that_were_met_badly_are_refused_by_name(file: Path) -> None:
     words = file.suffixes[0].strip(".").replace("_", " ")
     with pytest.raises(ConfigurationError) as refused:
         fuzz_doors.give(file.parent.name, file)
-    said = str(refused.value)
-    assert words in said
-    assert len(said) <= LONGEST
-    assert said.isprintable()
+    message = str(refused.value)
+    assert words in message
+    assert len(message) <= LONGEST
+    assert message.isprintable()
 
 
 PAST: list[tuple[Callable[[], Any], str]] = [
@@ -132,7 +132,7 @@ PAST: list[tuple[Callable[[], Any], str]] = [
 
 @pytest.mark.parametrize("number", range(len(PAST)), ids=lambda k: PAST[k][1][:30])
 def test_arguments_that_were_met_badly_are_refused_by_name(number: int) -> None:
-    call, said = PAST[number]
-    with pytest.raises(ConfigurationError, match=said) as refused:
+    call, words = PAST[number]
+    with pytest.raises(ConfigurationError, match=words) as refused:
         call()
     assert len(str(refused.value)) <= LONGEST

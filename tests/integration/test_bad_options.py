@@ -56,6 +56,12 @@ def test_results_cannot_go_into_a_file(script, tmp_path: Path, name: str):
             ("--start-error", -1, 5),
             "start error: must not be negative",
         ),
+        ("experiments.identification.recognition", ("--among", "teapot", "manifold"), "teapot"),
+        (
+            "experiments.identification.cloud_models",
+            ("--points", 0),
+            "--points: must be at least 1, got 0",
+        ),
         ("clean_object", ("--seed", -1), "--seed: must not be negative, got -1"),
         ("experiments.identification.bung", ("--seed", -1), "--seed: must not be negative, got -1"),
         (

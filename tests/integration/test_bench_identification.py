@@ -1,14 +1,13 @@
-"""The race of identification: every method runs on the same scene, and the figures are those of its
-rows.
-"""
+"""Identification beside other libraries: every method runs on the same scene."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+from uuv.experiment import read_rows
 
 
 @pytest.mark.long
@@ -18,7 +17,7 @@ def test_one_scene(root: Path, tmp_path: Path):
         [
             sys.executable,
             "scripts/experiments/identification/peers.py",
-            "--objects",
+            "--object",
             "manifold",
             "--runs",
             "1",
@@ -31,10 +30,10 @@ def test_one_scene(root: Path, tmp_path: Path):
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    figures = json.loads((tmp_path / "metrics.json").read_text())
-    rows = {row["method"]: row for row in figures["rows"]}
-    assert len(rows) >= 6
-    assert all(np.isfinite(row["position_m"]) and row["process_s"] > 0.0 for row in rows.values())
-    assert rows["ours, whole"]["found"]
-    assert rows["ours, search and fit"]["found"]
-    assert figures["fit_alone_s"]["ours"] > 0.0
+    (row,) = read_rows(tmp_path)
+    assert len(row["position"]) >= 6
+    assert all(map(np.isfinite, row["position"].values()))
+    assert all(time > 0.0 for time in (*row["time"].values(), *row["fit_time"].values()))
+    assert row["found"]["ours, whole"]
+    assert row["found"]["ours, search and fit"]
+    assert "ours, whole" in (tmp_path / "report.html").read_text()

@@ -13,7 +13,7 @@ def test_parts_of_a_step_add_up(script, tmp_path):
     assert done.returncode in (0, 1), done.stderr  # 1: slower than its goal
     (row,) = read_rows(tmp_path)
     assert {"controller", "planner", "navigation"} <= set(row["step"])
-    assert all(value >= 0.0 for value in row["step"].values())
+    assert all(duration >= 0.0 for duration in row["step"].values())
     assert sum(row["share"].values()) == pytest.approx(1.0)
 
 

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from jsonschema import validate
 
+from uuv.arm_identification.touching import touch, touching_scenario
 from uuv.calib import Arm, simulation
 from uuv.calib.arm_files import read_arm
 from uuv.calib.touch_files import read_touches, write_touches
 from uuv.models.arms import published_arms
+from uuv.scenario import VehicleSetup
+from uuv.site import OpenWater, Site
 
 # A clone of github.com/platonics-delft/kinematics_calibration: touches of real arms.
 REAL = os.environ.get("UUV_REAL_TOUCHES", "")
@@ -35,6 +38,31 @@ def touched() -> tuple[Arm, list[np.ndarray]]:
     return true, simulation.touch(true, (0.06, 0.0, 0.15), rng, touches=12)
 
 
+def test_a_clamped_arm_that_is_not_as_believed_seats_the_ball(within):
+    """Two touches of one nest: the readings that a calibration by contact is made of."""
+    still = Site(object=OpenWater(), current=(0.0, 0.0, 0.0), gust=0.0)
+    session, own = touch(
+        touching_scenario(
+            VehicleSetup(vehicle="uuv_puma", arm_errors=0),
+            still,
+            hovering=False,
+            nests=1,
+            touches=2,
+            seed=0,
+        )
+    )
+    (q,) = session.series
+    assert session.missed == 0
+    assert np.abs(q[1] - q[0]).max() > 0.1
+    within("seat of the ball [m]", session.tip_spread, 5e-6)
+    within("hull [m]", session.hull_motion, 1e-6)
+    believed = [own.chain().forward(each)[:3, 3] for each in q]
+    assert np.linalg.norm(believed[1] - believed[0]) > 1e-4
+
+
+@pytest.mark.long(
+    guarded_by="tests/integration/test_calibrate_arm.py::test_a_clamped_arm_that_is_not_as_believed_seats_the_ball"
+)
 def test_touching_by_contact_finds_the_arm(calibrate, tmp_path, within):
     """A ball in nests of three balls, the hull clamped: only the encoders' steps stand between arm
     and truth.
@@ -105,7 +133,7 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_files_end_in_one_line(calibrate, tmp_path, name):
-    text, said = BAD[name]
+    text, words = BAD[name]
     folder = tmp_path / name
     folder.mkdir()
     (folder / "p.csv").write_text(text)
@@ -114,7 +142,7 @@ def test_bad_files_end_in_one_line(calibrate, tmp_path, name):
     run = calibrate("--touches", folder, "--out", tmp_path / "out")
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1
-    assert said in run.stderr
+    assert words in run.stderr
 
 
 def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, within):
@@ -123,24 +151,24 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
     Without compliances the fit takes the sag for geometry; the tracker sees both.
     """
     bent = ("--true-compliance", "5e-5", "--payload", "0", "5", "10", "--no-record")
-    told = {}
+    metrics = {}
     for name, more in (("rigid", ()), ("elastic", ("--compliance",))):
         run = calibrate(*bent, *more, "--out", tmp_path / name)
-        told[name] = json.loads((tmp_path / name / "metrics.json").read_text(encoding="utf-8"))
+        metrics[name] = json.loads((tmp_path / name / "metrics.json").read_text(encoding="utf-8"))
         assert run.returncode == 0, run.stdout + run.stderr
     validate(
-        told["elastic"],
+        metrics["elastic"],
         json.loads((root / "calib" / "schemas" / "calibration.schema.json").read_text()),
     )
-    rigid, elastic = (told[name]["tracker"]["identified"] for name in ("rigid", "elastic"))
+    rigid, elastic = (metrics[name]["tracker"]["identified"] for name in ("rigid", "elastic"))
     assert rigid > 5.0 * elastic  # measured 0.89 and 0.069 mm
     within("moves of the flange [m]", elastic, 1.2e-4)
     assert (
-        told["rigid"]["pairs"]["identified_mean_m"]
-        > 5.0 * told["elastic"]["pairs"]["identified_mean_m"]
+        metrics["rigid"]["pairs"]["identified_mean_m"]
+        > 5.0 * metrics["elastic"]["pairs"]["identified_mean_m"]
     )
-    found = np.array(told["elastic"]["fit"]["compliance_rad_nm"])
-    within("compliances of shoulder and elbow", found[1:3] / 5e-5 - 1.0, 0.1)  # 0.03
+    compliance = np.array(metrics["elastic"]["fit"]["compliance_rad_nm"])
+    within("compliances of shoulder and elbow", compliance[1:3] / 5e-5 - 1.0, 0.1)  # 0.03
 
 
 @pytest.mark.parametrize(
@@ -208,7 +236,8 @@ def test_a_plan_goes_on_from_the_touches_so_far(calibrate, tmp_path, touched):
     figures = json.loads((tmp_path / "out" / "metrics.json").read_text())["plan"]
     assert figures["expected_error_m"]["planned"] < figures["expected_error_m"]["before"]
     assert [point["so_far"] for point in figures["points"]] == [4, 4, 4]
-    true, places = touched[0], {point["name"]: point["position_m"] for point in figures["points"]}
+    true = touched[0]
+    places = {point["name"]: point["position_m"] for point in figures["points"]}
     read = read_touches(tmp_path / "out" / "plan.csv", joint_types="r" * 6, joint_names=JOINTS)
     for name, q in zip(read.names, read.series, strict=True):
         mine = true.tips(q, np.array([0.06, 0.0, 0.15]))
@@ -236,13 +265,15 @@ def test_a_plan_that_cannot_be_is_one_line(calibrate, tmp_path, options, said):
     not REAL, reason="UUV_REAL_TOUCHES names no clone with the touches of real arms"
 )
 def test_real_arm(calibrate, tmp_path):
-    data = Path(REAL) / "data" / "panda_3"
-    held = [path for path in sorted(data.iterdir()) if path.is_dir() and path.name != "frontleft"]
+    dataset = Path(REAL) / "data" / "panda_3"
+    held = [
+        path for path in sorted(dataset.iterdir()) if path.is_dir() and path.name != "frontleft"
+    ]
     run = calibrate(
         "--arm",
         "panda",
         "--touches",
-        data / "frontleft",
+        dataset / "frontleft",
         "--held-out",
         *held,
         "--distance",
@@ -254,8 +285,8 @@ def test_real_arm(calibrate, tmp_path):
         "--no-record",
     )
     assert run.returncode == 0, run.stdout + run.stderr
-    found = json.loads((tmp_path / "metrics.json").read_text())["held_out_m"]
-    values = np.array([[each["nominal"], each["identified"]] for each in found.values()])
-    assert len(values) == 10
-    assert np.median(values[:, 0]) > 1e-3
-    assert np.median(values[:, 1]) < 0.3e-3  # measured 0.24 mm
+    errors = json.loads((tmp_path / "metrics.json").read_text())["held_out_m"]
+    pairs = np.array([[pair["nominal"], pair["identified"]] for pair in errors.values()])
+    assert len(pairs) == 10
+    assert np.median(pairs[:, 0]) > 1e-3
+    assert np.median(pairs[:, 1]) < 0.3e-3  # measured 0.24 mm

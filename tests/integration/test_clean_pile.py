@@ -3,10 +3,7 @@ contact.
 """
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,36 +14,21 @@ from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.metrics import schema
 
 BOUNDS = Bounds()
+_DONE: dict[str, dict[str, Any]] = {}  # metrics by name
 RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03", "--sensor", "survey")}
 
 
-def clean_pile(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [
-        sys.executable,
-        "scripts/clean_pile.py",
-        "--quick",
-        "--no-record",
-        "--out",
-        str(out),
-        *options,
-    ]
-    return subprocess.run(
-        command, cwd=root, capture_output=True, text=True, timeout=600, check=False
-    )
-
-
-@pytest.fixture(scope="module")
-def run_of(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[[str], dict[str, Any]]:
+@pytest.fixture
+def run_of(script, tmp_path: Path) -> Callable[[str], dict[str, Any]]:
     """metrics.json of a run by its name; each is done once."""
 
-    @cache
     def run(name: str) -> dict[str, Any]:
-        out = tmp_path_factory.mktemp(name)
-        done = clean_pile(request.config.rootpath, out, *RUNS[name])
-        assert done.returncode == 0, done.stdout + done.stderr
-        return json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+        if name not in _DONE:
+            out = tmp_path / name
+            done = script("clean_pile", "--quick", "--no-record", "--out", out, *RUNS[name])
+            assert done.returncode == 0, done.stdout + done.stderr
+            _DONE[name] = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+        return _DONE[name]
 
     return run
 

@@ -14,7 +14,7 @@ FILE = "scripts/campaigns/contact_quick.toml"
 
 def rows(out: Path) -> dict[int, dict]:
     return {
-        row["case"]: {key: value for key, value in row.items() if key not in ("timing", "case_id")}
+        row["case"]: {key: entry for key, entry in row.items() if key not in ("timing", "case_id")}
         for row in read_rows(out)
     }
 

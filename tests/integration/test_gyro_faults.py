@@ -36,15 +36,15 @@ SHORT = "tests/integration/test_gyro_faults.py::test_before_the_contact_a_gyro_i
     ids=["gyro", "attitude"],
 )
 def test_before_the_contact_a_gyro_is_done_without(failure, kind, state, code):
-    result = run_through(
+    outcome = run_through(
         assemble(replace(jobs.clean_barrel(quick=True, seed=2), perturbations=(failure,))),
         longest=2.4,
     )
-    faults = result.last.command.faults
+    faults = outcome.last.command.faults
     assert [fault.kind for fault in faults] == [kind]
     assert 2.0 < faults[0].time < 2.1
-    assert result.recording.final.state is state
-    assert result.recording.final.abort is code
+    assert outcome.recording.final.state is state
+    assert outcome.recording.final.abort is code
 
 
 @pytest.mark.long(guarded_by=SHORT)

@@ -88,6 +88,9 @@ def test_deformed_object_is_mapped(verb, tmp_path):
         assert (tmp_path / name).stat().st_size > 5000
 
 
+@pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_recognition.py::test_the_object_in_the_scene_is_named"
+)
 def test_which_of_several_objects_it_is(verb, tmp_path):
     done = verb(
         "identify",
@@ -104,6 +107,9 @@ def test_which_of_several_objects_it_is(verb, tmp_path):
     said = json.loads((tmp_path / "identification.json").read_text())
     assert said["object"] == "starfish"
     assert [each["object"] for each in said["candidates"]] == ["starfish", "valve"]
+
+
+def test_an_object_that_is_there_twice_is_refused(verb, tmp_path):
     refused = verb("identify", "object", "--among", "valve", "valve", "--out", tmp_path / "twice")
     assert refused.returncode == 2
     assert "'valve' is there twice" in refused.stdout + refused.stderr

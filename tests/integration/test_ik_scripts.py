@@ -2,7 +2,6 @@
 files.
 """
 
-import json
 from pathlib import Path
 
 import pytest
@@ -11,41 +10,43 @@ from uuv.experiment import read_rows
 
 
 def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path) -> None:
-    done = script(
-        "experiments.papers.track_singularity",
-        "--quick",
-        "--speed-limit",
-        "0.12",
-        "--out",
-        tmp_path,
-    )
+    short = ("--reach", 0.5, "--period", 0.1, "--speed-limit", 0.12, "--passing", "off", "limit")
+    done = script("experiments.papers.track_singularity", *short, "--workers", 1, "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
-    runs = json.loads((tmp_path / "metrics.json").read_text())["runs"]
-    assert runs["without"]["largest_joint_speed"] > 3.0 * 0.12  # measured 3.0
-    assert runs["without"]["checked_position_error_m"] < 1e-5
-    assert runs["with"]["largest_joint_speed"] <= 0.12 * (1.0 + 1e-9)
+    runs = {row["passing"]: row for row in read_rows(tmp_path)}
+    assert runs["off"]["joint_speed"] > 3.0 * 0.12  # measured 3.0
+    assert runs["off"]["position_error"] < 1e-5
+    assert runs["limit"]["joint_speed"] <= 0.12 * (1.0 + 1e-9)
     # what the passing costs: measured 2.5 s, 1.4 mm and 0.6 deg
-    assert runs["with"]["off_the_path_s"] > 0.0
-    assert runs["with"]["checked_position_error_m"] < 0.02
-    assert runs["with"]["checked_orientation_error_rad"] < 0.1
-    assert runs["with"]["position_error_at_the_end_m"] < 1e-5
-    assert {"run.rrd", "track_singularity.png"} <= {file.name for file in tmp_path.iterdir()}
+    assert runs["limit"]["off_path"] > 0.0
+    assert runs["limit"]["position_error"] < 0.02
+    assert runs["limit"]["orientation_error"] < 0.1
+    assert runs["limit"]["end_error"] < 1e-5
+    assert "Wrist along y0 through the gimbal lock" in (tmp_path / "report.html").read_text()
+
+
+def test_the_way_through_the_gimbal_lock_is_recorded(script, tmp_path: Path) -> None:
+    done = script("experiments.papers.view_singularity", "--reach", 0.2, "--out", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "run.rrd").stat().st_size > 0
 
 
 @pytest.mark.long
 def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> None:
-    done = script("experiments.papers.servo_arm", "--quick", "--out", tmp_path)
+    done = script("experiments.papers.servo_arm", "--poses", 12, "--workers", 1, "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
-    metrics = json.loads((tmp_path / "metrics.json").read_text())
-    for found in metrics["single"].values():
-        x, y, z, course, trim, roll = found["row"]
+    rows = {row["method"]: row for row in read_rows(tmp_path)}
+    for row in rows.values():
+        x, y, z, course, trim, roll = row["solved"]
         assert (x - 100.0) ** 2 + (y + 400.0) ** 2 + z**2 <= 1.0  # [mm]
         assert abs(trim + 50.0) <= 0.6  # [deg]
         assert abs(course - 5.0) + abs(roll) < 2.0
-    assert all(methods["hybrid"]["reached"] == 1.0 for methods in metrics["motions"].values())
-    assert {"single_solution.png", "motions.png"} <= {file.name for file in tmp_path.iterdir()}
+    assert set(rows["hybrid"]["reached"].values()) == {1.0}
+    report = (tmp_path / "report.html").read_text()
+    assert "Experiment 1: a single solution" in report
+    assert "Experiments 2 and 3" in report
 
 
 def test_the_bench_has_its_tables_and_pictures(script, tmp_path: Path) -> None:

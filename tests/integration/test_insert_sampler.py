@@ -41,6 +41,11 @@ def test_a_sampler_goes_in_and_comes_out(script, tmp_path):
     assert insertion["axial_force_max_n"] <= BOUNDS.axial_force
 
 
+UNSEEN = pytest.mark.long(
+    guarded_by="tests/integration/test_clean_barrel.py::test_bad_input_is_one_line_and_code_2"
+)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -54,7 +59,7 @@ def test_a_sampler_goes_in_and_comes_out(script, tmp_path):
         pytest.param(["--clearance", "40"], "radius", id="hole too wide"),
         pytest.param(["--depth", "-5", "--no-quick"], "depth", id="negative depth"),
         pytest.param(["--vehicle", "bluerov2_heavy"], "geom 'pad' (may touch)", id="no tool"),
-        pytest.param(["--range", "12"], "not identified", id="camera sees nothing"),
+        pytest.param(["--range", "12"], "not identified", id="camera sees nothing", marks=UNSEEN),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):

@@ -39,7 +39,8 @@ def test_free_object_is_let_go_within_three_seconds_of_contact():
     ).recording
     assert recording.final.abort is AbortCode.GIVES_WAY
     first = np.argmax(recording["contact_normal"].scalar > 0.0)
-    touched, p_WT = recording["contact_normal"].time[first], recording["p_WT"].value
+    touched = recording["contact_normal"].time[first]
+    p_WT = recording["p_WT"].value
     assert np.abs(p_WT[:first] - p_WT[0]).max() < 1e-3  # [m] weightless, in still water
     broken = next(event.time for event in recording.events if event.state is WorkState.RETREAT)
     assert 0.0 < broken - touched < 3.0

@@ -19,8 +19,8 @@ def files(tmp_path):
 
 def test_a_path_from_files(verb, files, within):
     folder, ground = files
-    given = ("--cloud", folder / "cloud.txt", "--targets", folder / "targets.txt")
-    done = verb("plan-seabed", *given, "--out", folder / "out")
+    clouds = ("--cloud", folder / "cloud.txt", "--targets", folder / "targets.txt")
+    done = verb("plan-seabed", *clouds, "--out", folder / "out")
     assert done.returncode == 0, done.stderr
     T = np.loadtxt(folder / "out" / "profile.csv", delimiter=",", skiprows=1)
     path = np.loadtxt(folder / "out" / "path.csv", delimiter=",", skiprows=1)
@@ -46,5 +46,5 @@ def test_study_of_terrains(script, tmp_path):
     assert done.returncode == 0, done.stderr
     runs = read_rows(tmp_path)
     assert [run["kind"] for run in runs] == ["flat", "ripples"]
-    for each in runs:
-        assert each["refused"] or each["hull_gap"] > 0.25
+    for run in runs:
+        assert run["refused"] or run["hull_gap"] > 0.25

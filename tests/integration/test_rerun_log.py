@@ -242,9 +242,9 @@ def test_log_that_cannot_be_written_is_given_up_in_one_line(
             if moment.truth.time > 2.0:
                 break
         log.log_cloud("scan", np.zeros((3, 3)), 2.0)
-    said = capsys.readouterr().err
+    message = capsys.readouterr().err
     reason = "no space left" if full else "File-writer thread shut down prematurely"
-    assert said == f"run log: lost from 1.0 s on, the run continues ({reason}): {file}\n"
+    assert message == f"run log: lost from 1.0 s on, the run continues ({reason}): {file}\n"
     assert file.stat().st_size <= whole - 100 if full else file.stat().st_size == whole
     assert 0.0 < last_times(file)["/series/force"] <= 1.0
 

@@ -38,16 +38,18 @@ class Listening(Navigation):
 def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     poor = Sensing(sensor="survey", vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
     assembly = assemble(replace(clean_barrel(seed=2, quick=True, stop_every=2.0), sensing=poor))
-    own = assembly.parts.estimator
-    assert isinstance(own, Navigation)
-    listening = Listening(standing=own.standing)
-    told = listening.told
+    estimator = assembly.parts.estimator
+    assert isinstance(estimator, Navigation)
+    listening = Listening(standing=estimator.standing)
+    messages = listening.told
     parts = replace(assembly.parts, estimator=listening)
     outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)))
     recording = outcome.recording
-    assert len(told) >= 6  # two messages a stop reach the estimator, each once
-    assert len({m.time for m in told}) == len(told)
-    work, path_s, pad = recording.within(WorkState.WORK), recording["path_s"], recording["p_pad"]
+    assert len(messages) >= 6  # two messages a stop reach the estimator, each once
+    assert len({m.time for m in messages}) == len(messages)
+    work = recording.within(WorkState.WORK)
+    path_s = recording["path_s"]
+    pad = recording["p_pad"]
     s, time = path_s.scalar, path_s.time
     still = np.flatnonzero(
         work[1:] & (np.diff(s) < 1e-9) & (s[1:] > 1e-3) & (s[1:] < s.max() - 1e-3)
@@ -60,8 +62,8 @@ def test_a_stopped_tool_does_not_creep_and_the_path_goes_on():
     assert len(stops) >= 3
     crept = []
     for begin, end in stops:
-        there = pad.value[(pad.time > begin + settle) & (pad.time < end)]
-        crept.append(float(np.linalg.norm(there - there[0], axis=1).max()))
+        p_stopped = pad.value[(pad.time > begin + settle) & (pad.time < end)]
+        crept.append(float(np.linalg.norm(p_stopped - p_stopped[0], axis=1).max()))
     assert max(crept) < 1.5e-4  # [m]; measured 0.01 to 0.03 mm
     assert outcome.assessment.metrics["contact"]["lost_s"] == 0.0
     assert s.max() == pytest.approx(0.2, abs=1e-3)
@@ -79,7 +81,8 @@ class Failing(Listening):
         if not self.told:
             return state, estimate
         q, qd = estimate.q.copy(), estimate.qd.copy()
-        q[1], qd[1] = self.told[0].q[1], 0.0
+        q[1] = self.told[0].q[1]
+        qd[1] = 0.0
         return state, replace(estimate, q=q, qd=qd)
 
 
@@ -87,9 +90,9 @@ class Failing(Listening):
 def test_a_fault_while_the_tool_stands_ends_the_work_without_harm():
     poor = Sensing(vision_noise=5e-3, vision_period=0.2, vision_delay=0.2)
     assembly = assemble(replace(clean_barrel(seed=2, quick=True, stop_every=1.0), sensing=poor))
-    own = assembly.parts.estimator
-    assert isinstance(own, Navigation)
-    failing = Failing(standing=own.standing)
+    estimator = assembly.parts.estimator
+    assert isinstance(estimator, Navigation)
+    failing = Failing(standing=estimator.standing)
     parts = replace(assembly.parts, estimator=failing)
     outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)))
     (stop,) = failing.told[:1]

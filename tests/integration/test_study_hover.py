@@ -68,7 +68,8 @@ def test_drives_bear_what_the_jacobian_says(pushing):
     gravity left aside.
     """
     model = models.load("uuv_puma").compile()
-    vehicle, arm = Vehicle.of(model), ArmDynamics(model)
+    vehicle = Vehicle.of(model)
+    arm = ArmDynamics(model)
     directions = spread_directions(14)
     assert np.allclose(np.linalg.norm(directions, axis=1), 1.0)
     step = 1e-6

@@ -1,6 +1,7 @@
-"""The study of identification: what it writes is what it measured."""
+"""The experiment of identification: what it writes is what it measured."""
 
 import json
+from math import radians
 from pathlib import Path
 
 from uuv.experiment import read_rows
@@ -9,9 +10,11 @@ from uuv.experiment import read_rows
 def test_one_scene_of_each_sensor(script, tmp_path: Path):
     run = script(
         "experiments.identification.identification",
-        "--objects",
-        "manifold",
+        "--object",
+        "starfish",
         "--runs",
+        1,
+        "--workers",
         1,
         "--out",
         tmp_path,
@@ -19,16 +22,17 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
     assert run.returncode == 0, run.stderr
     rows = read_rows(tmp_path)
     assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
-    figures = json.loads((tmp_path / "metrics.json").read_text())["figures"]
+    figures = json.loads((tmp_path / "metrics.json").read_text())["Poses by object and sensor"]
     for row in rows:
-        assert figures[f"manifold, {row['sensor']}"]["median_mm"] == 1e3 * row["position_m"]
+        median = figures[f"starfish {row['sensor']}"]["position, median"]["median"]
+        assert median == row["position"]
         assert row["found"] == (
-            row["position_m"] < 0.01 * row["range_m"] and row["angle_deg"] < 5.0
+            row["position"] < 0.01 * row["range"] and row["angle"] < radians(5.0)
         )
     assert (tmp_path / "report.html").stat().st_size > 10_000
 
 
 def test_unknown_object_is_refused(script):
-    run = script("experiments.identification.identification", "--objects", "teapot")
+    run = script("experiments.identification.identification", "--object", "teapot")
     assert run.returncode == 2
     assert "manifold" in run.stderr

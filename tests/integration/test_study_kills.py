@@ -51,15 +51,15 @@ pytestmark = [
 
 def processes(marker: str) -> set[int]:
     """Those whose command or environment has `marker`, zombies left out."""
-    found = set[int]()
+    numbers = set[int]()
     for entry in Path("/proc").glob("[0-9]*"):
         try:
-            told = (entry / "cmdline").read_bytes() + (entry / "environ").read_bytes()
-            if marker.encode() in told and told:
-                found.add(int(entry.name))
+            command = (entry / "cmdline").read_bytes() + (entry / "environ").read_bytes()
+            if marker.encode() in command and command:
+                numbers.add(int(entry.name))
         except OSError:
             continue
-    return found - {os.getpid()}
+    return numbers - {os.getpid()}
 
 
 def descendants(ancestor: int) -> set[int]:
@@ -72,35 +72,36 @@ def descendants(ancestor: int) -> set[int]:
             )
         except OSError:
             continue
-    found, more = set[int](), {ancestor}
+    family = set[int]()
+    more = {ancestor}
     while more := {number for number, parent in parents.items() if parent in more}:
-        found |= more
-    return found
+        family |= more
+    return family
 
 
 def alive(numbers: set[int]) -> set[int]:
     """Those of some processes that have not ended; zombies have."""
-    found = set[int]()
+    alive_numbers = set[int]()
     for number in numbers:
         try:
             state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
         except OSError:
             continue
         if state not in "ZX":
-            found.add(number)
-    return found
+            alive_numbers.add(number)
+    return alive_numbers
 
 
 def at_work() -> set[int]:
     """Workers of Ray that carry out a run."""
-    found = set[int]()
+    working = set[int]()
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             if (entry / "cmdline").read_bytes().startswith(b"ray::_one"):
-                found.add(int(entry.name))
+                working.add(int(entry.name))
         except OSError:
             continue
-    return found
+    return working
 
 
 def there(out: Path) -> list[int]:
@@ -140,14 +141,16 @@ def killed_often(
     path = os.pathsep.join([str(root), str(root / "tests" / "support")])
     environment = {**os.environ, "PYTHONPATH": path, **more}
     command = [sys.executable, str(script), str(out), str(cases), engine]
-    rng, seen = np.random.default_rng(0), 0
+    rng = np.random.default_rng(0)
+    last_count = 0
     for kill in range(KILLS):
         with subprocess.Popen(
             command, cwd=root, env=environment, stdout=subprocess.DEVNULL
         ) as head:
-            began, wanted = time.monotonic(), seen + int(rng.integers(1, 12))
+            began = time.monotonic()
+            target = last_count + int(rng.integers(1, 12))
             while (
-                len(there(out)) < wanted
+                len(there(out)) < target
                 and head.poll() is None
                 and time.monotonic() - began < 120.0
             ):
@@ -163,11 +166,11 @@ def killed_often(
             head.send_signal(SIGNALS[kill % 2])
             head.wait(60.0)
         wait_until(lambda: not workers(), "workers were left behind")
-        found = there(out)
-        assert len(found) == len(set(found)) >= seen
-        assert sorted(found) == sorted(pq.read_table(out / "rows")["case"].to_pylist())
-        seen = len(found)
-    before = seen
+        finished = there(out)
+        assert len(finished) == len(set(finished)) >= last_count
+        assert sorted(finished) == sorted(pq.read_table(out / "rows")["case"].to_pylist())
+        last_count = len(finished)
+    before = last_count
     done = subprocess.run(
         command, cwd=root, env=environment, capture_output=True, text=True, check=False
     )
@@ -197,8 +200,8 @@ def test_local_processes(root, tmp_path):
 def test_a_ray_cluster_of_two_nodes(root, tmp_path, monkeypatch):
     cluster_utils = import_module("ray.cluster_utils")
     path = os.pathsep.join([str(root), str(root / "scripts"), str(root / "tests" / "support")])
-    for name, value in {"KILL_TEST": str(tmp_path), "PYTHONPATH": path}.items():
-        monkeypatch.setenv(name, value)
+    for name, setting in {"KILL_TEST": str(tmp_path), "PYTHONPATH": path}.items():
+        monkeypatch.setenv(name, setting)
     before = descendants(os.getpid())
     with kept_cluster() as folder:  # ends the agents of a node that was killed, too
         cluster = cluster_utils.Cluster(

@@ -55,8 +55,8 @@ def _changes(node: ast.AST) -> Iterator[ast.AST]:
 
     def changed(**fields: object) -> ast.AST:
         other = copy.deepcopy(node)
-        for name, value in fields.items():
-            setattr(other, name, value)
+        for name, field in fields.items():
+            setattr(other, name, field)
         return other
 
     match node:
@@ -143,10 +143,8 @@ def _places(root: Path, file: str) -> Iterator[_Place]:
 def _mutant(root: Path, place: _Place, other: ast.AST) -> Mutant | None:
     """The changed file; None where it would say the same."""
     source = (root / place.file).read_bytes()
-    old, text = (
-        source[place.start : place.end].decode(),
-        ast.unparse(ast.fix_missing_locations(other)),
-    )
+    old = source[place.start : place.end].decode()
+    text = ast.unparse(ast.fix_missing_locations(other))
     if isinstance(other, ast.expr):
         text = f"({text})"
     new = source[: place.start] + text.encode() + source[place.end :]
@@ -164,8 +162,9 @@ def draw(root: Path, count: int, seed: int) -> list[Mutant]:
     """`count` different mutants over all rooms under `seed`, places weighing alike whatever may be
     done to them.
     """
-    places = [place for file in files(root) for place in _places(root, file)]
-    rng, drawn = np.random.default_rng(seed), []
+    places = [position for file in files(root) for position in _places(root, file)]
+    rng = np.random.default_rng(seed)
+    drawn = []
     for i in rng.permutation(len(places)):
         others = places[i].others
         mutant = _mutant(root, places[i], others[int(rng.integers(len(others)))])

@@ -88,12 +88,12 @@ class Reach:
             module = module.rpartition(".")[0]
         if not module:  # tests and scripts import their neighbours by a bare name
             first, _, rest = dotted.partition(".")
-            found = [
+            nodes = [
                 n
                 for n in self._by_stem.get(first, ())
                 if self._modules[n].path.startswith(("tests", "scripts"))
             ]
-            return [node for n in found for node in self._find(f"{n}.{rest}" if rest else n)]
+            return [node for n in nodes for node in self._find(f"{n}.{rest}" if rest else n)]
         name = dotted[len(module) + 1 :].partition(".")[0]
         if not name:
             return [(module, n) for n in self._modules[module].names]
@@ -108,11 +108,12 @@ class Reach:
         ]
 
     def _mentioned(self, module: _Module, statement: ast.stmt) -> set[Node]:
-        found: set[Node] = set()
+        nodes: set[Node] = set()
         for node in ast.walk(statement):
             dotted = ""
             if isinstance(node, ast.Attribute):
-                parts, inner = [node.attr], node.value
+                parts = [node.attr]
+                inner = node.value
                 while isinstance(inner, ast.Attribute):
                     parts.append(inner.attr)
                     inner = inner.value
@@ -124,11 +125,11 @@ class Reach:
             elif isinstance(node, (ast.Name, ast.arg)):
                 name = node.id if isinstance(node, ast.Name) else node.arg
                 if name in module.names:
-                    found.add((module.name, name))
+                    nodes.add((module.name, name))
                 elif name in module.imports and module.imports[name] not in self._modules:
                     dotted = module.imports[name]
                 elif isinstance(node, ast.arg) and module.name.startswith("tests."):
-                    found.update(
+                    nodes.update(
                         (m, name)
                         for m in self._by_stem["conftest"]
                         if name in self._modules[m].names
@@ -146,10 +147,10 @@ class Reach:
             ):
                 for named in self._by_stem.get(node.value, ()):
                     if self._modules[named].path.startswith(("models/", "scripts/")):
-                        found.update(self._find(named))
+                        nodes.update(self._find(named))
             if dotted:
-                found.update(self._find(dotted))
-        return found
+                nodes.update(self._find(dotted))
+        return nodes
 
     def names_at(self, path: str, line: int) -> list[Node]:
         """The top-level names that the statement on this line of the file defines."""
@@ -176,17 +177,22 @@ class Reach:
                 if user not in steps:
                     steps[user] = steps[node] + 1
                     queue.append(user)
-        stem, mirror = (
-            Path(path).stem.removesuffix("_kernel"),
-            f"tests/unit/{Path(path).parent.as_posix()}/",
-        )
+        stem = Path(path).stem.removesuffix("_kernel")
+        mirror = f"tests/unit/{Path(path).parent.as_posix()}/"
         ranked = []
         for (name, top), count in steps.items():
             module = self._modules[name]
             if top.startswith("test_") and Path(module.path).name.startswith("test_"):
-                own = stem in Path(module.path).stem
+                of_mirror = stem in Path(module.path).stem
                 whole = "integration" in module.path or "baseline" in module.path
                 ranked.append(
-                    (not own, whole, not module.path.startswith(mirror), count, module.path, top)
+                    (
+                        not of_mirror,
+                        whole,
+                        not module.path.startswith(mirror),
+                        count,
+                        module.path,
+                        top,
+                    )
                 )
         return [f"{path}::{top}" for *_, path, top in sorted(ranked)]

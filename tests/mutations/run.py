@@ -79,14 +79,15 @@ def listed() -> list[dict[str, Any]]:
 
 def chosen(count: int, seed: int) -> list[dict[str, Any]]:
     """Drawn mutants with the tests that reach them."""
-    graph, entries = reach.Reach(ROOT), []
+    graph = reach.Reach(ROOT)
+    entries = []
     for mutant in drawn.draw(ROOT, count, seed):
-        tests, seen = [], []
+        tests, files = [], []
         for test in graph.tests(mutant.file, mutant.line):
             file = test.partition("::")[0]
-            if file not in seen and len(seen) == MOST_FILES:
+            if file not in files and len(files) == MOST_FILES:
                 continue
-            seen += [] if file in seen else [file]
+            files += [] if file in files else [file]
             tests.append(test)
         entries.append(
             {name: getattr(mutant, name) for name in mutant.__slots__} | {"tests": tests}
@@ -104,7 +105,9 @@ class Watch:
     def __init__(self, report: Path, budget: float, order: list[str]) -> None:
         from numba.core import event
 
-        self.report, self.order, self.end = report, order, time.process_time() + budget
+        self.report = report
+        self.order = order
+        self.end = time.process_time() + budget
         self.compiling = event.TimingListener()
         event.register("numba:compile", self.compiling)
         self.found: dict[str, Any] = {"tests_run": 0, "by": "", "spent": False}
@@ -163,7 +166,8 @@ def run_tests(folder: Path, tests: list[str], budget: float, *options: str) -> d
 
         arguments = ["-x", "-q", "-p", "no:cacheprovider", "-n0", *options, *tests]
         os._exit(int(pytest.main(arguments, plugins=[Watch(report, budget, tests)])))
-    start, status = time.monotonic(), None
+    start = time.monotonic()
+    status = None
     while time.monotonic() < start + PATIENCE * budget:
         done, code = os.waitpid(pid, os.WNOHANG)
         if done:
@@ -173,19 +177,20 @@ def run_tests(folder: Path, tests: list[str], budget: float, *options: str) -> d
     else:
         os.killpg(pid, signal.SIGKILL)
         os.waitpid(pid, 0)
-    found = json.loads(report.read_text()) if report.exists() else {"by": "", "tests_run": 0}
+    report_read = json.loads(report.read_text()) if report.exists() else {"by": "", "tests_run": 0}
     if status is None:
         fate = "timeout"
-    elif found.get("spent") and not found["by"]:
+    elif report_read.get("spent") and not report_read["by"]:
         fate = "unseen"  # within the budget; more tests are left
     elif status == 0:
         fate = "survived"
-    elif status < 0 or status in (1, 2) or found["by"]:
+    elif status < 0 or status in (1, 2) or report_read["by"]:
         # failed, or crashed, or did not even collect
-        fate, found["by"] = "killed", found["by"] or f"exit {status}"
+        fate = "killed"
+        report_read["by"] = report_read["by"] or f"exit {status}"
     else:
         fate = f"pytest's exit code {status}"
-    return found | {"fate": fate, "seconds": round(time.monotonic() - start, 1)}
+    return report_read | {"fate": fate, "seconds": round(time.monotonic() - start, 1)}
 
 
 def _left_out(folder: str, names: list[str]) -> list[str]:
@@ -223,11 +228,11 @@ def work(
     tree = Copy(folder)
     while (index := tasks.get()) >= 0:
         try:
-            result = tree.judge(entries[index], budget, *options)
+            outcome = tree.judge(entries[index], budget, *options)
         except Exception as error:
             # one mutant that the runner cannot judge does not hold up the others
-            result = {"fate": f"not judged: {error!r}", "by": "", "seconds": 0.0, "tests_run": 0}
-        results.put((index, result))
+            outcome = {"fate": f"not judged: {error!r}", "by": "", "seconds": 0.0, "tests_run": 0}
+        results.put((index, outcome))
 
 
 def state_of(*options: object) -> str:
@@ -266,23 +271,24 @@ def main() -> None:
     options = parser.parse_args()
     entries = chosen(options.drawn, options.seed) if options.drawn else listed()
     entries = [e for e in entries if re.search(options.only, f"{e['file']}:{e['line']} {e['old']}")]
-    given = [] if options.test_seed is None else ["--seed", str(options.test_seed)]
-    known, state = {}, state_of(options.budget, options.test_seed)
+    seed_options = [] if options.test_seed is None else ["--seed", str(options.test_seed)]
+    known = {}
+    state = state_of(options.budget, options.test_seed)
     if options.out and options.out.exists():
-        kept = [json.loads(line) for line in options.out.read_text().splitlines()]
-        if any(result.pop("state") != state for result in kept):
+        judged = [json.loads(line) for line in options.out.read_text().splitlines()]
+        if any(outcome.pop("state") != state for outcome in judged):
             parser.error(
                 f"--out {options.out}: holds results of other code, tests or options: "
                 "give a new file"
             )
-        known = {tuple(result["key"]): result for result in kept}
+        known = {tuple(outcome["key"]): outcome for outcome in judged}
     rows: list[dict[str, Any]] = []
 
     for name in LOADED_ONCE:
         import_module(name)
 
     context = multiprocessing.get_context("fork")
-    tasks, results = context.SimpleQueue(), context.SimpleQueue()
+    tasks, outcomes = context.SimpleQueue(), context.SimpleQueue()
 
     def say(entry: dict[str, Any], result: dict[str, Any]) -> None:
         rows.append(result)
@@ -305,7 +311,14 @@ def main() -> None:
         workers = [
             context.Process(
                 target=work,
-                args=(entries, tasks, results, Path(folder) / f"tree{i}", options.budget, *given),
+                args=(
+                    entries,
+                    tasks,
+                    outcomes,
+                    Path(folder) / f"tree{i}",
+                    options.budget,
+                    *seed_options,
+                ),
             )
             for i in range(min(options.jobs, len(waiting)))
         ]
@@ -314,19 +327,22 @@ def main() -> None:
         for index in [*waiting, *[-1] * len(workers)]:
             tasks.put(index)
         for _ in waiting:
-            index, result = results.get()
+            index, judgement = outcomes.get()
             entry = entries[index]
-            say(entry, result)
+            say(entry, judgement)
             if options.out:
                 key = (entry["file"], entry["old"], entry["new"], entry["line"])
                 with options.out.open("a") as file:
-                    file.write(json.dumps({"key": key, "state": state, **result}) + "\n")
+                    file.write(json.dumps({"key": key, "state": state, **judgement}) + "\n")
         for worker in workers:
             worker.join()
         by = sorted({r["by"] for r in rows if "::" in r["by"]})
         if by and waiting:
             clean = run_tests(
-                Path(folder) / "tree0", [re.sub(r"\[.*", "", test) for test in by], 1e4, *given
+                Path(folder) / "tree0",
+                [re.sub(r"\[.*", "", test) for test in by],
+                1e4,
+                *seed_options,
             )
             if clean["fate"] != "survived":
                 sys.exit(
@@ -338,9 +354,11 @@ def main() -> None:
                 f"{clean['seconds']} s"
             )
     fates = Counter(row["fate"] for row in rows)
-    seen = fates["killed"] + fates["timeout"]
-    print(f"{seen} of {len(rows)} seen ({100.0 * seen / max(len(rows), 1):.1f} %): {dict(fates)}")
-    sys.exit(0 if seen == len(rows) else 1)
+    killed = fates["killed"] + fates["timeout"]
+    print(
+        f"{killed} of {len(rows)} seen ({100.0 * killed / max(len(rows), 1):.1f} %): {dict(fates)}"
+    )
+    sys.exit(0 if killed == len(rows) else 1)
 
 
 if __name__ == "__main__":

@@ -22,9 +22,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Equations are tested on bodies that nobody could build; what is said of those has tests of
     its own.
     """
-    for item in items:
-        if Path(__file__).parent in item.path.parents:
-            item.add_marker(
+    for test in items:
+        if Path(__file__).parent in test.path.parents:
+            test.add_marker(
                 pytest.mark.filterwarnings(
                     f"ignore::{PhysicsWarning.__module__}.{PhysicsWarning.__name__}"
                 )

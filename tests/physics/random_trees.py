@@ -50,7 +50,8 @@ def random_spec(
         body = parent.add_body(name=f"b{i}", pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4))
         body.explicitinertial = 1
         body.mass = rng.uniform(0.5, 3.0)
-        body.ipos, body.iquat = 0.1 * rng.normal(size=3), rng.normal(size=4)
+        body.ipos = 0.1 * rng.normal(size=3)
+        body.iquat = rng.normal(size=4)
         body.inertia = rng.uniform(0.08, 0.12, size=3)
         kinds = ["hinge", "slide", "ball", "hinge slide", "slide hinge", "weld"] + ["free"] * 3 * (
             parent is spec.worldbody
@@ -61,10 +62,8 @@ def random_spec(
         for name in kind.split():
             if name != "weld":
                 joint = body.add_joint(type=getattr(mujoco.mjtJoint, f"mjJNT_{name.upper()}"))
-                joint.axis, joint.pos = (
-                    rng.normal(size=3),
-                    0.1 * rng.normal(size=3) * (name != "free"),
-                )
+                joint.axis = rng.normal(size=3)
+                joint.pos = 0.1 * rng.normal(size=3) * (name != "free")
                 joint.armature = rng.uniform(0.0, 0.1) * (name in {"hinge", "slide"})
         if rng.uniform() < 0.85:
             coefficients[body.name] = random_coefficients(rng)

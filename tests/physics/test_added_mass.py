@@ -66,13 +66,16 @@ def momentum(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """
     total = np.zeros(6)
     for i in range(1, model.nbody):
-        R, p = data.xmat[i].reshape(3, 3), data.xpos[i]
+        R = data.xmat[i].reshape(3, 3)
+        p = data.xpos[i]
         twist = np.zeros(6)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, i, twist, 0)
-        w, v = twist[:3], twist[3:]
+        w = twist[:3]
+        v = twist[3:]
         turn = np.kron(np.eye(2), R)
         wet = turn @ water.unpack(model.body_user[i]).added_mass @ turn.T @ np.concatenate([v, w])
-        c, C = data.xipos[i] - p, data.ximat[i].reshape(3, 3)
+        c = data.xipos[i] - p
+        C = data.ximat[i].reshape(3, 3)
         linear = model.body_mass[i] * (v + np.cross(w, c))
         angular = C @ (model.body_inertia[i] * (C.T @ w))
         total[:3] += linear + wet[:3]
@@ -110,7 +113,8 @@ def test_buoyant_body_accelerates_with_its_added_mass(integrator, solver, within
 def test_energy_of_a_free_chain_is_constant(rng, within):
     model = chain(rng)
     data = moving(model, rng, 0.3)
-    before, start = kinetic_energy(model, data), data.qpos.copy()
+    before = kinetic_energy(model, data)
+    start = data.qpos.copy()
     mujoco.mj_step(model, data, 5000)
     mujoco.mj_forward(model, data)
     assert np.linalg.norm(data.qpos - start) > 0.5
@@ -125,7 +129,8 @@ def test_energy_of_a_free_chain_is_constant(rng, within):
 def test_momentum_of_bodies_and_water_is_constant(rng, within):
     model = chain(rng)
     data = moving(model, rng, 0.2)
-    before, start = momentum(model, data), data.qpos.copy()
+    before = momentum(model, data)
+    start = data.qpos.copy()
     data.qfrc_applied[6:] = 0.03 * rng.normal(size=model.nv - 6)  # joint torques are internal
     for _ in range(1000):
         mujoco.mj_step(model, data)
@@ -148,12 +153,12 @@ def test_velocity_terms_are_powerless(rng, within):
     rate, h = 0.0, 5e-3
     for k, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
         for sign in (1.0, -1.0):
-            there = mujoco.MjData(model)
-            there.qpos = data.qpos
-            mujoco.mj_integratePos(model, there.qpos, data.qvel, sign * k * h)
-            mujoco.mj_fwdPosition(model, there)
+            moved = mujoco.MjData(model)
+            moved.qpos = data.qpos
+            mujoco.mj_integratePos(model, moved.qpos, data.qvel, sign * k * h)
+            mujoco.mj_fwdPosition(model, moved)
             rate += (
-                sign * weight * data.qvel @ hydrodynamics.added_inertia(model, there) @ data.qvel
+                sign * weight * data.qvel @ hydrodynamics.added_inertia(model, moved) @ data.qvel
             )
     powers = data.qvel * data.qfrc_passive
     assert np.max(np.abs(powers)) > 0.1
@@ -345,7 +350,8 @@ def test_isotropic_added_mass_is_a_heavier_body_in_contact(integrator, cone, wit
     """One throw at the floor, a pebble thrown after it, a limit, a servo: 1 kg + 20 kg of water, or
     21 kg.
     """
-    paths, touched = [], 0
+    paths = []
+    touched = 0
     for wet in (True, False):
         model = thrown(wet=wet, integrator=integrator, cone=cone)
         data = mujoco.MjData(model)

@@ -75,25 +75,24 @@ def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
         b = parent.add_body(
             name=name, pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4), explicitinertial=1
         )
-        b.mass, b.inertia = rng.uniform(0.5, 5.0), rng.uniform(0.08, 0.12, 3)
-        b.ipos, b.iquat = 0.1 * rng.normal(size=3), rng.normal(size=4)
+        b.mass = rng.uniform(0.5, 5.0)
+        b.inertia = rng.uniform(0.08, 0.12, 3)
+        b.ipos = 0.1 * rng.normal(size=3)
+        b.iquat = rng.normal(size=4)
         if joint:
             j = b.add_joint(name=name, type=getattr(mujoco.mjtJoint, f"mjJNT_{joint.upper()}"))
-            j.axis, j.pos, j.range, j.limited = (
-                rng.normal(size=3),
-                0.2 * rng.normal(size=3),
-                [-1e3, 1e3],
-                1,
-            )
-            j.armature, j.damping, j.stiffness = (
-                rng.uniform(0.0, 0.5),
-                [rng.uniform(), 0, 0],
-                [rng.uniform(), 0, 0],
-            )
+            j.axis = rng.normal(size=3)
+            j.pos = 0.2 * rng.normal(size=3)
+            j.range = [-1e3, 1e3]
+            j.limited = 1
+            j.armature = rng.uniform(0.0, 0.5)
+            j.damping = [rng.uniform(), 0, 0]
+            j.stiffness = [rng.uniform(), 0, 0]
         return b
 
     hull = body(spec.worldbody, "hull", "")
-    hull.mass, hull.inertia = 60.0, [6.0, 9.0, 8.0]
+    hull.mass = 60.0
+    hull.inertia = [6.0, 9.0, 8.0]
     hull.add_freejoint()
     carried = [hull, body(hull, "arm_base", "")]
     at = carried[1]
@@ -104,7 +103,8 @@ def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
             motor = spec.add_actuator(
                 name=f"link{i}", target=f"link{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT
             )
-            motor.ctrlrange, motor.ctrllimited = [-100, 100], 1
+            motor.ctrlrange = [-100, 100]
+            motor.ctrllimited = 1
         carried.append(at)
     at.add_site(name="tip", pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4))
     for i in range(int(rng.integers(1, 4))):
@@ -131,7 +131,8 @@ def add_rock(spec: mujoco.MjSpec) -> None:
     body = next(b for b in spec.bodies if tip in b.sites)
     body.add_geom(size=[RADIUS, 0, 0], pos=tip.pos, mass=0, condim=6, friction=[0.5, 0.02, 0.01])
     spec.worldbody.add_body(name="rock", mocap=True).add_geom(size=[RADIUS, 0, 0], condim=6)
-    spec.option.tolerance, spec.option.iterations = 0.0, 200
+    spec.option.tolerance = 0.0
+    spec.option.iterations = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -151,11 +152,9 @@ class Moving:
         if push == "contact":
             add_rock(spec)
         model = hydrodynamics.compile(spec)
-        vehicle, arm, data = (
-            Vehicle.of(model),
-            ArmDynamics(model, passive=True),
-            mujoco.MjData(model),
-        )
+        vehicle = Vehicle.of(model)
+        arm = ArmDynamics(model, passive=True)
+        data = mujoco.MjData(model)
         model.opt.wind = rng.normal(size=3)
         mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
         joints = [model.joint(name) for name in arm.joint_names]
@@ -169,8 +168,9 @@ class Moving:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         dofs = [int(joint.dofadr[0]) for joint in joints]
-        given = data.qfrc_applied[dofs]
-        tip, p_tip = int(model.site_bodyid[vehicle.tip]), data.site_xpos[vehicle.tip].copy()
+        applied = data.qfrc_applied[dofs]
+        tip = int(model.site_bodyid[vehicle.tip])
+        p_tip = data.site_xpos[vehicle.tip].copy()
         f_tip_W = (
             50.0
             * rng.normal(size=6)
@@ -187,10 +187,12 @@ class Moving:
         assert data.nefc == data.nf or push == "contact"
         assert data.ncon == (push == "contact")
         for i in range(data.ncon):
-            frame, f = data.contact.frame[i].reshape(3, 3), np.zeros(6)
+            frame = data.contact.frame[i].reshape(3, 3)
+            f = np.zeros(6)
             mujoco.mj_contactForce(model, data, i, f)
             sign = 1.0 if model.geom_bodyid[data.contact.geom[i, 1]] == tip else -1.0
-            force, torque = sign * frame.T @ f[:3], sign * frame.T @ f[3:]
+            force = sign * frame.T @ f[:3]
+            torque = sign * frame.T @ f[3:]
             f_tip_W += np.concatenate(
                 [force, torque + np.cross(data.contact.pos[i] - p_tip, force)]
             )
@@ -202,7 +204,7 @@ class Moving:
         spring = np.array([model.qpos_spring[j.qposadr[0]] for j in joints])
         dry = np.zeros(model.nv)  # friction of the gears: a constraint for each that has some
         dry[np.asarray(model.dof_frictionloss) > 0.0] = data.efc_force[data.ne : data.ne + data.nf]
-        tau = given + dry[dofs] - stiffness * (q - spring) - damping * data.qvel[dofs]
+        tau = applied + dry[dofs] - stiffness * (q - spring) - damping * data.qvel[dofs]
         tau -= model.dof_armature[dofs] * data.qacc[dofs]
         return cls(
             model=model, data=data, arm=arm, vehicle=vehicle, dofs=dofs, tau=tau, f_tip_W=f_tip_W
@@ -220,7 +222,8 @@ class Moving:
 
     def hull_motion(self) -> tuple[Array, Array]:
         """nu_B and a_B (6,), hull axes."""
-        R, dof = self.X_WB[:3, :3], self.vehicle.hull_dof
+        R = self.X_WB[:3, :3]
+        dof = self.vehicle.hull_dof
         v, a = self.data.qvel[dof : dof + 6], self.data.qacc[dof : dof + 6]
         return np.concatenate([R.T @ v[:3], v[3:]]), np.concatenate([R.T @ a[:3], a[3:]])
 
@@ -275,7 +278,8 @@ def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, pus
         moving = Moving.of(spec, rng, push)
         wrench_B = moving.inverse(moving.wrench_tip_G())[1]
 
-        R, dof = moving.X_WB[:3, :3], moving.vehicle.hull_dof
+        R = moving.X_WB[:3, :3]
+        dof = moving.vehicle.hull_dof
         for actuator in list(spec.actuators):
             spec.delete(actuator)
         for key in list(spec.keys):
@@ -305,7 +309,8 @@ def test_reaction_is_the_wrench_of_newton_and_euler(vehicle_of, push, rng, withi
     worst = 0.0
     for _ in range(STATES):
         moving = Moving.of(wet(vehicle_of(rng), rng), rng, push)
-        model, hull = moving.model, moving.vehicle.hull
+        model = moving.model
+        hull = moving.vehicle.hull
         carried = [i for i in range(hull + 1, model.nbody) if model.body_parentid[i] == hull]
         measured = np.sum([wrench(model, moving.data, i, frame=hull) for i in carried], axis=0)
         worst = max(worst, relative(measured, moving.inverse(moving.wrench_tip_G())[1]))
@@ -316,7 +321,9 @@ def test_tip_kinematics(vehicle_of, rng, within):
     for _ in range(STATES):
         moving = Moving.of(wet(vehicle_of(rng), rng), rng, "none")
         X_BG, J_B = moving.arm.tip(moving.q)
-        model, data, tip = moving.model, moving.data, moving.vehicle.tip
+        model = moving.model
+        data = moving.data
+        tip = moving.vehicle.tip
         J_W = np.zeros((6, model.nv))
         mujoco.mj_jacSite(model, data, J_W[:3], J_W[3:], tip)
         turn = np.kron(np.eye(2), moving.X_WB[:3, :3])
@@ -339,12 +346,16 @@ def test_joints_that_do_not_rest_at_zero(rng, within):
     assert np.all(np.abs(moving.model.qpos0[7:]) > 0.3)
     within("relative torque", relative(moving.inverse(moving.wrench_tip_G())[0], moving.tau), 3e-11)
 
-    model, vehicle, data = moving.model, moving.vehicle, mujoco.MjData(moving.model)
+    model = moving.model
+    vehicle = moving.vehicle
+    data = mujoco.MjData(moving.model)
     held = ArmDynamics(model)
-    q, rest = rng.normal(size=held.n), np.zeros(held.n)
+    q = rng.normal(size=held.n)
+    rest = np.zeros(held.n)
     data.qpos[vehicle.qpos] = q
     mujoco.mj_inverse(model, data)
-    R_WB, still = data.xmat[vehicle.hull].reshape(3, 3), np.zeros(6)
+    R_WB = data.xmat[vehicle.hull].reshape(3, 3)
+    still = np.zeros(6)
     tau, _ = held.inverse(
         q,
         rest,
@@ -356,15 +367,16 @@ def test_joints_that_do_not_rest_at_zero(rng, within):
         wrench_tip_G=still,
     )
     springs = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[vehicle.joints, 0]
-    wanted = data.qfrc_inverse[vehicle.dof] - springs * (q - model.qpos_spring[vehicle.qpos])
-    within("relative torque, others held", relative(tau, wanted), 3e-12)
+    expected = data.qfrc_inverse[vehicle.dof] - springs * (q - model.qpos_spring[vehicle.qpos])
+    within("relative torque, others held", relative(tau, expected), 3e-12)
 
 
 def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
     """`unfiltered_tip_force` with all of the motion known: force (3,) in hull axes, external
     torques, Jacobian.
     """
-    arm, n = moving.arm, moving.arm.n
+    arm = moving.arm
+    n = moving.arm.n
     nu_B, a_B = moving.hull_motion()
     a_B[:3] -= np.cross(nu_B[3:], nu_B[:3])
     hull = np.concatenate([moving.X_WB[:3, :3].ravel(), nu_B, a_B, moving.model.opt.wind])
@@ -409,13 +421,16 @@ def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
 def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, within):
     """With filters shorter than the step it is the least squares again."""
     moving = Moving.of(wet(models.load("uuv_puma"), rng), rng, "wrench")
-    arm, n, R = moving.arm, moving.arm.n, moving.X_WB[:3, :3]
+    arm = moving.arm
+    n = moving.arm.n
+    R = moving.X_WB[:3, :3]
     (nu_B, a_B), qd, qdd = (
         moving.hull_motion(),
         moving.data.qvel[moving.dofs],
         moving.data.qacc[moving.dofs],
     )
-    lag, f_W = 0.01, np.empty(3)
+    lag = 0.01
+    f_W = np.empty(3)
     sensed = SensedArm.start(qd - lag * qdd, nu_B[3:] - lag * a_B[3:])
     normal = estimate_tip_force(
         tuple(arm.parameters),
@@ -476,7 +491,8 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
     model = models.load("uuv_puma").compile()
     data, vehicle = mujoco.MjData(model), Vehicle.of(model)
     # MuJoCo turns a free body in its own axes, and moves it in the world's
-    n, free = len(vehicle.joints), np.s_[:6]
+    n = len(vehicle.joints)
+    free = np.s_[:6]
     worst = 0.0
     for _ in range(20):
         data.qpos[vehicle.qpos] = vehicle.q_ready + rng.uniform(-0.3, 0.3, n)
@@ -485,16 +501,17 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
         mujoco.mj_forward(model, data)
         J_W = np.empty((6, model.nv))
         mujoco.mj_jacSite(model, data, J_W[:3], J_W[3:], vehicle.tip)
-        R_WB, change = data.xmat[vehicle.hull].reshape(3, 3), rng.normal(size=6)
-        X_WB, X_WG = (
-            pose(R_WB, data.xpos[vehicle.hull]),
-            pose(data.site_xmat[vehicle.tip].reshape(3, 3), data.site_xpos[vehicle.tip]),
-        )
+        R_WB = data.xmat[vehicle.hull].reshape(3, 3)
+        change = rng.normal(size=6)
+        X_WB = pose(R_WB, data.xpos[vehicle.hull])
+        X_WG = pose(data.site_xmat[vehicle.tip].reshape(3, 3), data.site_xpos[vehicle.tip])
         J_B = np.vstack([R_WB.T @ J_W[:3], R_WB.T @ J_W[3:]])[:, vehicle.dof]
         hull = np.zeros(24)
         hull[9:15] = change if moving_hull else 0.0
         hull[15:21] = 0.0 if moving_hull else change
-        qd, qdd, yielding = np.empty(n), np.empty(n), np.empty((2, n))
+        qd = np.empty(n)
+        qdd = np.empty(n)
+        yielding = np.empty((2, n))
         resolve_tool_motion(
             np.eye(4),
             X_WB,

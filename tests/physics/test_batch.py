@@ -144,7 +144,8 @@ def test_batch_is_one_by_one_whatever_its_threads(persistent):
     alone = []
     for start in starts:
         data = mujoco.MjData(model)
-        data.qvel, data.ctrl[3] = start, start[0]
+        data.qvel = start
+        data.ctrl[3] = start[0]
         mujoco.mj_step(model, data, 200)
         alone.append(np.concatenate([data.qpos, data.qvel, data.act]))
     for threads in (1, 2, 3):
@@ -213,9 +214,11 @@ def test_every_integrator_goes_to_the_same_motion(integrator, within):
 def test_model_compiled_plainly_runs_wet_and_is_told_of(within):
     """Only the contact weights are those of the dry mass: free of contact it is the same motion."""
     spec, other = world(), world()
-    for each in (spec, other):
-        each.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-        each.actuators[0].biasprm[2] = -1.0  # its damping ratio is worked out from the inertia
+    for description in (spec, other):
+        description.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        description.actuators[0].biasprm[
+            2
+        ] = -1.0  # its damping ratio is worked out from the inertia
     plain = spec.compile()
     within("path", run(plain, 100) - run(hydrodynamics.compile(other), 100), 1e-15)  # measured 0
     with pytest.warns(RuntimeWarning, match="contact weights of its dry mass: compile it by"):
@@ -240,12 +243,14 @@ def test_mjcf_keeps_the_water_to_six_digits(within):
     text = spec.to_xml()
     again = mujoco.MjSpec.from_string(text)
     assert water.density_of(again) == 1010.0
-    here, there = water.attached(spec), water.attached(again)
-    assert list(here) == list(there)
+    here, read_back = water.attached(spec), water.attached(again)
+    assert list(here) == list(read_back)
     for name, body in here.items():
         scale = max(np.max(np.abs(body.added_mass)), 1e-300)
         # 3e-6
-        within(f"added mass of {name}", (there[name].added_mass - body.added_mass) / scale, 1e-5)
+        within(
+            f"added mass of {name}", (read_back[name].added_mass - body.added_mass) / scale, 1e-5
+        )
     loaded = hydrodynamics.compile(again)
     # 5e-6
     within(
@@ -253,11 +258,13 @@ def test_mjcf_keeps_the_water_to_six_digits(within):
         (loaded.body_user - model.body_user) / np.maximum(np.abs(model.body_user), 1e-6),
         5e-5,
     )
-    start = [mujoco.MjData(each) for each in (model, loaded, mujoco.MjModel.from_xml_string(text))]
-    for each, data in zip(
+    start = [
+        mujoco.MjData(variant) for variant in (model, loaded, mujoco.MjModel.from_xml_string(text))
+    ]
+    for source, data in zip(
         (model, loaded, mujoco.MjModel.from_xml_string(text)), start, strict=True
     ):
-        mujoco.mj_forward(each, data)
+        mujoco.mj_forward(source, data)
     scale = np.max(np.abs(start[0].qfrc_passive))
     # 4e-8
     within("forces, compiled by us", (start[1].qfrc_passive - start[0].qfrc_passive) / scale, 4e-7)
@@ -283,7 +290,8 @@ def test_attached_specs_bring_their_water(within):
     for k in range(2):
         scene.attach(wet(), prefix=f"arm{k}/", frame=scene.worldbody.add_frame(pos=[0, 2 * k, 0]))
     scene.delete(scene.actuator("arm0/spare"))
-    both, alone = hydrodynamics.compile(scene), hydrodynamics.compile(wet())
+    both = hydrodynamics.compile(scene)
+    alone = hydrodynamics.compile(wet())
     ends = []
     for model in (both, alone):
         data = mujoco.MjData(model)
@@ -302,8 +310,10 @@ def test_welded_child_is_part_of_its_parent(within):
       </body></worldbody></mujoco>"""
     rng = np.random.default_rng(4)
     L = rng.normal(size=(6, 6))
-    A, D, c = L @ L.T, np.diag(rng.uniform(1.0, 3.0, 6)), np.array([0.1, 0.0, 0.2])
-    results = []
+    A = L @ L.T
+    D = np.diag(rng.uniform(1.0, 3.0, 6))
+    c = np.array([0.1, 0.0, 0.2])
+    motions = []
     for welded in (True, False):
         spec = mujoco.MjSpec.from_string(model)
         if welded:
@@ -314,7 +324,8 @@ def test_welded_child_is_part_of_its_parent(within):
         else:
             data = mujoco.MjData(plain := spec.copy().compile())
             mujoco.mj_kinematics(plain, data)
-            R, p = data.xmat[2].reshape(3, 3), data.xpos[2]
+            R = data.xmat[2].reshape(3, 3)
+            p = data.xpos[2]
             moved = BodyHydrodynamics(
                 volume=0.03,
                 center_of_buoyancy=p + R @ c,
@@ -324,11 +335,11 @@ def test_welded_child_is_part_of_its_parent(within):
             water.attach(spec, {"hull": moved})
         compiled = hydrodynamics.compile(spec)
         data = mujoco.MjData(compiled)
-        data.qvel = rng.normal(size=6) if welded else results[0][0]
+        data.qvel = rng.normal(size=6) if welded else motions[0][0]
         speed = data.qvel.copy()
         mujoco.mj_forward(compiled, data)
-        results.append((speed, data.qacc.copy()))
-    error = (results[0][1] - results[1][1]) / np.max(np.abs(results[0][1]))
+        motions.append((speed, data.qacc.copy()))
+    error = (motions[0][1] - motions[1][1]) / np.max(np.abs(motions[0][1]))
     within("acceleration, relative", error, 3e-15)  # measured 3e-16
 
 
@@ -342,7 +353,9 @@ def test_flex_beside_and_under_water(within):
         f"<mujoco><worldbody>{grid.format('wet', 1)}{grid.format('dry', 3)}</worldbody></mujoco>"
     )
     body = water.sphere(0.02)
-    water.attach(spec, {each.name: body for each in spec.bodies[1:] if each.name.startswith("wet")})
+    water.attach(
+        spec, {child.name: body for child in spec.bodies[1:] if child.name.startswith("wet")}
+    )
     model = hydrodynamics.compile(spec)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

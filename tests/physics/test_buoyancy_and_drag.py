@@ -82,7 +82,8 @@ def test_righting_period(within):
     """From 60 degrees, at rest, a trimmed body swings as a pendulum of inertia I + I_A: T = 4 K(k)
     / omega_0.
     """
-    h, pitch = 0.05, np.pi / 3.0
+    h = 0.05
+    pitch = np.pi / 3.0
     spec = mujoco.MjSpec.from_string(FREE.format(geom='type="ellipsoid" size=".5 .2 .2" mass="80"'))
     body = water.ellipsoid([0.5, 0.2, 0.2], drag_coefficient=0.0, water_density=RHO)
     water.attach(spec, {"hull": body}, RHO)
@@ -94,7 +95,8 @@ def test_righting_period(within):
     model.opt.timestep = period / 1000.0
     data = mujoco.MjData(model)
     data.qpos[3:] = [np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]
-    begin, lowest = data.qpos.copy(), 1.0
+    begin = data.qpos.copy()
+    lowest = 1.0
     for _ in range(1000):
         mujoco.mj_step(model, data)
         lowest = min(lowest, float(data.qpos[5]))
@@ -174,7 +176,8 @@ def test_trim_puts_the_buoyancy_of_the_whole_tree_above_its_weight_however_it_is
     data = mujoco.MjData(model)
     data.qpos = qpos
     mujoco.mj_forward(model, data)
-    volume, moment = 0.0, np.zeros(3)
+    volume = 0.0
+    moment = np.zeros(3)
     for name, body in water.attached(spec).items():
         X = data.body(name)
         volume += body.volume
@@ -233,13 +236,19 @@ def test_drag_follows_the_shear_of_the_current(rng, within):
         quadratic_damping=np.array([*quadratic, 0, 0, 0]),
     )
     water.attach(spec, {"hull": body}, RHO)
-    start, shear = np.array([0.5, -0.3, 0.0]), np.array([0.1, 0.04, 0.0])
+    start = np.array([0.5, -0.3, 0.0])
+    shear = np.array([0.1, 0.04, 0.0])
     water.set_current(spec, velocity=start, shear=shear)
     model = hydrodynamics.compile(spec)
-    data, moving, adrift = mujoco.MjData(model), [], []
+    data = mujoco.MjData(model)
+    moving = []
+    adrift = []
     for _ in range(100):
-        R, depth, v = exp_so3(rng.normal(size=3)), rng.uniform(1.0, 30.0), rng.normal(size=3)
-        data.qpos[2], data.qpos[3:] = -depth, quat_wxyz_from_rotation(R)
+        R = exp_so3(rng.normal(size=3))
+        depth = rng.uniform(1.0, 30.0)
+        v = rng.normal(size=3)
+        data.qpos[2] = -depth
+        data.qpos[3:] = quat_wxyz_from_rotation(R)
         current = start - depth * shear
         data.qvel[:3] = v
         mujoco.mj_forward(model, data)
@@ -277,13 +286,18 @@ def test_drag_never_feeds_energy(rng, within):
     x, weights = np.polynomial.legendre.leggauss(strip.stations)
     weights *= 0.5 * np.linalg.norm(strip.end - strip.start)
     points = 0.5 * (strip.start + strip.end) + 0.5 * x[:, None] * (strip.end - strip.start)
-    data, errors = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    errors = []
     for _ in range(200):
-        R, v, w = exp_so3(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=3)
+        R = exp_so3(rng.normal(size=3))
+        v = rng.normal(size=3)
+        w = rng.normal(size=3)
         data.qpos[3:] = quat_wxyz_from_rotation(R)
-        data.qvel[:3], data.qvel[3:] = R @ v, w
+        data.qvel[:3] = R @ v
+        data.qvel[3:] = w
         mujoco.mj_forward(model, data)
-        nu, u = np.concatenate([v, w]), v + np.cross(w, points)
+        nu = np.concatenate([v, w])
+        u = v + np.cross(w, points)
         ahead = np.abs(u @ along)
         across = np.linalg.norm(u - np.outer(u @ along, along), axis=1)
         # the skewed part of D does no work

@@ -68,13 +68,12 @@ def run(model: mujoco.MjModel, steps: int = 300) -> Array:
 
 @pytest.mark.check("three models stepped in turn", "each alone, bit by bit")
 def test_two_models_do_not_disturb_each_other(within):
-    wet, other, dry = (
-        hydrodynamics.compile(spec_of()),
-        hydrodynamics.compile(spec_of(mass=150.0)),
-        hydrodynamics.compile(spec_of(coefficients=False)),
-    )
+    wet = hydrodynamics.compile(spec_of())
+    other = hydrodynamics.compile(spec_of(mass=150.0))
+    dry = hydrodynamics.compile(spec_of(coefficients=False))
     alone = [run(model) for model in (wet, other, dry)]
-    states, apart = [mujoco.MjData(model) for model in (wet, other, dry)], 0.0
+    states = [mujoco.MjData(model) for model in (wet, other, dry)]
+    apart = 0.0
     for data in states:
         data.qvel[:7] = [0.3, 0.2, -0.5, 0.4, 0.3, -0.2, 1.0]
     for step in range(300):
@@ -103,14 +102,14 @@ def test_runs_repeat_bit_by_bit_on_any_number_of_threads(within):
     for i in range(len(start)):
         data.qvel[:] = 0.1 * i
         mujoco.mj_getState(model, data, start[i], mujoco.mjtState.mjSTATE_FULLPHYSICS)
-    results = []
+    runs = []
     for threads in (1, 2):
         workers = [mujoco.MjData(model) for _ in range(threads)]
         with mujoco.rollout.Rollout(nthread=threads) as rollout:
             states, _ = rollout.rollout(model, workers, start, nstep=200)
-        results.append(states.copy())
-    assert np.ptp(results[0]) > 0.1
-    within("difference of 1 and 2 threads", results[0] - results[1], 0.0)
+        runs.append(states.copy())
+    assert np.ptp(runs[0]) > 0.1
+    within("difference of 1 and 2 threads", runs[0] - runs[1], 0.0)
     within("difference of two runs", run(model) - run(model), 0.0)
 
 
@@ -122,10 +121,12 @@ def test_islands_are_solved_apart_as_they_are_together(within):
     water.attach(spec, {})
     model = hydrodynamics.compile(spec)
     model.opt.tolerance = 0.0
-    paths, most = [], 0
+    paths = []
+    most = 0
     for flag in (0, mujoco.mjtDisableBit.mjDSBL_ISLAND):
         model.opt.disableflags = int(flag)
-        data, path = mujoco.MjData(model), []
+        data = mujoco.MjData(model)
+        path = []
         for _ in range(400):
             mujoco.mj_step(model, data)
             most = max(most, data.nisland)
@@ -156,12 +157,14 @@ def test_inverse_dynamics_agrees_with_forward(integrator, flag, within):
     if flag == "invdiscrete":
         model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_INVDISCRETE
         before = data.qvel.copy()
-        there = mujoco.MjData(model)
-        there.qpos, there.qvel, there.qfrc_applied = data.qpos, data.qvel, data.qfrc_applied
-        mujoco.mj_step(model, there)
-        qacc = (there.qvel - before) / model.opt.timestep
+        stepped = mujoco.MjData(model)
+        stepped.qpos, stepped.qvel, stepped.qfrc_applied = data.qpos, data.qvel, data.qfrc_applied
+        mujoco.mj_step(model, stepped)
+        qacc = (stepped.qvel - before) / model.opt.timestep
     fresh = mujoco.MjData(model)
-    fresh.qpos, fresh.qvel, fresh.qacc = data.qpos, data.qvel, qacc
+    fresh.qpos = data.qpos
+    fresh.qvel = data.qvel
+    fresh.qacc = qacc
     mujoco.mj_inverse(model, fresh)
     expected = data.qfrc_applied + data.qfrc_actuator
     within("generalised force [N, N m]", fresh.qfrc_inverse - expected, 2e-10)  # measured 2e-11
@@ -179,17 +182,19 @@ def test_passive_forces_again_without_a_new_inertia(within):
     mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_POS, 0)
     assert np.array_equal(data.M, once)
     within("qacc", data.qacc - qacc, 1e-12)
-    nx, nv, h = 2 * model.nv + model.na, model.nv, 1e-6
+    nx = 2 * model.nv + model.na
+    nv = model.nv
+    h = 1e-6
     A = np.zeros((nx, nx))
     mujoco.mjd_transitionFD(model, data, h, True, A, None, None, None)
     for i in range(nv):
         ends = []
         for sign in (1.0, -1.0):
-            there = mujoco.MjData(model)
-            there.qpos, there.qvel = data.qpos, data.qvel
-            there.qvel[i] += sign * h
-            mujoco.mj_step(model, there)
-            ends.append(there.qvel.copy())
+            perturbed = mujoco.MjData(model)
+            perturbed.qpos, perturbed.qvel = data.qpos, data.qvel
+            perturbed.qvel[i] += sign * h
+            mujoco.mj_step(model, perturbed)
+            ends.append(perturbed.qvel.copy())
         within("transition", A[nv : 2 * nv, nv + i] - (ends[0] - ends[1]) / (2.0 * h), 1e-6)
 
 
@@ -238,7 +243,8 @@ def test_says_when_a_model_was_compiled_without_its_water():
 
 
 def test_says_when_a_wet_model_would_move_dry():
-    wet, dry = hydrodynamics.compile(spec_of()), hydrodynamics.compile(spec_of(coefficients=False))
+    wet = hydrodynamics.compile(spec_of())
+    dry = hydrodynamics.compile(spec_of(coefficients=False))
     assert hydrodynamics.check_installed(wet)
     hydrodynamics.uninstall()
     assert hydrodynamics.check_installed(dry)

@@ -46,17 +46,17 @@ def ran(code: str) -> tuple[bool, str]:
 
 
 def test_parts_without_physics():
-    worked, said = ran(_PARTS)
-    assert worked, said
+    worked, output = ran(_PARTS)
+    assert worked, output
 
 
 def test_physics():
-    worked, said = ran(_PHYSICS)
-    assert worked is not NEWER, said
-    assert not NEWER or said.startswith("AttributeError")
+    worked, output = ran(_PHYSICS)
+    assert worked is not NEWER, output
+    assert not NEWER or output.startswith("AttributeError")
 
 
 def test_the_door_of_composer():
-    worked, said = ran(_DOOR)
-    assert worked is not NEWER, said
-    assert not NEWER or "dm_control's physics, which runs on MuJoCo 3 (here 4" in said
+    worked, output = ran(_DOOR)
+    assert worked is not NEWER, output
+    assert not NEWER or "dm_control's physics, which runs on MuJoCo 3 (here 4" in output

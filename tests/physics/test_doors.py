@@ -101,9 +101,9 @@ def test_coefficients_return_from_the_compiled_model():
         "quadratic_damping",
     ):
         assert np.array_equal(getattr(back, name), getattr(body, name)), name
-    for there, here in zip(back.segments, body.segments, strict=True):
-        assert np.array_equal(there.end, here.end)
-        assert (there.normal, there.tangential, there.stations) == (
+    for returned, here in zip(back.segments, body.segments, strict=True):
+        assert np.array_equal(returned.end, here.end)
+        assert (returned.normal, returned.tangential, returned.stations) == (
             here.normal,
             here.tangential,
             here.stations,
@@ -111,7 +111,8 @@ def test_coefficients_return_from_the_compiled_model():
 
 
 def test_attach_names_what_is_wrong():
-    spec, body = ball(), water.sphere(0.1)
+    spec = ball()
+    body = water.sphere(0.1)
     with pytest.raises(ConfigurationError, match="no such body: 'bal'; the spec has ball, rock"):
         water.attach(spec, {"bal": body})
     with pytest.raises(ConfigurationError, match=r"water_density .* must be positive, got 0"):
@@ -160,7 +161,8 @@ def test_shapes_are_checked(make, says):
 
 
 def test_density_stays_until_another_is_given():
-    spec, body = ball(), water.sphere(0.1)
+    spec = ball()
+    body = water.sphere(0.1)
     water.attach(spec, {"ball": body}, 1000.0)
     water.attach(spec, {"rock": body})
     assert water.density_of(spec) == 1000.0
@@ -195,8 +197,8 @@ def test_bodies_of_different_waters_are_refused():
 def test_options_without_sense_are_refused(change: dict[str, Any], says):
     spec = ball()
     water.attach(spec, {"ball": water.sphere(0.1)})
-    for name, value in change.items():
-        setattr(spec.option, name, value)
+    for name, setting in change.items():
+        setattr(spec.option, name, setting)
     with pytest.raises(HydrodynamicsError, match=says):
         hydrodynamics.compile(spec)
 

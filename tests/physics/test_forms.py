@@ -91,7 +91,8 @@ def of_lift(form: LiftDrag, u: Array) -> Array:
         angle -= np.sign(angle) * np.pi
     assert form.stalled_slope is not None
     assert form.stalled_drag_slope is not None
-    size, at_stall = abs(angle), form.lift_slope * form.stall
+    size = abs(angle)
+    at_stall = form.lift_slope * form.stall
     if size <= form.stall:
         lift, drag = form.lift_slope * size, form.drag_slope * size
     else:
@@ -104,13 +105,15 @@ def of_lift(form: LiftDrag, u: Array) -> Array:
 
 def moments(u0: float, u1: float) -> tuple[float, float]:
     """Integrals over s from 0 to 1 of |u| u and of s |u| u, with u = u0 + s (u1 - u0)."""
-    b, cubes = u1 - u0, abs(u1) ** 3 - abs(u0) ** 3
+    b = u1 - u0
+    cubes = abs(u1) ** 3 - abs(u0) ** 3
     return cubes / (3.0 * b), ((abs(u1) * u1**3 - abs(u0) * u0**3) / 4.0 - u0 * cubes / 3.0) / b**2
 
 
 def plain(form: Form, nu: Array, A: Array) -> Array:
     """Wrench (6,) of one form at one twist, written down anew."""
-    v, w = nu[:3], nu[3:]
+    v = nu[:3]
+    w = nu[3:]
     if isinstance(form, MunkFactor):
         p = A[:3] @ nu
         whole = np.concatenate([-np.cross(w, p), -np.cross(v, p)])
@@ -131,7 +134,8 @@ def plain(form: Form, nu: Array, A: Array) -> Array:
     u0, u1 = (float((v + np.cross(w, p)) @ form.direction) for p in (form.start, form.end))
     b = u1 - u0
     if abs(b) < 1e-6:
-        zeroth, first = abs(u0) * u0, 0.5 * abs(u0) * u0
+        zeroth = abs(u0) * u0
+        first = 0.5 * abs(u0) * u0
     else:
         zeroth, first = moments(u0, u1)
     scale = -form.drag * float(np.linalg.norm(along))
@@ -158,7 +162,7 @@ def acted(
     without them.
     """
     A = np.zeros((6, 6)) if added is None else added
-    found = np.zeros((len(nus), 6))
+    wrenches = np.zeros((len(nus), 6))
     for share, some in ((1.0, forms), (-1.0, ())):
         model = floating(BodyHydrodynamics(volume=0.0, added_mass=A, forms=some))
         data = mujoco.MjData(model)
@@ -166,8 +170,8 @@ def acted(
         for k, nu in enumerate(nus):
             data.qvel = nu
             mujoco.mj_forward(model, data)
-            found[k] += share * data.qfrc_passive
-    return found
+            wrenches[k] += share * data.qfrc_passive
+    return wrenches
 
 
 @pytest.mark.check("forms of the water on random trees", "plain formulas")
@@ -179,12 +183,12 @@ def test_forms_are_their_formulas_on_random_trees(rng, within):
     for _ in range(6):
         spec, bodies = random_spec(rng)
         bare = hydrodynamics.compile(spec.copy())
-        given = {
+        carried = {
             name: replace(body, forms=random_forms(rng))
             for name, body in bodies.items()
             if rng.uniform() < 0.7
         }
-        water.attach(spec, given)
+        water.attach(spec, carried)
         model = hydrodynamics.compile(spec)
         data, without = mujoco.MjData(model), mujoco.MjData(bare)
         shear = model.body_user[0, LAYOUT.current_shear :][:3]
@@ -194,8 +198,9 @@ def test_forms_are_their_formulas_on_random_trees(rng, within):
             mujoco.mj_forward(model, data)
             mujoco.mj_forward(bare, without)
             tau = np.zeros(model.nv)
-            for name, body in given.items():
-                i, J = model.body(name).id, np.zeros((6, model.nv))
+            for name, body in carried.items():
+                i = model.body(name).id
+                J = np.zeros((6, model.nv))
                 if model.body_treeid[i] < 0:
                     continue  # welded to the world
                 R = data.xmat[i].reshape(3, 3)
@@ -232,10 +237,12 @@ def test_a_body_without_forms_has_the_row_that_it_always_had():
 
 @pytest.mark.check("Munk factors: power of couple and force", "zero for any factors")
 def test_the_munk_pair_has_no_power_and_the_couple_alone_has(rng, within):
-    A, nus = semidefinite(rng, 3.0), rng.normal(size=(40, 6))
+    A = semidefinite(rng, 3.0)
+    nus = rng.normal(size=(40, 6))
     factor = rng.uniform(size=3)
     wrench = acted(MunkFactor(factor=factor), nus, A)
-    power, of_couple = np.sum(wrench * nus, axis=1), np.sum(wrench[:, 3:] * nus[:, 3:], axis=1)
+    power = np.sum(wrench * nus, axis=1)
+    of_couple = np.sum(wrench[:, 3:] * nus[:, 3:], axis=1)
     within("power of the pair [W]", power, 1e-12)  # measured up to 5e-14
     assert np.max(of_couple) > 1.0  # the couple alone feeds in at some motion ...
     assert np.min(of_couple) < -1.0  # ... and takes at another
@@ -290,13 +297,12 @@ def mirrored(form: Form) -> Form:
 
 
 def test_a_mirrored_body_feels_the_mirrored_wrench(rng, within):
-    nus, A = rng.normal(size=(10, 6)), semidefinite(rng, 1.0)
+    nus = rng.normal(size=(10, 6))
+    A = semidefinite(rng, 1.0)
     for form in random_forms(rng):
-        there, here = (
-            acted(mirrored(form), nus * MIRROR, MIRROR[:, None] * A * MIRROR),
-            acted(form, nus, A),
-        )
-        within(f"{type(form).__name__}: mirrored", there - here * MIRROR, 1e-11)
+        mirrored_wrench = acted(mirrored(form), nus * MIRROR, MIRROR[:, None] * A * MIRROR)
+        here = acted(form, nus, A)
+        within(f"{type(form).__name__}: mirrored", mirrored_wrench - here * MIRROR, 1e-11)
         assert np.max(np.abs(here)) > 1e-2
 
 
@@ -310,16 +316,14 @@ def test_forms_do_not_tell_a_current_from_a_motion(rng, within):
     data = mujoco.MjData(model)
     for _ in range(10):
         velocity, spin, quat = rng.normal(size=3), rng.normal(size=3), rng.normal(size=4)
-        found = []
+        accelerations = []
         for moving in (1.0, 0.0):
             data.qpos[3:7] = quat / np.linalg.norm(quat)
-            data.qvel, model.opt.wind = (
-                np.concatenate([moving * velocity, spin]),
-                (moving - 1.0) * velocity,
-            )
+            data.qvel = np.concatenate([moving * velocity, spin])
+            model.opt.wind = (moving - 1.0) * velocity
             mujoco.mj_forward(model, data)
-            found.append(np.array(data.qacc))
-        within("acceleration", found[0] - found[1], 1e-11)  # of some 10
+            accelerations.append(np.array(data.qacc))
+        within("acceleration", accelerations[0] - accelerations[1], 1e-11)  # of some 10
 
 
 # -- closed forms ----------------------------------------------------------------------------------
@@ -392,7 +396,8 @@ def test_a_rod_spins_down_by_its_planar_strip(within):
 
 
 def test_a_diagonal_cross_term_is_quadratic_damping(rng, within):
-    numbers, nus = rng.uniform(size=6), rng.normal(size=(10, 6))
+    numbers = rng.uniform(size=6)
+    nus = rng.normal(size=(10, 6))
     terms = np.array([[i, i, i, 1.0, c] for i, c in enumerate(numbers)])
     within("wrench", acted(CrossTerms(terms=terms), nus) + numbers * np.abs(nus) * nus, 1e-15)
 
@@ -405,9 +410,11 @@ def test_parameters_of_gz_sim_act_as_in_its_plugin(rng, within):
     apart.
     """
     forces, speeds = "xyzkmn", "UVWPQR"
-    given = {f"{forces[i]}{speeds[i]}": -float(rng.uniform(1, 2)) for i in range(6)}
-    given |= {f"{forces[i]}{speeds[i]}abs{speeds[i]}": -float(rng.uniform(1, 2)) for i in range(6)}
-    given |= {
+    parameters = {f"{forces[i]}{speeds[i]}": -float(rng.uniform(1, 2)) for i in range(6)}
+    parameters |= {
+        f"{forces[i]}{speeds[i]}abs{speeds[i]}": -float(rng.uniform(1, 2)) for i in range(6)
+    }
+    parameters |= {
         "xUabsV": -0.3,
         "yVR": 0.4,
         "nUV": -0.2,
@@ -416,14 +423,16 @@ def test_parameters_of_gz_sim_act_as_in_its_plugin(rng, within):
         "xUU": 0.1,
         "yVabsV": 0.7,
     }
-    body = gz_sim.body_hydrodynamics({**given, "xDotU": -3.0, "nDotR": -0.5}, volume=0.02)
+    body = gz_sim.body_hydrodynamics({**parameters, "xDotU": -3.0, "nDotR": -0.5}, volume=0.02)
     assert (body.added_mass[0, 0], body.added_mass[5, 5]) == (3.0, 0.5)
     nus = rng.normal(size=(20, 6))
     expected = np.zeros((20, 6))
-    for name, value in given.items():
-        i, j, rest = forces.index(name[0]), speeds.index(name[1]), name[2:]
+    for name, coefficient in parameters.items():
+        i = forces.index(name[0])
+        j = speeds.index(name[1])
+        rest = name[2:]
         factor = np.ones(20) if not rest else nus[:, speeds.index(rest[-1])]
-        expected[:, i] += value * (np.abs(factor) if "abs" in rest else factor) * nus[:, j]
+        expected[:, i] += coefficient * (np.abs(factor) if "abs" in rest else factor) * nus[:, j]
     within("damping", energy.damping_wrench(body, nus) - expected, 1e-14)
     with pytest.raises(
         ConfigurationError,
@@ -464,8 +473,8 @@ def test_rows_and_mjcf_keep_the_forms(rng):
     )
     water.attach(spec, {"hull": body})
     back = water.attached(mujoco.MjSpec.from_string(spec.to_xml()))["hull"]
-    for there, here in zip(back.terms, body.terms, strict=True):
-        np.testing.assert_allclose(there.numbers(), here.numbers(), rtol=1e-5, atol=1e-6)
+    for returned, here in zip(back.terms, body.terms, strict=True):
+        np.testing.assert_allclose(returned.numbers(), here.numbers(), rtol=1e-5, atol=1e-6)
     water.attach(spec, {"hull": replace(body, forms=())})
     assert not water.attached(spec)["hull"].terms
 
@@ -529,7 +538,8 @@ def test_the_slope_that_a_time_step_is_judged_by_bounds_every_form(rng):
     """No difference of the wrench at up to that speed shows more damping in its own direction."""
     for _ in range(20):
         for form in random_forms(rng):
-            speed, A = float(rng.uniform(0.5, 3.0)), np.eye(6)
+            speed = float(rng.uniform(0.5, 3.0))
+            A = np.eye(6)
             nu = rng.normal(size=(60, 6))
             if isinstance(form, LiftDrag):
                 nu[:, 3:] = 0.0  # its bound is for the flow at the point, as a strip's is
@@ -571,15 +581,15 @@ def test_cross_terms_that_feed_energy_in_are_told():
     calm = BodyHydrodynamics(
         volume=0.0, quadratic_damping=quadratic, forms=CrossTerms.of_gz({"yVabsR": -1.0})
     )
-    assert not [each for each in hydrodynamics.doubts(floating(calm)) if "cross" in each]
+    assert not [doubt for doubt in hydrodynamics.doubts(floating(calm)) if "cross" in doubt]
     # + 5 u v^2, against 2 |v|^3 and 2 |u|^3
     wild = replace(calm, forms=CrossTerms.of_gz({"yUV": 5.0}))
-    (said,) = [each for each in hydrodynamics.doubts(floating(wild)) if "cross" in each]
-    found = re.search(r"feed in (\S+) W at the twist \((.*?)\)", said)
-    assert found
-    twist = np.array([float(x) for x in found[2].split(",")])
+    (warning,) = [line for line in hydrodynamics.doubts(floating(wild)) if "cross" in line]
+    match = re.search(r"feed in (\S+) W at the twist \((.*?)\)", warning)
+    assert match
+    twist = np.array([float(x) for x in match[2].split(",")])
     power = float(twist @ energy.damping_wrench(wild, twist[None])[0])
-    assert power == pytest.approx(float(found[1]), rel=0.1)  # the twist is told with two digits
+    assert power == pytest.approx(float(match[1]), rel=0.1)  # the twist is told with two digits
     # At |v| = r |u| it is 5 r^2 - 2 r^3 - 2 per |u|^3: the search finds a motion near the best of
     # all.
     ratio = np.linspace(0.1, 5.0, 5000)
@@ -621,15 +631,16 @@ def test_the_reaction_of_a_free_vehicle_with_forms_is_nothing(rng, within):
 
 
 def test_perturbed_water_keeps_its_forms():
-    spec, rng = load("remus100"), np.random.default_rng(1)
+    spec = load("remus100")
+    rng = np.random.default_rng(1)
     before = water.attached(spec)["hull"].terms
     Water(spread=0.2).on_vehicle(spec, rng)
     after = water.attached(spec)["hull"].terms
     assert [type(form) for form in after] == [type(form) for form in before]
     np.testing.assert_array_equal(after[0].numbers(), before[0].numbers())
     ratios = [
-        there.slope(1.0).max() / here.slope(1.0).max()
-        for there, here in zip(after, before, strict=True)
+        changed.slope(1.0).max() / here.slope(1.0).max()
+        for changed, here in zip(after, before, strict=True)
         if here.slope(1.0).any()
     ]
     assert len({round(r, 9) for r in ratios}) == 3
@@ -651,7 +662,8 @@ def test_thrust_margin_counts_the_forms():
     more.
     """
     spec = load("bluerov2_heavy_alpha5")
-    hull, current = water.attached(spec)["hull"], np.array([0.4, 0.4, 0.0])
+    hull = water.attached(spec)["hull"]
+    current = np.array([0.4, 0.4, 0.0])
     no_couple = MunkFactor(factor=np.zeros(3))
     strip = PlanarStrip(start=-0.2 * X, end=0.2 * X, direction=Y, drag=300.0)
     used = []

@@ -71,7 +71,8 @@ def wrong(rng: np.random.Generator, value: Any) -> Any:
 
 def some(rng: np.random.Generator, given: dict[str, Any], odds: float) -> dict[str, Any]:
     return {
-        name: wrong(rng, value) if rng.random() < odds else value for name, value in given.items()
+        name: wrong(rng, argument) if rng.random() < odds else argument
+        for name, argument in given.items()
     }
 
 
@@ -88,7 +89,9 @@ def strip(rng: np.random.Generator, odds: float) -> Any:
 
 def body(rng: np.random.Generator) -> BodyHydrodynamics:
     """By coefficients or by shape."""
-    L, turn, odds = rng.normal(size=(6, 6)), rng.normal(size=(6, 6)), 0.04
+    L = rng.normal(size=(6, 6))
+    turn = rng.normal(size=(6, 6))
+    odds = 0.04
     size = rng.uniform(0.02, 0.5, 3)
     shapes: list[tuple[Callable[..., BodyHydrodynamics], dict[str, Any]]] = [
         (water.sphere, {"radius": size[0], "center": np.zeros(3)}),
@@ -97,9 +100,9 @@ def body(rng: np.random.Generator) -> BodyHydrodynamics:
         (water.cylinder, {"radius": 0.05, "start": np.zeros(3), "end": size, "stations": 4}),
     ]
     if (which := rng.integers(8)) < 4:
-        make, given = shapes[which]
-        return make(**some(rng, given, odds))
-    given = {
+        make, arguments = shapes[which]
+        return make(**some(rng, arguments, odds))
+    arguments = {
         "volume": 0.004,
         "center_of_buoyancy": 0.1 * rng.normal(size=3),
         "added_mass": L @ L.T,
@@ -111,7 +114,7 @@ def body(rng: np.random.Generator) -> BodyHydrodynamics:
             strip(rng, 0.02) for _ in range(rng.integers(2 + (rng.random() < 0.05) * 2))
         ),
     }
-    return BodyHydrodynamics(**some(rng, given, odds))
+    return BodyHydrodynamics(**some(rng, arguments, odds))
 
 
 def tree(rng: np.random.Generator) -> mujoco.MjSpec:
@@ -163,7 +166,7 @@ def attempt(rng: np.random.Generator) -> str:
     except (ValueError, mujoco.FatalError):
         return "refused by MuJoCo itself"
     try:
-        coefficients = {each.name: body(rng) for each in spec.bodies[1:] if rng.random() < 0.8}
+        coefficients = {child.name: body(rng) for child in spec.bodies[1:] if rng.random() < 0.8}
         if rng.random() < 0.03:
             coefficients["nobody"] = water.sphere(0.1)
         water.attach(spec, coefficients, *([wrong(rng, 1025.0)] if rng.random() < 0.1 else []))

@@ -93,8 +93,8 @@ def test_without_the_callback_it_is_another_motion():
     model = hydrodynamics.compile(spec_of())
     path = run(model)
     hydrodynamics.uninstall()
-    said = "gear friction but its gears have Coulomb friction alone: call"
-    with pytest.warns(RuntimeWarning, match=said):
+    message = "gear friction but its gears have Coulomb friction alone: call"
+    with pytest.warns(RuntimeWarning, match=message):
         assert not hydrodynamics.check_installed(model)
     assert np.abs(run(model) - path).max() > 1e-2
 
@@ -120,7 +120,8 @@ def command(plant: Plant, torque: float) -> Command:
 
 def test_two_plants_with_gears_share_one_model():
     """Arms that move at different speeds: as on models of their own."""
-    spec, still = models.load("uuv_puma"), [0.1, 0.0, 0.0]
+    spec = models.load("uuv_puma")
+    still = [0.1, 0.0, 0.0]
     model = hydrodynamics.compile(spec)
     shared = [Plant(model, current=Current(still)) for _ in range(2)]
     apart = [Plant(hydrodynamics.compile(spec), current=Current(still)) for _ in range(2)]
@@ -154,7 +155,8 @@ def test_a_batch_has_it_in_each_simulation(threads):
 def test_files_and_pickles_of_a_dry_model_bring_it(tmp_path: Path):
     """MJCF with its six digits; MJB and pickle into a new process, whose callback they install."""
     spec = spec_of()
-    model, path = hydrodynamics.compile(spec), tmp_path / "arm.mjb"
+    model = hydrodynamics.compile(spec)
+    path = tmp_path / "arm.mjb"
     again = hydrodynamics.compile(mujoco.MjSpec.from_string(spec.to_xml()))
     np.testing.assert_allclose(run(again), run(model), rtol=0.0, atol=1e-5)  # measured 4e-7
     mujoco.mj_saveModel(model, str(path))
@@ -185,10 +187,10 @@ def test_another_frictionloss_is_coulomb_alone():
     model = hydrodynamics.compile(spec_of())
     plain = hydrodynamics.compile(spec_of())
     plain.jnt_user[:] = 0.0
-    for each in (model, plain):
-        each.dof_frictionloss[each.joint("low").dofadr] = 1.3
-        each.dof_frictionloss[each.joint("high").dofadr] = 0.75
-        each.dof_frictionloss[each.joint("apart").dofadr] = 0.0  # turned off
+    for variant in (model, plain):
+        variant.dof_frictionloss[variant.joint("low").dofadr] = 1.3
+        variant.dof_frictionloss[variant.joint("high").dofadr] = 0.75
+        variant.dof_frictionloss[variant.joint("apart").dofadr] = 0.0  # turned off
     joints = np.array([model.joint(name).id for name in GEARS])
     dry = gear_friction.read(model, joints)
     assert dry.stiction.tolist() == dry.coulomb.tolist() == [1.3, 0.75, 0.0]

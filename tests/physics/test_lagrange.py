@@ -65,8 +65,11 @@ def lagrange(added: list[Array], q: Array, qd: Array, torque: Array) -> Array:
     G1, G2 = (A[plane].copy() for A in added)
     for G, m, inertia, c in zip((G1, G2), MASS, INERTIA, CENTER, strict=True):
         G += [[m, 0.0, 0.0], [0.0, m, m * c], [0.0, m * c, inertia + m * c**2]]
-    s, c, L = np.sin(q[1]), np.cos(q[1]), LENGTH
-    reach, turn = G2[0, 2] * s + G2[1, 2] * c, G2[0, 2] * c - G2[1, 2] * s
+    s = np.sin(q[1])
+    c = np.cos(q[1])
+    L = LENGTH
+    reach = G2[0, 2] * s + G2[1, 2] * c
+    turn = G2[0, 2] * c - G2[1, 2] * s
     M12 = L * reach + G2[2, 2]
     M11 = (
         G1[2, 2]
@@ -97,9 +100,11 @@ def lagrange(added: list[Array], q: Array, qd: Array, torque: Array) -> Array:
 def test_acceleration(rng, within):
     model, added = pendulum(rng)
     model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    data, worst = mujoco.MjData(model), 0.0
+    data = mujoco.MjData(model)
+    worst = 0.0
     for _ in range(100):
-        data.qpos, data.qvel = rng.uniform(-np.pi, np.pi, 2), 2.0 * rng.normal(size=2)
+        data.qpos = rng.uniform(-np.pi, np.pi, 2)
+        data.qvel = 2.0 * rng.normal(size=2)
         data.qfrc_applied = 10.0 * rng.normal(size=2)
         mujoco.mj_forward(model, data)
         expected = lagrange(added, data.qpos, data.qvel, data.qfrc_applied)
@@ -139,7 +144,9 @@ def test_motion(driven, tolerance, within):
     start = np.array([0.3, -0.5, 1.0, -2.0])
     exact = solve_ivp(rates, (0.0, 3.0), start, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
     data = mujoco.MjData(model)
-    data.qpos, data.qvel, data.ctrl = start[:2], start[2:], TARGET
+    data.qpos = start[:2]
+    data.qvel = start[2:]
+    data.ctrl = TARGET
     mujoco.mj_step(model, data, 3000)
     assert np.linalg.norm(exact - start) > 1.0
     within("angles and rates", np.concatenate([data.qpos, data.qvel]) - exact, tolerance)

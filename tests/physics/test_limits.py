@@ -165,9 +165,9 @@ def test_another_callback_in_its_place_is_told_of_at_once(other):
     plant.step(still(plant))
     plant.observe()
     try:
-        with pytest.warns(RuntimeWarning, match="was replaced or removed: .* move dry") as told:
+        with pytest.warns(RuntimeWarning, match="was replaced or removed: .* move dry") as warned:
             mujoco.set_mjcb_passive(other)
-        assert told[0].filename == __file__
+        assert warned[0].filename == __file__
         assert not hydrodynamics.is_installed()
         with pytest.raises(HydrodynamicsError, match="moves dry"):
             hydrodynamics.check(model)
@@ -184,7 +184,8 @@ def test_another_callback_in_its_place_is_told_of_at_once(other):
 
 
 def test_flags_that_keep_mujoco_from_calling_are_met_in_the_plant():
-    plant, flags = new_plant(), mujoco.mjtDisableBit
+    plant = new_plant()
+    flags = mujoco.mjtDisableBit
     plant.model.opt.disableflags = int(flags.mjDSBL_SPRING | flags.mjDSBL_DAMPER)
     plant.step(still(plant))
     with pytest.raises(HydrodynamicsError, match="moved dry: MuJoCo was kept from calling"):
@@ -214,9 +215,13 @@ def test_sensors_that_are_not_named_read_true():
     data = after(model, 200)
     data.qvel[:8] = [0.3, -0.2, 0.1, 0.2, 0.3, -0.4, 1.0, -2.0]
     mujoco.mj_forward(model, data)
-    h, site, J = 1e-6, model.site("tip").id, np.zeros((3, model.nv))
+    h = 1e-6
+    site = model.site("tip").id
+    J = np.zeros((3, model.nv))
     mujoco.mj_jacSite(model, data, J, None, site)
-    v, R, read = J @ data.qvel, data.site_xmat[site].reshape(3, 3).copy(), data.sensordata.copy()
+    v = J @ data.qvel
+    R = data.site_xmat[site].reshape(3, 3).copy()
+    read = data.sensordata.copy()
     mujoco.mj_integratePos(model, data.qpos, data.qvel, h)
     data.qvel += h * data.qacc
     mujoco.mj_forward(model, data)
@@ -273,9 +278,9 @@ def said(capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture) ->
     """
 
     def text() -> str:
-        found = capfd.readouterr().err + caplog.text
+        output = capfd.readouterr().err + caplog.text
         caplog.clear()
-        return found
+        return output
 
     return text
 
@@ -290,9 +295,9 @@ def test_rising_above_the_water_is_told_once(said: Callable[[], str], tmp_path: 
     assert not said()
     data.qpos[2] += 0.02
     mujoco.mj_step(model, data, 5)
-    told = said()
-    assert told.count("risen above z = 0") == 1
-    assert "no free surface" in told
+    message = said()
+    assert message.count("risen above z = 0") == 1
+    assert "no free surface" in message
     with pytest.warns(PhysicsWarning, match="rose more than 10 m above z = 0"):
         hydrodynamics.check_motion(model, data)
     mujoco.mj_step(model, data)
@@ -379,9 +384,9 @@ def test_six_vectors_in_another_order_are_told_of(name: str):
     spec = models.load("bluerov2_heavy")
     hull = water.attached(spec)["hull"]
     numbers = {
-        each: np.diag(value) if value.ndim == 2 else value
-        for each in ("added_mass", "linear_damping", "quadratic_damping")
-        for value in (getattr(hull, each),)
+        name: np.diag(numbers) if numbers.ndim == 2 else numbers
+        for name in ("added_mass", "linear_damping", "quadratic_damping")
+        for numbers in (getattr(hull, name),)
     }
     numbers[name] = np.roll(numbers[name], 3)
     swapped = BodyHydrodynamics(

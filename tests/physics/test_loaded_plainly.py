@@ -31,7 +31,8 @@ def pair(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[mujoco.MjModel
     """
     spec = models.load("uuv_puma")
     water.attach(spec, {}, 998.0)
-    ours, path = hydrodynamics.compile(spec), tmp_path / "wet.xml"
+    ours = hydrodynamics.compile(spec)
+    path = tmp_path / "wet.xml"
     path.write_text(spec.to_xml())
     if request.param == "MjSpec":
         return ours, mujoco.MjSpec.from_file(str(path)).compile()
@@ -44,7 +45,9 @@ def test_controllers_and_reaction_feel_the_same_water(pair, within):
         assert hydrodynamics.carries_hydrodynamics(model)
         assert water.water_density(model) == 998.0
         hover.append(StationKeeping(model).static_wrench(TILTED))
-        arm, vehicle, data = ArmDynamics(model), Vehicle.of(model), mujoco.MjData(model)
+        arm = ArmDynamics(model)
+        vehicle = Vehicle.of(model)
+        data = mujoco.MjData(model)
         q = vehicle.q_ready
         # their weights are those of the dry mass
         model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
@@ -60,7 +63,8 @@ def test_controllers_and_reaction_feel_the_same_water(pair, within):
                 wrench_tip_G=REST,
             )[0]
         )
-        data.qpos[3:7], data.qpos[vehicle.qpos] = quat_wxyz_from_rotation(TILTED), q
+        data.qpos[3:7] = quat_wxyz_from_rotation(TILTED)
+        data.qpos[vehicle.qpos] = q
         mujoco.mj_forward(model, data)
         reaction.append(wrench(model, data, vehicle.arm_base, frame=vehicle.hull))
     for name, (ours, plain), tolerance in (

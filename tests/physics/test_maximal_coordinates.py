@@ -41,7 +41,8 @@ def body_accelerations(model: mujoco.MjModel, qpos: Array, qvel: Array) -> Array
     """(nbody, 6) accelerations of the body origins with qacc = 0: sixth-order differences of the
     kinematics.
     """
-    h, total = 3e-3, np.zeros((model.nbody, 6))
+    h = 3e-3
+    total = np.zeros((model.nbody, 6))
     for k, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
         for sign in (1.0, -1.0):
             moved = qpos.copy()
@@ -73,7 +74,8 @@ def forces(
         for node, weight in zip(x, weights, strict=True):
             point = strip.start + (node + 1.0) / 2.0 * along
             u_p = nu_r[:3] + cross(w, point)
-            u_t, u_n = P @ u_p, u_p - P @ u_p
+            u_t = P @ u_p
+            u_n = u_p - P @ u_p
             df = (
                 strip.normal * np.linalg.norm(u_n) * u_n
                 + strip.tangential * np.linalg.norm(u_t) * u_t
@@ -96,14 +98,18 @@ def independent_acceleration(
     data = mujoco.MjData(model)
     data.qpos = qpos
     mujoco.mj_kinematics(model, data)
-    J, bias = body_jacobians(model, qpos), body_accelerations(model, qpos, qvel)
+    J = body_jacobians(model, qpos)
+    bias = body_accelerations(model, qpos, qvel)
     count = 6 * (model.nbody - 1)
-    G, F = np.zeros((count, count)), np.zeros(count)
+    G = np.zeros((count, count))
+    F = np.zeros(count)
     for i in range(1, model.nbody):
         R = data.xmat[i].reshape(3, 3)
-        v, w = (J[i] @ qvel)[:3], (J[i] @ qvel)[3:]
+        v = (J[i] @ qvel)[:3]
+        w = (J[i] @ qvel)[3:]
         c = data.xipos[i] - data.xpos[i]
-        m, C = model.body_mass[i], data.ximat[i].reshape(3, 3)
+        m = model.body_mass[i]
+        C = data.ximat[i].reshape(3, 3)
         inertia = C @ np.diag(model.body_inertia[i]) @ C.T - m * skew(c) @ skew(c)
         here = slice(6 * i - 6, 6 * i)
         G[here, here] = np.block([[m * np.eye(3), -m * skew(c)], [m * skew(c), inertia]])
@@ -121,7 +127,8 @@ def independent_acceleration(
             # v) too much.
             F[here] += turn @ coefficients[i].added_mass[:, :3] @ R.T @ cross(w, v)
     Js = J[1:].reshape(count, model.nv)
-    zero, eye = np.zeros, np.eye(count)
+    zero = np.zeros
+    eye = np.eye(count)
     system = np.block(
         [
             [G, zero((count, model.nv)), -eye],

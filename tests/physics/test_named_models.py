@@ -43,9 +43,9 @@ from uuv.sim.water.current import Current
 NAMES = sorted({models.VEHICLES.resolve(name) for name in models.available()})
 # test_description_says_what_the_model_has holds these two lists against the models
 FIXED = ["reach_alpha_5"]
-ONE_PROPELLER = ["remus100"]  # it holds no place
+UNDERACTUATED = ["remus100", "bluerov2"]  # one holds no place, nothing drives the other's pitch
 FLOATING = [name for name in NAMES if name not in FIXED]
-HOVERING = [name for name in FLOATING if name not in ONE_PROPELLER]
+HOVERING = [name for name in FLOATING if name not in UNDERACTUATED]
 # of a six-vector that changes from the source's axes to ours
 SIGNS = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 L, RHO = 5.3, 1000.0  # PHOENIX
@@ -168,7 +168,7 @@ def test_description_says_what_the_model_has(name):
     told, model = models.describe(name), compiled(name)
     assert told.source
     assert (told.name, told.floating) == (name, name in FLOATING)
-    assert (told.thrusters == 1) == (name in ONE_PROPELLER)
+    assert (told.thrusters == 1) == (name in UNDERACTUATED)
     assert (told.dof, told.thrusters) == (
         model.nv,
         sum(n.startswith("thruster_") for n in actuators(model)),

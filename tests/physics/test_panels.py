@@ -70,15 +70,15 @@ def box(
 )
 def test_ellipsoids_have_lambs_added_mass(axes, within):
     vertices, triangles = unit_sphere(3)
-    found = panels.added_mass(vertices * axes, triangles, RHO)
+    sums = panels.added_mass(vertices * axes, triangles, RHO)
     expected = water.ellipsoid(axes, water_density=RHO).added_mass.diagonal()
     known = expected > 0.0
-    diagonal = found.added_mass.diagonal()
+    diagonal = sums.added_mass.diagonal()
     # measured 0.0112, at 10:1 flat
     within("relative, 1280 panels", diagonal[known] / expected[known] - 1.0, 0.012)
     # measured 2e-4
     within("about an axis of revolution", np.append(diagonal[~known] / RHO, 0.0), 5e-4)
-    within("off the diagonal", (found.added_mass - np.diag(diagonal)) / RHO, 1e-6)
+    within("off the diagonal", (sums.added_mass - np.diag(diagonal)) / RHO, 1e-6)
 
 
 @pytest.mark.check("panels: order on a smooth surface", "2")
@@ -114,7 +114,8 @@ def test_added_mass_moves_with_the_surface(within):
     # without any symmetry
     vertices = vertices * [1.0, 0.7, 0.4] + 0.1 * np.sin(3.0 * vertices[:, [1, 2, 0]])
     still = panels.added_mass(vertices, triangles, RHO)
-    R, p = exp_so3([0.4, -1.1, 0.7]), np.array([0.3, -2.0, 5.0])
+    R = exp_so3([0.4, -1.1, 0.7])
+    p = np.array([0.3, -2.0, 5.0])
     moved = panels.added_mass(vertices @ R.T + p, triangles, RHO).added_mass
     expected = water.moved_added_mass(still.added_mass, R, p)
     within("relative", (moved - expected) / expected.max(), 1e-12)
@@ -131,11 +132,9 @@ def test_two_spheres_move_together_as_their_images_say(within):
     h = 2.0  # half of their distance
     aside = np.array([h, 0.0, 0.0])
     both = np.vstack([vertices - aside, vertices + aside])
-    found = panels.added_mass(
-        both, np.vstack([triangles, triangles + len(vertices)]), 1.0
-    ).added_mass
+    A = panels.added_mass(both, np.vstack([triangles, triangles + len(vertices)]), 1.0).added_mass
     alone = panels.added_mass(vertices, triangles, 1.0).added_mass[0, 0]
-    along, across = found[0, 0] / (2.0 * alone), found[1, 1] / (2.0 * alone)
+    along, across = A[0, 0] / (2.0 * alone), A[1, 1] / (2.0 * alone)
     within("along", along - (1.0 - 3.0 / 8.0 / h**3), 0.0015)  # the next term is of order h^-6
     within("across", across - (1.0 + 3.0 / 16.0 / h**3), 0.0015)
 
@@ -148,9 +147,9 @@ def test_overlapping_shells_count_once(within):
     )
     pieces = np.vstack([pieces, box((0.2, 0.1, 0.1), (0.1, 0.05, 0.0))])  # within the others
     volume, center, solution, _ = water_of_shells(pieces, density=RHO, panels=800)
-    one, middle, expected, _ = water_of_shells(whole, density=RHO, panels=800)
-    within("volume", volume / one - 1.0, 1e-7)  # lines askew
-    within("volume of a box", one / 0.036 - 1.0, 1e-9)
+    volume_of_shells, middle, expected, _ = water_of_shells(whole, density=RHO, panels=800)
+    within("volume", volume / volume_of_shells - 1.0, 1e-7)  # lines askew
+    within("volume of a box", volume_of_shells / 0.036 - 1.0, 1e-9)
     within("centre", center - middle, 1e-9)
     scale = np.sqrt(np.outer(*[expected.added_mass.diagonal()] * 2))
     within("added mass", (solution.added_mass - expected.added_mass) / scale, 1e-6)
@@ -192,10 +191,11 @@ def test_box_has_the_areas_of_the_closed_form(within):
     size = (0.5, 0.3, 0.2)
     corners = box(size)
     expected = water.box(size, drag_coefficient=1.0, water_density=2.0).quadratic_damping
-    seen = silhouettes(corners)
-    within("area", seen.area / expected[:3] - 1.0, 3e-4)  # 240 lines askew
-    within("bluntness", seen.bluntness - 1.0, 1e-12)
-    fine, triangles = corners.reshape(-1, 3), np.arange(36).reshape(-1, 3)
+    outlines = silhouettes(corners)
+    within("area", outlines.area / expected[:3] - 1.0, 3e-4)  # 240 lines askew
+    within("bluntness", outlines.bluntness - 1.0, 1e-12)
+    fine = corners.reshape(-1, 3)
+    triangles = np.arange(36).reshape(-1, 3)
     for _ in range(4):
         fine, triangles = closed_shells.split(
             fine, triangles, np.ones(len(triangles), dtype=bool), 0.01
@@ -209,11 +209,11 @@ def test_bluntness_of_round_shapes(within):
     within("sphere", silhouettes(vertices[triangles]).bluntness - 0.5, 1e-4)
     within("no spin of a sphere", spin_integral(vertices, triangles), 1e-3)
     vertices, triangles = primitive("cylinder", np.array([0.1, 0.5, 0.0]))
-    seen = silhouettes(vertices[triangles])
-    within("cylinder", seen.bluntness - [2.0 / 3.0, 2.0 / 3.0, 1.0], 1e-3)
-    within("coefficient across, L/d 5", seen.coefficients[0] - 0.74, 0.001)
+    outlines = silhouettes(vertices[triangles])
+    within("cylinder", outlines.bluntness - [2.0 / 3.0, 2.0 / 3.0, 1.0], 1e-3)
+    within("coefficient across, L/d 5", outlines.coefficients[0] - 0.74, 0.001)
     # between 0.87 at 4 widths and 0.99 at 8
-    within("coefficient along", seen.coefficients[2] - 0.92, 0.005)
+    within("coefficient along", outlines.coefficients[2] - 0.92, 0.005)
 
 
 def test_surfaces_without_area_are_refused():
@@ -223,11 +223,12 @@ def test_surfaces_without_area_are_refused():
 
 @pytest.mark.check("panels: thin plate beside a cube", "plate of DNV-RP-C205, table D-2, and cube")
 def test_a_plate_thinner_than_a_cell_is_not_lost(within):
-    plate, cube = box((0.4, 0.004, 0.4)), box((0.2, 0.2, 0.2), (1.0, 0.03, 0.0))
+    plate = box((0.4, 0.004, 0.4))
+    cube = box((0.2, 0.2, 0.2), (1.0, 0.03, 0.0))
     corners = np.vstack([plate, cube])
     surface = union_surface(corners, 0.4 * 0.004 * 0.4 + 0.008, 1600)
     within("projected areas", surface.missed, 0.01)  # measured 0.003
-    found = panels.added_mass(surface.vertices, surface.triangles, 1.0).added_mass[1, 1]
+    A_across = panels.added_mass(surface.vertices, surface.triangles, 1.0).added_mass[1, 1]
     expected = 0.579 * np.pi / 4.0 * 0.4**3 + 0.6383 * 0.008
     # measured 0.06: 1600 panels, not extrapolated
-    within("across the plate", found / expected - 1.0, 0.08)
+    within("across the plate", A_across / expected - 1.0, 0.08)

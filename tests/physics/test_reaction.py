@@ -72,7 +72,8 @@ def touching(rng: np.random.Generator) -> mujoco.MjSpec:
     tie.name1, tie.name2 = spec.bodies[first].name, spec.bodies[second].name
     tie.data[:3] = 0.1 * rng.normal(size=3)
     spec.option.cone = int(rng.integers(0, 2))
-    spec.option.tolerance, spec.option.iterations = 0.0, 200
+    spec.option.tolerance = 0.0
+    spec.option.iterations = 200
     return spec
 
 
@@ -85,7 +86,8 @@ def outer_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
         total[body, 3:] += t + np.cross(p - data.xipos[body], f)
 
     for i in range(data.ncon):
-        local, frame = np.zeros(6), data.contact.frame[i].reshape(3, 3)
+        local = np.zeros(6)
+        frame = data.contact.frame[i].reshape(3, 3)
         mujoco.mj_contactForce(model, data, i, local)
         for geom, sign in zip(data.contact.geom[i], (-1.0, 1.0), strict=True):
             body = int(model.geom_bodyid[geom])
@@ -111,7 +113,11 @@ def test_what_is_left_moves_alike_under_the_wrench_alone(rng, within):
     """A subtree is cut off a random tree in motion and contact, and only its wrench put on its
     parent.
     """
-    worst, contacts, ties, cuts, kinds = 0.0, 0, 0, 0, set[str]()
+    worst = 0.0
+    contacts = 0
+    ties = 0
+    cuts = 0
+    kinds = set[str]()
     while cuts < 20 or contacts < 20 or ties < 5 or len(kinds) < 3:
         spec = touching(rng)
         model = hydrodynamics.compile(spec)
@@ -130,14 +136,17 @@ def test_what_is_left_moves_alike_under_the_wrench_alone(rng, within):
 
         applied = data.xfrc_applied + outer_forces(model, data)
         R = data.xmat[parent].reshape(3, 3)
-        f_W, lever = R @ f_B[:3], data.xpos[parent] - data.xipos[parent]
+        f_W = R @ f_B[:3]
+        lever = data.xpos[parent] - data.xipos[parent]
         applied[parent] += np.concatenate([f_W, R @ f_B[3:] + np.cross(lever, f_W)])
-        contacts, ties = contacts + data.ncon, ties + bool(data.ne)
+        contacts = contacts + data.ncon
+        ties = ties + bool(data.ne)
         kinds.add(
             str(model.jnt_type[model.body_jntadr[body]]) if model.body_jntnum[body] else "weld"
         )
 
-        names, qacc = [model.body(i).name for i in left], data.qacc[dofs]
+        names = [model.body(i).name for i in left]
+        qacc = data.qacc[dofs]
         qpos = np.concatenate(
             [np.array(data.joint(j).qpos) for j in range(model.njnt) if model.jnt_bodyid[j] in left]
         )
@@ -223,7 +232,8 @@ def test_free_vehicle_puts_nothing_on_the_world(rng, within):
 def test_after_a_step_it_is_the_wrench_of_that_step(rng):
     model, data = free_vehicle(rng)
     arm = ReactionWrench(model, "arm", frame="hull")
-    before, qvel = arm.wrench(data), data.qvel.copy()
+    before = arm.wrench(data)
+    qvel = data.qvel.copy()
     mujoco.mj_step(model, data)
     ahead = data.qvel.copy()
     with pytest.raises(HydrodynamicsError, match="call mj_forward first"):
@@ -237,11 +247,14 @@ def test_after_a_step_it_is_the_wrench_of_that_step(rng):
 
 def test_frame_is_only_another_view(rng, within):
     model, data = free_vehicle(rng)
-    here, there = wrench(model, data, "arm"), wrench(model, data, "arm", frame=1)
+    here = wrench(model, data, "arm")
+    turned_view = wrench(model, data, "arm", frame=1)
     R = exp_so3([0.0, data.joint("a").qpos[0], 0.0])
     force = R @ here[:3]
     moved = np.concatenate([force, R @ here[3:] + np.cross([0.4, 0.0, 0.0], force)])
-    within("relative wrench", (there - moved) / np.linalg.norm(moved), 5e-15)  # measured 5e-16
+    within(
+        "relative wrench", (turned_view - moved) / np.linalg.norm(moved), 5e-15
+    )  # measured 5e-16
 
 
 @pytest.mark.parametrize(

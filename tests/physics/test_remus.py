@@ -23,7 +23,8 @@ def test_accelerations_are_those_of_the_source(rng, within):
     sum's coarseness.
     """
     model = hydrodynamics.compile(models.load("remus100"))
-    data, hull = mujoco.MjData(model), 1
+    data = mujoco.MjData(model)
+    hull = 1
     for smooth in (True, False):
         worst = 0.0
         for _ in range(40):
@@ -42,7 +43,8 @@ def test_accelerations_are_those_of_the_source(rng, within):
             )
             mujoco.mju_quat2Mat(R, quat)
             R = R.reshape(3, 3)
-            data.qpos[3:7], twist = quat, FLIP * nu
+            data.qpos[3:7] = quat
+            twist = FLIP * nu
             data.qvel = np.concatenate([R @ twist[:3], twist[3:]])
             wrench = remus100.fin_wrench(twist[:3], rudder, stern)
             force = R @ wrench[:3]
@@ -51,10 +53,10 @@ def test_accelerations_are_those_of_the_source(rng, within):
                 *(R @ wrench[3:] - np.cross(R @ model.body_ipos[hull], force)),
             ]
             mujoco.mj_forward(model, data)
-            found = np.concatenate(
+            measured = np.concatenate(
                 [R.T @ data.qacc[:3] - np.cross(twist[3:], twist[:3]), data.qacc[3:]]
             )
-            worst = max(worst, float(np.max(np.abs(FLIP * found - expected))))
+            worst = max(worst, float(np.max(np.abs(FLIP * measured - expected))))
         if smooth:
             within("acceleration [m/s^2, rad/s^2]", worst, 1e-12)  # measured 4e-14
         else:

@@ -87,7 +87,8 @@ def face_drag(width: float, height: float) -> float:
 @pytest.mark.check("ellipsoid: added mass, drag", "Lamb's integrals, by quadrature; C_d pi b c / 2")
 def test_ellipsoid_with_three_axes_against_lambs_integrals(within):
     axes = np.array([0.5, 0.3, 0.2])
-    body, alphas = water.ellipsoid(axes, drag_coefficient=0.3, water_density=RHO), lamb_alphas(axes)
+    body = water.ellipsoid(axes, drag_coefficient=0.3, water_density=RHO)
+    alphas = lamb_alphas(axes)
     displaced = RHO * 4.0 / 3.0 * np.pi * np.prod(axes)
     added = body.added_mass.diagonal() / displaced
     within("volume", RHO * body.volume / displaced - 1.0, 1e-15)
@@ -103,7 +104,9 @@ def test_cylinder_is_a_sum_of_slices(within):
     """Strip theory: every slice has the displaced mass across, none along; summed about the body
     origin.
     """
-    start, end, r = np.array([0.1, -0.2, 0.3]), np.array([0.5, 0.1, 0.2]), 0.05
+    start = np.array([0.1, -0.2, 0.3])
+    end = np.array([0.5, 0.1, 0.2])
+    r = 0.05
     body = water.cylinder(r, start, end, water_density=RHO)
     axis = (end - start) / np.linalg.norm(end - start)
     length = float(np.linalg.norm(end - start))
@@ -171,12 +174,16 @@ def test_box_in_rotation_and_its_drag(within):
 
 def test_moved_added_mass_keeps_the_energy(rng, within):
     L = rng.normal(size=(6, 6))
-    A, R, p = L @ L.T, exp_so3(rng.normal(size=3)), rng.normal(size=3)
+    A = L @ L.T
+    R = exp_so3(rng.normal(size=3))
+    p = rng.normal(size=3)
     v, w = rng.normal(size=3), rng.normal(size=3)
-    there = np.concatenate([R.T @ (v + np.cross(w, p)), R.T @ w])
+    twist_moved = np.concatenate([R.T @ (v + np.cross(w, p)), R.T @ w])
     here: Array = np.concatenate([v, w])
     energy = here @ water.moved_added_mass(A, R, p) @ here
-    within("relative energy", energy / (there @ A @ there) - 1.0, 1e-14)  # measured up to 1e-15
+    within(
+        "relative energy", energy / (twist_moved @ A @ twist_moved) - 1.0, 1e-14
+    )  # measured up to 1e-15
 
 
 @pytest.mark.parametrize(

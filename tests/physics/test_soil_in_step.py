@@ -73,7 +73,8 @@ def test_joint_forces_are_those_of_virtual_work(within, rng):
     """J^T f for the force of the kernel, at random postures with the tip in the soil."""
     model = compiled(ARM)
     data = mujoco.MjData(model)
-    contact, felt = SoilContact.of(model, data), 0
+    contact = SoilContact.of(model, data)
+    felt = 0
     for _ in range(50):
         mujoco.mj_resetData(model, data)
         data.qpos[:3] += rng.uniform(-0.05, 0.05, 3)
@@ -95,9 +96,9 @@ def test_files_and_batches_dig_alike(tmp_path):
     model = compiled(SLIDE)
     mujoco.mj_saveModel(model, str(tmp_path / "soil.mjb"))
     ends = []
-    for each in (model, mujoco.MjModel.from_binary_path(str(tmp_path / "soil.mjb"))):
-        data = mujoco.MjData(each)
-        mujoco.mj_step(each, data, 300)
+    for variant in (model, mujoco.MjModel.from_binary_path(str(tmp_path / "soil.mjb"))):
+        data = mujoco.MjData(variant)
+        mujoco.mj_step(variant, data, 300)
         ends.append([*data.qpos, *data.act])
     batch = mujoco.batch.Batch(model, nsim=2, nthread=2)
     batch.step(nstep=300)
@@ -121,9 +122,11 @@ def test_the_reaction_of_the_arm_holds_the_soil(within, rng):
     model = compiled(ARM)
     plain = mujoco.MjModel.from_xml_string(ARM)
     data, other = mujoco.MjData(model), mujoco.MjData(plain)
-    site, body = model.site(TIP_SITE).id, model.body("b").id
+    site = model.site(TIP_SITE).id
+    body = model.body("b").id
     reaction = ReactionWrench(model, "a", frame="hull")
-    contact, felt = SoilContact.of(model, data), 0
+    contact = SoilContact.of(model, data)
+    felt = 0
     for _ in range(20):
         mujoco.mj_resetData(model, data)
         data.qpos[7:] = rng.uniform(-0.3, 0.3, 2)

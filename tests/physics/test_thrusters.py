@@ -22,7 +22,8 @@ from uuv.sim.plant.thrusters import Drive, command_thrusters
 
 STEP = 0.002  # [s]
 STILL = (np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))  # attitude, velocities, current
-X, MIDDLE = np.array([1.0, 0.0, 0.0]), np.zeros(3)
+X = np.array([1.0, 0.0, 0.0])
+MIDDLE = np.zeros(3)
 
 
 class Unit:
@@ -65,7 +66,8 @@ def settled(unit: Unit, command: float) -> float:
 
 @pytest.mark.check("thruster: step of the command", "first-order lag, in closed form")
 def test_step_response_is_that_of_a_first_order_lag(within):
-    unit, lag = one(time_constant=0.15), 0.15
+    unit = one(time_constant=0.15)
+    lag = 0.15
     speed, thrust = [], []
     for _ in range(500):
         unit.step(0.8, *STILL)
@@ -111,24 +113,26 @@ def test_inflow_takes_thrust_in_proportion_to_speed(rng, within):
     """Fossen's bilinear model: T = T_nn |n| n - T_nu |n| u_a, u_a the water's speed along the
     thrust.
     """
-    unit, errors = one(dead_band=0.0, inflow_loss=90.0), []
+    unit = one(dead_band=0.0, inflow_loss=90.0)
+    errors = []
     for _ in range(100):
-        R, n, ahead, current = (
-            exp_so3(rng.normal(size=3)),
-            rng.uniform(0.1, 1.0),
-            rng.normal(size=3),
-            rng.normal(size=3),
-        )
+        R = exp_so3(rng.normal(size=3))
+        n = rng.uniform(0.1, 1.0)
+        ahead = rng.normal(size=3)
+        current = rng.normal(size=3)
         # Astern, an inflow from behind takes as much of the reverse thrust away.
         for sign, most in ((1.0, 300.0), (-1.0, 220.0)):
             unit.step(sign * n, R, R @ ahead + current, np.zeros(3), current)
-            still, lost = sign * most * n**2, 90.0 * n * ahead[0]
+            still = sign * most * n**2
+            lost = 90.0 * n * ahead[0]
             errors.append((unit.thrust - (still - lost)) / (abs(still) + abs(lost)))
     within("relative thrust", errors, 2e-14)  # measured up to 2e-15
 
 
 def test_inflow_of_a_turning_hull_is_taken_where_the_thruster_stands():
-    p, axis, w = np.array([-0.7, 0.4, 0.1]), X, np.array([0.1, -0.2, 0.3])
+    p = np.array([-0.7, 0.4, 0.1])
+    axis = X
+    w = np.array([0.1, -0.2, 0.3])
     unit = one(p=p, dead_band=0.0, inflow_loss=90.0)
     unit.step(0.5, np.eye(3), np.zeros(3), w, np.zeros(3))
     assert unit.thrust == pytest.approx(75.0 - 45.0 * axis @ np.cross(w, p), rel=1e-12)
@@ -139,7 +143,9 @@ def test_slew_limit_is_a_ramp_before_the_lag(within):
     """At 2 per second a step to 0.8 is a ramp of 0.4 s; behind a lag T the speed is that ramp's
     exact response.
     """
-    unit, rate, lag = one(dead_band=0.0, slew_rate=2.0), 2.0, 0.1
+    unit = one(dead_band=0.0, slew_rate=2.0)
+    rate = 2.0
+    lag = 0.1
     thrust = [settled(unit, 0.8) for _ in range(400)]
     time = STEP * np.arange(1, 401)
     # measured 3e-13
@@ -147,7 +153,8 @@ def test_slew_limit_is_a_ramp_before_the_lag(within):
     worst = []
     for step in (0.002, 0.001):
         unit = Unit(Thruster(forward=1.0, reverse=1.0, time_constant=lag, slew_rate=rate), step)
-        time, speed = step * np.arange(1, round(0.4 / step) + 1), []
+        time = step * np.arange(1, round(0.4 / step) + 1)
+        speed = []
         for _ in time:
             unit.step(0.8, *STILL)
             speed.append(unit.speed)
@@ -204,8 +211,8 @@ def test_table_is_the_monotone_cubic_and_runs_backwards(rng, within):
         unit = Thruster.of_table(x, y)
         u = rng.uniform(-1.0, 1.0, 200)
         within("thrust [N]", steady(unit, u) - PchipInterpolator(x, y)(u), 5e-12)  # measured 6e-14
-        wanted = rng.uniform(y[0], y[-1], 200)
-        error = steady(unit, inverted(unit, wanted)) - wanted
+        thrusts = rng.uniform(y[0], y[-1], 200)
+        error = steady(unit, inverted(unit, thrusts)) - thrusts
         within("inverse [N]", error, 1e-10)  # measured 9e-13, more where steeper
         assert np.all(np.diff(steady(unit, np.linspace(-1.0, 1.0, 500))) >= 0.0)
         assert inverted(unit, np.array([2.0 * y[0], 2.0 * y[-1]])).tolist() == [-1.0, 1.0]
@@ -219,13 +226,13 @@ def test_polynomial_and_its_inverse(rng, within):
         unit = Thruster.of_polynomial(ahead.tolist(), astern.tolist(), dead_band=band)
         u = rng.uniform(-1.0, 1.0, 200)
         r = np.maximum(np.abs(u) - band, 0.0) / (1.0 - band)
-        value = np.where(
+        thrust = np.where(
             u > 0.0, np.polyval([*ahead[::-1], 0.0], r), -np.polyval([*astern[::-1], 0.0], r)
         )
-        within("thrust [N]", steady(unit, u) - value, 1e-11)  # measured 4e-13
-        wanted = rng.uniform(-unit.reverse, unit.forward, 200)
+        within("thrust [N]", steady(unit, u) - thrust, 1e-11)  # measured 4e-13
+        thrusts = rng.uniform(-unit.reverse, unit.forward, 200)
         # measured 1e-13
-        within("inverse [N]", steady(unit, inverted(unit, wanted)) - wanted, 1e-11)
+        within("inverse [N]", steady(unit, inverted(unit, thrusts)) - thrusts, 1e-11)
 
 
 def test_a_quadratic_polynomial_is_the_plain_thruster():
@@ -252,16 +259,18 @@ def test_t200_is_the_published_table(within):
     """
     unit = thrusters.t200(least_thrust=0.0)
     pulse = np.array([1100, 1340, 1468, 1472, 1500, 1528, 1532, 1660, 1900])
-    given = [-39.91, -10.01, -0.36, 0.0, 0.0, 0.0, 0.40, 12.54, 51.44]
-    within("thrust [N]", steady(unit, (pulse - 1500.0) / 400.0) - given, 2e-14)  # measured 2e-15
+    published = [-39.91, -10.01, -0.36, 0.0, 0.0, 0.0, 0.40, 12.54, 51.44]
+    within(
+        "thrust [N]", steady(unit, (pulse - 1500.0) / 400.0) - published, 2e-14
+    )  # measured 2e-15
     assert (unit.forward, unit.reverse) == (51.44, 39.91)
     # Thrust follows the square of the published speed to a few percent: an independent column of
     # the same sheet.
     rpm = {1180: -3003, 1260: -2440, 1340: -1807, 1580: 1007, 1660: 1802, 1740: 2446, 1820: 3042}
     for width, speed in rpm.items():
         coefficient = 51.44 / 3533.0**2 if speed > 0 else 39.91 / 3465.0**2
-        seen = steady(unit, np.array([(width - 1500.0) / 400.0]))[0]
-        assert seen == pytest.approx(np.sign(speed) * coefficient * speed**2, rel=0.1)
+        thrust = steady(unit, np.array([(width - 1500.0) / 400.0]))[0]
+        assert thrust == pytest.approx(np.sign(speed) * coefficient * speed**2, rel=0.1)
     assert steady(thrusters.t200(), np.array([0.0, 0.0701, 0.081])).tolist()[:2] == [0.0, 0.0]
     assert steady(thrusters.t200(), np.array([0.081]))[0] > 0.36
 
@@ -455,7 +464,8 @@ def at_home(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = spec.copy().compile()
     home = model.key(HOME_KEY).qpos
     for i in range(model.njnt):
-        joint, address = model.joint(i), int(model.jnt_qposadr[i])
+        joint = model.joint(i)
+        address = int(model.jnt_qposadr[i])
         if model.jnt_type[i] != mujoco.mjtJoint.mjJNT_FREE:
             stiff = 3e4 if model.jnt_stiffness[i] == 0.0 else model.jnt_stiffness[i]
             spec.joint(joint.name).stiffness = (
@@ -472,8 +482,10 @@ def at_home(name: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 @pytest.mark.parametrize("name", ["uuv_puma"])
 def test_weight_is_buoyancy_and_the_arm_of_righting_is_upright(name, within):
     model, data = at_home(name)
-    density, gravity = model.body_user[0, LAYOUT.density], -model.opt.gravity[2]
-    displaced, moment = 0.0, np.zeros(3)
+    density = model.body_user[0, LAYOUT.density]
+    gravity = -model.opt.gravity[2]
+    displaced = 0.0
+    moment = np.zeros(3)
     for b in range(1, model.nbody):
         body = unpack(model.body_user[b])
         displaced += density * body.volume
@@ -494,7 +506,8 @@ def test_weight_is_buoyancy_and_the_arm_of_righting_is_upright(name, within):
 def test_trimmed_vehicle_stays_where_it_is(name, within):
     model, data = at_home(name)
     hull = Vehicle.of(model).hull
-    p, R = data.xpos[hull].copy(), data.xmat[hull].reshape(3, 3).copy()
+    p = data.xpos[hull].copy()
+    R = data.xmat[hull].reshape(3, 3).copy()
     mujoco.mj_step(model, data, round(60.0 / model.opt.timestep))
     mujoco.mj_forward(model, data)
     within("drift in 60 s [m]", data.xpos[hull] - p, 5e-5)  # measured 4e-6
@@ -506,7 +519,8 @@ def test_an_untrimmed_vehicle_would_not_stay():
     """The same hold, a kilogram of lead on the bow: the figures above can fail."""
     model, data = at_home("uuv_puma")
     hull = Vehicle.of(model).hull
-    data.xfrc_applied[hull, :3], data.xfrc_applied[hull, 4] = [0.0, 0.0, -9.81], 9.81 * 0.7
+    data.xfrc_applied[hull, :3] = [0.0, 0.0, -9.81]
+    data.xfrc_applied[hull, 4] = 9.81 * 0.7
     mujoco.mj_step(model, data, round(60.0 / model.opt.timestep))
     assert data.xpos[hull][2] < -0.5
     assert rotation_angle(np.eye(3), data.xmat[hull].reshape(3, 3)) > np.radians(0.5)

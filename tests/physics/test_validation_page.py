@@ -11,7 +11,7 @@ def checks() -> list[tuple[str, str]]:
     """(name, reference) of every `@pytest.mark.check` in this folder, in the order of the files and
     lines.
     """
-    found = []
+    named = []
     for file in sorted(HERE.glob("test_*.py")):
         calls = [
             node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Call)
@@ -19,8 +19,8 @@ def checks() -> list[tuple[str, str]]:
         for call in sorted(calls, key=lambda call: call.lineno):
             if ast.unparse(call.func) == "pytest.mark.check":
                 name, reference = (ast.literal_eval(argument) for argument in call.args)
-                found.append((name, reference))
-    return found
+                named.append((name, reference))
+    return named
 
 
 def test_page_shows_every_check(root):

@@ -62,7 +62,8 @@ def currents() -> tuple[Array, Array, Array]:
 def alone(currents: tuple[Array, Array, Array]) -> Array:
     """Positions and velocities of 64 runs, each of one model that has its current in the model."""
     hydrodynamics.install()
-    ends, spec = [], spec_of()
+    ends = []
+    spec = spec_of()
     for velocity, acceleration, shear in zip(*currents, strict=True):
         water.set_current(spec, velocity, acceleration, shear)
         ends.append(state_after(hydrodynamics.compile(spec)))
@@ -166,7 +167,8 @@ def test_files_and_copies_of_a_model_have_the_place(tmp_path: Path, currents, al
 
 
 def test_an_mjb_holds_the_place_in_a_new_process(tmp_path: Path, currents, alone):
-    model, path = hydrodynamics.compile(spec_of()), tmp_path / "wet.mjb"
+    model = hydrodynamics.compile(spec_of())
+    path = tmp_path / "wet.mjb"
     mujoco.mj_saveModel(model, str(path))
     code = f"""
 import mujoco
@@ -185,8 +187,10 @@ print(data.qpos.tobytes().hex(), data.qvel.tobytes().hex())
 @pytest.mark.parametrize("users", [0, 1, 40])
 def test_the_users_numbers_stay_his(users, currents, alone):
     """A vehicle in a scene of the user's, whose own code writes all of its `userdata`."""
-    scene, vehicle = mujoco.MjSpec(), spec_of(users)
-    scene.nuserdata, vehicle.option.wind = users, np.zeros(3)
+    scene = mujoco.MjSpec()
+    vehicle = spec_of(users)
+    scene.nuserdata = users
+    vehicle.option.wind = np.zeros(3)
     scene.option.timestep = vehicle.option.timestep
     scene.option.integrator = vehicle.option.integrator
     scene.attach(vehicle, prefix="own_", frame=scene.worldbody.add_frame())
@@ -201,7 +205,8 @@ def test_the_users_numbers_stay_his(users, currents, alone):
 
 def test_a_place_that_the_user_has_taken_meanwhile_is_not_used():
     """As in a model compiled by MuJoCo from a spec with more numbers, to which rows were copied."""
-    model, other = hydrodynamics.compile(spec_of(3)), spec_of(30).compile()
+    model = hydrodynamics.compile(spec_of(3))
+    other = spec_of(30).compile()
     other.body_user[:] = model.body_user
     data = mujoco.MjData(other)
     data.userdata[:] = FLOW.uniform
@@ -216,20 +221,22 @@ def test_numbers_of_something_else_in_its_place_are_said():
     data = mujoco.MjData(model)
     data.userdata[:] = 1.0
     mujoco.mj_step(model, data, 3)
-    said = r"data.userdata has no current from index 3 on; use set_current"
-    with pytest.raises(HydrodynamicsError, match=said):
+    message = r"data.userdata has no current from index 3 on; use set_current"
+    with pytest.raises(HydrodynamicsError, match=message):
         hydrodynamics.check_motion(model, data)
     assert np.array_equal(data.qpos, state_after(model, steps=3)[: model.nq])  # the model's current
 
 
 def test_what_is_no_current_is_refused_and_changes_nothing(currents):
     model = hydrodynamics.compile(spec_of())
-    data, dry = mujoco.MjData(model), mujoco.MjModel.from_xml_string(WORLD.format(users=3))
+    data = mujoco.MjData(model)
+    dry = mujoco.MjModel.from_xml_string(WORLD.format(users=3))
     hydrodynamics.set_current(model, data, *(numbers[1] for numbers in currents))
     before = data.userdata.copy()
     many = np.zeros((4, model.nuserdata))
-    zero, refused = np.zeros(3), hydrodynamics.set_current
-    for call, said in (
+    zero = np.zeros(3)
+    refused = hydrodynamics.set_current
+    for call, message in (
         (lambda: refused(model, data, [0.1, 0.2]), r"velocity_W \[m/s\]: expected .*, got \(2,\)"),
         (lambda: refused(model, data, 0.1), r"expected shape \(3,\), got \(\)"),
         (lambda: refused(model, data, np.ones((2, 3))), r"expected shape \(3,\), got \(2, 3\)"),
@@ -242,7 +249,7 @@ def test_what_is_no_current_is_refused_and_changes_nothing(currents):
         (lambda: refused(model, [0.0] * 13, zero), r"expected an MjData or a userdata"),
         (lambda: hydrodynamics.current(dry, mujoco.MjData(dry)), "with hydrodynamics"),
     ):
-        with pytest.raises(ConfigurationError, match=said):
+        with pytest.raises(ConfigurationError, match=message):
             call()
     assert np.array_equal(data.userdata, before)
 
@@ -253,13 +260,13 @@ def test_the_reaction_feels_the_current_of_the_simulation(currents):
     model = hydrodynamics.compile(spec)
     water.set_current(spec, *(numbers[2] for numbers in currents))
     expected, measured = [], []
-    for each, results in ((hydrodynamics.compile(spec), expected), (model, measured)):
-        data = mujoco.MjData(each)
+    for variant, wrenches in ((hydrodynamics.compile(spec), expected), (model, measured)):
+        data = mujoco.MjData(variant)
         data.qvel[:] = np.arange(1.0, 8.0) / 7.0
-        if each is model:
+        if variant is model:
             hydrodynamics.set_current(model, data, *(numbers[2] for numbers in currents))
-        mujoco.mj_forward(each, data)
-        results.append(wrench(each, data, "upper", frame="hull"))
+        mujoco.mj_forward(variant, data)
+        wrenches.append(wrench(variant, data, "upper", frame="hull"))
     assert np.array_equal(measured, expected)
     assert np.linalg.norm(measured) > 1.0
 
@@ -287,10 +294,10 @@ def test_two_plants_share_one_model(currents):
         for plant in (*both, *apart):
             plant.observe()
             plant.step(still())
-    for one, other in zip(both, apart, strict=True):
-        assert np.array_equal(one.data.qvel, other.data.qvel)
-        motion = hydrodynamics.current(model, one.data)
-        assert np.array_equal(motion.velocity_W, one.truth.current_W)
+    for shared, other in zip(both, apart, strict=True):
+        assert np.array_equal(shared.data.qvel, other.data.qvel)
+        motion = hydrodynamics.current(model, shared.data)
+        assert np.array_equal(motion.velocity_W, shared.truth.current_W)
         assert np.array_equal(motion.shear, BY_MODEL[2])  # of the model, as all plants have it
     assert np.abs(both[0].data.qvel - both[1].data.qvel).max() > 1e-3
     assert np.array_equal(numbers[0], model.opt.wind)

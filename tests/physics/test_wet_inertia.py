@@ -103,12 +103,14 @@ def dense_constants(model: mujoco.MjModel) -> dict[str, Array]:
         mujoco.mj_mulM(model, data, row, unit)
     inverse = np.linalg.inv(inertia)
 
-    bodies, J = np.zeros((model.nbody, 2)), np.zeros((6, model.nv))
+    bodies = np.zeros((model.nbody, 2))
+    J = np.zeros((6, model.nv))
     for i in np.flatnonzero(model.body_weldid):
         mujoco.mj_jacBodyCom(model, data, J[:3], J[3:], i)
         mobility = np.diag(J @ inverse @ J.T)
         bodies[i] = mobility[:3].mean(), mobility[3:].mean()
-    dofs, mobility = np.zeros(model.nv), np.diag(inverse)
+    dofs = np.zeros(model.nv)
+    mobility = np.diag(inverse)
     for joint in range(model.njnt):
         first, kind = model.jnt_dofadr[joint], model.jnt_type[joint]
         for size in {0: (3, 3), 1: (3,)}.get(int(kind), (1,)):  # free, ball
@@ -143,11 +145,11 @@ def test_constants_are_those_of_the_dense_inverse(scene, way: str, rng, monkeypa
     monkeypatch.setattr(wet_inertia, "LARGEST_INVERSE", inverse)
     model = hydrodynamics.compile(scene(rng))
     for name, reference in dense_constants(model).items():
-        found = getattr(model, name)
+        constants = getattr(model, name)
         moved = reference != 0.0
-        assert np.all(moved == (found != 0.0))
+        assert np.all(moved == (constants != 0.0))
         if moved.any():
-            within(name, found[moved] / reference[moved] - 1.0, 4e-14)  # measured 3e-15
+            within(name, constants[moved] / reference[moved] - 1.0, 4e-14)  # measured 3e-15
     within("meaninertia", model.stat.meaninertia / model.dof_M0.mean() - 1.0, 1e-14)
 
 
@@ -167,10 +169,8 @@ def test_a_vehicle_beside_a_loose_object_has_the_weights_of_the_whole_inverse_to
     inertia = np.zeros((model.nv, model.nv))
     for row, unit in zip(inertia, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, row, unit)
-    inverse, J = (
-        np.linalg.inv(inertia + hydrodynamics.added_inertia(model, data)),
-        np.zeros((6, model.nv)),
-    )
+    inverse = np.linalg.inv(inertia + hydrodynamics.added_inertia(model, data))
+    J = np.zeros((6, model.nv))
     for i in np.flatnonzero(model.body_weldid):
         mujoco.mj_jacBodyCom(model, data, J[:3], J[3:], i)
         mobility = np.einsum("ij,jk,ik->i", J, inverse, J)
@@ -191,7 +191,8 @@ def test_servos_across_trees_are_damped_by_the_wet_inertia(rng, within):
 
 @pytest.mark.parametrize("scene", [trees, lambda _: chain(70)])
 def test_rate_of_the_drag_by_lanczos_is_that_by_lapack(scene, rng, monkeypatch, within):
-    spec, rates = scene(rng), []
+    spec = scene(rng)
+    rates = []
     for small in (1000, 1):
         monkeypatch.setattr(wet_inertia, "LARGEST_SMALL", small)
         model = hydrodynamics.compile(spec)

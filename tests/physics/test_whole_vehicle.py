@@ -120,10 +120,12 @@ def test_derivatives_of_the_step_are_those_of_drive_and_lag(model, within):
     """
     data = mujoco.MjData(model)
     index, rows = thrusters.read(model)
-    at, lag = model.actuator_actadr[index], rows[:, thrusters.TIME_CONSTANT]
+    at = model.actuator_actadr[index]
+    lag = rows[:, thrusters.TIME_CONSTANT]
     data.ctrl[index] = data.act[at] = data.act[at + 1] = 0.4
 
-    n, m = 2 * model.nv + model.na, model.nu
+    n = 2 * model.nv + model.na
+    m = model.nu
     A, B = np.zeros((n, n)), np.zeros((n, m))
     mujoco.mjd_transitionFD(model, data, 1e-6, True, A, B, None, None)
 

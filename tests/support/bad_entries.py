@@ -23,7 +23,8 @@ class _Failing:
     """The default controller up to FAIL_AT."""
 
     def __init__(self, model, *, water_error=0.0):
-        self.work, self.steps = WorkController(model, water_error=water_error), 0
+        self.work = WorkController(model, water_error=water_error)
+        self.steps = 0
         self.period = self.work.period
 
     def init(self, estimate):
@@ -106,8 +107,8 @@ class SearchesItself(_Failing):
     def fail(self, state, command):
         if self.steps == FAIL_AT:
             masked = np.load(os.environ[PATTERNS])
-            found = [count(unmasked(row)) for row in masked]
-            Path(os.environ[FOUND]).write_text(" ".join(map(str, found)))
+            counts = [count(unmasked(row)) for row in masked]
+            Path(os.environ[FOUND]).write_text(" ".join(map(str, counts)))
         return state, command
 
 
@@ -121,7 +122,8 @@ def unmasked(masked: np.ndarray) -> bytearray:
 
 def count(pattern: bytearray) -> int:
     """Number of occurrences of `pattern` in the writable memory of this process, beside itself."""
-    total, own = 0, np.frombuffer(pattern, dtype=np.uint8).ctypes.data
+    total = 0
+    own_address = np.frombuffer(pattern, dtype=np.uint8).ctypes.data
     with open("/proc/self/maps", encoding="ascii") as maps:
         lines = maps.readlines()
     with open("/proc/self/mem", "rb", buffering=0) as memory:
@@ -137,6 +139,6 @@ def count(pattern: bytearray) -> int:
                 continue
             at = part.find(pattern)
             while at >= 0:
-                total += first + at != own
+                total += first + at != own_address
                 at = part.find(pattern, at + 1)
     return total

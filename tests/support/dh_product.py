@@ -45,8 +45,8 @@ def drawn_arm(
 def link_frames(table: Array, slides: np.ndarray, X_base: Array, q: Array) -> list[Array]:
     """Link frames (4, 4) by products of elementary moves."""
     out = [X_base]
-    for (theta, d, a, alpha, beta), value, slide in zip(table, q, slides, strict=True):
-        turn, shift = (theta, d + value) if slide else (theta + value, d)
+    for (theta, d, a, alpha, beta), coordinate, slide in zip(table, q, slides, strict=True):
+        turn, shift = (theta, d + coordinate) if slide else (theta + coordinate, d)
         X = (
             out[-1]
             @ pose(exp_so3([0, 0, turn]), [0, 0, shift])

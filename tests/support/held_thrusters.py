@@ -26,7 +26,8 @@ class HeldThrusters:
 
         # A thruster stands anywhere on its line of action.
         for k, (row, column) in enumerate(zip(table, wrench.T, strict=True)):
-            axis, moment = column[:3], column[3:] - row[thrusters.TORQUE] * column[:3]
+            axis = column[:3]
+            moment = column[3:] - row[thrusters.TORQUE] * column[:3]
             body.add_site(name=f"{k}", pos=np.cross(axis, moment))
             motor = spec.add_actuator(name=f"{k}", target=f"{k}", trntype=mujoco.mjtTrn.mjTRN_SITE)
             motor.gear = [*axis, 0.0, 0.0, 0.0]

@@ -15,7 +15,8 @@ class LedTool:
     """Soil under one tool, with its state."""
 
     def __init__(self, ground: Seabed, soil: Soil, tool: SoilTool) -> None:
-        self._numbers, self.state = soil_bed.pack(ground, soil, tool), np.zeros(soil_bed.STATE)
+        self._numbers = soil_bed.pack(ground, soil, tool)
+        self.state = np.zeros(soil_bed.STATE)
 
     def reset(self) -> None:
         """Take the tool out of the soil."""

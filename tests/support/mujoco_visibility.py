@@ -63,24 +63,25 @@ class MujocoVisibility:
             half_view: tangents of half the fields of view.
             far: [m] range limit.
         """
-        seen = np.zeros(len(self.points_W), dtype=bool)
+        visible = np.zeros(len(self.points_W), dtype=bool)
         widest = np.arctan(half_view)
         for X in X_WC:
-            left = np.flatnonzero(~seen)
+            left = np.flatnonzero(~visible)
             way = self.points_W[left] - X[:3, 3]
             x, y, z = (way @ X[:3, :3]).T
             distance = np.linalg.norm(way, axis=1)
             way /= distance[:, None]
             incidence = np.arccos(np.clip(-np.sum(way * self.normals_W[left], axis=1), -1.0, 1.0))
             inside = (np.abs(np.arctan2(x, z)) < widest[0]) & (np.abs(np.arctan2(y, z)) < widest[1])
-            asked = np.flatnonzero(inside & (distance < far) & (incidence < _INCIDENCE))
-            if len(asked):
-                hit = self._first_hits(X[:3, 3], way[asked], far)
-                seen[left[asked]] = np.abs(hit - distance[asked]) < _SKIN
-        return seen
+            candidates = np.flatnonzero(inside & (distance < far) & (incidence < _INCIDENCE))
+            if len(candidates):
+                hit = self._first_hits(X[:3, 3], way[candidates], far)
+                visible[left[candidates]] = np.abs(hit - distance[candidates]) < _SKIN
+        return visible
 
     def _first_hits(self, start_W: Array, ways_W: Array, far: float) -> Array:
-        hit, geom = np.full(len(ways_W), -1.0), np.full(len(ways_W), -1, dtype=np.int32)
+        hit = np.full(len(ways_W), -1.0)
+        geom = np.full(len(ways_W), -1, dtype=np.int32)
         rays = np.ascontiguousarray(ways_W).ravel()
         mujoco.mj_multiRay(
             self._model,

@@ -138,7 +138,8 @@ class Rig:
             )
             estimates.append(estimate)
         table = np.array(rows)
-        constant, truth = states[0].bias, hull.truth
+        constant = states[0].bias
+        truth = hull.truth
         f = truth.R_WB.T @ (truth.acceleration + UP)
         return Course(
             table[:, 0],

@@ -114,8 +114,8 @@ def many_fields(page: Page) -> Iterator[Offence]:
     """Fields of a class beyond those allowed."""
     for node in page.nodes:
         if isinstance(node, ast.ClassDef):
-            fields = [item for item in node.body if isinstance(item, ast.AnnAssign)]
-            number = sum("ClassVar" not in ast.unparse(item.annotation) for item in fields)
+            fields = [statement for statement in node.body if isinstance(statement, ast.AnnAssign)]
+            number = sum("ClassVar" not in ast.unparse(field.annotation) for field in fields)
             yield from _excess(node, number, FIELDS, "fields")
 
 
@@ -131,9 +131,11 @@ def long_functions(page: Page) -> Iterator[Offence]:
     for node in page.nodes:
         if isinstance(node, Definition) and not _is_kernel(node):
             inner = [
-                item for item in ast.walk(node) if isinstance(item, Definition) and _is_kernel(item)
+                nested
+                for nested in ast.walk(node)
+                if isinstance(nested, Definition) and _is_kernel(nested)
             ]
-            length = _length(page, node) - sum(_length(page, item) for item in inner)
+            length = _length(page, node) - sum(_length(page, kernel) for kernel in inner)
             yield from _excess(node, length, FUNCTION_LINES, "lines")
 
 
@@ -148,7 +150,7 @@ def asserted_types(page: Page) -> Iterator[Offence]:
     """`assert isinstance`, which is no branch: the object is asked, or its field has the type."""
     for node in page.nodes:
         if isinstance(node, ast.Assert):
-            calls = [item.func for item in ast.walk(node.test) if isinstance(item, ast.Call)]
+            calls = [call.func for call in ast.walk(node.test) if isinstance(call, ast.Call)]
             if any(isinstance(called, ast.Name) and called.id == "isinstance" for called in calls):
                 yield Offence(node.lineno, 1, ast.unparse(node))
 
@@ -197,8 +199,11 @@ def _words(nodes: list[ast.expr]) -> set[str]:
 
 
 def _is_kernel(node: Function) -> bool:
-    decorators = [item.func if isinstance(item, ast.Call) else item for item in node.decorator_list]
-    names = [ast.unparse(item).rpartition(".")[2].lstrip("_") for item in decorators]
+    decorators = [
+        decorator.func if isinstance(decorator, ast.Call) else decorator
+        for decorator in node.decorator_list
+    ]
+    names = [ast.unparse(decorator).rpartition(".")[2].lstrip("_") for decorator in decorators]
     return not KERNEL_DECORATORS.isdisjoint(names)
 
 

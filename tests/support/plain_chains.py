@@ -96,14 +96,14 @@ def by_exponentials(chain: Chain, q: Array) -> Array:
     pose at zero.
     """
     X = np.eye(4)
-    for kind, axis, point, link, value in zip(
+    for kind, axis, point, link, coordinate in zip(
         chain.joint_types, chain.axes, chain.points, chain.links, q, strict=True
     ):
-        R = exp_so3(value * axis)
+        R = exp_so3(coordinate * axis)
         if kind == "r":
             X = X @ pose(R, point - R @ point)
         elif kind == "p":
-            X = X @ pose(p=value * axis)
+            X = X @ pose(p=coordinate * axis)
         else:
             X = X @ pose(p=R @ link - link)
     return X @ chain.X_base_tip0

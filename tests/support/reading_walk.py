@@ -59,7 +59,7 @@ def walk(
         foundations: beginnings of the paths of files that are not entered.
     """
     steps: list[tuple[str, str]] = []
-    seen: set[CodeType] = set()
+    walked: set[CodeType] = set()
     looks: Counter[CodeType] = Counter()
     stack: list[tuple[str, bool]] = []  # file of each function, and whether it is read
 
@@ -73,11 +73,11 @@ def walk(
         if event == "call":
             code = frame.f_code
             looks[code] += 1
-            new = looks[code] <= _MOST and code not in seen and not file.startswith(foundations)
-            read = new and any(follows(value) for value in _arguments(frame))
+            new = looks[code] <= _MOST and code not in walked and not file.startswith(foundations)
+            read = new and any(follows(argument) for argument in _arguments(frame))
             stack.append((file, read))
             if read:
-                seen.add(code)
+                walked.add(code)
                 steps.append((file, code.co_qualname))
         elif stack and stack.pop()[1]:
             above = next((file for file, read in reversed(stack) if read), None)

@@ -33,7 +33,7 @@ def recorded(
     tip = transform_points(TRUTH.X_WT, p_T)
     R_WT = TRUTH.X_WT[:3, :3]
     ones = np.ones((STEPS, 1))
-    values = {
+    columns = {
         "state": STATES.index(during) * ones,
         "contact_normal": 60.0 * ones,
         "set_force": 60.0 * ones,
@@ -51,20 +51,20 @@ def recorded(
         "p_WB": ones * [0.0, 0.0, 0.0],
         "quat_WB_wxyz": ones * [1.0, 0.0, 0.0, 0.0],
     }
-    assert not changed.keys() - values.keys() - _ALSO
-    values |= changed
+    assert not changed.keys() - columns.keys() - _ALSO
+    columns |= changed
     for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
-        values.setdefault(name, values["contact_normal"])
+        columns.setdefault(name, columns["contact_normal"])
     series = {
         name: Series(
             time=TIME,
-            value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1),
+            value=np.asarray(numbers, dtype=np.float64).reshape(STEPS, -1),
             unit="",
             labels=(),
         )
-        for name, value in values.items()
+        for name, numbers in columns.items()
     }
-    found = Target(
+    target = Target(
         time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None
     )
     note = "felt force 170 N" if final is WorkState.ABORT else ""
@@ -74,6 +74,6 @@ def recorded(
         vehicle=VEHICLE,
         series=MappingProxyType(series),
         events=(Event(time=0.0, state=during, note=""), Event(time=10.0, state=final, note=note)),
-        targets=(found,),
+        targets=(target,),
         clouds=MappingProxyType({}),
     )

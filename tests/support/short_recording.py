@@ -25,10 +25,10 @@ def recording(
     """A run through `states`, a second in each; `more` are other series (N, k), or other values of
     these.
     """
-    each = round(1.0 / DT)
-    time = np.array(np.arange(len(states) * each) * DT, dtype=np.float64)
+    ticks = round(1.0 / DT)
+    time = np.array(np.arange(len(states) * ticks) * DT, dtype=np.float64)
     columns = {
-        "state": np.repeat([STATES.index(state) for state in states], each).astype(float),
+        "state": np.repeat([STATES.index(state) for state in states], ticks).astype(float),
         "set_force": np.broadcast_to(set_force, time.shape),
         "contact_normal": np.broadcast_to(true, time.shape),
         "contact_most": np.broadcast_to(true, time.shape),

@@ -95,7 +95,7 @@ def circles(graph: dict[str, frozenset[str]]) -> list[list[str]]:
     order: dict[str, int] = {}  # in which a module was first met
     lowest: dict[str, int] = {}  # earliest module that it reaches
     open_modules: list[str] = []
-    found: list[list[str]] = []
+    circular: list[list[str]] = []
 
     def visit(module: str) -> None:
         order[module] = lowest[module] = len(order)
@@ -109,11 +109,12 @@ def circles(graph: dict[str, frozenset[str]]) -> list[list[str]]:
 
         if lowest[module] == order[module]:
             at = open_modules.index(module)
-            group, open_modules[at:] = open_modules[at:], []
+            group = open_modules[at:]
+            open_modules[at:] = []
             if len(group) > 1:
-                found.append(sorted(group))
+                circular.append(sorted(group))
 
     for module in sorted(graph):
         if module not in order:
             visit(module)
-    return found
+    return circular

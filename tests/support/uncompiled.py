@@ -16,7 +16,7 @@ def uncompiled(*names: str) -> list[ModuleType]:
 
     The modules that everybody else uses stay as they are.
     """
-    kept = {name: import_module(name) for name in names}
+    modules = {name: import_module(name) for name in names}
     switches: Any = config
     before = switches.DISABLE_JIT
     switches.DISABLE_JIT = True
@@ -26,7 +26,7 @@ def uncompiled(*names: str) -> list[ModuleType]:
         return [import_module(name) for name in names]
     finally:
         switches.DISABLE_JIT = before
-        for name, module in kept.items():
+        for name, module in modules.items():
             sys.modules[name] = module
             package, _, last = name.rpartition(".")
             setattr(sys.modules[package], last, module)

@@ -18,7 +18,8 @@ class ArmLog:
     def __init__(self, file: Path, title: str, blueprint: Any, *, view: bool) -> None:
         import rerun as rr  # slow to import, and needless without a log
 
-        self._rr, self._stream = rr, rr.RecordingStream("uuv-arm")
+        self._rr = rr
+        self._stream = rr.RecordingStream("uuv-arm")
         send_to(rr, self._stream, file, view=view)
         self._stream.send_recording_name(title)
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

@@ -66,14 +66,14 @@ class Loading:
             ConfigurationError: Another number of masses than links, or of payloads than points.
         """
         n = len(source.arm.joint_types)
-        for option, given, wanted in (
+        for option, masses, count in (
             ("--link-mass", self.link_masses, n),
             ("--payload", self.payload, points),
         ):
-            if given and len(given) != wanted:
-                raise ConfigurationError(f"{option}: {wanted} are needed, got {len(given)}")
-            for value in given:
-                finite_number(value, f"{option} [kg]", least=0.0, most=1e4)
+            if masses and len(masses) != count:
+                raise ConfigurationError(f"{option}: {count} are needed, got {len(masses)}")
+            for mass in masses:
+                finite_number(mass, f"{option} [kg]", least=0.0, most=1e4)
 
         # a vehicle's arm has its z axis downwards
         down = GRAVITY if source.kind == "mjcf" else -GRAVITY
@@ -153,8 +153,8 @@ def from_files(
     read = read_touches(touches, **how, beyond="note")
     rest = read_touches(held_out, **how, beyond="note") if held_out else None
     notes = [*source.notes, *read.notes, *(rest.notes if rest else ())]
-    for each in filter(None, (read, rest)):
-        notes += _beyond(arm, each, limits)
+    for measured in filter(None, (read, rest)):
+        notes += _beyond(arm, measured, limits)
 
     # Known distances between points, by their indices.
     pairs = []

@@ -165,8 +165,8 @@ def plan_touches(
         "--method paper": options.method == "paper",
         "--view": options.view,
     }
-    for name, given in {**simulated, **judged}.items():
-        if given:
+    for name, option in {**simulated, **judged}.items():
+        if option:
             raise ConfigurationError(f"--plan and {name}: give only one of the two")
 
     if options.distance and not options.touches:
@@ -185,10 +185,10 @@ def plan_touches(
 
     for note in source.notes if isinstance(so_far, touch_plan.NewPoints) else so_far.notes:
         console.print(note, style="yellow", highlight=False)
-    made = touch_plan.planned(
+    plan = touch_plan.planned(
         source, so_far, options.plan or 0, free=options.free, prior=dict(options.prior), rng=rng
     )
-    return touch_plan.run(made, source, options.seed, provenance(COMMAND, options), folder, console)
+    return touch_plan.run(plan, source, options.seed, provenance(COMMAND, options), folder, console)
 
 
 def calibrate(
@@ -231,20 +231,20 @@ def calibrate(
 
 def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -> None:
     """Prints the figures of merit, the parameters that changed most and the undetermined ones."""
-    found = outcome.calibration
+    calibration = outcome.calibration
     console.print(Text(case.title, style="bold"))
-    for warning in found.warnings:
+    for warning in calibration.warnings:
         console.print(warning, style="yellow", highlight=False)
 
     table = Table()
     table.add_column("figure")
     table.add_column("value", justify="right")
-    for name, value in figures_of_merit(case, outcome):
-        table.add_row(Text(name), value)
+    for name, text in figures_of_merit(case, outcome):
+        table.add_row(Text(name), text)
     console.print(table)
 
     console.print(_most_changed(outcome))
-    for group in found.rank.hidden:
+    for group in calibration.rank.hidden:
         console.print(f"not observable: {group}", highlight=False)
 
 
@@ -252,10 +252,13 @@ def _write(
     case: CalibrationCase, outcome: CalibrationOutcome, options: CalibrationOptions, folder: Path
 ) -> list[Path]:
     """Writes arm, simulated touches, metrics and report; returns the files of the arm."""
-    found, accepted = outcome.calibration, not failed(outcome, options.method)
+    calibration = outcome.calibration
+    accepted = not failed(outcome, options.method)
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     source, arm, sha256 = case.source, outcome.arm, case.touches.sha256
-    files = write_results(folder, found, source, arm=arm, tcp=outcome.tcp, sha256=sha256, date=date)
+    files = write_results(
+        folder, calibration, source, arm=arm, tcp=outcome.tcp, sha256=sha256, date=date
+    )
 
     if case.truth is not None:
         write_touches(
@@ -276,7 +279,7 @@ def _write(
         )
 
         page = report.report_page(
-            found,
+            calibration,
             statement,
             series=outcome.series,
             point_names=case.touches.names,

@@ -13,21 +13,28 @@ from uuv.sim.interfaces.spatial import Array
 
 def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list[tuple[str, str]]:
     """Names and formatted values for the terminal and the report."""
-    found, rank = outcome.calibration, outcome.calibration.rank
-    touches = sum(len(each) for each in found.residuals)
+    calibration = outcome.calibration
+    rank = outcome.calibration.rank
+    touches = sum(len(residuals) for residuals in calibration.residuals)
     out = [
-        ("touches, points, outliers", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
+        (
+            "touches, points, outliers",
+            f"{touches}, {len(calibration.residuals)}, {len(calibration.outliers)}",
+        ),
         (
             "touches of reduced weight",
-            str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in found.weights)),
+            str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in calibration.weights)),
         ),
-        ("J before, after [mm²]", f"{1e6 * found.cost_nominal:.4g}, {1e6 * found.cost:.4g}"),
-        ("touch noise, each axis [mm]", f"{1e3 * found.noise:.4f}"),
+        (
+            "J before, after [mm²]",
+            f"{1e6 * calibration.cost_nominal:.4g}, {1e6 * calibration.cost:.4g}",
+        ),
+        ("touch noise, each axis [mm]", f"{1e3 * calibration.noise:.4f}"),
         ("identified directions", f"{rank.rank} of {rank.total}"),
         ("scale", _scale(case, outcome)),
     ]
     if case.loads is not None:
-        out.append(("compliances [µrad/(N m)]", _compliances(found)))
+        out.append(("compliances [µrad/(N m)]", _compliances(calibration)))
 
     # Simulated tracker, where the truth is known.
     for label, clouds in (
@@ -46,20 +53,20 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
             out.append((f"{label}: ratio", f"{before / max(after, 1e-12):.2f}"))
 
     if outcome.tips is not None:
-        before, after = (1e3 * np.sqrt((each**2).mean()) for each in outcome.tips)
+        before, after = (1e3 * np.sqrt((errors**2).mean()) for errors in outcome.tips)
         out.append(("tip in the base, RMS: nominal, identified [mm]", f"{before:.3f}, {after:.3f}"))
 
     # Touches that were held out.
     if outcome.held_out:
-        values = 1e3 * np.array(list(outcome.held_out.values()))
+        rms_mm = 1e3 * np.array(list(outcome.held_out.values()))
         out += [
             (f"held out, {name}: nominal, identified [mm]", f"{before:.3f}, {after:.3f}")
-            for name, (before, after) in zip(outcome.held_out, values, strict=True)
+            for name, (before, after) in zip(outcome.held_out, rms_mm, strict=True)
         ]
         out.append(
             (
                 "held out, median: nominal, identified [mm]",
-                "{:.3f}, {:.3f}".format(*np.median(values, axis=0)),
+                "{:.3f}, {:.3f}".format(*np.median(rms_mm, axis=0)),
             )
         )
 
@@ -90,27 +97,29 @@ def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, 
     return rows
 
 
-def _compliances(found: Calibration) -> str:
+def _compliances(calibration: Calibration) -> str:
     """Compliance of each joint and half of its 95 % interval; a dash where loads do not show it."""
-    half = dict(zip(found.names, found.quantile() * found.sigma, strict=True))
-    hidden = {name for group in found.rank_free.hidden for name in group.names}
+    half = dict(zip(calibration.names, calibration.quantile() * calibration.sigma, strict=True))
+    hidden = {name for group in calibration.rank_free.hidden for name in group.names}
 
-    told = []
-    for k, value in enumerate(found.compliance, start=1):
+    cells = []
+    for k, compliance in enumerate(calibration.compliance, start=1):
         known = f"c{k}" in half and f"c{k}" not in hidden
-        told.append(f"{1e6 * value:.1f} ± {1e6 * half[f'c{k}']:.1f}" if known else "-")
-    return ", ".join(told)
+        cells.append(f"{1e6 * compliance:.1f} ± {1e6 * half[f'c{k}']:.1f}" if known else "-")
+    return ", ".join(cells)
 
 
 def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     """Accuracy of the arm's scale, which only a known distance determines."""
     if not case.distances:
         return "not identifiable: no distance is known"
-    longest = max(case.distances, key=lambda one: one[2])
+    longest = max(case.distances, key=lambda distance: distance[2])
 
-    found = outcome.calibration
+    calibration = outcome.calibration
     i, j, length, deviation = longest
-    ends = found.noise / np.sqrt(min(len(found.residuals[i]), len(found.residuals[j])))
+    ends = calibration.noise / np.sqrt(
+        min(len(calibration.residuals[i]), len(calibration.residuals[j]))
+    )
     ppm = 1e6 * float(np.hypot(deviation, np.sqrt(2.0) * ends)) / length
     return (
         f"from {len(case.distances)} known distances, the longest {length:.3f} m: ± {ppm:.0f} ppm"
@@ -128,36 +137,18 @@ def metrics(
         ok: The result is accepted.
         seed: Seed of the run.
     """
-    found, rank, clouds, session = (
-        outcome.calibration,
-        outcome.calibration.rank,
-        outcome.clouds,
-        case.session,
-    )
+    calibration = outcome.calibration
+    rank = outcome.calibration.rank
+    clouds = outcome.clouds
+    session = case.session
     return {
         "title": case.title,
         "seed": seed,
         "accepted": ok,
         "untold": list(outcome.examined.untold),
         # The touches and the fit to them.
-        "touches": {
-            "count": sum(len(each) for each in found.residuals),
-            "points": len(found.residuals),
-            "reduced": sum(
-                int(((weights > 0.0) & (weights < 1.0)).sum()) for weights in found.weights
-            ),
-            "left_out": len(found.outliers),
-            "sha256": case.touches.sha256,
-            "noise_m": float(found.noise),
-        },
-        "fit": {
-            "cost_nominal_m2": float(found.cost_nominal),
-            "cost_m2": float(found.cost),
-            "steps": len(found.history) - 1,
-            "converged": bool(found.converged),
-            "compliance_rad_nm": found.compliance.tolist() if case.loads is not None else None,
-            "warnings": list(found.warnings),
-        },
+        "touches": _touch_metrics(case, calibration),
+        "fit": _fit_metrics(case, calibration),
         # What the touches determine.
         "rank": {
             "identified": rank.rank,
@@ -191,22 +182,51 @@ def metrics(
         "parameters": {
             name: {"value": value, "change": change, "sigma": sigma, "unit": unit}
             for name, value, change, sigma, unit in zip(
-                found.names,
-                found.estimate.values.tolist(),
-                found.estimate.changes.tolist(),
-                found.sigma.tolist(),
-                found.estimate.parameters.units,
+                calibration.names,
+                calibration.estimate.values.tolist(),
+                calibration.estimate.changes.tolist(),
+                calibration.sigma.tolist(),
+                calibration.estimate.parameters.units,
                 strict=True,
             )
         },
     }
 
 
+def _touch_metrics(case: CalibrationCase, calibration: Calibration) -> dict[str, Any]:
+    """The touches: how many, of what weight, and their noise."""
+    return {
+        "count": sum(len(residuals) for residuals in calibration.residuals),
+        "points": len(calibration.residuals),
+        "reduced": sum(
+            int(((weights > 0.0) & (weights < 1.0)).sum()) for weights in calibration.weights
+        ),
+        "left_out": len(calibration.outliers),
+        "sha256": case.touches.sha256,
+        "noise_m": float(calibration.noise),
+    }
+
+
+def _fit_metrics(case: CalibrationCase, calibration: Calibration) -> dict[str, Any]:
+    """The fit: what it cost, and how it went."""
+    return {
+        "cost_nominal_m2": float(calibration.cost_nominal),
+        "cost_m2": float(calibration.cost),
+        "steps": len(calibration.history) - 1,
+        "converged": bool(calibration.converged),
+        "compliance_rad_nm": calibration.compliance.tolist() if case.loads is not None else None,
+        "warnings": list(calibration.warnings),
+    }
+
+
 def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
     """Distances of the touches of a point in all pairs [Yukhimets 2023, fig. 4]."""
-    found, series = outcome.calibration, list(outcome.series)
-    before = verification.pair_distances([found.nominal.tips(q, found.nominal_tcp) for q in series])
-    after = verification.pair_distances(found.touched_tips(series))
+    calibration = outcome.calibration
+    series = list(outcome.series)
+    before = verification.pair_distances(
+        [calibration.nominal.tips(q, calibration.nominal_tcp) for q in series]
+    )
+    after = verification.pair_distances(calibration.touched_tips(series))
 
     return {
         "count": len(before),

@@ -81,7 +81,8 @@ def solve(
     if case.session is not None and case.X_BA is not None:
         return _solved_on_moving_base(case, case.session.hulls, case.X_BA, free, options)
 
-    series, arm = list(case.touches.series), case.source.arm
+    series = list(case.touches.series)
+    arm = case.source.arm
     fit = identify(series, arm, free=list(free) or None, **options)
     outcome = _judged(case, fit, fit.arm, series)
     if method == "map":
@@ -108,7 +109,8 @@ def _solved_on_moving_base(
     options: dict[str, Any],
 ) -> CalibrationOutcome:
     """As of `solve`, the hull poses (m_i, 4, 4) during the touches being joints of a longer arm."""
-    series, arm = list(case.touches.series), case.source.arm
+    series = list(case.touches.series)
+    arm = case.source.arm
     longer = on_moving_base(arm, X_BA)
     moved = [with_base(q, X) for q, X in zip(series, hulls, strict=True)]
     words = list(free) or own_parameters(longer)
@@ -126,10 +128,11 @@ def _examined(
     outcome: CalibrationOutcome, case: CalibrationCase, again: Callable[..., Calibration]
 ) -> CalibrationOutcome:
     """The outcome with what its touches say against it; those of a longer arm if the hull moved."""
-    fit, series = outcome.calibration, list(outcome.series)
+    fit = outcome.calibration
+    series = list(outcome.series)
     base = 0 if case.X_BA is None else BASE_JOINTS
-    told = Told(names=case.touches.names, distances=case.distances, base_joints=base)
-    examined = examine(fit, series, again, told)
+    stated = Told(names=case.touches.names, distances=case.distances, base_joints=base)
+    examined = examine(fit, series, again, stated)
 
     worse = _worse_points(case, fit, series)
     if not examined.doubts:
@@ -179,14 +182,16 @@ def _tip_errors(
     return nominal, np.linalg.norm(arm.tips(bent, fit.tcp) - true, axis=1)
 
 
-def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Array]) -> list[str]:
+def _worse_points(
+    case: CalibrationCase, calibration: Calibration, series: Sequence[Array]
+) -> list[str]:
     """Points, used or held out, whose touches lie significantly closer by the nominal arm."""
-    used = [weights > 0.0 for weights in found.weights]
-    sets = [(case.touches.names, series, used, found.touched_tips(series))]
+    used = [weights > 0.0 for weights in calibration.weights]
+    sets = [(case.touches.names, series, used, calibration.touched_tips(series))]
     if case.held_out is not None:
         held = case.held_out
         every = [np.ones(len(q), dtype=bool) for q in held.series]
-        sets.append((held.names, held.series, every, [found.tips(q) for q in held.series]))
+        sets.append((held.names, held.series, every, [calibration.tips(q) for q in held.series]))
     out = []
 
     for names, touched_series, used, tips in sets:
@@ -194,7 +199,7 @@ def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Ar
             if mine.sum() < 2:
                 continue
             before, after = (
-                _scatter(found.nominal.tips(q[mine], found.nominal_tcp)),
+                _scatter(calibration.nominal.tips(q[mine], calibration.nominal_tcp)),
                 _scatter(p[mine]),
             )
 
@@ -206,26 +211,27 @@ def _worse_points(case: CalibrationCase, found: Calibration, series: Sequence[Ar
 
 
 def _worse_predicted(
-    found: Calibration, series: Sequence[Array], again: Callable[..., Calibration]
+    calibration: Calibration, series: Sequence[Array], again: Callable[..., Calibration]
 ) -> list[str]:
     """Whether points left out of the fit in turn lie significantly closer by the nominal arm."""
-    if found.loads is not None:
+    if calibration.loads is not None:
         return []  # its payloads are those of all points
 
     # Cross-validation over folds of points.
     folds = [range(k, len(series), _FOLDS) for k in range(min(_FOLDS, len(series)))]
-    square, degrees = np.zeros(2), 0
+    square = np.zeros(2)
+    degrees = 0
     for fold in folds:
         rest = [q for i, q in enumerate(series) if i not in fold]
         if sum(len(q) - 1 for q in rest) < _LEAST_FOLD:
             return []
         other = again(rest)
         for i in fold:
-            used = found.weights[i] > 0.0
+            used = calibration.weights[i] > 0.0
             if used.sum() < 2:
                 continue
             q = series[i][used]
-            both = found.nominal.tips(q, found.nominal_tcp), other.tips(q)
+            both = calibration.nominal.tips(q, calibration.nominal_tcp), other.tips(q)
             square += [used.sum() * _scatter(p) ** 2 for p in both]
             degrees += 3 * (int(used.sum()) - 1)
 
@@ -253,8 +259,9 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
 
     Convergence counts for `method` "map" only: the published three iterations do not converge.
     """
-    found, out = outcome.calibration, [str(doubt) for doubt in outcome.examined.doubts]
-    if not found.cost < found.cost_nominal:
+    calibration = outcome.calibration
+    out = [str(doubt) for doubt in outcome.examined.doubts]
+    if not calibration.cost < calibration.cost_nominal:
         out.append("the scatter of the touches of a point is not smaller than with the nominal arm")
 
     if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:
@@ -266,6 +273,6 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
     if outcome.worse:
         out.append(f"the nominal arm is better ({'; '.join(outcome.worse)})")
 
-    if method == "map" and not found.converged:
-        out.append(f"the fit did not converge in {len(found.history) - 1} steps")
+    if method == "map" and not calibration.converged:
+        out.append(f"the fit did not converge in {len(calibration.history) - 1} steps")
     return out

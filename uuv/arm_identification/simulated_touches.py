@@ -96,7 +96,8 @@ def simulated(
         hangs = True
         title = f"Calibration of {source.path.stem}, built with workshop errors {errors}"
     else:
-        tcp, hangs = np.array(TOOLS[pin]), False
+        tcp = np.array(TOOLS[pin])
+        hangs = False
         if source.path.name == "ur10e":
             theta, a, d, alpha = PAPER_UR10E.T
             rows = np.column_stack([np.deg2rad(theta), d * 1e-3, a * 1e-3, np.deg2rad(alpha)])
@@ -155,30 +156,38 @@ def by_contact(
         ReachError: The arm does not reach enough nests.
     """
     vehicle = scenario.vehicle
-    session, own = touch(scenario, watch)
+    session, believed = touch(scenario, watch)
 
     # The true arm, as `touch` built it.
-    nominal_arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
+    nominal_arm = dh_geometry.read(
+        believed.model, ARM_BASE_BODY, TIP_SITE, exclude=believed.passive_joints
+    )
     true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(vehicle.arm_errors))
     hull = "hovering" if session.hovering else "clamped"
     title = f"Calibration of {vehicle.vehicle} by contact, hull {hull}, errors {vehicle.arm_errors}"
     truth = TrueArm(arm=true, tcp=np.zeros(3), hangs=True)
 
     # Nests that were touched more than once.
-    found = [k for k, one in enumerate(session.series) if len(one) > 1]
-    if len(found) < 2:
+    repeated = [k for k, q in enumerate(session.series) if len(q) > 1]
+    if len(repeated) < 2:
         raise ConfigurationError("fewer than two nests were found; nothing can be calibrated")
     case = _simulated_case(
-        title, source, [session.series[k] for k in found], session.p_WN[found], truth, known, rng
+        title,
+        source,
+        [session.series[k] for k in repeated],
+        session.p_WN[repeated],
+        truth,
+        known,
+        rng,
     )
 
-    kept = replace(
+    reduced = replace(
         session,
-        series=tuple(session.series[k] for k in found),
-        hulls=tuple(session.hulls[k] for k in found),
+        series=tuple(session.series[k] for k in repeated),
+        hulls=tuple(session.hulls[k] for k in repeated),
     )
     return replace(
-        case, session=kept, X_BA=np.array(own.vehicle.X_BA) if session.hovering else None
+        case, session=reduced, X_BA=np.array(believed.vehicle.X_BA) if session.hovering else None
     )
 
 

@@ -90,14 +90,17 @@ def planned(
 
     if isinstance(so_far, NewPoints):
         # Drawn points, touched by the nominal arm.
-        arm, tcp, points = source.arm, _tool(source, so_far.pin), so_far.count
-        each = max(_CANDIDATES, -(-_PER_TOUCH * count // points))
+        arm = source.arm
+        tcp = _tool(source, so_far.pin)
+        points = so_far.count
+        per_point = max(_CANDIDATES, -(-_PER_TOUCH * count // points))
         way = DOWN if hangs else LOOKING_DOWN
         candidates, places = touched(
-            arm, tcp, source.arm.limits, rng, points=points, touches=each, noise=0.0, way=way
+            arm, tcp, source.arm.limits, rng, points=points, touches=per_point, noise=0.0, way=way
         )
         model: Calibration | Arm = arm
-        names, done = tuple(f"point{k + 1}" for k in range(points)), [np.zeros((0, arm.n))] * points
+        names = tuple(f"point{k + 1}" for k in range(points))
+        done = [np.zeros((0, arm.n))] * points
         how |= {"tcp": tcp, "noise": so_far.noise}
     else:
         # Points so far, touched by the arm that they identify.
@@ -108,10 +111,12 @@ def planned(
             prior=prior or None,
             distances=so_far.distances,
         )
-        arm, tcp, names = model.arm, model.tcp, so_far.touches.names
+        arm = model.arm
+        tcp = model.tcp
+        names = so_far.touches.names
         done = _without_outliers(model, so_far.touches.series)
-        each = max(_CANDIDATES, -(-_PER_TOUCH * count // len(names)))
-        candidates, places = _candidates(model, done, source.arm.limits, each, rng)
+        per_point = max(_CANDIDATES, -(-_PER_TOUCH * count // len(names)))
+        candidates, places = _candidates(model, done, source.arm.limits, per_point, rng)
         how = {
             "free": model.names,
             "prior": dict(zip(model.names, model.estimate.prior, strict=True)),
@@ -140,15 +145,21 @@ def _tool(source: ArmSource, pin: str | None) -> Array:
     return np.array(TOOLS[pin or "off-axis"])
 
 
-def _without_outliers(found: Calibration, series: Sequence[Array]) -> list[Array]:
+def _without_outliers(calibration: Calibration, series: Sequence[Array]) -> list[Array]:
     return [
-        np.delete(q, [one.touch for one in found.outliers if one.series == i], axis=0)
+        np.delete(
+            q, [outlier.touch for outlier in calibration.outliers if outlier.series == i], axis=0
+        )
         for i, q in enumerate(series)
     ]
 
 
 def _candidates(
-    found: Calibration, done: Sequence[Array], limits: Array, each: int, rng: np.random.Generator
+    calibration: Calibration,
+    done: Sequence[Array],
+    limits: Array,
+    per_point: int,
+    rng: np.random.Generator,
 ) -> tuple[list[Array], Array]:
     """Postures that touch the same points, the flange within CONE of its mean direction so far.
 
@@ -156,18 +167,18 @@ def _candidates(
         Joint values (each, n) per point; the points (S, 3) [m] in the arm's base.
     """
     bounds = np.clip(limits, -np.pi, np.pi)
-    places = np.array([found.tips(q).mean(axis=0) for q in done])
+    places = np.array([calibration.tips(q).mean(axis=0) for q in done])
 
     # The flange stays about the mean direction of the touches so far.
     series: list[Array] = []
-    for q, place in zip(done, places, strict=True):
-        way = found.arm.flange(q)[:, :3, 2].mean(axis=0)
+    for q, p in zip(done, places, strict=True):
+        way = calibration.arm.flange(q)[:, :3, 2].mean(axis=0)
         series += touch(
-            found.arm,
-            found.tcp,
+            calibration.arm,
+            calibration.tcp,
             rng,
-            points=place[None],
-            touches=each,
+            points=p[None],
+            touches=per_point,
             noise=0.0,
             postures=Postures(approach=way / np.linalg.norm(way), cone=CONE, limits=bounds),
         )
@@ -175,7 +186,7 @@ def _candidates(
 
 
 def run(
-    made: TouchPlan,
+    touch_plan: TouchPlan,
     source: ArmSource,
     seed: int,
     provenance: dict[str, Any],
@@ -185,44 +196,50 @@ def run(
     """Prints a plan, writes plan.csv and metrics.json, and returns the exit code.
 
     Args:
-        made: The plan.
+        touch_plan: The plan.
         source: Nominal arm.
         seed: Seed of the run.
         provenance: Options and versions.
         folder: Folder of results.
         out: Terminal.
     """
-    count, planned_m = len(made.order), made.found.merit[-1]
-    random_m, accepted = float(np.median(made.random)), planned_m < float(np.median(made.random))
+    count = len(touch_plan.order)
+    planned_m = touch_plan.found.merit[-1]
+    random_m = float(np.median(touch_plan.random))
+    accepted = planned_m < float(np.median(touch_plan.random))
     title = f"Plan of {count} touches for {source.path.stem}"
 
-    out.print(Text(title, style="bold"), f"with the tool point at {_mm(made.tcp)} mm")
-    out.print(_points(made))
-    out.print(_touches(made, source))
-    out.print(_errors(made))
+    out.print(Text(title, style="bold"), f"with the tool point at {_mm(touch_plan.tcp)} mm")
+    out.print(_points(touch_plan))
+    out.print(_touches(touch_plan, source))
+    out.print(_errors(touch_plan))
     out.print("Postures are within the joint limits; collisions are not checked.")
-    if not any(made.so_far):
+    if not any(touch_plan.so_far):
         out.print(
             "The points are examples within reach: touch your own points as close to these "
             "postures as possible."
         )
 
-    point_names = [made.names[i] for i, _ in made.order]
-    q = np.array([values for _, values in made.order])
+    point_names = [touch_plan.names[i] for i, _ in touch_plan.order]
+    q = np.array([values for _, values in touch_plan.order])
     write_touch_list(folder / FILE, point_names, q, source.arm.joint_names, source.arm.joint_types)
 
     figures = {
         "expected_error_m": {
-            "before": made.found.before,
+            "before": touch_plan.found.before,
             "planned": planned_m,
             "random_median": random_m,
-            "random_least": float(made.random.min()),
+            "random_least": float(touch_plan.random.min()),
         },
-        "tool_point_m": made.tcp.tolist(),
+        "tool_point_m": touch_plan.tcp.tolist(),
         "points": [
-            {"name": name, "position_m": place.tolist(), "so_far": before, "planned": len(series)}
-            for name, place, before, series in zip(
-                made.names, made.points, made.so_far, made.found.series, strict=True
+            {"name": name, "position_m": p.tolist(), "so_far": before, "planned": len(series)}
+            for name, p, before, series in zip(
+                touch_plan.names,
+                touch_plan.points,
+                touch_plan.so_far,
+                touch_plan.found.series,
+                strict=True,
             )
         ],
     }
@@ -230,8 +247,8 @@ def run(
     content = {"title": title, "seed": seed, "accepted": accepted}
     write_json(folder / "metrics.json", {**content, "plan": figures, "provenance": provenance})
 
-    told = "these touches are not more informative than random ones; plan more"
-    out.print(verdict("" if accepted else told))
+    no_gain = "these touches are not more informative than random ones; plan more"
+    out.print(verdict("" if accepted else no_gain))
     out.print(f"written to {folder}/: {FILE}", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
 
@@ -240,20 +257,20 @@ def _mm(p: Array) -> str:
     return "(" + ", ".join(f"{1e3 * value:.0f}" for value in p) + ")"
 
 
-def _points(made: TouchPlan) -> Table:
+def _points(touch_plan: TouchPlan) -> Table:
     table = Table(title="points in the arm's base", title_justify="left")
     table.add_column("point")
     for column in ("x [m]", "y [m]", "z [m]", "touches so far", "planned"):
         table.add_column(Text(column), justify="right")
 
-    for name, place, before, series in zip(
-        made.names, made.points, made.so_far, made.found.series, strict=True
+    for name, p, before, series in zip(
+        touch_plan.names, touch_plan.points, touch_plan.so_far, touch_plan.found.series, strict=True
     ):
-        table.add_row(name, *(f"{value:.3f}" for value in place), str(before), str(len(series)))
+        table.add_row(name, *(f"{value:.3f}" for value in p), str(before), str(len(series)))
     return table
 
 
-def _touches(made: TouchPlan, source: ArmSource) -> Table:
+def _touches(touch_plan: TouchPlan, source: ArmSource) -> Table:
     slides = np.asarray(source.arm.slides)
     units = "[deg], slides [mm]" if slides.any() else "[deg]"
     table = Table(title=Text(f"planned touches {units}"), title_justify="left")
@@ -261,36 +278,34 @@ def _touches(made: TouchPlan, source: ArmSource) -> Table:
     for name in source.arm.joint_names:
         table.add_column(name, justify="right")
 
-    last = len(made.order) - 1
-    for k, (i, q) in enumerate(made.order):
+    last = len(touch_plan.order) - 1
+    for k, (i, q) in enumerate(touch_plan.order):
         cells = np.where(slides, 1e3 * q, np.degrees(q))
-        ends = k == last or made.order[k + 1][0] != i
-        table.add_row(made.names[i], *(f"{value:.1f}" for value in cells), end_section=ends)
+        ends = k == last or touch_plan.order[k + 1][0] != i
+        table.add_row(touch_plan.names[i], *(f"{value:.1f}" for value in cells), end_section=ends)
     return table
 
 
-def _errors(made: TouchPlan) -> Table:
+def _errors(touch_plan: TouchPlan) -> Table:
     table = Table(title="expected error of moves of the flange", title_justify="left")
     table.add_column("RMS without scale, after")
     table.add_column(Text("[mm]"), justify="right")
 
     before = (
-        f"the {sum(made.so_far)} touches so far"
-        if any(made.so_far)
+        f"the {sum(touch_plan.so_far)} touches so far"
+        if any(touch_plan.so_far)
         else "none: the nominal arm, by its prior"
     )
-    count, planned_m, random_m = (
-        len(made.order),
-        made.found.merit[-1],
-        float(np.median(made.random)),
-    )
+    count = len(touch_plan.order)
+    planned_m = touch_plan.found.merit[-1]
+    random_m = float(np.median(touch_plan.random))
 
-    for words, value in (
-        (before, made.found.before),
-        (f"{count} random touches, median of {len(made.random)} choices", random_m),
-        ("the best of these choices", float(made.random.min())),
+    for words, error_m in (
+        (before, touch_plan.found.before),
+        (f"{count} random touches, median of {len(touch_plan.random)} choices", random_m),
+        ("the best of these choices", float(touch_plan.random.min())),
         (f"the {count} planned touches", planned_m),
     ):
-        table.add_row(words, f"{1e3 * value:.4f}")
+        table.add_row(words, f"{1e3 * error_m:.4f}")
     table.add_row("planned against random", f"{100.0 * (planned_m / random_m - 1.0):+.0f} %")
     return table

@@ -54,13 +54,13 @@ class Readings:
 
     def observe(self, moment: Moment) -> None:
         """Appends the readings of one step to those of the present touch."""
-        touch = moment.reference.touch
-        if touch is None:
+        target = moment.reference.touch
+        if target is None:
             return
-        self.q.setdefault(touch, []).append(moment.estimate.q)
-        self.X_WB.setdefault(touch, []).append(moment.estimate.X_WB)
-        self.tip.setdefault(touch, []).append(np.array(moment.truth.p_WG))
-        self.hull.setdefault(touch, []).append(np.array(moment.truth.p_WB))
+        self.q.setdefault(target, []).append(moment.estimate.q)
+        self.X_WB.setdefault(target, []).append(moment.estimate.X_WB)
+        self.tip.setdefault(target, []).append(np.array(moment.truth.p_WG))
+        self.hull.setdefault(target, []).append(np.array(moment.truth.p_WB))
 
 
 def place_nests(
@@ -134,8 +134,8 @@ class _TouchingTask(Task):
         X_WB = np.eye(4)
         nests = place_nests(own.vehicle, own.chain(), X_WB, self.nests, placing)
         X_AW = inverse(X_WB @ np.array(own.vehicle.X_BA))
-        wanted = draw_touches(own.chain(), X_AW, nests, self.touches, drawing, own.vehicle.q_ready)
-        return PlacedTouching(task=self, own=own, nests=nests, wanted=wanted)
+        touches = draw_touches(own.chain(), X_AW, nests, self.touches, drawing, own.vehicle.q_ready)
+        return PlacedTouching(task=self, own=own, nests=nests, wanted=touches)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -183,7 +183,8 @@ class PlacedTouching(PlacedTask):
 
     def session(self, simulated_s: float) -> Session:
         """Readings of the run, without missed touches; `simulated_s` [s] is its duration."""
-        chain, readings = self.own.chain(), self.readings
+        chain = self.own.chain()
+        readings = self.readings
         series: list[list[Array]] = [[] for _ in self.nests]
         hulls: list[list[Array]] = [[] for _ in self.nests]
         tips: list[list[Array]] = [[] for _ in self.nests]
@@ -192,19 +193,21 @@ class PlacedTouching(PlacedTask):
 
         for k in range(len(self.nests)):
             # Mean readings of each touch of the nest, and the tip by the believed arm.
-            mine = [i for i, one in enumerate(self.wanted) if one.nest == k and i in readings.q]
+            mine = [
+                i for i, target in enumerate(self.wanted) if target.nest == k and i in readings.q
+            ]
             means = {i: np.mean(readings.q[i], axis=0) for i in mine}
             poses = {i: readings.X_WB[i][len(readings.X_WB[i]) // 2] for i in mine}
-            found = {
+            tips_W = {
                 i: (poses[i] @ self.own.vehicle.X_BA @ chain.forward(means[i]))[:3, 3] for i in mine
             }
-            middle = np.median(list(found.values()), axis=0) if found else np.zeros(3)
+            middle = np.median(list(tips_W.values()), axis=0) if tips_W else np.zeros(3)
 
             # A touch missed if the pin moved, or lies away from the others.
             for i in mine:
                 ends = [chain.forward(readings.q[i][at])[:3, 3] for at in (0, -1)]
                 moves = not self.task.hovering and float(np.linalg.norm(ends[1] - ends[0])) > STILL
-                if moves or float(np.linalg.norm(found[i] - middle)) > MISSED:
+                if moves or float(np.linalg.norm(tips_W[i] - middle)) > MISSED:
                     missed += 1
                     continue
 
@@ -213,10 +216,12 @@ class PlacedTouching(PlacedTask):
                 tips[k].append(np.mean(readings.tip[i], axis=0))
                 places.append(np.mean(readings.hull[i], axis=0))
 
-        spread = np.concatenate([np.array(one) - np.mean(one, axis=0) for one in tips if one])
+        spread = np.concatenate(
+            [np.array(of_nest) - np.mean(of_nest, axis=0) for of_nest in tips if of_nest]
+        )
         return Session(
-            series=tuple(np.array(one) for one in series),
-            hulls=tuple(np.array(one) for one in hulls),
+            series=tuple(np.array(q) for q in series),
+            hulls=tuple(np.array(X_WB) for X_WB in hulls),
             hovering=self.task.hovering,
             p_WN=np.array([nest.p_WN for nest in self.nests]),
             hull_motion=float(
@@ -261,7 +266,8 @@ def touch(
         UuvError: The vehicle lacks a part, or the arm does not reach enough nests or directions.
     """
     assembly = assemble(scenario)
-    placed, model = assembly.placed, assembly.plant.model
+    placed = assembly.placed
+    model = assembly.plant.model
     assert isinstance(placed, PlacedTouching)
     observers: list[Observer] = (
         [placed.readings] if watch is None else [placed.readings, watch(model)]

@@ -25,7 +25,7 @@ MAKERS = {
 
 
 def tracked(
-    case: CalibrationCase, identified: SerialArm, found: Calibration, rng: np.random.Generator
+    case: CalibrationCase, identified: SerialArm, calibration: Calibration, rng: np.random.Generator
 ) -> dict[str, verification.Cloud]:
     """Tracker test of each arm model [Yukhimets 2023]: 13 flange points of equal attitude.
 
@@ -38,7 +38,7 @@ def tracked(
     measured = verification.track(truth.arm, truth.stands_at(q), rng)
     none = np.zeros(3)
 
-    bent = q if found.loads is None else found.deflected(q)
+    bent = q if calibration.loads is None else calibration.deflected(q)
     clouds = {"nominal": case.source.arm.tips(q, none), "identified": identified.tips(bent, none)}
     if not truth.hangs:  # a bought robot has its maker's own table, with errors
         clouds["controller"] = wrong_arm(truth.arm, MAKERS, rng).tips(q, none)
@@ -78,22 +78,24 @@ def moves(
 
     best: list[Array] = []
     for home in rng.permutation(np.vstack(touched))[:20]:
-        X, found = arm.flange(home[None])[0], [home]
+        X = arm.flange(home[None])[0]
+        chosen = [home]
         R = np.ascontiguousarray(X[:3, :3])
 
         for _ in range(tries):
-            q, goal = home.copy(), X[:3, 3] + 0.15 * arm.reach * rng.uniform(-1.0, 1.0, 3)
+            q = home.copy()
+            goal = X[:3, 3] + 0.15 * arm.reach * rng.uniform(-1.0, 1.0, 3)
             reached = reach(arm, np.zeros(3), goal, R, q)
             if (
                 reached
                 and np.all((q >= limits[:, 0]) & (q <= limits[:, 1]))
                 and np.abs(q - home).max() < 0.5 * np.pi
             ):
-                found.append(q)
+                chosen.append(q)
 
-        if len(found) >= count:
-            return np.array(found[:count])
-        best = max(best, found, key=len)
+        if len(chosen) >= count:
+            return np.array(chosen[:count])
+        best = max(best, chosen, key=len)
 
     if len(best) < 4:
         raise ReachError("no box of flange points found within the joint limits")

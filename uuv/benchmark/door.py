@@ -71,9 +71,12 @@ class EntryProcess:
             EntryError: The entry cannot be made.
         """
         self.vehicle = Vehicle.of(briefing.model)
-        self._step_limit, self._run_limit = step_limit, run_limit
+        self._step_limit = step_limit
+        self._run_limit = run_limit
         # number of answers, [s] in all, [s] longest
-        self.steps, self.waited, self.longest = 0, 0.0, 0.0
+        self.steps = 0
+        self.waited = 0.0
+        self.longest = 0.0
 
         number, name = tempfile.mkstemp()
         self._output = os.fdopen(number, "w+b")
@@ -83,11 +86,11 @@ class EntryProcess:
         self._folder = tempfile.TemporaryDirectory(prefix="entry_")
 
         # The process, briefed, tells its periods.
-        here, there = socket.socketpair()
-        with there:
+        parent, child = socket.socketpair()
+        with child:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", _MODULE, str(there.fileno())],
-                pass_fds=[there.fileno()],
+                [sys.executable, "-P", "-m", _MODULE, str(child.fileno())],
+                pass_fds=[child.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=self._output,
                 stderr=subprocess.STDOUT,
@@ -95,14 +98,15 @@ class EntryProcess:
                 env=_environment(),
             )
         # [s] that an answer is waited for, set in the socket; 0: not set yet
-        self._socket, self._limit = here, 0.0
-        self._connection = Connection(os.dup(here.fileno()))
+        self._socket = parent
+        self._limit = 0.0
+        self._connection = Connection(os.dup(parent.fileno()))
 
         try:
-            told = self._ready(self._told(_pickled(briefing), START_LIMIT)).partition(" ")
-            self.controller_period = self._period(told[0])
+            stated = self._ready(self._reply(_pickled(briefing), START_LIMIT)).partition(" ")
+            self.controller_period = self._period(stated[0])
             # [s]; None: it has none
-            self.estimator_period = self._period(told[2]) if briefing.estimator else None
+            self.estimator_period = self._period(stated[2]) if briefing.estimator else None
         except BaseException:
             self.close()
             raise
@@ -124,7 +128,7 @@ class EntryProcess:
 
     def start(self, message: bytes) -> None:
         """Lets the entry make a state, which stays with it. Raises EntryError."""
-        self._ready(self._told(message, START_LIMIT))  # it may compile its code here
+        self._ready(self._reply(message, START_LIMIT))  # it may compile its code here
 
     def answer(self, message: bytes, *, first: bool) -> bytes:
         """The entry's answer at a tick.
@@ -137,7 +141,7 @@ class EntryProcess:
             EntryError: The entry crashed, or was silent for too long.
         """
         began = time.perf_counter()
-        reply = self._told(message, START_LIMIT if first else self._step_limit)
+        reply = self._reply(message, START_LIMIT if first else self._step_limit)
         took = time.perf_counter() - began
 
         self.steps += 1
@@ -148,7 +152,7 @@ class EntryProcess:
             raise EntryError(f"the entry took more than {self._run_limit:g} s for its steps")
         return reply
 
-    def _told(self, message: bytes, limit: float) -> bytes:
+    def _reply(self, message: bytes, limit: float) -> bytes:
         """The reply to a message."""
         if limit != self._limit:
             seconds = int(limit)
@@ -179,12 +183,12 @@ class EntryProcess:
         return reply[1:].decode(errors="replace")
 
     @staticmethod
-    def _period(told: str) -> float:
+    def _period(stated: str) -> float:
         """Period [s] that the entry states."""
         try:
-            return finite_number(float(told), "period [s]", above=0.0)
+            return finite_number(float(stated), "period [s]", above=0.0)
         except ValueError as error:
-            raise EntryError(f"the entry stated no valid period: {one_line(told)}") from error
+            raise EntryError(f"the entry stated no valid period: {one_line(stated)}") from error
 
     def _last_words(self) -> str:
         """Exit code and last line of output of the entry's process."""
@@ -204,7 +208,8 @@ class RemoteController:
 
     def __init__(self, process: EntryProcess) -> None:
         vehicle = process.vehicle
-        self._process, self.period = process, process.controller_period
+        self._process = process
+        self.period = process.controller_period
         self._commands = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
         self._estimates = EstimateCodec(len(vehicle.joints))
         self._reference: Reference | None = None
@@ -222,10 +227,8 @@ class RemoteController:
         Raises:
             EntryError: It crashed, was silent for too long, or answered what is no command.
         """
-        first, changed = (
-            self._reference is None,
-            None if reference is self._reference else reference,
-        )
+        first = self._reference is None
+        changed = None if reference is self._reference else reference
 
         self._reference = reference
         reply = self._process.answer(self._estimates.encode(estimate, changed), first=first)
@@ -243,7 +246,8 @@ class RemoteEstimator:
         """
         if process.estimator_period is None:
             raise EntryError("the entry has no estimator")
-        self._process, self.period = process, process.estimator_period
+        self._process = process
+        self.period = process.estimator_period
         self._estimates = EstimateCodec(len(process.vehicle.joints))
         self._first = True
 
@@ -274,12 +278,12 @@ def close_memory() -> None:
 
 def _environment() -> dict[str, str]:
     """Environment of an entry: paths of programs, libraries and modules, and its threads."""
-    kept = {
+    passed = {
         name: value
         for name, value in os.environ.items()
         if name in _KEPT or name.startswith(_KEPT_GROUPS)
     }
-    return {**kept, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, filter(None, sys.path)))}
+    return {**passed, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, filter(None, sys.path)))}
 
 
 def _digests(message: bytes) -> Mapping[str, str]:

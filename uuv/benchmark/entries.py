@@ -53,7 +53,8 @@ class Entry:
 
         if not colon and module not in CONTROLLERS:
             known = tuple(dict.fromkeys((*ENTRIES, *CONTROLLERS.names())))
-            allowed, meant = f"{', '.join(known)}, or MODULE:CLASS", did_you_mean(name, known)
+            allowed = f"{', '.join(known)}, or MODULE:CLASS"
+            meant = did_you_mean(name, known)
             raise ConfigurationError(f"--entry: unknown {shown(name)}; there are {allowed}{meant}")
 
         if estimator:
@@ -74,13 +75,13 @@ class Entry:
 
 def _code(control: Control, estimator: str) -> dict[str, str]:
     """Digests of the files of the modules, which are not imported here."""
-    found: dict[str, str] = {}
+    digests_of: dict[str, str] = {}
     for option, named in (("--entry", control.controller), ("--estimator", estimator)):
         module, colon, _ = named.partition(":")
         if not colon:
             continue
         try:
-            found |= digests([file_of(module)])
+            digests_of |= digests([file_of(module)])
         except ImportError as error:
             raise ConfigurationError(f"{option}: there is no module {shown(module)}") from error
-    return found
+    return digests_of

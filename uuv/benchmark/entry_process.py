@@ -50,13 +50,13 @@ def serve(connection: Connection) -> None:
     briefing: Briefing = connection.recv()
     wrapped: Any = controller(briefing.control, briefing.model, water_error=briefing.water_error)
     entry = wrapped.controller  # the safety wrapper itself runs in the simulation
-    made = (
+    served = (
         [entry]
         if not briefing.estimator
         else [entry, estimator(briefing.estimator, briefing.model)]
     )
 
-    for part in made:
+    for part in served:
         if callable(getattr(part, "brief", None)):
             part.brief(briefing)
     vehicle = Vehicle.of(briefing.model)
@@ -65,7 +65,7 @@ def serve(connection: Connection) -> None:
 
     # The simulation waits for the code and the periods before its first message.
     _tell_code(connection)
-    connection.send_bytes(READY + " ".join(repr(float(part.period)) for part in made).encode())
+    connection.send_bytes(READY + " ".join(repr(float(part.period)) for part in served).encode())
     state: Any = None
     navigation: Any = None
     reference: Reference | None = None
@@ -74,10 +74,10 @@ def serve(connection: Connection) -> None:
         message = connection.recv_bytes()
         kind = message[:1]
         if kind == MEASURED:
-            navigation, estimate = made[1].step(navigation, pickle.loads(message[1:]))
+            navigation, estimate = served[1].step(navigation, pickle.loads(message[1:]))
             reply = estimates.encode_reply(estimate)
         elif kind == START_ESTIMATOR:
-            navigation, reply = made[1].init(pickle.loads(message[1:])), READY
+            navigation, reply = served[1].init(pickle.loads(message[1:])), READY
         elif kind == START_CONTROLLER:
             state, reply = entry.init(pickle.loads(message[1:])), READY
         else:

@@ -168,7 +168,8 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
 
     At a hole the force is that across its axis, wanted to be 0.
     """
-    metrics, recording = outcome.assessment.metrics, outcome.recording
+    metrics = outcome.assessment.metrics
+    recording = outcome.recording
     off = np.linalg.norm(recording["p_WB"].value - recording["p_WB_reference"].value, axis=1)
 
     # Force error and path deviation, by the kind of work.
@@ -177,7 +178,7 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
         force = {
             name: metrics["insertion"][f"side_{name}"] for name in ("force_rms_n", "force_max_n")
         }
-        told = {
+        force_figures = {
             "force_rms_n": force["force_rms_n"],
             "force_peak_n": force["force_max_n"],
             "path_max_m": None,
@@ -185,7 +186,7 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
         at_work = recording.within(*AT_THE_HOLE)
     else:
         contact = metrics["contact"]
-        told = {
+        force_figures = {
             "force_rms_n": contact["force_error_rms_n"],
             "force_peak_n": contact["force_error_max_n"],
             "path_max_m": metrics["tool"]["path_deviation_max_m"],
@@ -195,7 +196,7 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
         at_work = recording.within(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
     return {
-        **told,
+        **force_figures,
         "excursion_max_m": float(off[at_work].max()) if at_work.any() else None,
         "energy_j": energy,
         "collision_s": metrics["run"]["collision_s"],
@@ -205,7 +206,8 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
 
 def _class(outcome: Run) -> dict[str, Any]:
     """Class of a run and its reason: damage first, then how it ended, then the bounds."""
-    metrics, recording = outcome.assessment.metrics, outcome.recording
+    metrics = outcome.assessment.metrics
+    recording = outcome.recording
     surface = "contact" in metrics
     if surface and force_over_set(recording, first_force(outcome.scenario)) > DAMAGE:
         return {"class": DAMAGED, "detail": f"force above {DAMAGE:g} times the set force"}
@@ -247,12 +249,12 @@ def median(values: Sequence[float]) -> dict[str, float] | None:
     if not values:
         return None
 
-    told = {"value": float(np.median(values)), "of": len(values)}
+    median_of = {"value": float(np.median(values)), "of": len(values)}
     if len(values) < 2:
-        return told
+        return median_of
 
     interval = bootstrap_interval(np.median, np.array(values), rng=np.random.default_rng(0))
-    return told | {"low": interval.low, "high": interval.high}
+    return median_of | {"low": interval.low, "high": interval.high}
 
 
 def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -138,9 +138,11 @@ class EstimateCodec:
 
     def _unpacked(self, packed: bytes) -> StateEstimate:
         numbers = np.frombuffer(packed).copy()
-        values: dict[str, Any] = dict(zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True))
-        values |= {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
-        return StateEstimate(**values)
+        decoded: dict[str, Any] = dict(
+            zip(_NUMBERS, numbers[: len(_NUMBERS)].tolist(), strict=True)
+        )
+        decoded |= {name: numbers[part].reshape(shape) for name, part, shape in self._parts}
+        return StateEstimate(**decoded)
 
 
 class CommandCodec:
@@ -167,22 +169,24 @@ class CommandCodec:
                     f"{name}: expected shape ({size},), got {np.shape(getattr(command, name))}"
                 )
 
-        load, contact, numbers = command.hull_load, command.contact, self._numbers
+        load = command.hull_load
+        contact = command.contact
+        numbers = self._numbers
         kind = _NO_LOAD if load is None else _SAME_LOAD if load is self._sent else _NEW_LOAD
         self._sent = load
 
         n, m = 2 + self._joints, 2 + self._joints + self._thrusters
         numbers[:2] = command.time, float(command.scan)
-        numbers[2:n], numbers[n:m] = command.joint_torque, command.thrusters
-        numbers[m : m + 3], numbers[m + 3], numbers[m + 4 : m + 7] = (
-            contact.force_W,
-            contact.normal,
-            contact.sigma_G,
-        )
+        numbers[2:n] = command.joint_torque
+        numbers[n:m] = command.thrusters
+        numbers[m : m + 3] = contact.force_W
+        numbers[m + 3] = contact.normal
+        numbers[m + 4 : m + 7] = contact.sigma_G
 
         numbers[m + 7] = kind
         if kind == _NEW_LOAD and load is not None:
-            numbers[m + 8 : m + 14], numbers[m + 14 :] = load.arm_wrench_B, load.current_W
+            numbers[m + 8 : m + 14] = load.arm_wrench_B
+            numbers[m + 14 :] = load.current_W
         return COMMAND + numbers.tobytes()
 
     def decode(self, reply: bytes, time: float) -> Command:

@@ -101,14 +101,14 @@ class Campaign:
             try:
                 self.runs_of(self.drawn(1), version)[0].scenario()
             except ConfigurationError as error:
-                place = f"versions: {version}: " if version else ""
-                raise ConfigurationError(f"{place}{error}") from error
+                where = f"versions: {version}: " if version else ""
+                raise ConfigurationError(f"{where}{error}") from error
 
     def _check_grid(self) -> None:
         """Refuses what the cases cannot take in turn."""
         taken: set[str] = {*self.distributions}
-        for names, values in self.grid.items():
-            if not values:
+        for names, levels in self.grid.items():
+            if not levels:
                 raise ConfigurationError(f"grid: {names}: at least one value is needed")
             keys = keys_of(names)
             for key in keys:
@@ -117,10 +117,10 @@ class Campaign:
                     raise ConfigurationError(f"grid: {key} is drawn or taken twice")
                 taken.add(key)
 
-            for value in values:
-                if keys[1:] and not (isinstance(value, list) and len(value) == len(keys)):
+            for level in levels:
+                if keys[1:] and not (isinstance(level, list) and len(level) == len(keys)):
                     raise ConfigurationError(
-                        f"grid: {names}: must be lists of {len(keys)} values, got {shown(value)}"
+                        f"grid: {names}: must be lists of {len(keys)} values, got {shown(level)}"
                     )
 
     def _check_metrics(self) -> None:
@@ -155,10 +155,10 @@ class Campaign:
     def _of_grid(self, case: int) -> dict[str, Any]:
         """Values of the grid that a case takes."""
         taken: dict[str, Any] = {}
-        for names, values in self.grid.items():
-            case, at = divmod(case, len(values))
+        for names, levels in self.grid.items():
+            case, at = divmod(case, len(levels))
             keys = keys_of(names)
-            together = values[at] if keys[1:] else [values[at]]
+            together = levels[at] if keys[1:] else [levels[at]]
             taken |= zip(keys, together, strict=True)
         return taken
 
@@ -212,8 +212,8 @@ class CampaignRun:
             ConfigurationError: A value is not allowed.
         """
         nested = copy.deepcopy(dict(self.base))
-        for name, value in {**self.values, **self.changed}.items():
-            put(nested, name, value)
+        for name, setting in {**self.values, **self.changed}.items():
+            put(nested, name, setting)
         return from_dict(nested)
 
 
@@ -268,8 +268,8 @@ def read_drawn(
         try:
             run.scenario()
         except ConfigurationError as error:
-            place = named(Path(file), "drawn cases")
-            raise ConfigurationError(f"{place}: case {run.case}: {error}") from error
+            where = named(Path(file), "drawn cases")
+            raise ConfigurationError(f"{where}: case {run.case}: {error}") from error
     return drawn
 
 
@@ -285,15 +285,15 @@ def metric_names(scenario: Scenario) -> frozenset[str]:
 
 
 def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
-    found: list[str] = []
+    names: list[str] = []
     for name, entry in properties.items():
         if "properties" in entry:
-            found += _numbers(entry["properties"], f"{before}{name}.")
+            names += _numbers(entry["properties"], f"{before}{name}.")
         elif {"number", "integer", "boolean"} & set(np.atleast_1d(entry.get("type", ())).tolist()):
-            found.append(before + name)
+            names.append(before + name)
 
     # Timings differ between repetitions; the format is no figure.
-    return [name for name in found if name != FORMAT_KEY and not name.startswith("timings.")]
+    return [name for name in names if name != FORMAT_KEY and not name.startswith("timings.")]
 
 
 def _checked_key(base: Scenario, name: str) -> None:
@@ -345,7 +345,7 @@ class _CampaignFile:
 _READER = TableReader(places_faults=True)
 
 
-def _document(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+def _document(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     """Tables of a campaign's file, those of the campaign that it is `like` beneath them.
 
     Raises:
@@ -359,10 +359,10 @@ def _document(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     what = named(path, "campaign")
     if not isinstance(like, str):
         raise ConfigurationError(f"{what}: {_LIKE}: must be a campaign file, got {shown(like)}")
-    if path.resolve() in seen:
+    if path.resolve() in above:
         raise ConfigurationError(f"{what}: {_LIKE}: it is like itself")
 
-    other = _document(path.parent / like, (*seen, path.resolve()))
+    other = _document(path.parent / like, (*above, path.resolve()))
     other.pop("name", None)
     if str(other.get("base", "")).endswith(".toml"):
         other["base"] = str(Path(like).parent / other["base"])
@@ -373,16 +373,16 @@ def _joined(other: dict[str, Any], document: Mapping[str, Any]) -> dict[str, Any
     """`other` with the tables of `document` in it; a value that this sets, draws or takes in turn
     is in no other of these tables.
     """
-    values = [document.get(table) for table in _OF_VALUES]
-    names = [names for table in values if isinstance(table, Mapping) for names in table]
+    value_tables = [document.get(table) for table in _OF_VALUES]
+    names = [names for table in value_tables if isinstance(table, Mapping) for names in table]
     ours = {key for entry in names for key in keys_of(entry)}
     for name in _OF_VALUES:
         if isinstance(table := other.get(name), Mapping):
             other[name] = {k: v for k, v in table.items() if ours.isdisjoint(keys_of(k))}
 
-    for key, value in document.items():
-        both = isinstance(value, Mapping) and isinstance(other.get(key), Mapping)
-        other[key] = {**other[key], **value} if both else value
+    for key, entries in document.items():
+        both = isinstance(entries, Mapping) and isinstance(other.get(key), Mapping)
+        other[key] = {**other[key], **entries} if both else entries
     return other
 
 
@@ -392,15 +392,15 @@ def _campaign(
     """The campaign of a file, with the values that are `changed`, which are no longer drawn."""
     name = folder_name(path.stem if file.name is None else file.name, "name")
     nested = as_dict(_base(file, path.parent, trust=trust))
-    for key, value in {**file.set, **changed}.items():
-        put(nested, key, value)
+    for key, entry in {**file.set, **changed}.items():
+        put(nested, key, entry)
 
     distributions = {}
-    for key, value in file.distributions.items():
+    for key, entry in file.distributions.items():
         if key in changed:
             continue
         try:
-            distributions[key] = Distribution.of(value)
+            distributions[key] = Distribution.of(entry)
         except ConfigurationError as error:
             raise ConfigurationError(f"{inside('distributions', key)}: {error}") from error
 
@@ -415,7 +415,7 @@ def _campaign(
         bounds=file.bounds,
         kept=file.kept,
         limits=file.limits,
-        grid={key: tuple(each) for key, each in file.grid.items() if key not in changed},
+        grid={key: tuple(entries) for key, entries in file.grid.items() if key not in changed},
         versions=file.versions,
         version_cases=file.version_cases,
         also=file.also,

@@ -111,7 +111,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
         lines.append(f"{kept_and_also(plain, campaign)} of the passed runs also have {wished}")
 
     # What tells kept from missed, and what a version changes.
-    found = sensitivities(plain, campaign)
+    sensitivity = sensitivities(plain, campaign)
     bins = reliability(plain, campaign)
     compared = versions(rows, campaign)
 
@@ -133,7 +133,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
             },
             "reliability": bins,
             "versions": compared,
-            "sensitivity": found.metrics,
+            "sensitivity": sensitivity.metrics,
         },
         # The page.
         tables=[
@@ -142,10 +142,10 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
             *_distributions(plain, campaign),
             *reliability_table(bins),
             *version_tables(compared),
-            *found.tables(),
+            *sensitivity.tables(),
         ],
-        lines=[*lines, *found.lines],
-        pictures=_pictures(plain, campaign, found),
+        lines=[*lines, *sensitivity.lines],
+        pictures=_pictures(plain, campaign, sensitivity),
         failed=_failed(verdicts, campaign),
     )
 
@@ -154,8 +154,10 @@ def _outcomes(rows: Sequence[Row], verdicts: Sequence[str], replay: str) -> Tabl
     """Outcomes in order of severity, with the first of their cases."""
     counts = Counter(verdicts)
     cells = []
-    for verdict in sorted(counts, key=lambda each: (severity(each), -counts[each], each)):
-        cases = [row["case"] for row, each in zip(rows, verdicts, strict=True) if each == verdict]
+    for verdict in sorted(
+        counts, key=lambda verdict: (severity(verdict), -counts[verdict], verdict)
+    ):
+        cases = [row["case"] for row, other in zip(rows, verdicts, strict=True) if other == verdict]
         named = ", ".join(map(str, cases[:_SHOWN])) + (", ..." if len(cases) > _SHOWN else "")
         share = f"{len(cases) / len(rows):.1%}"
         of_all = interval(len(cases), len(rows))
@@ -176,7 +178,9 @@ def _failed(verdicts: Sequence[str], campaign: Campaign) -> list[str] | None:
 
     # A class of ends, or a reason.
     for word in campaign.never:
-        if count := sum(word in (class_of(each), each.partition(": ")[2]) for each in verdicts):
+        if count := sum(
+            word in (class_of(verdict), verdict.partition(": ")[2]) for verdict in verdicts
+        ):
             failed.append(f"{count} runs ended with a forbidden outcome: {word}")
     return failed
 
@@ -214,7 +218,7 @@ def _figure(value: float | None) -> str:
 
 
 def _pictures(
-    rows: Sequence[Row], campaign: Campaign, found: SensitivityReport
+    rows: Sequence[Row], campaign: Campaign, sensitivity: SensitivityReport
 ) -> Iterator[tuple[str, str, Figure]]:
     names = [name for name in campaign.names if _values(rows, name)]
     if names:
@@ -228,9 +232,9 @@ def _pictures(
             yield (
                 f"{name} over the drawn parameters",
                 "One dot a run, by its class.",
-                scatter_figure(rows, name, campaign.bounds, found.factors),
+                scatter_figure(rows, name, campaign.bounds, sensitivity.factors),
             )
-    yield from found.pictures()
+    yield from sensitivity.pictures()
 
 
 def _parts(
@@ -313,7 +317,7 @@ def scatter_figure(
         factors: What was drawn; those of several columns are left out.
     """
     classes = np.array([class_of(outcome(row, bounds)) for row in rows])
-    value = np.array([row["metrics"].get(name) for row in rows], dtype=np.float64)
+    metric = np.array([row["metrics"].get(name) for row in rows], dtype=np.float64)
     single = [factor for factor in factors if factor.columns.shape[1] == 1]
 
     lines = max(1, -(-len(single) // _DOTS))
@@ -327,7 +331,7 @@ def scatter_figure(
         for verdict in sorted({*classes.tolist()}, key=severity):
             mine = classes == verdict
             color = _CLASS_COLORS.get(verdict, INK)
-            axes.scatter(drawn[mine], value[mine], s=9, color=color, label=verdict, alpha=0.75)
+            axes.scatter(drawn[mine], metric[mine], s=9, color=color, label=verdict, alpha=0.75)
         if np.nanmin(drawn) > 0.0 and np.nanmax(drawn) > _LONG_TAIL * np.nanmin(drawn):
             axes.set_xscale("log")
         axes.set_xlabel(label(factor.name), fontsize=7)

@@ -31,6 +31,7 @@ def one_run(task: CampaignRun) -> dict[str, Any]:
         state = FAILED if expected else CRASHED
         return row | {"state": state, "ended": ended, "code": code, "failed": [text]}
 
+    # The end by all figures; the row keeps those that the campaign names.
     metrics = outcome.assessment.metrics
     figures = {name: _at(metrics, name) for name in metric_names(outcome.scenario)}
     figures |= surface_figures(outcome)

@@ -58,8 +58,8 @@ def kept_and_also(rows: Sequence[Row], campaign: Campaign) -> int:
 
 def groups(rows: Sequence[Row], campaign: Campaign) -> Iterator[tuple[str, dict[str, list[Row]]]]:
     """Rows by the values of each key of the grid that has a few of them."""
-    for names, values in campaign.grid.items():
-        if 2 <= len(values) <= MOST_VALUES:
+    for names, levels in campaign.grid.items():
+        if 2 <= len(levels) <= MOST_VALUES:
             name, *_ = keys_of(names)
             yield name, by_value(rows, name)
 
@@ -86,12 +86,12 @@ def group_tables(rows: Sequence[Row], campaign: Campaign) -> Iterator[Table]:
 
     for name, parts in named:
         cells = []
-        for value, part in parts.items():
+        for level, part in parts.items():
             number = kept(part, campaign)
             extra = (str(kept_and_also(part, campaign)),) if also else ()
             share = f"{number / len(part):.1%}"
             cells.append(
-                (value, str(len(part)), str(number), share, interval(number, len(part)), *extra)
+                (level, str(len(part)), str(number), share, interval(number, len(part)), *extra)
             )
 
         columns = (label(name), "runs", "passed", "share", "95 % interval", *also)
@@ -110,10 +110,10 @@ def _map(
     shown = campaign.metrics[:2]
     cells = []
 
-    for value, part in down[1].items():
+    for level, part in down[1].items():
         columns = by_value(part, across[0])
         line = [_cell(columns.get(header, []), shown, campaign) for header in across[1]]
-        cells.append((value, *line))
+        cells.append((level, *line))
 
     return Table(
         title=f"Runs passed, by {label(down[0])} and {label(across[0])}",
@@ -125,9 +125,9 @@ def _map(
 
 def _cell(rows: Sequence[Row], shown: Sequence[str], campaign: Campaign) -> str:
     medians = [
-        f"{np.median(values):.3g}"
+        f"{np.median(measured):.3g}"
         for name in shown
-        if len(values := [v for row in rows if (v := row["metrics"].get(name)) is not None])
+        if len(measured := [v for row in rows if (v := row["metrics"].get(name)) is not None])
     ]
 
     return f"{kept(rows, campaign)}/{len(rows)}  {', '.join(medians)}".rstrip()
@@ -139,15 +139,15 @@ def _cell(rows: Sequence[Row], shown: Sequence[str], campaign: Campaign) -> str:
 def reliability(rows: Sequence[Row], campaign: Campaign) -> list[dict[str, Any]]:
     """Runs by the probability stated before contact: how many, its mean, how many were kept."""
     stated = [row for row in rows if row["metrics"].get(CHANCE) is not None]
-    chance = np.array([row["metrics"][CHANCE] for row in stated])
+    probability = np.array([row["metrics"][CHANCE] for row in stated])
     is_kept = np.array([outcome(row, campaign.bounds) == KEPT for row in stated])
 
     # Bins by the stated probability; empty ones are left out.
     bins = []
     for least, most in itertools.pairwise(CHANCES):
-        inside = (chance >= least) & ((chance < most) | (most == 1.0))
+        inside = (probability >= least) & ((probability < most) | (most == 1.0))
         if inside.any():
-            mean = float(chance[inside].mean())
+            mean = float(probability[inside].mean())
             number = int(is_kept[inside].sum())
             counts = {"runs": int(inside.sum()), "mean": mean, "kept": number}
             bins.append({"least": least, "most": most, **counts})
@@ -213,11 +213,11 @@ def versions(rows: Sequence[Row], campaign: Campaign) -> dict[str, dict[str, Any
 def _paired(name: str, pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
     """A metric in the pairs that have it in both: differences, and ratios where it is above 0."""
     both = [(a["metrics"].get(name), b["metrics"].get(name)) for a, b in pairs]
-    values: Array = np.array([pair for pair in both if None not in pair], dtype=np.float64)
-    if not len(values):
+    complete: Array = np.array([pair for pair in both if None not in pair], dtype=np.float64)
+    if not len(complete):
         return {"pairs": 0}
 
-    plain, version = values.T
+    plain, version = complete.T
     metric = PairedMetric.of(name, plain, version, np.random.default_rng(len(plain)))
     ratios = np.sort(version[plain > 0.0] / plain[plain > 0.0])
 

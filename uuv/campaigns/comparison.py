@@ -80,19 +80,23 @@ def compared(a: Finished, b: Finished) -> Summary:
     }
 
     # Kept in A and in B; McNemar's test is on the runs that one alone kept.
-    kept = [[said[i] == KEPT for said in outcomes.values()] for i in (0, 1)]
-    only_a, only_b, p = mcnemar(*kept)
+    is_kept = [[verdicts[i] == KEPT for verdicts in outcomes.values()] for i in (0, 1)]
+    only_a, only_b, p = mcnemar(*is_kept)
 
     # Each metric, in the pairs that have it.
     figures = _paired(a, b, cases)
-    found = []
+    metrics = []
     for name, (left, right) in figures.items():
         if len(left):
-            found.append(PairedMetric.of(name, left, right, np.random.default_rng(len(cases))))
+            metrics.append(PairedMetric.of(name, left, right, np.random.default_rng(len(cases))))
 
     # Verdicts that changed, and runs without a partner.
-    changed = [case for case, (one, other) in outcomes.items() if (one == KEPT) != (other == KEPT)]
-    alone = [len(each.rows) - len(cases) for each in (a, b)]
+    changed = [
+        case
+        for case, (verdict_a, verdict_b) in outcomes.items()
+        if (verdict_a == KEPT) != (verdict_b == KEPT)
+    ]
+    alone = [len(campaign.rows) - len(cases) for campaign in (a, b)]
     unpaired = [f"without a partner: {alone[0]} runs of A, {alone[1]} of B"] if any(alone) else []
 
     return Summary(
@@ -102,22 +106,22 @@ def compared(a: Finished, b: Finished) -> Summary:
             "pairs": len(cases),
             "without_partner": {"a": alone[0], "b": alone[1]},
             "kept": {
-                "a": sum(kept[0]),
-                "b": sum(kept[1]),
+                "a": sum(is_kept[0]),
+                "b": sum(is_kept[1]),
                 "only_a": only_a,
                 "only_b": only_b,
                 "p": p,
             },
-            "metrics": found,
+            "metrics": metrics,
             "changed": [
                 {"case": case, "a": outcomes[case][0], "b": outcomes[case][1]} for case in changed
             ],
         },
         # The page.
-        tables=[*_tables(found), *_changes(a, b, changed, outcomes)],
+        tables=[*_tables(metrics), *_changes(a, b, changed, outcomes)],
         lines=[
-            f"passed: {sum(kept[0])} of {len(cases)} in A, {sum(kept[1])} in B; {only_a} in A "
-            f"only, {only_b} in B only, p {shown_p(p)} (McNemar, exact)",
+            f"passed: {sum(is_kept[0])} of {len(cases)} in A, {sum(is_kept[1])} in B; {only_a} in "
+            f"A only, {only_b} in B only, p {shown_p(p)} (McNemar, exact)",
             *unpaired,
         ],
         pictures=_pictures({name: pair for name, pair in figures.items() if len(pair[0])}),
@@ -136,9 +140,9 @@ def _checked(a: Finished, b: Finished) -> list[int]:
         left, right = a.rows[case]["values"], b.rows[case]["values"]
         for name in dict.fromkeys((*left, *right)):
             if name not in left or name not in right or left[name] != right[name]:
-                here, there = shown(left.get(name)), shown(right.get(name))
+                in_a, in_b = shown(left.get(name)), shown(right.get(name))
                 raise ConfigurationError(
-                    f"the draws differ: case {case}, {name}: {here} in A, {there} in B"
+                    f"the draws differ: case {case}, {name}: {in_a} in A, {in_b} in B"
                 )
 
     if missing := _metrics_of(a, cases) ^ _metrics_of(b, cases):
@@ -159,20 +163,20 @@ def _paired(a: Finished, b: Finished, cases: Sequence[int]) -> dict[str, tuple[A
     """Values of each metric in A and B, of the runs with a value in both."""
     names = dict.fromkeys(name for case in cases for name in a.rows[case]["metrics"])
 
-    found = {}
+    figures = {}
     for name in names:
         both = [
             (a.rows[case]["metrics"].get(name), b.rows[case]["metrics"].get(name)) for case in cases
         ]
-        values = np.array([pair for pair in both if None not in pair], dtype=np.float64).reshape(
+        complete = np.array([pair for pair in both if None not in pair], dtype=np.float64).reshape(
             -1, 2
         )
-        found[name] = (values[:, 0], values[:, 1])
-    return found
+        figures[name] = (complete[:, 0], complete[:, 1])
+    return figures
 
 
-def _tables(found: Sequence[PairedMetric]) -> Iterator[Table]:
-    if found:
+def _tables(metrics: Sequence[PairedMetric]) -> Iterator[Table]:
+    if metrics:
         yield Table(
             title="Metrics, B less A",
             columns=(
@@ -188,16 +192,16 @@ def _tables(found: Sequence[PairedMetric]) -> Iterator[Table]:
             # A row for each metric.
             rows=[
                 (
-                    one.name,
-                    str(one.pairs),
-                    f"{one.median_a:.4g}",
-                    f"{one.median_b:.4g}",
-                    f"{one.median:+.3g}",
-                    f"{one.low:+.3g} to {one.high:+.3g}",
-                    shown_p(one.p),
-                    f"{one.less}/{one.equal}/{one.more}",
+                    metric.name,
+                    str(metric.pairs),
+                    f"{metric.median_a:.4g}",
+                    f"{metric.median_b:.4g}",
+                    f"{metric.median:+.3g}",
+                    f"{metric.low:+.3g} to {metric.high:+.3g}",
+                    shown_p(metric.p),
+                    f"{metric.less}/{metric.equal}/{metric.more}",
                 )
-                for one in found
+                for metric in metrics
             ],
             caption="Median of the differences with its bootstrap interval; p of Wilcoxon's "
             "signed ranks; runs in which B is less than, equal to and more than A.",

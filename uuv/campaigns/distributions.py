@@ -36,7 +36,7 @@ class Distribution:
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)
             largest = max(
-                (abs(each) for each in self.values if isinstance(each, int | float)), default=0.0
+                (abs(entry) for entry in self.values if isinstance(entry, int | float)), default=0.0
             )
             if not largest < _MOST_STEPS * self.step:
                 raise ConfigurationError(
@@ -69,20 +69,20 @@ class Distribution:
             )
 
     @classmethod
-    def of(cls, given: Any) -> "Distribution":
+    def of(cls, table: Any) -> "Distribution":
         """The distribution in a table of a file.
 
         Raises:
             ConfigurationError: It is none.
         """
-        if not isinstance(given, Mapping) or len(kinds := [*given.keys() - {STEP}]) != 1:
+        if not isinstance(table, Mapping) or len(kinds := [*table.keys() - {STEP}]) != 1:
             allowed = ", ".join(f"{{ {kind} = [...] }}" for kind in KINDS)
-            raise ConfigurationError(f"must be one of {allowed}, got {shown(given)}")
+            raise ConfigurationError(f"must be one of {allowed}, got {shown(table)}")
 
-        values = given[kinds[0]]
+        values = table[kinds[0]]
         if not isinstance(values, list):
             raise ConfigurationError(f"{kinds[0]}: must be a list, got {shown(values)}")
-        return cls(kind=str(kinds[0]), values=tuple(values), step=given.get(STEP))
+        return cls(kind=str(kinds[0]), values=tuple(values), step=table.get(STEP))
 
     @property
     def dimensions(self) -> int:
@@ -91,8 +91,8 @@ class Distribution:
 
     def at(self, u: Array) -> Any:
         """The value at `u` (dimensions,) in [0, 1): a number, a category, or a vector as a list."""
-        value = KINDS[self.kind].value(self.values, u)
-        return value if self.step is None else max(1, round(value / self.step)) * self.step
+        sample = KINDS[self.kind].value(self.values, u)
+        return sample if self.step is None else max(1, round(sample / self.step)) * self.step
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,8 @@ def _direction(ends: Sequence[float], u: Array) -> list[float]:
     azimuth = 2.0 * np.pi * u[2]
     level = math.sqrt(1.0 - rise * rise)
     return [
-        float(length * each) for each in (level * np.cos(azimuth), level * np.sin(azimuth), rise)
+        float(length * component)
+        for component in (level * np.cos(azimuth), level * np.sin(azimuth), rise)
     ]
 
 
@@ -154,10 +155,8 @@ def drawn(
             for case in range(cases)
         ]
 
-    d, rng = (
-        sum(each.dimensions for each in distributions.values()),
-        np.random.default_rng([seed, _DRAWS]),
-    )
+    d = sum(distribution.dimensions for distribution in distributions.values())
+    rng = np.random.default_rng([seed, _DRAWS])
 
     if not d:
         return [{} for _ in range(cases)]
@@ -173,11 +172,13 @@ def drawn(
         points = qmc.LatinHypercube(d, rng=rng).random(cases)
 
     # A point has the coordinates of all parameters, one after the other.
-    ends = np.cumsum([each.dimensions for each in distributions.values()])[:-1]
+    ends = np.cumsum([distribution.dimensions for distribution in distributions.values()])[:-1]
     return [
         {
-            name: each.at(u)
-            for (name, each), u in zip(distributions.items(), np.split(point, ends), strict=True)
+            name: distribution.at(u)
+            for (name, distribution), u in zip(
+                distributions.items(), np.split(point, ends), strict=True
+            )
         }
         for point in points
     ]

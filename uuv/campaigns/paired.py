@@ -30,6 +30,7 @@ class PairedMetric:
     @classmethod
     def of(cls, name: str, a: Array, b: Array, rng: np.random.Generator) -> "PairedMetric":
         """The metric from its values (pairs,) in both campaigns, at least one."""
+        # Differences of the pairs; their median with its interval.
         change = b - a
         interval = bootstrap_interval(np.median, change, rng=rng, resamples=RESAMPLES)
         return cls(
@@ -49,6 +50,7 @@ class PairedMetric:
 
 def mcnemar(a: Iterable[bool], b: Iterable[bool]) -> tuple[int, int, float]:
     """Pairs true in A alone, in B alone, and the exact two-sided p that they differ by chance."""
+    # Only the pairs that differ count: of these, as many either way if nothing is changed.
     pairs = list(zip(a, b, strict=True))
     only_a, only_b = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
     p = float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0

@@ -45,6 +45,7 @@ def ending(outcome: "Run", figures: Mapping[str, Any]) -> tuple[str, str]:
     numbers = [value for value in figures.values() if isinstance(value, int | float)]
     if not np.isfinite(numbers).all():
         return DIVERGED, "a figure is not finite"
+
     if (figures.get(OVER_SET) or 0.0) > DAMAGE:
         return DAMAGED, f"force above {DAMAGE:g} times the set force"
     if figures["run.collision_s"]:
@@ -53,6 +54,8 @@ def ending(outcome: "Run", figures: Mapping[str, Any]) -> tuple[str, str]:
     final = outcome.recording.final
     if final.state is WorkState.DONE:
         return DONE, ""
+
+    # Not done: whether the tool had begun to approach.
     begun = outcome.recording.within(*_APPROACHED, *outcome.assembly.placed.begun).any()
     reason = "not finished in time" if final.abort is None else final.abort.value
     return (BROKEN if begun else REFUSED), reason

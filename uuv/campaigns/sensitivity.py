@@ -85,49 +85,49 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
     Args:
         draws: Drawn values by name, for each run; a run may lack some.
     """
-    found: list[Factor] = []
+    factors: list[Factor] = []
     for name in dict.fromkeys(name for draw in draws for name in draw if name not in SEEDS):
-        values = [draw.get(name) for draw in draws]
-        given = [value for value in values if value is not None]
+        column = [draw.get(name) for draw in draws]
+        stated = [value for value in column if value is not None]
 
         # A vector: its length and each component.
-        if given and all(
-            isinstance(value, list) and len(value) == len(given[0]) for value in given
+        if stated and all(
+            isinstance(value, list) and len(value) == len(stated[0]) for value in stated
         ):
             vectors = np.array(
-                [value or [np.nan] * len(given[0]) for value in values], dtype=np.float64
+                [value or [np.nan] * len(stated[0]) for value in column], dtype=np.float64
             )
             axes = "xyz" if vectors.shape[1] == 3 else [str(i) for i in range(vectors.shape[1])]
-            found.append(Factor(f"{name} (length)", np.linalg.norm(vectors, axis=1)[:, None]))
-            found += [Factor(f"{name} ({axis})", vectors[:, [i]]) for i, axis in enumerate(axes)]
+            factors.append(Factor(f"{name} (length)", np.linalg.norm(vectors, axis=1)[:, None]))
+            factors += [Factor(f"{name} ({axis})", vectors[:, [i]]) for i, axis in enumerate(axes)]
         elif all(
-            isinstance(value, (int, float)) and not isinstance(value, bool) for value in given
+            isinstance(value, (int, float)) and not isinstance(value, bool) for value in stated
         ):
-            found.append(Factor(name, np.array(values, dtype=np.float64)[:, None]))
+            factors.append(Factor(name, np.array(column, dtype=np.float64)[:, None]))
         else:
             # A column for each category but the first.
-            words = [None if value is None else str(value) for value in values]
+            words = [None if value is None else str(value) for value in column]
             kinds = sorted({word for word in words if word is not None})
             columns = [
                 [np.nan if word is None else float(word == kind) for word in words]
                 for kind in kinds[1:]
             ]
             label = f"{name} = {kinds[1]}" if len(kinds) == 2 else name
-            found.append(
+            factors.append(
                 Factor(label, np.array(columns, dtype=np.float64).reshape(-1, len(draws)).T)
             )
 
     # Of these, the columns that vary.
     return [
-        one
-        for one in found
-        if len({*map(tuple, one.columns[~np.isnan(one.columns).any(axis=1)].tolist())}) > 1
+        factor
+        for factor in factors
+        if len({*map(tuple, factor.columns[~np.isnan(factor.columns).any(axis=1)].tolist())}) > 1
     ]
 
 
 def fewest_runs(factors: Sequence[Factor]) -> int:
     """Runs that `sensitivity` needs: 63 % of them, a resample, must still determine all columns."""
-    return 2 * (sum(one.columns.shape[1] for one in factors) + 1)
+    return 2 * (sum(factor.columns.shape[1] for factor in factors) + 1)
 
 
 def sensitivity(
@@ -152,14 +152,14 @@ def sensitivity(
         return None
 
     # Ranks of the runs that have all values.
-    columns = np.hstack([one.columns for one in factors])
+    columns = np.hstack([factor.columns for factor in factors])
     used = ~np.isnan(response) & ~np.isnan(columns).any(axis=1)
     n = int(used.sum())
     k = columns.shape[1]
     if n < fewest_runs(factors) or len({*response[used].tolist()}) < 2:
         return None
     table = rankdata(np.column_stack([columns[used], response[used]]), axis=0)
-    owner = np.repeat(np.arange(len(factors)), [one.columns.shape[1] for one in factors])
+    owner = np.repeat(np.arange(len(factors)), [factor.columns.shape[1] for factor in factors])
 
     coefficients, explained = _coefficients(table, np.ones((1, n)), owner)
 
@@ -177,23 +177,23 @@ def sensitivity(
     # Degrees of freedom of the squared coefficient without an effect, halved.
     sizes = np.bincount(owner) / 2.0
     left = (n - 1 - k) / 2.0
-    value = coefficients[0]
+    estimate = coefficients[0]
 
     # R^2 of the first parameters of the ranking alone.
-    first = np.argsort(-np.abs(value), kind="stable")[:FIRST]
+    first = np.argsort(-np.abs(estimate), kind="stable")[:FIRST]
     alone = np.isin(owner, first)
     _, by_first = _coefficients(
         table[:, [*np.flatnonzero(alone), k]], np.ones((1, n)), np.arange(alone.sum())
     )
 
     return Sensitivity(
-        names=tuple(one.name for one in factors),
+        names=tuple(factor.name for factor in factors),
         runs=n,
-        coefficient=value,
+        coefficient=estimate,
         low=low,
         high=high,
         null=np.sqrt(beta.ppf(LEVEL, sizes, left)),
-        p=beta.sf(value**2, sizes, left),
+        p=beta.sf(estimate**2, sizes, left),
         place=np.quantile(places, TAILS, axis=0, method="nearest").T.astype(int),
         explained=float(explained[0]),
         adjusted=float(1.0 - (1.0 - explained[0]) * (n - 1) / (n - 1 - k)),
@@ -222,17 +222,21 @@ def _coefficients(
     last = inverse[:, -1, -1]
 
     # Partial correlation of each parameter with the response, which is the last column.
-    found = np.empty((len(weights), owner.max() + 1))
-    for number in range(found.shape[1]):
-        own = np.flatnonzero(owner == number)
-        across = inverse[:, own, -1]
-        if len(own) == 1:
-            found[:, number] = -across[:, 0] / np.sqrt(inverse[:, own[0], own[0]] * last)
+    coefficients = np.empty((len(weights), owner.max() + 1))
+    for number in range(coefficients.shape[1]):
+        of_parameter = np.flatnonzero(owner == number)
+        across = inverse[:, of_parameter, -1]
+        if len(of_parameter) == 1:
+            coefficients[:, number] = -across[:, 0] / np.sqrt(
+                inverse[:, of_parameter[0], of_parameter[0]] * last
+            )
         else:
-            solved = np.linalg.solve(inverse[:, own[:, None], own], across[:, :, None])[:, :, 0]
-            found[:, number] = np.sqrt(np.maximum(0.0, (across * solved).sum(axis=1) / last))
+            solved = np.linalg.solve(
+                inverse[:, of_parameter[:, None], of_parameter], across[:, :, None]
+            )[:, :, 0]
+            coefficients[:, number] = np.sqrt(np.maximum(0.0, (across * solved).sum(axis=1) / last))
 
-    return np.clip(found, -1.0, 1.0), np.clip(1.0 - 1.0 / last, 0.0, 1.0)
+    return np.clip(coefficients, -1.0, 1.0), np.clip(1.0 - 1.0 / last, 0.0, 1.0)
 
 
 def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float]) -> float:
@@ -241,10 +245,10 @@ def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float])
     """
     ratios = [0.0]
     for name, most in bounds.items():
-        value = values.get(name)
-        if value is None:
+        figure = values.get(name)
+        if figure is None:
             return np.inf
-        ratios.append(value / most if most > 0.0 else (np.inf if value > most else 0.0))
+        ratios.append(figure / most if most > 0.0 else (np.inf if figure > most else 0.0))
 
     return max(ratios)
 
@@ -269,29 +273,29 @@ def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[
         factors: Parameters, such as the first five of a ranking.
         reasons: Why each run failed: none, one or several.
     """
-    found = []
+    moved = []
     named = dict.fromkeys(reason for several in reasons for reason in several)
     for reason in (*named, *((ANY,) if len(named) > 1 else ())):
         having = np.array(
             [bool(several) if reason == ANY else reason in several for several in reasons]
         )
 
-        for one in factors:
-            known = ~np.isnan(one.columns).any(axis=1)
+        for factor in factors:
+            known = ~np.isnan(factor.columns).any(axis=1)
             inside = having[known]
-            if one.columns.shape[1] > 1 or inside.sum() < FEWEST_FAILED or inside.all():
+            if factor.columns.shape[1] > 1 or inside.sum() < FEWEST_FAILED or inside.all():
                 continue
 
-            value = one.columns[known, 0]
-            rank = (rankdata(value) - 1.0) / (len(value) - 1.0)
-            found.append(
+            sample = factor.columns[known, 0]
+            rank = (rankdata(sample) - 1.0) / (len(sample) - 1.0)
+            moved.append(
                 ReasonShift(
                     reason=reason,
-                    parameter=one.name,
+                    parameter=factor.name,
                     runs=int(inside.sum()),
                     median_rank=float(np.median(rank[inside])),
-                    p=float(mannwhitneyu(value[inside], value[~inside]).pvalue),
+                    p=float(mannwhitneyu(sample[inside], sample[~inside]).pvalue),
                 )
             )
 
-    return found
+    return moved

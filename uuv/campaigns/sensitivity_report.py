@@ -54,29 +54,33 @@ class SensitivityReport:
             reasons: Why each run failed: none, one or several.
         """
         factors = factors_of(draws)
-        found = {}
+        by_response = {}
 
-        for name, values in responses.items():
-            one = sensitivity(factors, values, np.random.default_rng(len(draws)))
-            if one is not None:
-                found[name] = one
+        for name, response in responses.items():
+            measured = sensitivity(factors, response, np.random.default_rng(len(draws)))
+            if measured is not None:
+                by_response[name] = measured
 
         # The first parameters of the ranking, against the reasons of the failures.
         first: list[Factor] = []
-        if found:
-            first = [factors[i] for i in next(iter(found.values())).ranking[:FIRST]]
+        if by_response:
+            first = [factors[i] for i in next(iter(by_response.values())).ranking[:FIRST]]
         moved = shifts(first, reasons)
 
         return cls(
-            found=found, factors=factors, shifts=moved, runs=len(draws), needed=fewest_runs(factors)
+            found=by_response,
+            factors=factors,
+            shifts=moved,
+            runs=len(draws),
+            needed=fewest_runs(factors),
         )
 
     @property
     def metrics(self) -> dict[str, Any]:
         """Content for metrics.json."""
         return {
-            "responses": {name: one.as_metrics() for name, one in self.found.items()},
-            "reasons": [asdict(one) for one in self.shifts],
+            "responses": {name: response.as_metrics() for name, response in self.found.items()},
+            "reasons": [asdict(shift) for shift in self.shifts],
         }
 
     @property
@@ -131,16 +135,20 @@ class SensitivityReport:
             yield self._reasons()
 
     def _reasons(self) -> Table:
-        parameters = list(dict.fromkeys(one.parameter for one in self.shifts))
+        parameters = list(dict.fromkeys(shift.parameter for shift in self.shifts))
         rows = []
 
-        for reason in dict.fromkeys(one.reason for one in self.shifts):
-            own = {one.parameter: one for one in self.shifts if one.reason == reason}
+        for reason in dict.fromkeys(shift.reason for shift in self.shifts):
+            by_parameter = {
+                shift.parameter: shift for shift in self.shifts if shift.reason == reason
+            }
             cells = [
-                f"{one.median_rank:.2f} (p {shown_p(one.p)})" if (one := own.get(each)) else ""
-                for each in parameters
+                f"{shift.median_rank:.2f} (p {shown_p(shift.p)})"
+                if (shift := by_parameter.get(parameter))
+                else ""
+                for parameter in parameters
             ]
-            rows.append((reason, str(max(one.runs for one in own.values())), *cells))
+            rows.append((reason, str(max(shift.runs for shift in by_parameter.values())), *cells))
 
         return Table(
             title="Reasons of the failures against these parameters",
@@ -152,7 +160,9 @@ class SensitivityReport:
 
     def pictures(self) -> Iterator[tuple[str, str, Figure]]:
         """Bars of the responses that tell kept from missed, and the matrix of all."""
-        ranked = {name: one for name, one in self.found.items() if name in (WORST, MISSED)}
+        ranked = {
+            name: response for name, response in self.found.items() if name in (WORST, MISSED)
+        }
         if ranked:
             yield (
                 "Influence of each parameter",
@@ -182,56 +192,78 @@ def shown_p(p: float) -> str:
     return f"{p:.2g}" if p >= _SMALLEST else f"< {_SMALLEST:g}"
 
 
-def bar_figure(found: Mapping[str, Sensitivity]) -> Figure:
+def bar_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
     """Bars with intervals, a panel for each response; the parameters in the order of the first."""
-    main = next(iter(found.values()))
+    main = next(iter(by_response.values()))
     order = main.ranking[::-1]
-    place = np.arange(len(order))
+    positions = np.arange(len(order))
     figure = Figure(figsize=(WIDTH, 1.0 + 0.27 * len(order)), layout="constrained")
-    panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    panels = figure.subplots(1, len(by_response), sharey=True, squeeze=False)[0]
 
-    for axes, (name, one) in zip(panels, found.items(), strict=True):
-        value = one.coefficient[order]
-        beyond = np.abs(value) > one.null[order]
+    for axes, (name, response) in zip(panels, by_response.items(), strict=True):
+        coefficients = response.coefficient[order]
+        beyond = np.abs(coefficients) > response.null[order]
 
         # Band without an effect, then the coefficient with its interval.
-        axes.barh(place, 2.0 * one.null[order], left=-one.null[order], height=1.0, color="#eeeeee")
-        axes.barh(place, value, height=0.62, color=[BLUE if each else "#a9c7de" for each in beyond])
-        axes.hlines(place, one.low[order], one.high[order], color=INK, linewidth=1.1)
+        axes.barh(
+            positions,
+            2.0 * response.null[order],
+            left=-response.null[order],
+            height=1.0,
+            color="#eeeeee",
+        )
+        axes.barh(
+            positions,
+            coefficients,
+            height=0.62,
+            color=[BLUE if is_beyond else "#a9c7de" for is_beyond in beyond],
+        )
+        axes.hlines(positions, response.low[order], response.high[order], color=INK, linewidth=1.1)
 
         axes.axvline(0.0, color=FAINT, linewidth=0.8)
         axes.set_xlim(-1.0, 1.0)
         axes.set_ylim(-0.5, len(order) - 0.5)
-        axes.set_title(f"{name} (R² {one.explained:.2f}, adjusted {one.adjusted:.2f})", fontsize=9)
+        axes.set_title(
+            f"{name} (R² {response.explained:.2f}, adjusted {response.adjusted:.2f})", fontsize=9
+        )
         axes.set_xlabel("partial rank correlation", fontsize=9)
         axes.spines[["top", "right", "left"]].set_visible(False)
         axes.tick_params(labelsize=8, left=False)
 
-    panels[0].set_yticks(place, [label(main.names[i]) for i in order])
+    panels[0].set_yticks(positions, [label(main.names[i]) for i in order])
     return figure
 
 
-def matrix_figure(found: Mapping[str, Sensitivity]) -> Figure:
+def matrix_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
     """Matrix of the coefficients: responses by parameters."""
-    names = next(iter(found.values())).names
-    matrix = np.array([one.coefficient for one in found.values()])
-    beyond = np.array([np.abs(one.coefficient) > one.null for one in found.values()])
+    names = next(iter(by_response.values())).names
+    matrix = np.array([response.coefficient for response in by_response.values()])
+    beyond = np.array(
+        [np.abs(response.coefficient) > response.null for response in by_response.values()]
+    )
 
-    figure = Figure(figsize=(WIDTH, 2.2 + 0.34 * len(found)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.2 + 0.34 * len(by_response)), layout="constrained")
     axes = figure.subplots()
     axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
 
     # Coefficients in the cells; bold: beyond the null level.
-    for (i, j), value in np.ndenumerate(matrix):
-        strong = "white" if abs(value) > 0.6 else INK
+    for (i, j), coefficient in np.ndenumerate(matrix):
+        strong = "white" if abs(coefficient) > 0.6 else INK
         weight = "bold" if beyond[i, j] else "normal"
         color = strong if beyond[i, j] else FAINT
         axes.text(
-            j, i, f"{value:.2f}", ha="center", va="center", fontsize=7, color=color, weight=weight
+            j,
+            i,
+            f"{coefficient:.2f}",
+            ha="center",
+            va="center",
+            fontsize=7,
+            color=color,
+            weight=weight,
         )
 
     axes.set_xticks(range(len(names)), list(map(label, names)), rotation=40, ha="right", fontsize=8)
-    axes.set_yticks(range(len(found)), list(found), fontsize=8)
+    axes.set_yticks(range(len(by_response)), list(by_response), fontsize=8)
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)
     return figure

@@ -13,6 +13,7 @@ def outcome(row: Row, bounds: Mapping[str, float]) -> str:
     """
     if not is_done(row):
         return ": ".join(filter(None, (row.get("ended") or row["state"], row["code"])))
+
     if not bounds:
         return KEPT if row["accepted"] else MISSED
     missed = beyond(row, bounds)
@@ -37,8 +38,8 @@ def severity(verdict: str) -> int:
 
 def within(row: Row, name: str, most: float) -> bool:
     """True if a run has a metric and it does not exceed `most`, up to rounding."""
-    value = row["metrics"].get(name)
-    return value is not None and value <= most * (1.0 + 1e-9)
+    figure = row["metrics"].get(name)
+    return figure is not None and figure <= most * (1.0 + 1e-9)
 
 
 def beyond(row: Row, bounds: Mapping[str, float]) -> list[str]:

@@ -18,6 +18,7 @@ from uuv.check.findings import (
     VehicleFinding,
     VehiclePart,
 )
+from uuv.check.hover import rigid
 from uuv.check.jobs import ArmJobs, hover_verdict
 from uuv.check.statics import (
     AXES,
@@ -32,8 +33,10 @@ from uuv.check.statics import (
 )
 from uuv.jobs import clean_barrel
 from uuv.models import hydrodynamics as coefficients
+from uuv.models.completing.mapping import BARE_ARM, MOUNT
 from uuv.models.completing.postures import PostureSearch
-from uuv.models.files.notes import computed
+from uuv.models.files.holding import loops
+from uuv.models.files.notes import computed, entries_of
 from uuv.models.naming import HOME_KEY, READY_KEY, parts
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
@@ -55,6 +58,7 @@ def check_vehicle(
     jobs: Sequence[str] = JOBS,
     forces: Sequence[float] = (),
     flow: FlowField | None = None,
+    poses: int = 1,
 ) -> VehicleCheck:
     """Check a vehicle: parts, figures, findings, and which jobs are feasible.
 
@@ -65,6 +69,8 @@ def check_vehicle(
         jobs: Names of `uuv.check.checked_jobs.JOBS` for which a verdict is wanted.
         forces: [N] set forces in place of the jobs' own.
         flow: Flow field on top of the jobs' current.
+        poses: Poses of the object that are drawn for each job of the arm; it is promised if 95 %
+            of them pass.
 
     Returns:
         The check. A spec that cannot be compiled has one finding of level "fault".
@@ -77,8 +83,8 @@ def check_vehicle(
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
-        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow)
-        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, given=False).run(jobs)
+        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow, poses=poses)
+        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, by_spec=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
     name = vehicle.modelname or "vehicle"
@@ -86,28 +92,31 @@ def check_vehicle(
     try:
         spec = vehicle_spec(vehicle, tool, file)
     except UuvError as error:
-        said = " ".join(str(error).split())
-        code = "inertia" if "inertia" in said else "contract"
+        message = " ".join(str(error).split())
+        code = "inertia" if "inertia" in message else "contract"
         return VehicleCheck(
-            vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=said),)
+            vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=message),)
         )
 
     return _Check(
-        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), given=True
+        name,
+        spec,
+        ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow, poses=poses),
+        by_spec=True,
     ).run(jobs)
 
 
 class _Check:
     """The check while it is made."""
 
-    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, given: bool) -> None:
-        self._name, self._spec, self._jobs, self._given = name, spec, arm_jobs, given
+    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, by_spec: bool) -> None:
+        self._name, self._spec, self._jobs, self._by_spec = name, spec, arm_jobs, by_spec
         self._findings: list[VehicleFinding] = []
         self._figures: list[VehicleFigure] = []
 
     def run(self, jobs: Sequence[str]) -> VehicleCheck:
         """All findings."""
-        there = self._parts()
+        rows = self._parts()
         wet = self._compiled()
         model = wet if wet is not None else self._spec.compile()
         vehicle = self._vehicle(model)
@@ -117,26 +126,31 @@ class _Check:
             self._described(model, vehicle, wet is not None)
             if vehicle.tip >= 0:
                 blocked = self._arm(model, vehicle, wet is not None)
+        if closed := loops(self._spec):
+            line = f"closed loop: {', '.join(closed)}; hovering is judged with the arm held"
+            self._note("closed-loop", "doubt", line)
         usable = vehicle if wet is not None else None
 
         verdicts = tuple(self._verdict(job, model, usable, blocked) for job in jobs)
         return VehicleCheck(
             vehicle=self._name,
-            parts=tuple(there),
+            parts=tuple(rows),
+            file=entries_of(self._spec),
             figures=tuple(self._figures),
             findings=tuple(self._findings),
             jobs=verdicts,
         )
 
     def _parts(self) -> list[VehiclePart]:
-        added, found = computed(self._spec), []
+        added = computed(self._spec)
+        rows = []
 
-        for word, name, use, there in parts(self._spec.compile()):
-            state = "computed" if name in added else "there" if there else "missing"
-            found.append(
+        for word, name, use, present in parts(self._spec.compile()):
+            state = "computed" if name in added else "there" if present else "missing"
+            rows.append(
                 VehiclePart(name=f"{word} {name}", use=use, state=state, said=added.get(name, ""))
             )
-            if not there:
+            if not present:
                 self._note(
                     "missing",
                     "doubt",
@@ -145,19 +159,19 @@ class _Check:
                     else "thrusters (hold the hull)",
                 )
 
-        if any(part.state == "missing" for part in found):
-            said = (
+        if any(part.state == "missing" for part in rows):
+            hint = (
                 "map the names of the missing parts in NAME.parts.yaml beside it, see "
                 "docs/own_vehicle.md"
             )
-            self._note("mapping", "note", said)
+            self._note("mapping", "note", hint)
 
         for name, line in added.items():
             self._note(f"computed-{name}" if not name.startswith("note") else "file", "note", line)
-        return found
+        return rows
 
-    def _note(self, code: str, level: Level, said: str) -> None:
-        self._findings.append(VehicleFinding(code=code, level=level, said=said))
+    def _note(self, code: str, level: Level, message: str) -> None:
+        self._findings.append(VehicleFinding(code=code, level=level, said=message))
 
     def _compiled(self) -> mujoco.MjModel | None:
         """The wet model; None, and a fault, if the water cannot act on it."""
@@ -166,16 +180,16 @@ class _Check:
                 warnings.simplefilter("ignore", PhysicsWarning)  # its doubts are findings here
                 return hydrodynamics.compile(self._spec.copy())
         except HydrodynamicsError as error:
-            said = str(error)
+            message = str(error)
             code = (
                 "timestep"
-                if said.startswith("timestep")
+                if message.startswith("timestep")
                 else "density"
-                if "volume" in said
+                if "volume" in message
                 else "water"
             )
 
-            self._note(code, "fault", said)
+            self._note(code, "fault", message)
             if code == "density":
                 self._densities()
         except UuvError as error:
@@ -193,8 +207,8 @@ class _Check:
             self._note("contract", "fault", str(error))
             return None
 
-    def _figure(self, name: str, said: str) -> None:
-        self._figures.append(VehicleFigure(name=name, said=said))
+    def _figure(self, name: str, text: str) -> None:
+        self._figures.append(VehicleFigure(name=name, said=text))
 
     def _described(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> None:
         """Trim, thrust and step, and doubts about them."""
@@ -204,13 +218,15 @@ class _Check:
         self._findings += doubts.thruster_doubts(vehicle)
         if wet:
             doubted = [
-                each.said.partition(":")[0] for each in self._findings if each.code == "inertia"
+                finding.said.partition(":")[0]
+                for finding in self._findings
+                if finding.code == "inertia"
             ]
             self._findings += [
-                each
-                for each in doubts.water_doubts(model, vehicle)
+                finding
+                for finding in doubts.water_doubts(model, vehicle)
                 # told by the inertia
-                if each.code != "coefficients" or each.said.partition(":")[0] not in doubted
+                if finding.code != "coefficients" or finding.said.partition(":")[0] not in doubted
             ]
 
             self._findings += doubts.stiff_contact(model)
@@ -235,17 +251,17 @@ class _Check:
             self._figure("thrusters", f"{len(names)}, rank {rank} of 6: {', '.join(names)}")
 
             # Limits along each axis, and the current that they hold.
-            said = []
+            limits = []
             for i, axis in enumerate(AXES):
                 back, ahead = authority(vehicle, i)
                 unit, held = ("N", "") if i < 3 else ("N m", "")
                 if i < 3 and wet:
                     speed = strongest_current(model, vehicle, i, min(back, ahead))
                     held = f" ({speed:.2f} m/s)" if speed < FASTEST else f" (> {FASTEST:g} m/s)"
-                said.append(f"{axis} -{back:.0f} to {ahead:.0f} {unit}{held}")
+                limits.append(f"{axis} -{back:.0f} to {ahead:.0f} {unit}{held}")
 
-            self._figure("authority", "; ".join(said[:3]))
-            self._figure("", "; ".join(said[3:]))
+            self._figure("authority", "; ".join(limits[:3]))
+            self._figure("", "; ".join(limits[3:]))
 
         if wet:
             rate = doubts.drag_rate(model)
@@ -286,10 +302,10 @@ class _Check:
         self._findings += doubts.light_joints(model, vehicle)
 
         X_BC = doubts.camera_pose(model, vehicle)
-        seen = seen_workspace(search, X_BC)
+        share = seen_workspace(search, X_BC)
         self._figure(
             "reach",
-            f"{search.reach:.2f} m from the arm's base; {seen:.0%} of the sphere of that radius "
+            f"{search.reach:.2f} m from the arm's base; {share:.0%} of the sphere of that radius "
             "is in view of the camera",
         )
 
@@ -314,15 +330,15 @@ class _Check:
         self, job: str, model: mujoco.MjModel, vehicle: Vehicle | None, blocked: float
     ) -> JobVerdict:
         if vehicle is None:
-            faults = [each for each in self._findings if each.level == "fault"]
-            said = faults[0].said if faults else "no vehicle by the contract"
+            faults = [finding for finding in self._findings if finding.level == "fault"]
+            message = faults[0].said if faults else "no vehicle by the contract"
             code = faults[0].code if faults else "parts"
-            return JobVerdict(job=job, promised=False, code=code, said=said)
+            return JobVerdict(job=job, promised=False, code=code, said=message)
 
         if not vehicle.thruster_names:
-            return JobVerdict(
-                job=job, promised=False, code="parts", said="lacks thrusters (hold the hull)"
-            )
+            bare = any(line.startswith(BARE_ARM) for line in computed(self._spec).values())
+            reason = f"{BARE_ARM}: {MOUNT}" if bare else "lacks thrusters (hold the hull)"
+            return JobVerdict(job=job, promised=False, code="parts", said=reason)
 
         for fault in self._findings:
             if fault.level == "fault" and (job in ARM_JOBS or fault.code not in _OF_ARM):
@@ -330,10 +346,14 @@ class _Check:
                     job=job, promised=False, code=fault.code, said=fault.said, figure=fault.figure
                 )
 
+        closed = loops(self._spec)
         if job in HOVERING:
-            return hover_verdict(job, model)
+            return hover_verdict(job, rigid(self._spec, model) if closed else model)
+        if closed:
+            reason = f"the arm is a closed loop ({closed[0]}), and jobs know serial arms alone"
+            return JobVerdict(job=job, promised=False, code="closed-loop", said=reason)
         assert job in ARM_JOBS
-        return self._jobs.verdict(job, blocked, self._spec if self._given else None)
+        return self._jobs.verdict(job, blocked, self._spec if self._by_spec else None)
 
 
 def _trim_said(trim: Trim) -> str:

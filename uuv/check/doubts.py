@@ -7,6 +7,7 @@ import numpy as np
 
 from uuv.check.findings import VehicleFinding
 from uuv.check.statics import AXES, TipForce, Trim, authority
+from uuv.controllers.hull.allocation import undriven_axes
 from uuv.models import hydrodynamics as coefficients
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.hydrodynamics import LAYOUT
@@ -21,13 +22,15 @@ from uuv.sim.sensors.proprioception import Encoders
 HEAVY = 0.005  # share of the weight that may be left over at rest
 LEAST_HEAVY = 5.0  # [N] that may be left over in any case
 LIST = float(np.radians(5.0))  # [rad] of list or trim at rest that may be left to the thrusters
+VAST = 10.0  # [m] of a body's shapes, from which on their unit is doubted
+LIGHT = 1e-3  # share of the vehicle's mass below which a fixed body's inertia does not matter
 LOADED = 0.5  # share of a joint's torque that the arm's own weight in water may take
 BLOCKED = 0.15  # share of the camera's rays that may hit the vehicle itself, the arm at home
 SLENDER = 0.08  # least radius of gyration, as a share of the body's extent
 BULKY = 1.5  # largest, alike
+JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 FLIPPED = 0.5  # share to which touching falls if a joint's axis is likely turned round
 OFTEN = 0.2  # share of postures that touch, from which on a turned axis is looked for
-JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
 # share of the largest part of an undriven direction from which on another axis is named too
 MIXED = 0.2
 STEP = 0.5  # of the time step at which drag would become unstable, from which on it is named
@@ -51,11 +54,11 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
 
     angle = max(abs(trim.roll), abs(trim.pitch))
     if not angle <= LIST:  # NaN as well: it turns over
-        said = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
+        motion = "turns over" if not np.isfinite(angle) else f"lists by {np.degrees(angle):.0f} deg"
         yield VehicleFinding(
             code="list",
             level="doubt",
-            said=f"at rest with the arm at home it {said} (limit {np.degrees(LIST):.0f} deg): "
+            said=f"at rest with the arm at home it {motion} (limit {np.degrees(LIST):.0f} deg): "
             f"centre of buoyancy {1e3 * trim.height:.0f} mm above and {1e3 * trim.apart:.0f} "
             "mm beside the centre of mass",
             figure=float(np.degrees(angle)),
@@ -65,12 +68,16 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
 def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
     """Principal inertias that no body can have, or not one of its mass and size."""
     for b in range(1, model.nbody):
-        mass, name = float(model.body_mass[b]), model.body(b).name or f"body {b}"
+        mass = float(model.body_mass[b])
+        name = model.body(b).name or f"body {b}"
         inertia = np.sort(np.array(model.body_inertia[b]))
         geoms = [g for g in range(model.ngeom) if model.geom_bodyid[g] == b]
 
-        if mass <= 0.0 or not inertia[2] > 0.0:
+        negligible = mass < LIGHT * float(model.body_subtreemass[model.body_rootid[b]])
+        if mass <= 0.0 or not inertia[2] > 0.0 or (negligible and not model.body_jntnum[b]):
             continue
+
+        # The largest moment is at most the sum of the others.
         if inertia[2] > 1.001 * (inertia[0] + inertia[1]):
             yield VehicleFinding(
                 code="inertia",
@@ -80,6 +87,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
                 figure=float(inertia[2]),
             )
 
+        # The radius of gyration against the size of its shapes.
         extent = max(
             (
                 float(np.linalg.norm(model.geom_pos[g] - model.body_ipos[b]))
@@ -90,7 +98,17 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
         )
 
         gyration = float(np.sqrt(inertia[2] / mass))
-        if extent > 0.0 and not SLENDER * extent <= gyration <= BULKY * extent:
+        meshed = any(model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH for g in geoms)
+        if meshed and extent > VAST and (unit := _unit_of(gyration, extent)):
+            yield VehicleFinding(
+                code="inertia",
+                level="doubt",
+                said=f"{name}: its shapes are {extent:.3g} m wide, its radius of gyration "
+                f'{1e3 * gyration:.0f} mm: its mesh is in {unit[0]}, so scale="{unit[1]}" '
+                "in its <mesh>",
+                figure=gyration,
+            )
+        elif extent > 0.0 and not SLENDER * extent <= gyration <= BULKY * extent:
             yield VehicleFinding(
                 code="inertia",
                 level="doubt",
@@ -102,8 +120,17 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
             )
 
 
+def _unit_of(gyration: float, extent: float) -> tuple[str, str] | None:
+    """Unit of shapes [m] that are far too large for a radius of gyration [m], and its scale."""
+    for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
+        if SLENDER * extent * factor <= gyration <= BULKY * extent * factor:
+            return unit, f"{factor:g} {factor:g} {factor:g}"
+    return None
+
+
 def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
     """Missing and implausible coefficients, and the room of the time step."""
+    # Bodies with mass and no water; what is welded to a watered one counts with it.
     watered = {
         int(model.body_weldid[b])
         for b in range(1, model.nbody)
@@ -223,6 +250,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
     if not B.size:
         return
 
+    # Directions that no thruster drives: the rest of the left singular vectors.
     rank = int(np.linalg.matrix_rank(B, tol=1e-6))
     if rank < 6:
         missing = [
@@ -231,25 +259,27 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             )
             for v in np.linalg.svd(B)[0].T[rank:]
         ]
+        righted = bool(undriven_axes(B))
         yield VehicleFinding(
             code="thruster-rank",
-            level="fault",
+            level="doubt" if righted else "fault",
             said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; not actuated: "
-            f"{', '.join(missing)}; a righting moment does not replace a thruster here",
+            f"{', '.join(missing)}"
+            + (": weight and buoyancy right it" if righted else ", and no moment rights it"),
             figure=float(rank),
         )
 
     # Thrusters that may be reversed: what each axis would gain by turning one round.
-    now = [max(authority(vehicle, axis)) for axis in range(6)]
+    as_built = [max(authority(vehicle, axis)) for axis in range(6)]
     for i, j in _against(B):
         turned = np.array(B)
         turned[:, i] *= -1.0
         then = [max(authority(vehicle, axis, turned)) for axis in range(6)]
-        axis = int(np.argmax(np.array(then) / np.maximum(now, 1e-6)))
+        axis = int(np.argmax(np.array(then) / np.maximum(as_built, 1e-6)))
         first, second = vehicle.thruster_names[i], vehicle.thruster_names[j]
 
         gain = (
-            f"{AXES[axis]} has {now[axis]:.0f}, with {first} reversed {then[axis]:.0f} "
+            f"{AXES[axis]} has {as_built[axis]:.0f}, with {first} reversed {then[axis]:.0f} "
             f"{'N' if axis < 3 else 'N m'}"
         )
 
@@ -257,8 +287,8 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             code="thruster-against-pair",
             level="doubt",
             said=f"thruster {first} pushes against its mirror image {second}: reversed? "
-            + (gain if then[axis] > 1.01 * now[axis] else "reversing it improves no axis"),
-            figure=now[axis],
+            + (gain if then[axis] > 1.01 * as_built[axis] else "reversing it improves no axis"),
+            figure=as_built[axis],
         )
 
 
@@ -317,8 +347,10 @@ def posture_doubts(
             )
 
     # Joints that would touch less with the other sign of their axis.
-    now = search.share_touching()
-    turned = [search.share_touching(j) for j in range(len(low))] if now > OFTEN or touching else []
+    share = search.share_touching()
+    turned = (
+        [search.share_touching(j) for j in range(len(low))] if share > OFTEN or touching else []
+    )
     for j, then in enumerate(turned):
         freed = [
             key
@@ -326,14 +358,14 @@ def posture_doubts(
             if search.is_clear(q * np.where(np.arange(len(q)) == j, -1.0, 1.0))
         ]
 
-        if freed or (now > OFTEN and then < FLIPPED * now):
+        if freed or (share > OFTEN and then < FLIPPED * share):
             why = f"{' and '.join(freed)} would be clear, and " if freed else ""
             yield VehicleFinding(
                 code="axis-flipped",
                 level="doubt",
                 said=f"joint {vehicle.joint_names[j]}: its axis may be reversed; with the other "
-                f"sign {why}{then:.0%} of all postures would collide, now {now:.0%}",
-                figure=now,
+                f"sign {why}{then:.0%} of all postures would collide, now {share:.0%}",
+                figure=share,
             )
 
 
@@ -400,7 +432,7 @@ def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
             )
 
 
-def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[VehicleFinding]:
+def arm_doubts(vehicle: Vehicle, force: TipForce, set_force: float) -> Iterator[VehicleFinding]:
     """Joints loaded by the arm's own weight, and a tip that bears less than the set force."""
     worst = int(np.argmax(force.load))
     if force.load[worst] > LOADED:
@@ -413,12 +445,12 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, wanted: float) -> Iterator[Veh
             figure=float(force.load[worst]),
         )
 
-    if force.along < wanted:
+    if force.along < set_force:
         yield VehicleFinding(
             code="arm-weak",
             level="doubt",
             said=f"the available tip force is {force.along:.0f} N along the tool in {READY_KEY} "
-            f"({force.by} is the limit), the set force is {wanted:.0f} N",
+            f"({force.by} is the limit), the set force is {set_force:.0f} N",
             figure=force.along,
         )
 

@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from uuv.models.files.gazebo.entries import ReadEntry
+
 # of a finding: computed or worth knowing; likely wrong; jobs are refused
 Level = Literal["note", "doubt", "fault"]
 PartState = Literal["there", "computed", "missing"]
@@ -46,6 +48,7 @@ class JobVerdict:
     code: str  # of what decides: parts, water, thrust, force, reach, view, hover, current, ok
     said: str
     figure: float | None = None
+    share: float | None = None  # of the drawn poses at which it can begin and be carried through
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,6 +57,8 @@ class VehicleCheck:
 
     vehicle: str
     parts: tuple[VehiclePart, ...] = ()
+    # water and thrusters of its file: read, guessed or left out
+    file: tuple[ReadEntry, ...] = ()
     figures: tuple[VehicleFigure, ...] = ()
     findings: tuple[VehicleFinding, ...] = ()
     jobs: tuple[JobVerdict, ...] = ()
@@ -62,21 +67,21 @@ class VehicleCheck:
     def sound(self) -> bool:
         """Every job that was asked for is promised, and nothing is at fault."""
         return all(job.promised for job in self.jobs) and not any(
-            each.level == "fault" for each in self.findings
+            finding.level == "fault" for finding in self.findings
         )
 
     def found(self, code: str) -> VehicleFinding | None:
         """The first finding with that code."""
-        return next((each for each in self.findings if each.code == code), None)
+        return next((finding for finding in self.findings if finding.code == code), None)
 
     def verdict(self, job: str) -> JobVerdict:
         """Verdict of a job. Raises KeyError for one that was not asked for."""
-        return {each.job: each for each in self.jobs}[job]
+        return {job.job: job for job in self.jobs}[job]
 
     def lines(self) -> Iterator[str]:
         """One line for each finding: its code and what it says."""
-        for each in self.findings:
-            yield f"{each.code}: {each.said}"
+        for finding in self.findings:
+            yield f"{finding.code}: {finding.said}"
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""

@@ -8,6 +8,9 @@ import numpy as np
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.hull.hull_control import HullControl
 from uuv.controllers.tasks.hull_phases import RestLimits
+from uuv.models.files.holding import TURNING, hold
+from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, TIP_SITE
+from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.interfaces.messages import Command, Reference, WorkState
 from uuv.sim.interfaces.spatial import Array
@@ -47,7 +50,8 @@ def hover(
         UuvError: The vehicle cannot be steered at all.
     """
     plant = Plant(model, current=Current(np.array(current_W)))
-    vehicle, true = plant.vehicle, plant.observe()
+    vehicle = plant.vehicle
+    true = plant.observe()
 
     # The arm holds its home posture; its weight is fed forward to the hull's control.
     q, none = np.array(vehicle.q_home), np.zeros(len(vehicle.joints))
@@ -56,7 +60,8 @@ def hover(
     arm_B = ArmDynamics(model).wrench_at_rest(q) if armed else np.zeros(6)
 
     control = HullControl(model, period=_PERIOD)
-    state, ticks = control.init(), max(1, round(_PERIOD / plant.timestep))
+    state = control.init()
+    ticks = max(1, round(_PERIOD / plant.timestep))
 
     drift = tilt = turn = rest = quiet = 0.0
     saturated = steps = 0
@@ -100,6 +105,28 @@ def hover(
         )
 
     return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
+
+
+def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
+    """A vehicle whose arm is no serial one, with all its joints held at home.
+
+    Args:
+        spec: of the vehicle.
+        model: it compiled, whose keyframe `home` states the posture.
+    """
+    held = spec.copy()
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
+    qpos = model.qpos0 if key < 0 else model.key_qpos[key]
+    home = {model.joint(j).name: float(qpos[model.jnt_qposadr[j]]) for j in range(model.njnt)}
+    for part in [*held.equalities, *held.keys]:
+        held.delete(part)
+    hold(held, [joint for joint in held.joints if joint.type in TURNING], "for the check", home)
+
+    # A hull without an arm.
+    for site in [site for site in held.sites if site.name == TIP_SITE]:
+        held.delete(site)
+    held.body(ARM_BASE_BODY).name = f"{ARM_BASE_BODY}_held"
+    return hydrodynamics.compile(held)
 
 
 def _reference(time: float, q: Array) -> Reference:

@@ -6,6 +6,7 @@ job's current. Where there is none, force at the tip and thrust tell why, if the
 are those of the job's own options.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,7 +18,8 @@ from uuv.check.checked_jobs import ARM_JOBS, HOVERING
 from uuv.check.findings import JobVerdict
 from uuv.check.hover import HoverFigures, hover
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
-from uuv.check.statics import tip_force
+from uuv.check.statics import Listing, listing_of, tip_force
+from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.arrival import around, lifted
@@ -41,18 +43,37 @@ from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
+PROMISED = 0.95  # share of the drawn poses from which on a job is promised
 DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
 TILT = float(np.radians(10.0))  # [rad] at most
 SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
+FRICTION = 0.6  # of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
 SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
 
 def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
-    """Verdict on station keeping, by simulation."""
-    kept = _hovering(model, HOVERING[name])
-    return replace(kept, job=name) if isinstance(kept, JobVerdict) else _kept(name, kept)
+    """Verdict on station keeping: the list by statics where an axis is undriven; by simulation."""
+    vehicle = Vehicle.of(model)
+    listing = listing_of(model, vehicle, np.array(vehicle.q_home))
+    if listing is not None and not listing.angle <= MOST_LIST:
+        return _listed(name, listing)
+    hovered = _hovering(model, HOVERING[name])
+    if isinstance(hovered, JobVerdict):
+        return replace(hovered, job=name)
+    verdict = _kept(name, hovered)
+    return (
+        verdict
+        if listing is None
+        else replace(verdict, said=f"{verdict.said}; {listing.in_words()}")
+    )
+
+
+def _listed(name: str, listing: Listing) -> JobVerdict:
+    """Refusal of a hull that lists too far."""
+    reason = f"{listing.in_words()}, at most {np.degrees(MOST_LIST):.0f} deg"
+    return _refused(name, "list", reason, float(np.degrees(listing.angle)))
 
 
 def _hovering(
@@ -65,18 +86,20 @@ def _hovering(
         return JobVerdict(job="hover", promised=False, code="thrust", said=str(error))
 
 
-def _kept(name: str, kept: HoverFigures) -> JobVerdict:
+def _kept(name: str, hovered: HoverFigures) -> JobVerdict:
     figures = (
-        f"{1e3 * kept.drift:.0f} mm position error, {np.degrees(kept.tilt):.1f} deg, "
-        f"{kept.saturated:.0%} saturated"
+        f"{1e3 * hovered.drift:.0f} mm position error, {np.degrees(hovered.tilt):.1f} deg, "
+        f"{hovered.saturated:.0%} saturated"
     )
 
-    if kept.said:
-        return JobVerdict(job=name, promised=False, code="hover", said=kept.said, figure=kept.drift)
+    if hovered.said:
+        return JobVerdict(
+            job=name, promised=False, code="hover", said=hovered.said, figure=hovered.drift
+        )
 
-    bounds = ((kept.drift, DRIFT), (kept.tilt, TILT), (kept.saturated, SATURATED))
+    bounds = ((hovered.drift, DRIFT), (hovered.tilt, TILT), (hovered.saturated, SATURATED))
     good = all(value <= most for value, most in bounds)
-    said = (
+    text = (
         figures
         if good
         else (
@@ -85,7 +108,7 @@ def _kept(name: str, kept: HoverFigures) -> JobVerdict:
     )
 
     return JobVerdict(
-        job=name, promised=good, code="ok" if good else "hover", said=said, figure=kept.drift
+        job=name, promised=good, code="ok" if good else "hover", said=text, figure=hovered.drift
     )
 
 
@@ -93,8 +116,9 @@ def restless(
     name: str, model: mujoco.MjModel, current: tuple[float, float, float]
 ) -> JobVerdict | None:
     """Refusal of a vehicle that does not keep station, or come to rest, in a job's current."""
-    kept, speed = _hovering(model, current), float(np.linalg.norm(current))
-    verdict = kept if isinstance(kept, JobVerdict) else _kept(name, kept)
+    hovered = _hovering(model, current)
+    speed = float(np.linalg.norm(current))
+    verdict = hovered if isinstance(hovered, JobVerdict) else _kept(name, hovered)
 
     if not verdict.promised:
         return _refused(
@@ -105,12 +129,12 @@ def restless(
         )
 
     limits = RestLimits()
-    if isinstance(kept, HoverFigures) and kept.rest < limits.time:
-        said = (
-            f"in {speed:.2f} m/s the hover is not steady for {limits.time:g} s: {kept.turn:.2g} "
+    if isinstance(hovered, HoverFigures) and hovered.rest < limits.time:
+        message = (
+            f"in {speed:.2f} m/s the hover is not steady for {limits.time:g} s: {hovered.turn:.2g} "
             f"rad/s (limit {limits.turn:g}); minimum thrust or dead band of the thrusters?"
         )
-        return _refused(name, "rest", said, kept.turn)
+        return _refused(name, "rest", message, hovered.turn)
 
     return None
 
@@ -126,6 +150,7 @@ class ArmJobs:
         parts: str | None,
         forces: Sequence[float] = (),
         flow: FlowField | None = None,
+        poses: int = 1,
     ) -> None:
         """Take a vehicle by its name or file.
 
@@ -135,18 +160,23 @@ class ArmJobs:
             parts: As --parts.
             forces: [N] set forces in place of the jobs' own.
             flow: Flow field on top of the jobs' current.
+            poses: Number of poses of the object that are drawn, with the seeds from 0 on.
         """
-        self._vehicle, self._tool, self._flow = vehicle, tool, flow
-        self._parts, self.forces = parts, tuple(forces)
+        self._vehicle = vehicle
+        self._tool = tool
+        self._flow = flow
+        self._poses = poses
+        self._parts = parts
+        self.forces = tuple(forces)
         # by tools and current: station keeping is simulated once
         self._rest: dict[Any, JobVerdict | None] = {}
 
     def scenario(self, name: str) -> Scenario:
         """Scenario of a job for the vehicle."""
-        given: dict[str, Any] = {"vehicle": self._vehicle}
+        options: dict[str, Any] = {"vehicle": self._vehicle}
         if self.forces and ARM_JOBS[name].takes_forces:
-            given["forces"] = self.forces
-        scenario = ARM_JOBS[name](**given)
+            options["forces"] = self.forces
+        scenario = ARM_JOBS[name](**options)
 
         # a job with a tool of its own brings it
         tool = self._tool if scenario.task.tool is None else None
@@ -155,19 +185,22 @@ class ArmJobs:
             scenario, site=site, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool)
         )
 
-    def verdict(self, name: str, blocked: float, given: mujoco.MjSpec | None = None) -> JobVerdict:
+    def verdict(
+        self, name: str, blocked: float, override: mujoco.MjSpec | None = None
+    ) -> JobVerdict:
         """Verdict on a job.
 
         Args:
             name: Of the job.
             blocked: Share of the camera's view that is on the vehicle itself.
-            given: Spec of the vehicle in place of the one that its name stands for.
+            override: Spec of the vehicle in place of the one that its name stands for.
         """
         scenario = self.scenario(name)
-        task, setup = scenario.task, scenario.vehicle
+        task = scenario.task
+        setup = scenario.vehicle
 
         try:
-            vehicle = setup.vehicle if given is None else given
+            vehicle = setup.vehicle if override is None else override
             spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
             model = spec.compile()
             lacking = lacks(model, task.spares)
@@ -175,8 +208,8 @@ class ArmJobs:
                 hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
                 return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
 
-            own = OwnVehicle.of(spec, task.spares)
-            if (refused := ReadyForce.of(scenario, own).refusal(scenario, BEYOND)) is not None:
+            believed = OwnVehicle.of(spec, task.spares)
+            if (refused := ReadyForce.of(scenario, believed).refusal(scenario, BEYOND)) is not None:
                 return _refused(name, *refused)
             if (hidden := _view(name, scenario, blocked)) is not None:
                 return hidden
@@ -188,13 +221,45 @@ class ArmJobs:
             if (moving := self._rest[key]) is not None:
                 return replace(moving, job=name)
 
-            return _planned(name, scenario, own, spec)
+            seeds = range(scenario.seed, scenario.seed + self._poses)
+            return of_poses(
+                [_planned(name, replace(scenario, seed=seed), believed, spec) for seed in seeds]
+            )
         except UuvError as error:
             return _refused(name, "parts", str(error))
 
 
-def _refused(job: str, code: str, said: str, figure: float | None = None) -> JobVerdict:
-    return JobVerdict(job=job, promised=False, code=code, said=said, figure=figure)
+def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
+    """Verdict on a job from those at drawn poses: how many pass, the worst of them, and why not."""
+    if len(verdicts) == 1:
+        return verdicts[0]
+    good = [verdict for verdict in verdicts if verdict.promised]
+    bad = [verdict for verdict in verdicts if not verdict.promised]
+    share = len(good) / len(verdicts)
+    line = f"{len(good)} of {len(verdicts)} poses"
+
+    # The worst of those that pass, and the commonest reason of the others.
+    if good:
+        worst = min(good, key=lambda verdict: verdict.figure or 0.0)
+        line += f"; at the worst {worst.said}"
+    if bad:
+        code, count = Counter(verdict.code for verdict in bad).most_common(1)[0]
+        first = next(verdict for verdict in bad if verdict.code == code)
+        line += f"; {count} refused for {code}: {first.said}"
+
+    whole = good[0] if good else bad[0]
+    return replace(
+        whole,
+        promised=share >= PROMISED,
+        code="ok" if share >= PROMISED else Counter(v.code for v in bad).most_common(1)[0][0],
+        said=line,
+        figure=min((verdict.figure or 0.0 for verdict in good), default=whole.figure),
+        share=share,
+    )
+
+
+def _refused(job: str, code: str, message: str, figure: float | None = None) -> JobVerdict:
+    return JobVerdict(job=job, promised=False, code=code, said=message, figure=figure)
 
 
 def _tool_hint(model: mujoco.MjModel) -> str:
@@ -219,9 +284,11 @@ def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
     )
 
 
-def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec) -> JobVerdict:
+def _planned(
+    name: str, scenario: Scenario, believed: OwnVehicle, spec: mujoco.MjSpec
+) -> JobVerdict:
     """Verdict by the job's own planner, for the object at its true pose."""
-    placed = scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+    placed = scenario.task.place(scenario, believed, np.random.default_rng(scenario.seed))
     scene = placed.scene(spec.copy()).compile()
     try:
         check_start(scene, Vehicle.of(scene), placed.X_WB)
@@ -236,29 +303,33 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     except StrongCurrentError as error:
         return _refused(name, "current", str(error), speed)
     except ReachError as error:
-        if (refused := ReadyForce.of(scenario, own).refusal(scenario)) is not None:
+        if (refused := ReadyForce.of(scenario, believed).refusal(scenario)) is not None:
             return _refused(name, *refused)
 
-        joints = len(own.vehicle.joints)
+        joints = len(believed.vehicle.joints)
         more = f"; the arm has {joints} joints" if joints < FULL else ""
         return _refused(
             name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None
         )
 
     margin = placement.margin
-    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, own)) > HIDDEN:
-        said = (
+    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, believed)) > HIDDEN:
+        message = (
             f"the vehicle hides {hidden:.0%} of the ground around the target from its sonar, "
             f"above the limit of {HIDDEN:.0%}"
         )
-        return _refused(name, "view", said, hidden)
+        return _refused(name, "view", message, hidden)
 
-    if len(own.vehicle.joints) < FULL and margin < SHORT_MARGIN:
-        said = (
-            f"margin {margin:.2f}; an arm of {len(own.vehicle.joints)} joints needs "
+    if len(believed.vehicle.joints) < FULL and margin < SHORT_MARGIN:
+        message = (
+            f"margin {margin:.2f}; an arm of {len(believed.vehicle.joints)} joints needs "
             f"{SHORT_MARGIN:g}: it compensates the hull's drift by its posture alone"
         )
-        return _refused(name, "margin", said, margin)
+        return _refused(name, "margin", message, margin)
+
+    listing = _worst_list(spec, believed.vehicle, placement.q_start, push_of(scenario))
+    if listing is not None and not listing.angle <= MOST_LIST:
+        return _listed(name, listing)
 
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(
@@ -267,7 +338,8 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
         code="ok",
         said=f"margin {margin:.2f} (1 is ample, 0 at a limit) at {push_of(scenario):.0f} N in "
         f"{speed:.2f} m/s{part}"
-        + _touching(own, placement.q_start)
+        + _touching(believed, placement.q_start)
+        + ("" if listing is None else f"; {listing.in_words()}")
         + (
             f"; during close-in the folded arm or the hull penetrates {-gap:.2f} m of its outline"
             if gap < 0.0
@@ -277,18 +349,37 @@ def _planned(name: str, scenario: Scenario, own: OwnVehicle, spec: mujoco.MjSpec
     )
 
 
-def _touching(own: OwnVehicle, q: Array) -> str:
+def _worst_list(
+    spec: mujoco.MjSpec, vehicle: Vehicle, q_start: Array, push: float
+) -> Listing | None:
+    """Largest list in the ready posture and where the work begins, with friction either way."""
+    if not undriven_axes(vehicle.thruster_wrench):
+        return None
+    model = hydrodynamics.compile(spec.copy())
+    drag = FRICTION * push
+    forces = [np.array([x, y, -push]) for x in (-drag, drag) for y in (-drag, drag)]
+    lists = [listing_of(model, vehicle, q_start, force) for force in forces]
+    lists.append(listing_of(model, vehicle, np.array(vehicle.q_ready)))
+
+    # One that turns over has no angle.
+    listed = [listing for listing in lists if listing is not None]
+    return max(listed, key=lambda listing: np.nan_to_num(listing.angle, nan=np.inf))
+
+
+def _touching(believed: OwnVehicle, q: Array) -> str:
     """Shapes of the vehicle that touch at joint angles `q` (n,); no planner refuses these."""
-    pairs = PostureSearch(own.model).touching(q)
-    named = sorted(f"{own.model.body(a).name} and {own.model.body(b).name}" for a, b in pairs)
+    pairs = PostureSearch(believed.model).touching(q)
+    named = sorted(
+        f"{believed.model.body(a).name} and {believed.model.body(b).name}" for a, b in pairs
+    )
     return f"; self-contact at the work pose: {', '.join(named)}" if named else ""
 
 
-def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
+def _hidden(placed: PlacedSampling, believed: OwnVehicle) -> float:
     """Share of the ground about target 1 that the vehicle hides from its sonar at the start."""
-    model, vehicle = own.model, own.vehicle
+    model, vehicle = believed.model, believed.vehicle
     data = folded_at(model, vehicle, placed.start)
-    p_W = (placed.start @ sonar_on_hull(own.hull_box))[:3, 3]
+    p_W = (placed.start @ sonar_on_hull(believed.hull_box))[:3, 3]
 
     # Points on the ground in two rings about the target.
     B = np.array(placed.B_W[0])
@@ -299,7 +390,8 @@ def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
         *(B + r * np.array([np.cos(a), np.sin(a), 0.0]) for r in (0.1, 0.2) for a in angles),
     ]
 
-    met, nothing = np.zeros(1, dtype=np.int32), -1.0
+    met = np.zeros(1, dtype=np.int32)
+    nothing = -1.0
     hits = [
         mujoco.mj_ray(model, data, p_W, point - p_W, None, 1, vehicle.hull, met) != nothing
         and met[0] >= 0
@@ -309,11 +401,11 @@ def _hidden(placed: PlacedSampling, own: OwnVehicle) -> float:
     return float(np.mean(hits))
 
 
-def _short(said: str) -> str:
+def _short(message: str) -> str:
     """What a planner says of the best place that it found, without the sentence before it."""
-    _, found, best = said.partition("at best ")
+    _, marker, best = message.partition("at best ")
     share, _, why = best.partition("%")
-    return f"at best {share}% of the path is within reach{why}" if found else said
+    return f"at best {share}% of the path is within reach{why}" if marker else message
 
 
 def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
@@ -326,26 +418,27 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
         target = _target(X_WT, path)
-        found, own = placed.standing(target, path, current), placed.own.at_work()
+        stand = placed.standing(target, path, current)
+        believed = placed.own.at_work()
 
-        before = lifted(own, found[0].X_WB, placed.X_WB, placed.job().arrival.lift)
-        path_in = around(own, placed.target)(target)
+        before = lifted(believed, stand[0].X_WB, placed.X_WB, placed.job().arrival.lift)
+        path_in = around(believed, placed.target)(target)
         gap = path_in.least_gap([placed.X_WB, *path_in.way(placed.X_WB, before)])
     elif isinstance(placed, PlacedInsertion):
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
-        found = placed.planner().stand(_target(placed.X_WT, path), path, current)
+        stand = placed.planner().stand(_target(placed.X_WT, path), path, current)
     elif isinstance(placed, PlacedSampling):
         # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])
         B[2] = float(placed.ground.height(B[None])[0])
         path = core_path(B, np.array([0.0, 0.0, -1.0]), placed.start[:3, 0], placed.job.depth)
-        found = placed.planner().stand(
+        stand = placed.planner().stand(
             replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current
         )
     else:
         raise ConfigurationError(f"no rule for {type(placed).__name__}")
 
-    return found[0], float(found[2]), gap
+    return stand[0], float(stand[2]), gap
 
 
 def _points(placed: PlacedSampling, B: Array) -> Array:

@@ -17,12 +17,12 @@ from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
 
 
-def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
+def preflight(scenario: Scenario, believed: OwnVehicle) -> list[str]:
     """What is doubtful about a vehicle for a job, one line each.
 
     Args:
         scenario: With the job.
-        own: The vehicle's model of itself.
+        believed: The vehicle's model of itself.
 
     Returns:
         The lines; none for a sound vehicle, and for a job without the arm.
@@ -32,7 +32,7 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
             servos for motors, weight that MuJoCo takes away, an arm, tool or thrusters that bear
             far less than it sets, a camera that sees little but the vehicle.
     """
-    task, model, vehicle = scenario.task, own.model, own.vehicle
+    task, model, vehicle = scenario.task, believed.model, believed.vehicle
     if (
         not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask)
         or vehicle.tip < 0
@@ -44,19 +44,20 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
     more = f"; uuv check {scenario.vehicle.vehicle} gives the details"
 
     # Faults of the model, whatever the job.
-    for found in (
+    for fault in (
         *doubts.thruster_doubts(vehicle),
         *doubts.motor_doubts(model, vehicle),
         *doubts.gravity_doubts(model, vehicle),
     ):
-        if found.level == "fault":
-            raise ConfigurationError(f"the work was not started: {found.said}{more}")
+        if fault.level == "fault":
+            raise ConfigurationError(f"the work was not started: {fault.said}{more}")
 
-    ready = ReadyForce.of(scenario, own)
+    ready = ReadyForce.of(scenario, believed)
     if (refused := ready.refusal(scenario, BEYOND)) is not None:
         raise ConfigurationError(f"the work was not started: {refused[1]}{more}")
 
-    search, lines = PostureSearch(model), []
+    search = PostureSearch(model)
+    lines = []
     home = vehicle.q_home
     blocked, body = search.view_hits(home, doubts.HALF_VIEW)
     if looks_by_camera(scenario) and blocked > VIEW:
@@ -68,17 +69,17 @@ def preflight(scenario: Scenario, own: OwnVehicle) -> list[str]:
     # What is doubtful only, one line each.
     if (weak := ready.refusal(scenario)) is not None:
         lines.append(weak[1])
-    if _wet(own):
+    if _wet(believed):
         lines += _water_doubts(scenario, model, vehicle)
         lines += [
-            each.said
-            for each in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))
+            finding.said
+            for finding in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))
         ]
     return [f"doubtful: {line}" for line in lines]
 
 
-def _wet(own: OwnVehicle) -> bool:
-    return hydrodynamics.is_installed() and hydrodynamics.carries_hydrodynamics(own.model)
+def _wet(believed: OwnVehicle) -> bool:
+    return hydrodynamics.is_installed() and hydrodynamics.carries_hydrodynamics(believed.model)
 
 
 def _water_doubts(scenario: Scenario, model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:

@@ -30,35 +30,38 @@ class ReadyForce:
     used: float  # share of a thruster
 
     @classmethod
-    def of(cls, scenario: Scenario, own: OwnVehicle) -> Self:
+    def of(cls, scenario: Scenario, believed: OwnVehicle) -> Self:
         """The figures of a scenario for the vehicle's model of itself."""
-        force, ready = push_of(scenario), np.array(own.vehicle.q_ready)
-        tip = tip_force(own.model, own.vehicle, ready)
-        used = ThrustMargin.of(own.model, drag=0.0).used(ready, np.eye(3), [0.0, 0.0, -force])
-        return cls(force=force, bears=tip.along, by=tip.by, spring=_spring_limit(own), used=used)
+        force = push_of(scenario)
+        ready = np.array(believed.vehicle.q_ready)
+        tip = tip_force(believed.model, believed.vehicle, ready)
+        used = ThrustMargin.of(believed.model, drag=0.0).used(ready, np.eye(3), [0.0, 0.0, -force])
+        return cls(
+            force=force, bears=tip.along, by=tip.by, spring=_spring_limit(believed), used=used
+        )
 
     def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
         """Code, sentence and figure of what bears less than `beyond` times the push, or None."""
         if self.spring < self.force:
-            said = (
+            message = (
                 f"the tool's spring bottoms out at {self.spring:.0f} N, the set force is "
                 f"{self.force:.0f} N"
             )
-            return "force", said + _lower(scenario, self.spring), self.spring
+            return "force", message + _lower(scenario, self.spring), self.spring
 
         if beyond * self.bears < self.force:
-            said = (
+            message = (
                 f"the available tip force is {self.bears:.0f} N in the ready posture ({self.by}), "
                 f"the set force is {self.force:.0f} N"
             )
-            return "force", said + _lower(scenario, self.bears), self.bears
+            return "force", message + _lower(scenario, self.bears), self.bears
 
         if self.used > beyond:
-            said = (
+            message = (
                 f"{self.force:.0f} N at the tip in the ready posture need {self.used:.0%} of a "
                 "thruster"
             )
-            return "thrust", said + _lower(scenario, self.force / self.used), self.used
+            return "thrust", message + _lower(scenario, self.force / self.used), self.used
 
         return None
 
@@ -83,17 +86,19 @@ def push_of(scenario: Scenario) -> float:
     return InsertionJob().force
 
 
-def _spring_limit(own: OwnVehicle) -> float:
+def _spring_limit(believed: OwnVehicle) -> float:
     """Force [N] along the tool at which a spring behind it is at its end; inf without one."""
-    model, limits = own.model, [np.inf]
+    model = believed.model
+    limits = [np.inf]
 
     # Bodies from the tool to the hull.
-    body, carriers = int(model.geom(TOOL_GEOM).bodyid[0]), []
-    while body != own.vehicle.hull and body > 0:
+    body = int(model.geom(TOOL_GEOM).bodyid[0])
+    carriers = []
+    while body != believed.vehicle.hull and body > 0:
         carriers.append(body)
         body = int(model.body_parentid[body])
 
-    for name in own.passive_joints:
+    for name in believed.passive_joints:
         j = model.joint(name).id
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
         slides = (

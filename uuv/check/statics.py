@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.hull.allocation import undriven_axes
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import HOME_KEY
 from uuv.models.vehicle import Vehicle
@@ -73,6 +74,62 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
     return Trim(force=float(wrench[2]), roll=roll, pitch=pitch, height=height, apart=apart)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listing:
+    """List of a hull about the axes that no thrusters drive, from statics."""
+
+    axes: tuple[str, ...]  # of "roll" and "pitch"
+    moment: float  # [N m] left to weight and buoyancy
+    righting: float  # [N m/rad] W h; not positive: it turns over
+    angle: float  # [rad] at which both balance; NaN: there is none
+
+    def in_words(self) -> str:
+        """It in words."""
+        named = " and ".join(self.axes)
+        if not self.angle >= 0.0:
+            return f"nothing drives {named}, and weight and buoyancy do not right it"
+        return (
+            f"nothing drives {named}: {self.moment:.1f} N m against W h = {self.righting:.3g} "
+            f"N m/rad list it by {np.degrees(self.angle):.1f} deg"
+        )
+
+
+def listing_of(
+    model: mujoco.MjModel, vehicle: Vehicle, q: Array, f_tip_G: Array | None = None
+) -> Listing | None:
+    """List at joint angles `q` (n,) under a force (3,) [N] on the tip, tool axes.
+
+    The thrusters balance what they drive, with least effort; what they turn beside it counts.
+    None: they drive all axes.
+    """
+    axes = undriven_axes(vehicle.thruster_wrench)
+    if not axes:
+        return None
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = [1.0, 0.0, 0.0, 0.0]
+    data.qpos[vehicle.qpos] = q
+    mujoco.mj_forward(model, data)
+
+    # Wrench on the hull at its origin, level and at rest.
+    at = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
+    wrench = np.array(data.qfrc_passive[at] - data.qfrc_bias[at])
+    lift = float(wrench[2]) + weight_of(model, vehicle)
+    if f_tip_G is not None and vehicle.tip >= 0:
+        force = data.site_xmat[vehicle.tip].reshape(3, 3) @ f_tip_G
+        lever = data.site_xpos[vehicle.tip] - data.xpos[vehicle.hull]
+        wrench += np.concatenate([force, np.cross(lever, force)])
+
+    spared = [AXES.index(axis) for axis in axes]
+    driven = [i for i in range(6) if i not in spared]
+    B = vehicle.thruster_wrench
+    left = wrench + B @ (np.linalg.pinv(B[driven]) @ -wrench[driven])
+    moment = float(np.linalg.norm(left[spared]))
+    righting = lift * _height(model, vehicle, data, lift)
+    angle = float(np.arctan(moment / righting)) if righting > _SMALL else float("nan")
+    return Listing(axes=axes, moment=moment, righting=righting, angle=angle)
+
+
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
     """Height [m] of the centre of buoyancy above that of mass: its lever at 90 deg of roll."""
     rolled = mujoco.MjData(model)
@@ -117,17 +174,18 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
     rank = [row for row in others if np.abs(row).max() > _SMALL]
     equal = {"A_eq": np.array(rank), "b_eq": np.zeros(len(rank))} if rank else {}
 
-    found = []
+    largest = []
     for sign in (1.0, -1.0):
         solved = linprog(sign * B[axis], bounds=bounds_of(vehicle), **equal)
-        found.append(abs(float(solved.fun)) if solved.success else 0.0)
-    return found[0], found[1]
+        largest.append(abs(float(solved.fun)) if solved.success else 0.0)
+    return largest[0], largest[1]
 
 
 def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force: float) -> float:
     """Speed [m/s] of a current along an axis whose drag equals `force` [N], at most FASTEST."""
     data = resting(model, HOME_KEY)
-    at, still = vehicle.hull_dof + axis, float(data.qfrc_passive[vehicle.hull_dof + axis])
+    at = vehicle.hull_dof + axis
+    still = float(data.qfrc_passive[vehicle.hull_dof + axis])
 
     def drag(speed: float) -> float:
         data.qvel[:] = 0.0
@@ -158,19 +216,21 @@ class TipForce:
 
 def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
     """Force at the tip at joint angles `q` (n,), level and at rest."""
-    arm, rest, n = ArmDynamics(model), np.zeros(len(q)), len(q)
+    arm = ArmDynamics(model)
+    rest = np.zeros(len(q))
+    n = len(q)
     still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
 
     # Torque of the weight alone, and what each newton at the tip adds to it.
-    own = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
+    of_weight = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
     per_newton = np.array(
         [
             arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, np.zeros(3)]), **still)[0]
             for axis in np.eye(3)
         ]
     )
-    per_newton = per_newton - own  # (3, n) [m]
-    spare = np.maximum(vehicle.torque_limits - np.abs(own), 0.0)
+    per_newton = per_newton - of_weight  # (3, n) [m]
+    spare = np.maximum(vehicle.torque_limits - np.abs(of_weight), 0.0)
 
     def most(direction_G: Array) -> tuple[float, int]:
         lever = np.abs(direction_G @ per_newton)
@@ -180,7 +240,7 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
     along, by = most(np.array([0.0, 0.0, -1.0]))
     weakest, weak_by = min(
         (most(direction) for direction in spread_directions(_DIRECTIONS)),
-        key=lambda found: found[0],
+        key=lambda by_direction: by_direction[0],
     )
 
     lever = np.abs(per_newton[2])
@@ -196,7 +256,7 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
         weakest=weakest,
         by=vehicle.joint_names[by],
         weakest_by=vehicle.joint_names[weak_by],
-        load=np.abs(own) / vehicle.torque_limits,
+        load=np.abs(of_weight) / vehicle.torque_limits,
         friction=hidden,
     )
 

@@ -16,6 +16,9 @@ _COLOURS = {
     "there": "green",
     "computed": "cyan",
     "missing": "yellow",
+    "read": "green",
+    "guessed": "yellow",
+    "left out": "yellow",
 }
 
 
@@ -29,8 +32,17 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         table = Table(box=None, show_header=False, pad_edge=False)
         table.add_column(style="dim", no_wrap=True)
         table.add_column()
-        for each in check.figures:
-            table.add_row(each.name, each.said)
+        for job in check.figures:
+            table.add_row(job.name, job.said)
+        console.print(table)
+
+    if check.file:
+        table = Table(box=None, pad_edge=False, title="of its file", title_justify="left")
+        for column in ("part", "quantity", "value", "", "origin"):
+            table.add_column(column, overflow="fold")
+        for entry in check.file:
+            way = Text(entry.way, style=_COLOURS[entry.way])
+            table.add_row(entry.part, entry.quantity, entry.value, way, entry.origin)
         console.print(table)
 
     # What is unusual, and what it can do.
@@ -40,8 +52,8 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         )
         table.add_column(no_wrap=True)
         table.add_column()
-        for each in check.findings:
-            table.add_row(Text(each.code, style=_COLOURS[each.level]), each.said)
+        for job in check.findings:
+            table.add_row(Text(job.code, style=_COLOURS[job.level]), job.said)
         console.print(table)
 
     if check.jobs:
@@ -52,11 +64,11 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         table.add_column(no_wrap=True)
         table.add_column()
 
-        for each in check.jobs:
+        for job in check.jobs:
             verdict = (
-                Text("feasible", "green") if each.promised else Text(f"refused: {each.code}", "red")
+                Text("feasible", "green") if job.promised else Text(f"refused: {job.code}", "red")
             )
-            table.add_row(each.job, verdict, each.said)
+            table.add_row(job.job, verdict, job.said)
         console.print(table)
         _print_commands([verdict.job for verdict in check.jobs if verdict.promised], console)
 
@@ -75,9 +87,9 @@ def _print_commands(promised: Iterable[str], console: Console) -> None:
 
 def _parts(check: VehicleCheck) -> Text:
     """All parts in a line or two, those that are not there marked."""
-    said = Text("parts: ")
+    line = Text("parts: ")
     for i, part in enumerate(check.parts):
-        said.append(", " if i else "")
+        line.append(", " if i else "")
         name = part.name.removeprefix("actuators ")
-        said.append(name if part.state == "there" else f"{name} {part.state}", _COLOURS[part.state])
-    return said
+        line.append(name if part.state == "there" else f"{name} {part.state}", _COLOURS[part.state])
+    return line

@@ -93,21 +93,21 @@ def campaign(options: CampaignOptions, started: float) -> int:
     from uuv.inputs import check_inputs
 
     # The campaign, and what of it is typed.
-    values = values_of(options.set)
-    described = read_campaign(options.file, values, trust=options.trust)
+    settings = values_of(options.set)
+    described = read_campaign(options.file, settings, trust=options.trust)
     changed = {
-        name: value for name in ("seed", "cases") if (value := getattr(options, name)) is not None
+        name: option for name in ("seed", "cases") if (option := getattr(options, name)) is not None
     }
     described = replace(described, **changed)
     typed = [f"--{name} {value}" for name, value in changed.items()]
     typed += ["--trust"] if options.trust else []
-    typed += ["--set", *map(shlex.quote, values)] if values else []
+    typed += ["--set", *map(shlex.quote, settings)] if settings else []
 
     # Its cases.
     drawn = described.drawn()
     if options.drawn is not None:
         typed.append(f"--drawn {shlex.quote(str(options.drawn))}")
-        drawn = read_drawn(options.drawn, described, values)[: options.cases]
+        drawn = read_drawn(options.drawn, described, settings)[: options.cases]
     if options.write_drawn is not None:
         write_cases(options.write_drawn, EXPERIMENT, drawn)
         return 0

@@ -12,7 +12,7 @@ from uuv.catalogue import SHELVES
 from uuv.cli.main import VERBS, Verb, objects_of
 from uuv.cli.past.past_runs import Run
 from uuv.cli.run_job import EveryJob, file_options
-from uuv.cli.skeletons import SKELETONS
+from uuv.cli.skeletons import KINDS
 from uuv.jobs.command_line import options_class as options_of_job
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
@@ -78,7 +78,7 @@ def script() -> str:
         verbs=" ".join(firsts),
         groups=_cases((f'"2 {first} "*', objects) for first, objects in groups.items()),
         jobs=" ".join(names),
-        skeletons=" ".join(SKELETONS),
+        skeletons=" ".join(KINDS),
         shells=" ".join(_SHELLS),
         vehicles=" ".join(models.available()),
         vehicle_options="|".join(_OF_VEHICLES),

@@ -29,6 +29,9 @@ _USES = {  # module of an extra: what it is for
     "pyarrow": "series as Parquet, studies",
     "PIL": "uuv picture",
     "dm_control": "uuv.environments, reinforcement learning",
+    "mcap": "uuv export --mcap",
+    "rosbags": "messages of ROS 2, uuv export --bag",
+    "pymavlink": "logs of ArduPilot and MAVLink",
     "ray": "campaigns on a cluster",
     "open3d": "peers to compare registration with",
 }
@@ -155,10 +158,10 @@ def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
         return ABSENT, f"{use}; a system library is missing: {str(error).splitlines()[0]}"
 
     try:
-        found = version(_PACKAGES.get(module, module))
+        release = version(_PACKAGES.get(module, module))
     except PackageNotFoundError:  # under another name
-        found = ""
-    return OK, f"{found} {use}".strip()
+        release = ""
+    return OK, f"{release} {use}".strip()
 
 
 def rendering() -> tuple[str, str]:

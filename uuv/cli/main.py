@@ -45,6 +45,9 @@ VERBS = {  # by the one or two words that are typed
     ),
     "report": Verb("past.past_runs", "ReportOptions", "RUN", "the report of a run"),
     "view": Verb("past.past_runs", "ViewOptions", "RUN", "its log in the Rerun viewer"),
+    "export": Verb(
+        "past.export", "ExportOptions", "RUN", "its data as MCAP, ROS 2 bag, CSV or MATLAB"
+    ),
     "picture": Verb("past.picture", "PictureOptions", "RUN", "a still and a clip of a run"),
     "identify object": Verb(
         "identify.object", "ObjectVerb", "--cloud FILE", "pose of a known object in a point cloud"
@@ -57,6 +60,9 @@ VERBS = {  # by the one or two words that are typed
         "WaterVerb",
         "--log FILE",
         "added mass, damping, trim and thrust from logs",
+    ),
+    "logs": Verb(
+        "logs", "LogsOptions", "FILE", "what a vehicle's log holds: .BIN, .tlog, MCAP, bag"
     ),
     "calibrate": Verb(
         "calibrate",
@@ -97,6 +103,10 @@ VERBS = {  # by the one or two words that are typed
         "",
         "tables of the experiments, printed and checked, in a checkout",
     ),
+    "serve ardupilot": Verb(
+        "serve", "ArduPilotOptions", "", "physics behind ArduPilot's simulation, over UDP"
+    ),
+    "serve udp": Verb("serve", "UdpOptions", "NAME", "a job, its controller another process"),
     "benchmark": Verb(
         "benchmark",
         "BenchmarkOptions",

@@ -103,8 +103,8 @@ def print_plan(plan: "SeabedPlan", console: "Console") -> None:
     )
 
     for i, (A, sigma) in enumerate(feet_of(plan), start=1):
-        place = f"{A[0]:.4f} {A[1]:.4f} {A[2]:.4f} m, +- {1e3 * sigma:.1f} mm"
-        console.print(f"A_{i}: {place}", highlight=False)
+        position = f"{A[0]:.4f} {A[1]:.4f} {A[2]:.4f} m, +- {1e3 * sigma:.1f} mm"
+        console.print(f"A_{i}: {position}", highlight=False)
 
 
 def write(plan: "SeabedPlan", speed: float, folder: Path) -> None:

@@ -91,12 +91,12 @@ def _check(experiment: "Experiment[Any, Any]", options: ResultsOptions) -> bool:
     from uuv.results import kept_rows
     from uuv.results.check import check
 
-    kept = kept_rows.kept_rows(experiment.name)
-    if kept is None or (experiment.needs_data and options.data is None):
+    reference = kept_rows.kept_rows(experiment.name)
+    if reference is None or (experiment.needs_data and options.data is None):
         return False
 
     began = time.perf_counter()
-    present = check(experiment, kept, options.data, options.workers)
+    present = check(experiment, reference, options.data, options.workers)
     present.write(kept_rows.ROWS)
     if not options.json:
         print(f"{experiment.name}: checked in {time.perf_counter() - began:.0f} s")

@@ -127,9 +127,9 @@ def file_options() -> type[Any]:
 
 def _task_in(args: Sequence[str]) -> str | None:
     """Value of --task, which is needed before the other options are known."""
-    for option, value in pairwise([*args, ""]):
-        if option == TASK and not value.startswith("--"):
-            return value or None
+    for option, name in pairwise([*args, ""]):
+        if option == TASK and not name.startswith("--"):
+            return name or None
         if option.startswith(f"{TASK}="):
             return option.partition("=")[2]
     return None

@@ -1,4 +1,7 @@
-"""A working part of one's own, with a test: `uuv new job|task|controller|... NAME`."""
+"""A working part of one's own, with a test: `uuv new job|task|controller|... NAME`.
+
+`uuv new mapping FILE` writes the first mapping of a vehicle's file.
+"""
 
 import keyword
 import shlex
@@ -10,6 +13,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from uuv.catalogue import CHECKOUT
+from uuv.cli.vehicles.new_mapping import new_mapping
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
 
@@ -432,14 +436,22 @@ SKELETONS = {
     "sensor": SENSOR,
     "task": TASK,
 }
+MAPPING = "mapping"
+KINDS = (*SKELETONS, MAPPING)
 
 
 @dataclass(kw_only=True)
 class NewOptions:
-    """Write NAME.py and test_NAME.py here: a part that works."""
+    """Write NAME.py and test_NAME.py here, a part that works; or the mapping of a file."""
 
-    kind: Annotated[Positional[str], arg(metavar="KIND", help=f"Of {', '.join(SKELETONS)}.")]
-    name: Annotated[Positional[str], arg(metavar="NAME", help="Name of the module, in lower case.")]
+    kind: Annotated[Positional[str], arg(metavar="KIND", help=f"Of {', '.join(KINDS)}.")]
+    name: Annotated[
+        Positional[str],
+        arg(
+            metavar="NAME",
+            help="Name of the module, in lower case; of a mapping the vehicle's file.",
+        ),
+    ]
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -448,10 +460,12 @@ def main(verb: str, args: Sequence[str]) -> int:
     options = parse(NewOptions, args)
     kind, name = options.kind, options.name
 
+    if kind == MAPPING:
+        return new_mapping(Path(name))
     if kind not in SKELETONS:
-        known = ", ".join(SKELETONS)
+        known = ", ".join(KINDS)
         raise ConfigurationError(
-            f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, SKELETONS)}"
+            f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, KINDS)}"
         )
 
     if (
@@ -465,7 +479,8 @@ def main(verb: str, args: Sequence[str]) -> int:
         )
 
     written = write(kind, name, Path())
-    use, by = SKELETONS[kind].use.replace("NAME", name), _wrapper()
+    use = SKELETONS[kind].use.replace("NAME", name)
+    by = _wrapper()
     print(
         f"written: {', '.join(map(str, written))}\n\ntry:   {by}{use}\ntest:  {by}python -m "
         f"pytest {written[1]}"
@@ -487,7 +502,8 @@ def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
     Raises:
         ConfigurationError: One of the files is there already.
     """
-    skeleton, files = SKELETONS[kind], (folder / f"{name}.py", folder / f"test_{name}.py")
+    skeleton = SKELETONS[kind]
+    files = (folder / f"{name}.py", folder / f"test_{name}.py")
 
     for file in files:
         if file.exists():

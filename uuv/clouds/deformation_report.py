@@ -16,16 +16,16 @@ _COLOURS = matplotlib.colormaps["RdBu_r"]  # red: growth, blue: dents
 _MARGIN = 10  # [px] margin around the compared area
 
 
-def table(made: DeformationMap) -> Table:
+def table(deformation: DeformationMap) -> Table:
     """Table of the regions, largest first."""
     rows = Table(
-        title=f"Deviation from the model above {1e3 * made.size_m:.1f} mm",
+        title=f"Deviation from the model above {1e3 * deformation.size_m:.1f} mm",
         caption="middle in the object's own frame; growth positive, dents negative",
     )
     for column in ("", "middle [m]", "extent [mm]", "area [cm2]", "mean [mm]", "largest [mm]"):
         rows.add_column(column, justify="right", no_wrap=True)
 
-    for k, region in enumerate(made.regions, start=1):
+    for k, region in enumerate(deformation.regions, start=1):
         middle = ", ".join(f"{value:.3f}" for value in region.p_T)
         extent = f"{1e3 * region.length_m:.0f} x {1e3 * region.width_m:.0f}"
         deviations = (f"{1e3 * value:+.1f}" for value in (region.mean_m, region.largest_m))
@@ -33,12 +33,12 @@ def table(made: DeformationMap) -> Table:
     return rows
 
 
-def figures(made: DeformationMap) -> dict[str, Any]:
+def figures(deformation: DeformationMap) -> dict[str, Any]:
     """The regions and the noise of the map for a JSON file, all digits kept."""
     return {
-        "size_m": made.size_m,
-        "noise_m": made.noise_m,
-        "compared": made.compared,
+        "size_m": deformation.size_m,
+        "noise_m": deformation.noise_m,
+        "compared": deformation.compared,
         "regions": [
             {
                 "p_T_m": region.p_T.tolist(),
@@ -49,20 +49,21 @@ def figures(made: DeformationMap) -> dict[str, Any]:
                 "mean_m": region.mean_m,
                 "largest_m": region.largest_m,
             }
-            for region in made.regions
+            for region in deformation.regions
         ],
     }
 
 
-def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
+def picture_of_deviations(deformation: DeformationMap, title: str) -> Figure:
     """Image of the deviations in the sensor's view, regions numbered; not compared is grey."""
-    rows, columns = np.nonzero(np.isfinite(made.deviation))
+    rows, columns = np.nonzero(np.isfinite(deformation.deviation))
     window = tuple(
         slice(max(0, int(at.min()) - _MARGIN), int(at.max()) + _MARGIN + 1)
         for at in (rows, columns)
     )
-    off, label = 1e3 * made.deviation[window], made.label[window]
-    depth = made.points_S[window][..., 2]
+    off = 1e3 * deformation.deviation[window]
+    label = deformation.label[window]
+    depth = deformation.points_S[window][..., 2]
 
     # Grey where there was a range, colours where it was compared.
     figure = Figure(figsize=(9, 7), layout="constrained")
@@ -71,10 +72,10 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
     grey[np.isfinite(depth)] = (0.8, 0.8, 0.8, 1.0)
     axes.imshow(grey)
 
-    most = _most(made)
+    most = _most(deformation)
     shown = axes.imshow(off, cmap=_COLOURS, vmin=-1e3 * most, vmax=1e3 * most, interpolation="none")
 
-    for k, region in enumerate(made.regions, start=1):
+    for k, region in enumerate(deformation.regions, start=1):
         inside = label == k
         axes.contour(inside, levels=[0.5], colors="k", linewidths=0.8)
         row, column = (float(np.mean(at)) for at in np.nonzero(inside))
@@ -95,13 +96,15 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
     return figure
 
 
-def save_cloud(made: DeformationMap, file: Path) -> None:
+def save_cloud(deformation: DeformationMap, file: Path) -> None:
     """Writes the compared points, sensor frame, as a PLY file in the colours of the image."""
-    points, off = made.cloud_S
-    write_ply(file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(made)))[:, :3])
+    points, off = deformation.cloud_S
+    write_ply(
+        file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(deformation)))[:, :3]
+    )
 
 
-def _most(made: DeformationMap) -> float:
+def _most(deformation: DeformationMap) -> float:
     """Deviation [m] at the ends of the colour scale."""
-    sizes: Array = np.array([abs(region.largest_m) for region in made.regions])
-    return float(sizes.max(initial=made.size_m))
+    sizes: Array = np.array([abs(region.largest_m) for region in deformation.regions])
+    return float(sizes.max(initial=deformation.size_m))

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.clouds.frames import ObjectScene
+from uuv.clouds.object_scenes import object_scene
 from uuv.clouds.options import IdentificationOptions
 from uuv.models.objects import targets
 from uuv.models.objects.targets import TargetModel
@@ -36,8 +37,8 @@ def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
     """
     files = [
         file
-        for each in options.among
-        for file in (model_files(each) if Path(each).is_dir() else [each])
+        for path in options.among
+        for file in (model_files(path) if Path(path).is_dir() else [path])
     ]
     models: dict[str, TargetModel] = {}
     for file in files:
@@ -95,20 +96,20 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
             cloud.points,
             options.approach,
             R,
-            told(SensorModel(), options.sigma),
+            with_noise(SensorModel(), options.sigma),
             [*cloud.notes],
             None,
         )
 
-    there = with_growth_and_dents(
+    grown = with_growth_and_dents(
         target, options.fouled, options.dented, np.random.default_rng([options.seed, 4])
     )
-    scene = object_scene(target, options.seed, options.sensor, there=there)
+    scene = object_scene(target, options.seed, options.sensor, there=grown)
     return Seen(
         cloud=scene.scan,
         approach=scene.approach if options.approach is None else options.approach,
         orientation=scene.orientation if R is None else R,
-        sensor=told(scene.sensor.model, options.sigma),
+        sensor=with_noise(scene.sensor.model, options.sigma),
         notes=[],
         scene=scene,
     )
@@ -123,18 +124,18 @@ def found_in(
         ConfigurationError: The cloud is unusable, its units do not match the object's, or a number
             is out of range.
     """
-    seen = seen_by(options, target, {target.name: target.radius})
-    found = identify(
-        seen.cloud,
+    observed = seen_by(options, target, {target.name: target.radius})
+    identification = identify(
+        observed.cloud,
         target,
-        seen.approach,
-        seen.orientation,
-        sensor=seen.sensor,
+        observed.approach,
+        observed.orientation,
+        sensor=observed.sensor,
         seed=options.seed,
         method=options.method,
     )
 
-    return found, _notes(options, seen, found)
+    return identification, _notes(options, observed, identification)
 
 
 def recognised_in(
@@ -151,31 +152,38 @@ def recognised_in(
         )
 
     shown = next(iter(models.values())) if options.cloud is not None else targets.of(options.object)
-    seen = seen_by(options, shown, {name: model.radius for name, model in models.items()})
+    observed = seen_by(options, shown, {name: model.radius for name, model in models.items()})
 
     # Each model has axes of its own: a coarse attitude is none of theirs.
-    orientation = None if options.rotation is None else seen.orientation
-    made = recognise(
-        seen.cloud, models, seen.approach, orientation, sensor=seen.sensor, seed=options.seed
+    orientation = None if options.rotation is None else observed.orientation
+    recognition = recognise(
+        observed.cloud,
+        models,
+        observed.approach,
+        orientation,
+        sensor=observed.sensor,
+        seed=options.seed,
     )
 
-    return made, _notes(options, seen, made.found)
+    return recognition, _notes(options, observed, recognition.found)
 
 
-def _notes(options: IdentificationOptions, seen: Seen, found: Identification) -> list[str]:
-    notes = [*seen.notes, *([found.model_note] if found.model_note else [])]
-    if seen.scene is None:
+def _notes(
+    options: IdentificationOptions, observed: Seen, identification: Identification
+) -> list[str]:
+    notes = [*observed.notes, *([identification.model_note] if identification.model_note else [])]
+    if observed.scene is None:
         return notes
 
-    position, angle = seen.scene.error(found.X_sensor_target)
-    said = (
+    position, angle = observed.scene.error(identification.X_sensor_target)
+    error = (
         f"error {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at "
-        f"{seen.scene.range_m:.2f} m"
+        f"{observed.scene.range_m:.2f} m"
     )
-    return [*notes, f"scene of seed {options.seed}, {options.sensor}: {said}"]
+    return [*notes, f"scene of seed {options.seed}, {options.sensor}: {error}"]
 
 
-def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
+def with_noise(sensor: SensorModel, sigma: float | None) -> SensorModel:
     """`sensor` with depth noise `sigma` [m] at 1 m range; unchanged where `sigma` is None."""
     return (
         sensor
@@ -184,11 +192,11 @@ def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
     )
 
 
-def report(found: Identification, target: TargetModel, notes: list[str]) -> dict[str, Any]:
+def report(identification: Identification, target: TargetModel, notes: list[str]) -> dict[str, Any]:
     """Contents of identification.json; numbers that are not finite become None.
 
     Args:
-        found: Result of identification.
+        identification: Its result.
         target: Model of the object.
         notes: Notes on the input.
 
@@ -225,58 +233,59 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
             "radius_m": covariance.radius,
         }
 
+    symmetry, covariance = identification.symmetry, identification.covariance
     return {
         "object": target.name,
-        "decision": found.decision.value,
-        "reason": found.reason,
-        "X_sensor_target": found.X_sensor_target.tolist(),
-        "center_m": transform_points(found.X_sensor_target, target.center).tolist(),
+        "decision": identification.decision.value,
+        "reason": identification.reason,
+        "X_sensor_target": identification.X_sensor_target.tolist(),
+        "center_m": transform_points(identification.X_sensor_target, target.center).tolist(),
         # How well it fits, and how certain it is.
-        "check": None if found.check is None else figures(found.check),
-        "covariance": None if found.covariance is None else doubt(found.covariance),
-        "score": found.score,
+        "check": None if identification.check is None else figures(identification.check),
+        "covariance": None if covariance is None else doubt(covariance),
+        "score": identification.score,
         # Poses that the cloud cannot tell apart.
         "symmetry": {
-            "axis": None if found.symmetry.axis is None else found.symmetry.axis.tolist(),
-            "turns": found.symmetry.turns,
-            "policy": found.symmetry.policy,
+            "axis": None if symmetry.axis is None else symmetry.axis.tolist(),
+            "turns": symmetry.turns,
+            "policy": symmetry.policy,
         },
         "hypotheses": [
             {
-                "log_likelihood": each.log_likelihood,
-                "X_sensor_target": each.X_sensor_target.tolist(),
+                "log_likelihood": hypothesis.log_likelihood,
+                "X_sensor_target": hypothesis.X_sensor_target.tolist(),
             }
-            for each in found.hypotheses
+            for hypothesis in identification.hypotheses
         ],
-        "duration_s": found.duration_s,
+        "duration_s": identification.duration_s,
         "notes": notes,
     }
 
 
-def candidates_of(made: Recognition) -> list[dict[str, Any]]:
+def candidates_of(recognition: Recognition) -> list[dict[str, Any]]:
     """The candidates of a recognition as JSON can hold them, the likeliest first."""
     return [
         {
-            "object": each.name,
-            "log_likelihood": float(each.log_likelihood)
-            if np.isfinite(each.log_likelihood)
+            "object": candidate.name,
+            "log_likelihood": float(candidate.log_likelihood)
+            if np.isfinite(candidate.log_likelihood)
             else None,
-            "decision": each.found.decision.value,
-            "reason": each.found.reason,
-            "X_sensor_target": each.found.X_sensor_target.tolist(),
+            "decision": candidate.found.decision.value,
+            "reason": candidate.found.reason,
+            "X_sensor_target": candidate.found.X_sensor_target.tolist(),
         }
-        for each in made.candidates
+        for candidate in recognition.candidates
     ]
 
 
-def picture(found: Identification, title: str) -> "Figure":
+def picture(identification: Identification, title: str) -> "Figure":
     """Scatter plots of cloud and fitted model: along the sensor's z axis, and from the side."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 5), layout="constrained")
     parts = (
-        (found.model_after, "tab:orange", "model at the identified pose", 8.0),
-        (found.cloud, "k", "cloud", 1.0),
+        (identification.model_after, "tab:orange", "model at the identified pose", 8.0),
+        (identification.cloud, "k", "cloud", 1.0),
     )
     left, right = figure.subplots(1, 2)
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from uuv.clouds.object_scenes import FOCAL
+from uuv.clouds.frames import pinhole
 from uuv.models.meshes.closed_shells import Shell, box, cylinder, moved, scaled, sphere
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, rotation_from_z
@@ -174,8 +174,10 @@ def heaped(shapes: Sequence[Shape], rng: Rng, around: Sequence[Body] = ()) -> li
         standing = standing.moved(np.array([0.0, 0.0, -standing.solid[0][:, 2].min()]))
         options = [standing]
         if bodies:
-            place = _let_down if len(bodies) % 2 == 0 else _pushed
-            options = _tried(place, standing, bodies, rng) or _tried(_pushed, standing, bodies, rng)
+            placing = _let_down if len(bodies) % 2 == 0 else _pushed
+            options = _tried(placing, standing, bodies, rng) or _tried(
+                _pushed, standing, bodies, rng
+            )
 
         # The lowest one, and of those on the ground the one nearest to the middle.
         body = min(options, key=_height_and_reach)
@@ -199,13 +201,13 @@ def _pushed(body: Body, others: Sequence[Body], rng: Rng) -> Body | None:
 
 
 def _tried(
-    place: Callable[[Body, Sequence[Body], Rng], Body | None],
+    placing: Callable[[Body, Sequence[Body], Rng], Body | None],
     body: Body,
     others: Sequence[Body],
     rng: Rng,
 ) -> list[Body]:
     """What became of several tries to place a body against others."""
-    return [placed for _ in range(_TRIES) if (placed := place(body, others, rng)) is not None]
+    return [placed for _ in range(_TRIES) if (placed := placing(body, others, rng)) is not None]
 
 
 def _height_and_reach(body: Body) -> tuple[float, float]:
@@ -300,12 +302,12 @@ def veil(
         The occluders; None if others hide too much, or no occluder fits.
     """
     low, high = share
-    seen, hidden = hidden_by(body, others, X_CF)
-    if not len(seen):
+    visible, hidden = hidden_by(body, others, X_CF)
+    if not len(visible):
         return None
     goal = 0.0 if high < _SLIGHT else float(rng.uniform(max(low, _SLIGHT), high - 0.02))
     eye = inverse(X_CF)[:3, 3]
-    spread = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
+    spread = float(np.linalg.norm(visible - visible.mean(axis=0), axis=1).max())
 
     # Occluders are added until the goal is reached; one that hides too much is left out.
     occluders: list[Body] = []
@@ -316,9 +318,9 @@ def veil(
             return None
 
         nearness = rng.uniform(0.45, 0.85)
-        at = eye + nearness * (seen[rng.integers(len(seen))] - eye)
+        at = eye + nearness * (visible[rng.integers(len(visible))] - eye)
         new = Body.of(moved(_occluder(rng, nearness * spread), pose(any_rotation(rng), at)), rng)
-        with_it = hidden | (new.distance(eye, seen - eye) < 1.0)
+        with_it = hidden | (new.distance(eye, visible - eye) < 1.0)
         if with_it.mean() <= goal + 0.8 * _GOAL:
             hidden = with_it
             occluders.append(new)
@@ -361,13 +363,3 @@ def seabed(ground: float, rng: Rng) -> Shell:
     d = index[1:, :-1].ravel()
     faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return np.column_stack([x.ravel(), y.ravel(), ground + height.ravel()]), faces
-
-
-def pinhole(step: int) -> Array:
-    """Lines of sight (h, w, 3) in C of every `step`-th pixel of the camera, scaled to a depth
-    of 1.
-    """
-    x, y = np.meshgrid(
-        (np.arange(0, 640, step) - 319.5) / FOCAL, (np.arange(0, 480, step) - 239.5) / FOCAL
-    )
-    return np.asarray(np.stack([x, y, np.ones(x.shape)], axis=-1), dtype=np.float64)

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene, seeded_view, target_of
-from uuv.clouds.placing import Body, heaped, hidden_by, pinhole
+from uuv.clouds.frames import ObjectScene, pinhole
+from uuv.clouds.object_scenes import object_scene, seeded_view, target_of
+from uuv.clouds.placing import Body, heaped, hidden_by
 from uuv.models.meshes.closed_shells import (
     area_centroid,
     joined,
@@ -68,14 +69,14 @@ def uneven_starfish() -> TargetModel:
     rings = 12
     height = 0.035  # [m]
 
-    # outline: a disc with arms, each a bump of the radius
+    # Outline: a disc with arms, each a bump of the radius.
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     radius = np.full(sides, 0.055)
     for k, length in enumerate((1.0, 0.93, 1.05, 0.97, 1.08)):
         aside = np.angle(np.exp(1j * (angle - 2.0 * np.pi * k / 5.0)))
         radius = np.maximum(radius, 0.03 + 0.18 * length * np.exp(-((aside / 0.28) ** 2)))
 
-    # rings from the top, where they meet in a point, down to the rim of the flat base
+    # Rings from the top, where they meet in a point, down to the rim of the flat base.
     share = np.arange(1, rings + 1) / rings
     top = np.stack(
         [
@@ -87,6 +88,7 @@ def uneven_starfish() -> TargetModel:
     )
     vertices = np.vstack([[[0.0, 0.0, height]], top.reshape(-1, 3), [[0.0, 0.0, 0.0]]])
 
+    # Triangles: a fan at the top, two for each patch between rings, a fan below.
     i = np.arange(sides)
     j = (i + 1) % sides
     faces = [np.column_stack([np.zeros_like(i), 1 + i, 1 + j])]
@@ -97,6 +99,7 @@ def uneven_starfish() -> TargetModel:
             np.column_stack([inner + i, outer + i, outer + j]),
             np.column_stack([inner + i, outer + j, inner + j]),
         ]
+
     rim = 1 + (rings - 1) * sides
     faces.append(np.column_stack([np.full_like(i, len(vertices) - 1), rim + j, rim + i]))
     return TargetModel(name=UNEVEN, vertices=vertices, triangles=np.vstack(faces))
@@ -111,7 +114,7 @@ def draw(
         name: Object in NAMES.
         kind: Kind of scene in KINDS.
         seed: Draws the scene and what is changed in it.
-        sensor: Name in `uuv.clouds.object_scenes.SENSORS`.
+        sensor: Name in `uuv.clouds.frames.SENSORS`.
         X_CN: (4, 4) pose from which it is seen instead, as in `object_scene`; None: the seed's
             view.
         look: Number of the look, which draws its noise.
@@ -122,6 +125,8 @@ def draw(
     if kind not in KINDS:
         raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
     target = object_of(name)
+
+    # What the kind changes; every change draws from a stream of its own.
     streams = Streams(seed)
     shown = target
     content: dict[str, Any] = {}
@@ -269,17 +274,17 @@ def occluders(
     rays = pinhole(_RAYS).reshape(-1, 3)
     scene = RayScene(target.vertices, target.triangles)
     t = scene.cast(X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
-    seen = rays[np.isfinite(t)] * t[np.isfinite(t), None]
-    spread = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
-    way = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    visible = rays[np.isfinite(t)] * t[np.isfinite(t), None]
+    spread = float(np.linalg.norm(visible - visible.mean(axis=0), axis=1).max())
+    way = visible / np.linalg.norm(visible, axis=1, keepdims=True)
 
     # Spheres are added until they hide enough; one that hides too much is left out.
-    covered = np.zeros(len(seen), dtype=bool)
+    covered = np.zeros(len(visible), dtype=bool)
     solids: list[Solid] = []
     for k in range(200):
         if covered.mean() >= share:
             break
-        p = seen[rng.integers(len(seen))]
+        p = visible[rng.integers(len(visible))]
         nearness = rng.uniform(0.5, 0.8)
         center = nearness * p
         size = nearness * spread * rng.uniform(0.1, 0.4)

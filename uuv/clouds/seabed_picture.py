@@ -24,7 +24,7 @@ def picture(plan: SeabedPlan) -> Figure:
     above.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="surface from above")
     if plan.profile is not None and plan.path is not None:
         T, a, n = (
-            each @ terrain.R_ground.T for each in (plan.profile.T, plan.profile.a, plan.profile.n)
+            p_W @ terrain.R_ground.T for p_W in (plan.profile.T, plan.profile.a, plan.profile.n)
         )
         above.plot(T[:, 0], T[:, 1], "r-", lw=1, label="profile")
 

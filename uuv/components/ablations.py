@@ -16,12 +16,12 @@ from uuv.models.vehicle import Vehicle
 _TERMS: dict[str, Term] = {f"{term}-term": term for term in get_args(Term)}
 
 
-def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+def ablated(without: Set[str], model: mujoco.MjModel, water_error: float) -> dict[str, Any]:
     """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
 
     Args:
         without: methods to leave out, each one of `uuv.methods.Method`.
-        own: the vehicle's model of itself.
+        model: the vehicle's model of itself.
         water_error: [-] share by which its hydrodynamic coefficients are wrong.
 
     Returns:
@@ -35,9 +35,9 @@ def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[
 
     terms: set[Term] = {term for word, term in _TERMS.items() if word in without}
     if terms or "compensation" in without:
-        arm = ArmDynamics(own, water_error=water_error)
+        arm = ArmDynamics(model, water_error=water_error)
         if "compensation" in without:
-            parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(own).q_home)
+            parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(model).q_home)
         else:
             lag = ArmTuning().acceleration_filter
             parts["feedforward"] = WithoutTerms(

@@ -14,7 +14,7 @@ from uuv.controllers.arm.published_force_law import PublishedForceLaw, Tangentia
 from uuv.controllers.estimation.closed_form_force import ClosedFormForce
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import ELASTIC_GEARS, ArmTuning
-from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of, told
+from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, cause_of, class_of
 from uuv.methods import NAVIGATION
 from uuv.models.arms import dh_geometry
 from uuv.models.files.notes import computed
@@ -53,9 +53,10 @@ def believed_and_built(
         ConfigurationError: The vehicle is unknown, or the file of the arm does not match.
     """
     believed = vehicle_spec(vehicle.vehicle, vehicle.tool, vehicle.parts, task.tool)
-    built, found = believed.copy(), "\n".join(computed(believed).values())
+    built = believed.copy()
+    computed_parts = "\n".join(computed(believed).values())
     if vehicle.arm_errors is None and not belief.calibrated and belief.arm is None:
-        return believed, built, found
+        return believed, built, computed_parts
 
     # The true arm, with its errors.
     drawn = OwnVehicle.of(believed, task.spares)
@@ -67,19 +68,20 @@ def believed_and_built(
         dh_geometry.move(built, arm, true, ARM_BASE_BODY)
 
     # The arm as calibrated, which the controller believes.
-    known, said = arm, ""
+    known = arm
+    summary = ""
     if belief.calibrated or belief.arm is not None:
         from uuv.components import deck_calibration  # only here: its kernels compile on import
 
         if belief.calibrated:
             rng = np.random.default_rng([vehicle.arm_errors or 0, 1])
-            known, said = deck_calibration.calibrate_on_deck(arm, true, rng)
+            known, summary = deck_calibration.calibrate_on_deck(arm, true, rng)
         elif belief.arm is not None:
-            known, said = deck_calibration.from_file(Path(belief.arm), arm)
+            known, summary = deck_calibration.from_file(Path(belief.arm), arm)
 
     if known is not arm:
         dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
-    return believed, built, "\n".join(filter(None, (found, said)))
+    return believed, built, "\n".join(filter(None, (computed_parts, summary)))
 
 
 def exteroceptive_sensor(
@@ -117,12 +119,12 @@ def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | No
     return Survey(model), None
 
 
-def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+def as_published(methods: Set[str], model: mujoco.MjModel, water_error: float) -> dict[str, Any]:
     """Keyword arguments of `WorkController` for methods of [Konoplin 2022]; none if none is chosen.
 
     Args:
         methods: each one of `uuv.methods.PublishedMethod`.
-        own: the vehicle's model of itself.
+        model: the vehicle's model of itself.
         water_error: [-] share by which its hydrodynamic coefficients are wrong.
 
     Returns:
@@ -135,27 +137,28 @@ def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> 
     if "normal-force-law" in methods:
         parts["force_law"] = PublishedForceLaw()
     if "tip-force" in methods:
-        parts["estimator"] = ClosedFormForce(own, water_error=water_error)
+        parts["estimator"] = ClosedFormForce(model, water_error=water_error)
     return parts
 
 
-def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> Controller:
+def controller(control: Control, model: mujoco.MjModel, *, water_error: float) -> Controller:
     """The controller of a scenario, made of the vehicle's own model and wrapped in SafetyWrapper.
 
     Args:
         control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects
             take the place of (`ablated`, `as_published`). Another inverse kinematics than "hybrid",
             and a servo for elastic gears, go to it in its tuning.
-        own: The vehicle's model of itself.
+        model: The vehicle's model of itself.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
     Raises:
         ConfigurationError: The class does not exist, or its module or constructor raises; the
             message names the place.
     """
-    name, without = control.controller, frozenset(control.without) - NAVIGATION
-    parts = ablated(without, own, water_error) | as_published(
-        frozenset(control.published), own, water_error
+    name = control.controller
+    without = frozenset(control.without) - NAVIGATION
+    parts = ablated(without, model, water_error) | as_published(
+        frozenset(control.published), model, water_error
     )
 
     kind = partial(CONTROLLERS.load, name) if ":" not in name else class_of(name, CONTROLLER)
@@ -168,32 +171,32 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     if tuning != ArmTuning():
         parts["tuning"] = tuning
 
-    made = _made(partial(kind, own, water_error=water_error, **parts), name, CONTROLLER)
-    return SafetyWrapper(made, own)
+    composed = _part(partial(kind, model, water_error=water_error, **parts), name, CONTROLLER)
+    return SafetyWrapper(composed, model)
 
 
-def estimator(name: str, own: mujoco.MjModel) -> Estimator:
+def estimator(name: str, model: mujoco.MjModel) -> Estimator:
     """An estimator of a user's own, made of the vehicle's own model.
 
     Args:
         name: MODULE:CLASS.
-        own: The vehicle's model of itself.
+        model: The vehicle's model of itself.
 
     Raises:
         ConfigurationError: The class does not exist, or its module or constructor raises; the
             message names the place.
     """
-    return _made(partial(class_of(name, _ESTIMATOR), own), name, _ESTIMATOR)
+    return _part(partial(class_of(name, _ESTIMATOR), model), name, _ESTIMATOR)
 
 
-def _made(make: Callable[[], Any], name: str, option: str) -> Any:
+def _part(make: Callable[[], Any], name: str, option: str) -> Any:
     """A part with a period and the methods `init` and `step`."""
     try:
-        made = make()
-        finite_number(made.period, "period [s]", above=0.0)
+        part = make()
+        finite_number(part.period, "period [s]", above=0.0)
 
         lacking = [
-            method for method in ("init", "step") if not callable(getattr(made, method, None))
+            method for method in ("init", "step") if not callable(getattr(part, method, None))
         ]
         if lacking:
             raise TypeError(f"it has no method {' and no '.join(lacking)}")
@@ -201,6 +204,6 @@ def _made(make: Callable[[], Any], name: str, option: str) -> Any:
         raise ConfigurationError(f"{option} {shown(name)}: {error}") from error
     except (Exception, SystemExit) as error:
         raise ConfigurationError(
-            f"{option} {shown(name)}: cannot be made of a model; {told(error, __file__)}"
+            f"{option} {shown(name)}: cannot be made of a model; {cause_of(error, __file__)}"
         ) from error
-    return made
+    return part

@@ -66,21 +66,24 @@ def touched(
     series: list[Array] = []
     places: list[Array] = []
     for _ in range(PLACES_TRIED):
+        # A point well apart from the others, with the tool along the way.
         q = rng.uniform(bounds[:, 0], bounds[:, 1])
-        place = arm.tips(q[None], tcp)[0]
-        # Touches have flange directions of their own. A point reached with a posture far from the
-        # limits takes many.
-        if any(float(np.linalg.norm(place - other)) < apart for other in places):
+        p = arm.tips(q[None], tcp)[0]
+        if any(float(np.linalg.norm(p - other)) < apart for other in places):
             continue
         if arm.flange(q[None])[0, :3, 2] @ np.asarray(way) < np.cos(CONE):
             continue
+
+        # Touches have flange directions of their own. A point reached with a posture far from the
+        # limits takes many.
         try:
             series += simulation.touch(
-                arm, tcp, rng, points=place[None], touches=touches, noise=noise, postures=postures
+                arm, tcp, rng, points=p[None], touches=touches, noise=noise, postures=postures
             )
         except ReachError:
             continue
-        places.append(place)
+
+        places.append(p)
         if len(places) == points:
             return series, np.array(places)
 
@@ -106,25 +109,26 @@ def calibrate_on_deck(
     series, places = touched(built, np.zeros(3), built.limits, rng)
     i, j = farthest(places)
     length = float(np.linalg.norm(places[i] - places[j])) + LENGTH_ERROR * rng.standard_normal()
-    found = identify(series, believed, distances=[(i, j, length, LENGTH_ERROR)])
-    return found.arm.with_tip(found.tcp), summary_line(found, length)
+    calibration = identify(series, believed, distances=[(i, j, length, LENGTH_ERROR)])
+    return calibration.arm.with_tip(calibration.tcp), summary_line(calibration, length)
 
 
-def summary_line(found: Calibration, length: float) -> str:
+def summary_line(calibration: Calibration, length: float) -> str:
     """Summary line of a calibration for the terminal; `length` [m] is the known distance."""
-    touches = sum(len(each) for each in found.residuals)
+    touches = sum(len(residuals) for residuals in calibration.residuals)
     before, after = (
-        1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost)
+        1e3 * np.sqrt(cost / max(_pairs(calibration), 1))
+        for cost in (calibration.cost_nominal, calibration.cost)
     )
     return (
-        f"arm calibrated on deck: {touches} touches of {len(found.residuals)} points and one "
+        f"arm calibrated on deck: {touches} touches of {len(calibration.residuals)} points and one "
         f"length of {length:.2f} m; scatter of the touches {before:.2f} mm before, {after:.2f} "
-        f"after; {found.rank.rank} of {found.rank.total} directions observable"
+        f"after; {calibration.rank.rank} of {calibration.rank.total} directions observable"
     )
 
 
-def _pairs(found: Calibration) -> int:
-    return sum(len(each) * (len(each) - 1) // 2 for each in found.residuals)
+def _pairs(calibration: Calibration) -> int:
+    return sum(len(residuals) * (len(residuals) - 1) // 2 for residuals in calibration.residuals)
 
 
 def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:

@@ -30,8 +30,8 @@ def _choose_renderer() -> None:
     if chosen or screen or sys.platform != "linux":
         return
 
-    found = (backend for library, backend in _BACKENDS.items() if find_library(library))
-    os.environ["MUJOCO_GL"] = next(found, "off")
+    backends = (backend for library, backend in _BACKENDS.items() if find_library(library))
+    os.environ["MUJOCO_GL"] = next(backends, "off")
 
 
 _choose_renderer()

@@ -80,19 +80,19 @@ def checked_action(action: Array, actions: Actions) -> Array:
 class ThrusterSpeeds:
     """Normalised propeller speeds; a PD law holds the arm folded."""
 
-    def __init__(self, own: OwnVehicle) -> None:
+    def __init__(self, believed: OwnVehicle) -> None:
         """Take the vehicle.
 
         Raises:
             ConfigurationError: It has no thrusters.
         """
-        self.names = own.vehicle.thruster_names
+        self.names = believed.vehicle.thruster_names
         if not self.names:
             raise ConfigurationError(
                 "the vehicle has no thrusters, so an agent has nothing to command"
             )
 
-        self._arm = ArmHold(own.vehicle, own.vehicle.q_home)
+        self._arm = ArmHold(believed.vehicle, believed.vehicle.q_home)
         self._true = TrueState()
         self._thrusters = np.zeros(len(self.names))
 
@@ -126,17 +126,19 @@ class HullWrench(ThrusterSpeeds):
     folded.
     """
 
-    def __init__(self, own: OwnVehicle) -> None:
+    def __init__(self, believed: OwnVehicle) -> None:
         """Take the vehicle.
 
         Raises:
             ConfigurationError: It has no thrusters, or they do not span all six directions.
         """
-        super().__init__(own)
+        super().__init__(believed)
         self.names = (*(f"force_{axis}" for axis in "xyz"), *(f"moment_{axis}" for axis in "xyz"))
-        self._allocation = Allocation(own.vehicle)
-        full = np.array([thrust_at(curve, 1.0) for curve in curves(own.vehicle.thruster_table)])
-        self._half = 0.5 * np.abs(own.vehicle.thruster_wrench) @ full
+        self._allocation = Allocation(believed.vehicle)
+        full = np.array(
+            [thrust_at(curve, 1.0) for curve in curves(believed.vehicle.thruster_table)]
+        )
+        self._half = 0.5 * np.abs(believed.vehicle.thruster_wrench) @ full
 
     def start(self, truth: Truth) -> None:
         """Thrusters off."""
@@ -154,11 +156,12 @@ class HullWrench(ThrusterSpeeds):
 class ThrustersAndTorques:
     """Normalised propeller speeds (m,), then joint torques (n,) as shares of the drives' limits."""
 
-    def __init__(self, own: OwnVehicle) -> None:
+    def __init__(self, believed: OwnVehicle) -> None:
         """Take the vehicle."""
-        vehicle = own.vehicle
+        vehicle = believed.vehicle
         self.names = (*vehicle.thruster_names, *vehicle.joint_names)
-        self._limits, self._thrusters = vehicle.torque_limits, len(vehicle.thruster_names)
+        self._limits = vehicle.torque_limits
+        self._thrusters = len(vehicle.thruster_names)
         self._action = np.zeros(len(self.names))
         self._true = TrueState()
 
@@ -193,24 +196,25 @@ class Controlled(ABC):
 
     names: tuple[str, ...] = ()
 
-    def __init__(self, own: OwnVehicle) -> None:
+    def __init__(self, believed: OwnVehicle) -> None:
         """Compose the controller for the vehicle's model of itself.
 
         Raises:
             ConfigurationError: The vehicle has no arm.
         """
-        if not len(own.vehicle.joints):
+        if not len(believed.vehicle.joints):
             raise ConfigurationError(f"{type(self).__name__}: the vehicle has no arm to move")
-        if not own.vehicle.thruster_names:
+        if not believed.vehicle.thruster_names:
             raise ConfigurationError(
                 f"{type(self).__name__}: the vehicle has no thrusters to hold it"
             )
 
-        self._controller = WorkController(own.model)
+        self._controller = WorkController(believed.model)
         self._true = TrueState()
         self._inputs: Inputs | None = None  # what the controller sees
         self._state: WorkControllerState | None = None
-        self._X_WB, self._q = np.eye(4), np.array(own.vehicle.q_home)
+        self._X_WB = np.eye(4)
+        self._q = np.array(believed.vehicle.q_home)
         self.last: Command | None = None  # newest command, with the estimated contact force
 
     @property
@@ -223,7 +227,8 @@ class Controlled(ABC):
         self._inputs = Inputs(self._true.take(truth))
         estimate = self._inputs.seen()
         self._X_WB, self._q = estimate.X_WB, truth.q.copy()
-        self._state, self.last = self._controller.init(estimate), None
+        self._state = self._controller.init(estimate)
+        self.last = None
 
     def command(self, truth: Truth) -> Command:
         """Command of the controller."""
@@ -246,15 +251,15 @@ class Controlled(ABC):
         assert state is not None
 
         tick = self._controller.tick_on(state, inputs)
-        asked: list[Reference] = []
+        references: list[Reference] = []
 
         def begin() -> None:
             inputs.message = None
-            asked[:] = [self.reference(truth.time)]
-            tick.refer(asked[0])
+            references[:] = [self.reference(truth.time)]
+            tick.refer(references[0])
 
         def done(answer: int) -> Command:
-            self.last = tick.done(inputs.seen(), asked[0], answer)
+            self.last = tick.done(inputs.seen(), references[0], answer)
             return self.last
 
         return ActionDrive(
@@ -272,7 +277,7 @@ class Controlled(ABC):
     def reference(self, time: float) -> Reference:
         """Set points at `time` [s]: those of the reference's own time, moved by its velocities."""
 
-    def _reference(self, time: float, **wanted: Any) -> Reference:
+    def _reference(self, time: float, **set_points: Any) -> Reference:
         """Set points of `time`: hold hull and joints, but for what is wanted."""
         held: dict[str, Any] = {
             "X_WG": None,
@@ -283,7 +288,7 @@ class Controlled(ABC):
             "set_force": 0.0,
         }
 
-        held |= wanted
+        held |= set_points
         return Reference(
             time=time,
             state=WorkState.WORK,
@@ -300,11 +305,13 @@ class Controlled(ABC):
 class JointVelocities(Controlled):
     """Joint velocities (n,) as shares of `fastest`; station keeping holds the hull."""
 
-    def __init__(self, own: OwnVehicle, *, fastest: float = 0.5) -> None:
+    def __init__(self, believed: OwnVehicle, *, fastest: float = 0.5) -> None:
         """Take the vehicle, and the speed [rad/s] of a full action."""
-        super().__init__(own)
-        self.names = own.vehicle.joint_names
-        self._limits, self._fastest, self._begin = own.vehicle.q_limits, fastest, 0.0
+        super().__init__(believed)
+        self.names = believed.vehicle.joint_names
+        self._limits = believed.vehicle.q_limits
+        self._fastest = fastest
+        self._begin = 0.0
         self._qd = np.zeros(len(self.names))
 
     def start(self, truth: Truth) -> None:
@@ -323,8 +330,8 @@ class JointVelocities(Controlled):
 
     def action_to(self, q: Array, within: float) -> Array:
         """Action (n,) that brings the joints to angles (n,) [rad] `within` [s], within limits."""
-        now = self._q if self.estimate is None else self._joints_at(self.estimate.time)
-        return np.clip((q - now) / within / self._fastest, -1.0, 1.0)
+        q_now = self._q if self.estimate is None else self._joints_at(self.estimate.time)
+        return np.clip((q - q_now) / within / self._fastest, -1.0, 1.0)
 
     def _joints_at(self, time: float) -> Array:
         return self._q + (time - self._begin) * self._qd
@@ -350,9 +357,9 @@ class ToolTwist(Controlled):
     LEASH = 0.15  # [m]
     SPEED, TURN = 0.05, 0.3  # [m/s], [rad/s] of full actions
 
-    def __init__(self, own: OwnVehicle, *, largest: float = 100.0) -> None:
+    def __init__(self, believed: OwnVehicle, *, largest: float = 100.0) -> None:
         """Take the vehicle, and the force [N] of a full action."""
-        super().__init__(own)
+        super().__init__(believed)
         self.names = (
             *(f"v_{axis}" for axis in "xyz"),
             *(f"w_{axis}" for axis in "xyz"),
@@ -360,13 +367,13 @@ class ToolTwist(Controlled):
             "compliance",
         )
 
-        self.largest, self._set_force, self._compliant = largest, 0.0, False
-        self._X_WG, self._v_WG_W, self._w_WG_W, self._begin = (
-            np.eye(4),
-            np.zeros(3),
-            np.zeros(3),
-            0.0,
-        )
+        self.largest = largest
+        self._set_force = 0.0
+        self._compliant = False
+        self._X_WG = np.eye(4)
+        self._v_WG_W = np.zeros(3)
+        self._w_WG_W = np.zeros(3)
+        self._begin = 0.0
 
     def start(self, truth: Truth) -> None:
         """Hold hull and tool where they are."""
@@ -437,9 +444,9 @@ class ToolTwist(Controlled):
         """
         assert self.estimate is not None
 
-        now = self.tool_at(self.estimate.time)
-        R_GW = now[:3, :3].T
-        v = R_GW @ (X_WG[:3, 3] - now[:3, 3]) / period / self.SPEED
+        X_WG_now = self.tool_at(self.estimate.time)
+        R_GW = X_WG_now[:3, :3].T
+        v = R_GW @ (X_WG[:3, 3] - X_WG_now[:3, 3]) / period / self.SPEED
         w = log_so3(R_GW @ X_WG[:3, :3]) / period / self.TURN
 
         return np.clip(

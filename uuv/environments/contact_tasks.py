@@ -58,7 +58,8 @@ class ContactTask(VehicleTask):
             sparse: Reward success alone.
         """
         super().__init__(sea, vehicle, actions, sparse=sparse)
-        self.place, self.force = place, force
+        self.place = place
+        self.force = force
         self._next: tuple[float, Array] | None = None  # arc length [m] and pose of the next place
 
         self.object = WorkObjectEntity(place.target)
@@ -106,10 +107,8 @@ class ContactTask(VehicleTask):
     def nearness(self, truth: Truth) -> float:
         """Reward for being at the next place with the tool's axis along the path's."""
         X_WG = self.next_pose()
-        gap, across = (
-            float(np.linalg.norm(truth.p_pad - X_WG[:3, 3])),
-            float(truth.R_WG[:, 2] @ X_WG[:3, 2]),
-        )
+        gap = float(np.linalg.norm(truth.p_pad - X_WG[:3, 3]))
+        across = float(truth.R_WG[:, 2] @ X_WG[:3, 2])
 
         bounds = self.bounds
         close = rewards.tolerance(gap, bounds=(0.0, bounds.path_deviation), margin=NEAR)
@@ -141,8 +140,8 @@ class PressPoint(ContactTask):
 
     def shaped(self, truth: Truth) -> float:
         """Half for being there, half for the force."""
-        there = self.nearness(truth)
-        return 0.5 * there + 0.5 * there * self.pressing(truth)
+        nearness = self.nearness(truth)
+        return 0.5 * nearness + 0.5 * nearness * self.pressing(truth)
 
 
 class WipePath(ContactTask):
@@ -166,10 +165,10 @@ class WipePath(ContactTask):
 
     def shaped(self, truth: Truth) -> float:
         """A third each for the pose, for the force there, and for the share of the path done."""
-        there = self.nearness(truth)
+        nearness = self.nearness(truth)
 
         return (
-            there + there * self.pressing(truth) + self.judge.s / float(self.place.path.s[-1])
+            nearness + nearness * self.pressing(truth) + self.judge.s / float(self.place.path.s[-1])
         ) / 3.0
 
 
@@ -206,10 +205,10 @@ class TapPoints(ContactTask):
     def shaped(self, truth: Truth) -> float:
         """The share of the points touched, and a part of the next for pose and force there."""
         count = len(self.points)
-        there = self.nearness(truth)
+        nearness = self.nearness(truth)
         return (
             self._judge.count
-            + (0.5 * there + 0.5 * there * self.pressing(truth)) * (not self._judge.done)
+            + (0.5 * nearness + 0.5 * nearness * self.pressing(truth)) * (not self._judge.done)
         ) / count
 
 

@@ -160,14 +160,15 @@ class Sea(composer.Arena):
             ConfigurationError: It is a second vehicle: the flow is that around one.
         """
         if isinstance(entity, VehicleEntity) and any(
-            isinstance(each, VehicleEntity) for each in self._attached
+            isinstance(entity, VehicleEntity) for entity in self._attached
         ):
             raise ConfigurationError("Sea: has a vehicle already; one scene takes one vehicle")
         return super().attach(entity, attach_site)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
         """Draw the current of the episode; the vehicle in it reads `flow`."""
-        heading, stream = random_state.uniform(-np.pi, np.pi), int(random_state.randint(2**31))
+        heading = random_state.uniform(-np.pi, np.pi)
+        stream = int(random_state.randint(2**31))
         self._stream = stream
         if self._always_W is None:
             speed = variation.evaluate(self._speed, random_state=random_state)
@@ -267,7 +268,8 @@ class ArmEntity(composer.Entity):
             if tool is None and parts.tool is not None and not bare:
                 tool = ToolEntity(vehicle, part=(parts.tool, parts.folder))
 
-        self._root, self.tool = root_of(part[0], "arm", part[1]), tool
+        self._root = root_of(part[0], "arm", part[1])
+        self.tool = tool
         if tool is not None:
             self.attach(tool)
 
@@ -337,8 +339,8 @@ class VehicleEntity(composer.Entity):
             held = (
                 None if parts.tool is None else ToolEntity(vehicle, part=(parts.tool, parts.folder))
             )
-            own = parts.arm, parts.folder
-            self.arm: ArmEntity | None = ArmEntity(vehicle, part=own, tool=held, bare=held is None)
+            part = parts.arm, parts.folder
+            self.arm: ArmEntity | None = ArmEntity(vehicle, part=part, tool=held, bare=held is None)
         else:
             self.arm = None
 
@@ -368,12 +370,12 @@ class VehicleEntity(composer.Entity):
     def _add_camera(self, site: Any) -> None:
         """MuJoCo camera at the site of the vehicle's own, its OpenCV axes half turned about x."""
         R = np.empty(9)
-        own = self.own.model.site(CAMERA_SITE)
-        mujoco.mju_quat2Mat(R, own.quat)
+        camera = self.own.model.site(CAMERA_SITE)
+        mujoco.mju_quat2Mat(R, camera.quat)
         R = R.reshape(3, 3)
 
         site.parent.add(
-            "camera", name=CAMERA_SITE, pos=own.pos, xyaxes=[*R[:, 0], *-R[:, 1]], fovy=50.0
+            "camera", name=CAMERA_SITE, pos=camera.pos, xyaxes=[*R[:, 0], *-R[:, 1]], fovy=50.0
         )
 
     def _build_observables(self) -> VehicleObservables:
@@ -383,8 +385,8 @@ class VehicleEntity(composer.Entity):
         """Enable the sensors' readings alone, or else the true state of hull, arm and tool."""
         for entity in self.iter_entities():
             of_sensors = getattr(entity.observables, "of_sensors", {})
-            for name, each in entity.observables.as_dict(fully_qualified=False).items():
-                each.enabled = (name in of_sensors) == sensors
+            for name, observable in entity.observables.as_dict(fully_qualified=False).items():
+                observable.enabled = (name in of_sensors) == sensors
 
     @property
     def mjcf_model(self) -> mjcf.RootElement:
@@ -421,7 +423,7 @@ class VehicleEntity(composer.Entity):
 
     def names(self) -> PartNames:
         """What the parts are called in the whole scene."""
-        found = {
+        names = {
             "hull": self._find("body", HULL_BODY),
             "arm_base": self._find("body", ARM_BASE_BODY),
             "tip": self._find("site", TIP_SITE),
@@ -429,13 +431,13 @@ class VehicleEntity(composer.Entity):
             "tool_face": self._find("site", TOOL_FACE_SITE),
         }
 
-        return PartNames(**{part: name for part, name in found.items() if name})
+        return PartNames(**{part: name for part, name in names.items() if name})
 
     def _find(self, kind: str, name: str) -> str:
         for entity in self.iter_entities():
-            found = entity.mjcf_model.find(kind, name)
-            if found is not None:
-                return found.full_identifier
+            element = entity.mjcf_model.find(kind, name)
+            if element is not None:
+                return element.full_identifier
         return f"{self._root.full_identifier}{name}"
 
     def place(
@@ -572,8 +574,8 @@ class WorkObjectEntity(composer.Entity):
     @property
     def geoms(self) -> list[Any]:
         """Its geoms that collide."""
-        found = self._root.find("body", TARGET_BODY).find_all("geom")
-        return [geom for geom in found if geom.contype != 0 or geom.conaffinity != 0]
+        geoms = self._root.find("body", TARGET_BODY).find_all("geom")
+        return [geom for geom in geoms if geom.contype != 0 or geom.conaffinity != 0]
 
 
 def _in_parent(site: Any, X: Array) -> Array:
@@ -589,79 +591,77 @@ def _in_parent(site: Any, X: Array) -> Array:
     )
 
 
-def put(sea: Sea, thing: composer.Entity, X_WT: Array) -> Any:
+def put(sea: Sea, entity: composer.Entity, X_WT: Array) -> Any:
     """Fix an entity to the world at a pose (4, 4); returns its frame."""
-    frame = sea.attach(thing)
+    frame = sea.attach(entity)
     X = checked_pose(X_WT, "X_WT")
     frame.pos, frame.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
     return frame
 
 
 def let_slide(
-    sea: Sea, vehicle: VehicleEntity, thing: WorkObjectEntity, *, speed: float, force: float
+    sea: Sea, vehicle: VehicleEntity, entity: WorkObjectEntity, *, speed: float, force: float
 ) -> None:
     """Contact of a sliding tool without lifting, as `uuv.models.site.sliding_contact` has it.
 
     Args:
         sea: The arena.
         vehicle: Its vehicle, with a tool.
-        thing: The object.
+        entity: The object.
         speed: [m/s] at which the tool slides.
         force: [N] that presses it.
     """
-    pad = next(
-        (found for e in vehicle.iter_entities() if (found := e.mjcf_model.find("geom", TOOL_GEOM))),
-        None,
-    )
+    pads = (part.mjcf_model.find("geom", TOOL_GEOM) for part in vehicle.iter_entities())
+    pad = next((geom for geom in pads if geom), None)
     if pad is None:
         raise ConfigurationError(f"vehicle: to slide it needs a tool, a geom named {TOOL_GEOM!r}")
 
-    own = vehicle.own.model.geom(TOOL_GEOM)
+    tool_geom = vehicle.own.model.geom(TOOL_GEOM)
     root = sea.mjcf_model
     time = friction_time(vehicle.own.model, speed=speed, force=force)
     root.option.impratio = friction_stiffness(time)
 
     # Pairs take the tool's friction, unless the object's own shapes have priority.
-    sliding, spinning, rolling = own.friction
-    for geom in thing.geoms:
-        if (geom.priority or 0) > own.priority[0] or not geom.name:
+    sliding, spinning, rolling = tool_geom.friction
+    for geom in entity.geoms:
+        if (geom.priority or 0) > tool_geom.priority[0] or not geom.name:
             continue
         root.contact.add(
             "pair",
             geom1=pad,
             geom2=geom,
             friction=[sliding, sliding, spinning, rolling, rolling],
-            condim=int(own.condim[0]),
-            solref=own.solref,
-            solimp=own.solimp,
+            condim=int(tool_geom.condim[0]),
+            solref=tool_geom.solref,
+            solimp=tool_geom.solimp,
             solreffriction=[time, 1.0],
         )
 
 
-def _check_each(name: str, given: Any, *methods: str) -> None:
+def _check_each(name: str, objects: Any, *methods: str) -> None:
     """Refuse what is no list of objects with these attributes.
 
     Raises:
         ConfigurationError: It is not; the message says what was given.
     """
-    if not isinstance(given, Sequence) or isinstance(given, str):
-        raise ConfigurationError(f"{name}: expected a list, got {shown(given)}")
-    for each in given:
-        if isinstance(each, type) or not all(hasattr(each, method) for method in methods):
-            made = f"; did you mean {each.__name__}()?" if isinstance(each, type) else ""
-            raise ConfigurationError(f"{name}: {shown(each)} is none of them{made}")
+    if not isinstance(objects, Sequence) or isinstance(objects, str):
+        raise ConfigurationError(f"{name}: expected a list, got {shown(objects)}")
+    for candidate in objects:
+        if isinstance(candidate, type) or not all(hasattr(candidate, method) for method in methods):
+            hint = f"; did you mean {candidate.__name__}()?" if isinstance(candidate, type) else ""
+            raise ConfigurationError(f"{name}: {shown(candidate)} is none of them{hint}")
 
 
 def _dry(model: mujoco.MjModel) -> list[str]:
     """Names of free bodies with mass that have no hydrodynamics in their whole tree."""
-    found = []
+    dry = []
     for joint in np.flatnonzero(np.asarray(model.jnt_type) == mujoco.mjtJoint.mjJNT_FREE):
         root = int(model.jnt_bodyid[joint])
         tree = np.flatnonzero(np.asarray(model.body_rootid) == model.body_rootid[root])
         if not any(hydrodynamic_rows.carries(model.body_user[body]) for body in tree):
-            found.append(model.body(root).name or f"body {root}")
+            dry.append(model.body(root).name or f"body {root}")
 
-    return found
+    return dry
 
 
 class _Anything:

@@ -41,7 +41,9 @@ def run_episode(
         stop_when_done: End it when the work is done; its rewards then lack the rest.
         observe: Called with observation, action and the reward that followed.
     """
-    moment, total, steps = environment.reset(), 0.0, 0
+    moment = environment.reset()
+    total = 0.0
+    steps = 0
     task: Any = environment.task
 
     while not moment.last() and not (stop_when_done and getattr(task, "is_success", False)):
@@ -49,7 +51,8 @@ def run_episode(
         before = moment.observation
         moment = environment.step(action)
         reward = float(moment.reward or 0.0)
-        total, steps = total + reward, steps + 1
+        total += reward
+        steps += 1
 
         if observe is not None:
             observe(before, action, reward)
@@ -150,9 +153,9 @@ def record_episodes(
 
     # Metadata of the file, whose columns the first episode decides.
     names = (environment.action_spec().name or "").replace("\t", ",")
-    told = {"task": task, "actions": names, "period_s": str(environment.control_timestep())}
-    made: Any = environment.task
-    told |= {"vehicle": getattr(getattr(made, "vehicle", None), "kind", "")}
+    metadata = {"task": task, "actions": names, "period_s": str(environment.control_timestep())}
+    task_object: Any = environment.task
+    metadata |= {"vehicle": getattr(getattr(task_object, "vehicle", None), "kind", "")}
 
     try:
         for number in range(episodes):
@@ -164,7 +167,7 @@ def record_episodes(
 
             table = _table(number, episode, moments)
             if writer is None:
-                writer = pq.ParquetWriter(str(file), table.schema.with_metadata(told))
+                writer = pq.ParquetWriter(str(file), table.schema.with_metadata(metadata))
             writer.write_table(table.replace_schema_metadata(writer.schema.metadata))
     finally:
         if writer is not None:
@@ -188,8 +191,10 @@ def _table(
         )
 
     columns: dict[str, Any] = {"episode": [number] * count, "step": list(range(count))}
-    for name, value in episode.last.items():
-        columns[name] = lists([each[name] for each in observations], int(np.size(value)))
+    for name, sample in episode.last.items():
+        columns[name] = lists(
+            [observation[name] for observation in observations], int(np.size(sample))
+        )
     columns["action"] = lists(
         [*(action for _, action, _ in moments), None], int(np.size(moments[0][1]))
     )

@@ -106,13 +106,16 @@ class StationExpert:
 
     def __init__(self, task: HoldStation) -> None:
         """Set up for a task with thrusters as action."""
-        own = task.vehicle.own
-        self._task, self._true = task, TrueState()
-        self._control = HullControl(own.model, period=task.control_timestep)
-        self._home = np.array(own.vehicle.q_home)
+        believed = task.vehicle.own
+        self._task = task
+        self._true = TrueState()
+        self._control = HullControl(believed.model, period=task.control_timestep)
+        self._home = np.array(believed.vehicle.q_home)
 
-        armed = len(own.vehicle.joints) > 0
-        self._arm_B = ArmDynamics(own.model).wrench_at_rest(self._home) if armed else np.zeros(6)
+        armed = len(believed.vehicle.joints) > 0
+        self._arm_B = (
+            ArmDynamics(believed.model).wrench_at_rest(self._home) if armed else np.zeros(6)
+        )
         self._state: HullControlState | None = None
         self._move: PoseMove | None = None
 
@@ -172,21 +175,24 @@ class ReachExpert:
 
     def __init__(self, task: ReachPose, actions: JointVelocities) -> None:
         """Set up for a task with joint velocities as action."""
-        self._task, self._actions = task, actions
-        self._chain, self._X_BA = task.vehicle.own.chain(), np.array(task.vehicle.own.vehicle.X_BA)
+        self._task = task
+        self._actions = actions
+        self._chain = task.vehicle.own.chain()
+        self._X_BA = np.array(task.vehicle.own.vehicle.X_BA)
 
     def __call__(self, timestep: dm_env.TimeStep) -> Array:
         """Joint velocities towards the goal."""
-        actions, truth = self._actions, self._task.truth
+        actions = self._actions
+        truth = self._task.truth
 
         X_WA = np.eye(4)
         X_WA[:3, :3], X_WA[:3, 3] = truth.R_WB, truth.p_WB
 
-        found = solve(
+        solution = solve(
             self._chain, inverse(X_WA @ self._X_BA) @ self._task.X_WH, truth.q, branch="keep"
         )
 
-        return actions.action_to(found.q, 5.0 * self._task.control_timestep)
+        return actions.action_to(solution.q, 5.0 * self._task.control_timestep)
 
 
 @_expert.register
@@ -201,7 +207,9 @@ class Align(Phase):
         self, tip: Callable[[StateEstimate], Array], within: float = 2e-3, seconds: float = 0.3
     ) -> None:
         """Take the tip's estimated position (3,) [m], its tolerance [m], and the time there [s]."""
-        self._tip, self._within, self._seconds = tip, within, seconds
+        self._tip = tip
+        self._within = within
+        self._seconds = seconds
 
     def enter(self, held: Held, now: Context) -> list[float]:
         """Begin; the state is the time since when the tool is there."""
@@ -225,7 +233,9 @@ class WorkExpert:
         self, task: ContactTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]
     ) -> None:
         """Set up for a task with the tool's motion as action."""
-        self._task, self._actions, self._rows = task, actions, tuple(rows)
+        self._task = task
+        self._actions = actions
+        self._rows = tuple(rows)
         self._planner: TaskPlanner | None = None
         self._state: TaskState | None = None
         self._true = TrueState()
@@ -237,7 +247,8 @@ class WorkExpert:
 
     def __call__(self, timestep: dm_env.TimeStep) -> Array:
         """Twist and force towards the planner's set point."""
-        actions, period = self._actions, self._task.control_timestep
+        actions = self._actions
+        period = self._task.control_timestep
 
         if timestep.first():
             estimate = self._true.estimate(self._task.truth)
@@ -251,15 +262,15 @@ class WorkExpert:
         assert self._planner is not None
         assert self._state is not None
         estimate = self._true.estimate(self._task.truth)
-        self._state, asked = self._planner.step(self._state, estimate, None, actions.last)
+        self._state, reference = self._planner.step(self._state, estimate, None, actions.last)
 
-        if asked.X_WG is None:
+        if reference.X_WG is None:
             return np.zeros(len(actions.names))
 
-        X_WG = asked.X_WG.copy()
-        X_WG[:3, 3] += period * asked.v_WG_W
-        force = asked.set_force if asked.force_control else 0.0
-        return actions.action_to(X_WG, force, asked.compliant, period)
+        X_WG = reference.X_WG.copy()
+        X_WG[:3, 3] += period * reference.v_WG_W
+        force = reference.set_force if reference.force_control else 0.0
+        return actions.action_to(X_WG, force, reference.compliant, period)
 
 
 _OFF = {Reaction.RETREAT: "parked"}  # a phase that gives up
@@ -274,7 +285,8 @@ def _begin(
         del now
         held.line, held.depth = task.place.line(offset), depth
 
-    tip, done = task.vehicle.own.at_work().tip, PhaseEvent.DONE
+    tip = task.vehicle.own.at_work().tip
+    done = PhaseEvent.DONE
     yield (
         "stand",
         TaskRow(
@@ -288,7 +300,8 @@ def _begin(
 
 def _pressing(task: ContactTask, then: str) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the stand-off to the set force."""
-    limits, done = contact.ApproachLimits(standoff=STANDOFF), PhaseEvent.DONE
+    limits = contact.ApproachLimits(standoff=STANDOFF)
+    done = PhaseEvent.DONE
     yield from _begin(task, offset=-STANDOFF, depth=0.0, then="approach")
     yield (
         "approach",
@@ -301,7 +314,8 @@ def _pressing(task: ContactTask, then: str) -> Iterable[tuple[str, TaskRow]]:
 
 def _leaving(then: str) -> Iterable[tuple[str, TaskRow]]:
     """Rows off the surface."""
-    limits, done = contact.ApproachLimits(standoff=STANDOFF), PhaseEvent.DONE
+    limits = contact.ApproachLimits(standoff=STANDOFF)
+    done = PhaseEvent.DONE
     yield (
         "let go",
         TaskRow(contact.Unload(FORCE_RATE, limits.touch), WorkState.RETREAT, {done: "lift"}, _OFF),

@@ -44,7 +44,7 @@ class HoldStation(VehicleTask):
         """As `VehicleTask`."""
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.X_WH = np.eye(4)  # pose to hold
-        self._judge = KeptFor(self._there, self.seconds)
+        self._judge = KeptFor(self._at_goal, self.seconds)
         self.add_goals(FARTHEST, goal_position=3, goal_attitude=3)
 
     seconds = STATION_TIME
@@ -67,7 +67,7 @@ class HoldStation(VehicleTask):
         X_BH = self.X_BH(truth)
         return float(np.linalg.norm(X_BH[:3, 3])), float(np.linalg.norm(log_so3(X_BH[:3, :3])))
 
-    def _there(self, truth: Truth) -> bool:
+    def _at_goal(self, truth: Truth) -> bool:
         distance, angle = self._off(truth)
         return distance <= CLOSE[0] and angle <= ALIGNED[0]
 
@@ -125,7 +125,7 @@ class ReachPose(VehicleTask):
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self._chain: Chain = vehicle.own.chain()
         self.X_WH = np.eye(4)  # tool pose to reach; its turn about the tool's axis is free
-        self._judge = KeptFor(self._there, REACHED_TIME)
+        self._judge = KeptFor(self._at_goal, REACHED_TIME)
 
         self.add_goals(FARTHEST, goal_position=3, goal_turn=3)
 
@@ -160,17 +160,17 @@ class ReachPose(VehicleTask):
 
     def _turn(self, truth: Truth) -> Array:
         """Rotation vector (3,) [rad], W, that turns the tool's axis to the goal's."""
-        z, wanted = truth.R_WG[:, 2], self.X_WH[:3, 2]
-        axis = np.array(cross(z, wanted))
+        z, z_goal = truth.R_WG[:, 2], self.X_WH[:3, 2]
+        axis = np.array(cross(z, z_goal))
         sine = float(np.linalg.norm(axis))
-        return np.arctan2(sine, float(z @ wanted)) * axis / sine if sine > 1e-9 else np.zeros(3)
+        return np.arctan2(sine, float(z @ z_goal)) * axis / sine if sine > 1e-9 else np.zeros(3)
 
     def _off(self, truth: Truth) -> tuple[float, float]:
         return float(np.linalg.norm(self.X_WH[:3, 3] - truth.p_WG)), float(
             np.linalg.norm(self._turn(truth))
         )
 
-    def _there(self, truth: Truth) -> bool:
+    def _at_goal(self, truth: Truth) -> bool:
         distance, angle = self._off(truth)
         return distance <= REACHED[0] and angle <= POINTED[0]
 

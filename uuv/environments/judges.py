@@ -45,12 +45,17 @@ class KeptFor:
     """Judge: success once a condition has held for some time without a break."""
 
     def __init__(self, condition: Callable[[Truth], bool], seconds: float) -> None:
-        self._condition, self._seconds = condition, seconds
-        self.done, self.failed, self._held = False, "", 0.0
+        self._condition = condition
+        self._seconds = seconds
+        self.done = False
+        self.failed = ""
+        self._held = 0.0
 
     def start(self) -> None:
         """Begin an episode."""
-        self.done, self.failed, self._held = False, "", 0.0
+        self.done = False
+        self.failed = ""
+        self._held = 0.0
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Count the time."""
@@ -96,7 +101,9 @@ class PressedAt:
     """Done once the set force has been held at a point for a time, within the bounds."""
 
     def __init__(self, at: SetForce, seconds: float) -> None:
-        self._at, self._seconds, self._error = at, seconds, at.running()
+        self._at = at
+        self._seconds = seconds
+        self._error = at.running()
         self.start()
 
     def start(self) -> None:
@@ -114,8 +121,11 @@ class PressedAt:
             self._judge(touch, dt)
 
     def _judge(self, touch: ContactStep, dt: float) -> None:
-        at, bounds, error = self._at, self._at.bounds, self._error
+        at = self._at
+        bounds = self._at.bounds
+        error = self._error
 
+        # Beyond a bound the time begins anew.
         peak = force_peak(touch.least, touch.most, at.force)
         if peak > bounds.force_error_max or touch.deviation > bounds.path_deviation:
             error.start()
@@ -140,7 +150,8 @@ class WipedAlong:
     REACHED = 0.99  # share of the path's length
 
     def __init__(self, along: SetForce) -> None:
-        self._along, self._error = along, along.running()
+        self._along = along
+        self._error = along.running()
         self.start()
 
     def start(self) -> None:
@@ -160,9 +171,13 @@ class WipedAlong:
             self._judge(touch, dt)
 
     def _judge(self, touch: ContactStep, dt: float) -> None:
-        along, error, end = self._along, self._error, float(self._along.path.s[-1])
+        along = self._along
+        error = self._error
+        end = float(self._along.path.s[-1])
         bound = along.bounds.path_deviation
         s = touch.s
+
+        # The work begins at the path's start.
         if not self._begun:
             at_start = s < (1.0 - self.REACHED) * end + bound
             self._begun = touch.normal > 0.5 * along.force and at_start
@@ -170,6 +185,7 @@ class WipedAlong:
         if self.done or self.failed:
             return
 
+        # Force and progress; deviations count once the force has settled.
         wrong = error.add(touch.normal, touch.least, touch.most, dt)
         if s > self.s and s < self.s + 10.0 * bound:  # no leap across a bend
             self.s = s
@@ -188,13 +204,18 @@ class TappedAt:
 
     def __init__(self, along: SetForce, points: Sequence[float], seconds: float) -> None:
         """Take force and path, arc lengths [m] of the points, and the time [s] at each."""
-        self._along, self._points, self._seconds = along, tuple(points), seconds
+        self._along = along
+        self._points = tuple(points)
+        self._seconds = seconds
         self.start()
 
     def start(self) -> None:
         """Begin an episode."""
-        self.done, self.failed = False, ""
-        self.count, self._held, self._away = 0, 0.0, True
+        self.done = False
+        self.failed = ""
+        self.count = 0
+        self._held = 0.0
+        self._away = True
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Count touches."""
@@ -220,7 +241,9 @@ class TappedAt:
         self._held = self._held + dt if at_point and pressed and self._away else 0.0
 
         if self._held >= self._seconds:
-            self.count, self._held, self._away = self.count + 1, 0.0, False
+            self.count += 1
+            self._held = 0.0
+            self._away = False
             self.done = self.count == len(self._points)
 
 
@@ -229,12 +252,15 @@ class InsertedTo:
 
     def __init__(self, hole: TrueHole, bounds: InsertionBounds | None = None) -> None:
         """Take the hole with the depth to reach."""
-        self._hole, self._bounds = hole, bounds or InsertionBounds()
+        self._hole = hole
+        self._bounds = bounds or InsertionBounds()
         self.start()
 
     def start(self) -> None:
         """Begin an episode."""
-        self.done, self.failed, self.depth = False, "", -np.inf
+        self.done = False
+        self.failed = ""
+        self.depth = -np.inf
 
     def watch(self, truth: Truth, dt: float) -> None:
         """Judge depth and force."""
@@ -248,7 +274,8 @@ class InsertedTo:
 
     def _judge(self, p_W: Array, f_W: Array) -> None:
         """Judge places (k, 3) [m] of the tip, and forces (k, 3) [N] on it."""
-        hole, bounds = self._hole, self._bounds
+        hole = self._hole
+        bounds = self._bounds
         tip_H = hole.tips(p_W)
         depths = np.where(hole.within_wall(tip_H), tip_H[:, 2], -np.inf).tolist()
         sides, axials = hole.forces(f_W)

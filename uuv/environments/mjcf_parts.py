@@ -73,7 +73,8 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     Raises:
         ConfigurationError: The vehicle has no body `hull`.
     """
-    whole, folder = etree.fromstring(exact_xml(spec).encode()), spec.modelfiledir
+    whole = etree.fromstring(exact_xml(spec).encode())
+    folder = spec.modelfiledir
 
     hull = _named(whole, "body", HULL_BODY)
     if hull is None:
@@ -101,9 +102,9 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
 
 def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Element]:
     """What the last driven link carries: tip and pad, each with the bodies of its mount."""
-    driven = {each.get("joint") for each in document.iterfind("actuator/*")}
+    driven = {actuator.get("joint") for actuator in document.iterfind("actuator/*")}
     pad = _named(document, "body", PAD_BODY)
-    found: list[etree._Element] = []
+    carried: list[etree._Element] = []
 
     for part in [tip] if pad is None else [tip, pad]:
         at = part
@@ -114,9 +115,9 @@ def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Elemen
                     f"vehicle: {part.tag} {part.get('name')!r} is carried by no driven joint"
                 )
 
-        if at not in found:
-            found.append(at)
-    return found
+        if at not in carried:
+            carried.append(at)
+    return carried
 
 
 def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:
@@ -153,10 +154,10 @@ def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Eleme
 
 def _keep_own_actuators(document: etree._Element) -> None:
     """Remove actuators of joints and sites that the document does not have."""
-    own = {
-        (each.tag, each.get("name"))
-        for each in document.iterfind(".//worldbody//*")
-        if each.get("name")
+    parts = {
+        (element.tag, element.get("name"))
+        for element in document.iterfind(".//worldbody//*")
+        if element.get("name")
     }
 
     for section in document.findall("actuator"):
@@ -166,7 +167,7 @@ def _keep_own_actuators(document: etree._Element) -> None:
                 for kind in ("joint", "site", "body")
                 if actuator.get(kind)
             ]
-            if any(place not in own for place in places):
+            if any(target not in parts for target in places):
                 section.remove(actuator)
 
 
@@ -179,7 +180,7 @@ def _inherited_class(part: etree._Element) -> str | None:
 
 
 def _free_name(document: etree._Element, wish: str) -> str:
-    taken = {each.get("name") for each in document.iter("site")}
+    taken = {site.get("name") for site in document.iter("site")}
     return next(name for name in _numbered(wish) if name not in taken)
 
 
@@ -189,7 +190,7 @@ def _numbered(wish: str) -> Iterator[str]:
 
 
 def _named(document: etree._Element, tag: str, name: str) -> etree._Element | None:
-    return next((each for each in document.iter(tag) if each.get("name") == name), None)
+    return next((element for element in document.iter(tag) if element.get("name") == name), None)
 
 
 def _text(document: etree._Element) -> str:

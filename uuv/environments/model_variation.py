@@ -29,14 +29,15 @@ class ModelVariation:
 
     def __init__(self, spec: mujoco.MjSpec, perturbations: Sequence[Perturbation]) -> None:
         """Take the nominal vehicle and its perturbations."""
-        for each in perturbations:
-            if type(each).on_vehicle is Perturbation.on_vehicle:
+        for perturbation in perturbations:
+            if type(perturbation).on_vehicle is Perturbation.on_vehicle:
                 raise ConfigurationError(
-                    f"perturbation {type(each).__name__}: acts on scene or loop; an episode "
-                    "varies the vehicle alone"
+                    f"perturbation {type(perturbation).__name__}: acts on scene or loop; an "
+                    "episode varies the vehicle alone"
                 )
 
-        self._spec, self._perturbations = spec, tuple(perturbations)
+        self._spec = spec
+        self._perturbations = tuple(perturbations)
         self._nominal = spec.copy().compile()
         self._scene: mujoco.MjModel | None = None
         self._rows: dict[str, tuple[np.ndarray, np.ndarray]] = {}
@@ -50,27 +51,30 @@ class ModelVariation:
             scene: The model to vary.
             find: Full name of a part.
         """
-        own = self._nominal
+        nominal = self._nominal
         self._scene = scene
 
         # Rows of the same part in vehicle and scene, by kind.
         for kind, word, total in (
-            (mujoco.mjtObj.mjOBJ_BODY, "body", own.nbody),
-            (mujoco.mjtObj.mjOBJ_JOINT, "joint", own.njnt),
-            (mujoco.mjtObj.mjOBJ_GEOM, "geom", own.ngeom),
-            (mujoco.mjtObj.mjOBJ_ACTUATOR, "actuator", own.nu),
+            (mujoco.mjtObj.mjOBJ_BODY, "body", nominal.nbody),
+            (mujoco.mjtObj.mjOBJ_JOINT, "joint", nominal.njnt),
+            (mujoco.mjtObj.mjOBJ_GEOM, "geom", nominal.ngeom),
+            (mujoco.mjtObj.mjOBJ_ACTUATOR, "actuator", nominal.nu),
         ):
-            here, there = [], []
+            in_nominal, in_scene = [], []
             for i in range(1 if word == "body" else 0, total):
-                name = mujoco.mj_id2name(own, kind, i)
+                name = mujoco.mj_id2name(nominal, kind, i)
                 at = mujoco.mj_name2id(scene, kind, find(word, name)) if name else -1
                 if at >= 0:
-                    here.append(i)
-                    there.append(at)
-            self._rows[word] = np.array(here, dtype=np.int64), np.array(there, dtype=np.int64)
+                    in_nominal.append(i)
+                    in_scene.append(at)
+            self._rows[word] = (
+                np.array(in_nominal, dtype=np.int64),
+                np.array(in_scene, dtype=np.int64),
+            )
 
         dofs = [
-            (int(own.jnt_dofadr[a]), int(scene.jnt_dofadr[b]))
+            (int(nominal.jnt_dofadr[a]), int(scene.jnt_dofadr[b]))
             for a, b in zip(*self._rows["joint"], strict=True)
         ]
         own_dofs, scene_dofs = np.array(dofs, dtype=np.int64).reshape(-1, 2).T
@@ -93,7 +97,8 @@ class ModelVariation:
         assert self._scene is not None
         spec = self._spec.copy()
         self.drawn = perturb(spec, self._perturbations, int(random_state.randint(2**31)))
-        varied, scene = spec.compile(), self._scene
+        varied = spec.compile()
+        scene = self._scene
 
         if varied.opt.timestep != self._nominal.opt.timestep:
             raise ConfigurationError(
@@ -107,9 +112,9 @@ class ModelVariation:
             ("geom", _OF_GEOM),
             ("actuator", _OF_ACTUATOR),
         ):
-            here, there = self._rows[word]
+            in_nominal, in_scene = self._rows[word]
             for field in fields:
-                getattr(scene, field)[there, ...] = getattr(varied, field)[here, ...]
+                getattr(scene, field)[in_scene, ...] = getattr(varied, field)[in_nominal, ...]
 
         if len(self._pairs):
             sliding, spinning, rolling = varied.geom(TOOL_GEOM).friction

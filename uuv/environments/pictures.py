@@ -30,8 +30,8 @@ def picture(
         MissingLibraryError: There is no GL to draw with.
     """
     height, width = (
-        whole_number(each, "size [px]", least=1, most=most)
-        for each, most in zip(size, MOST, strict=True)
+        whole_number(pixels, "size [px]", least=1, most=most)
+        for pixels, most in zip(size, MOST, strict=True)
     )
 
     model = physics.model.ptr

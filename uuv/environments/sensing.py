@@ -96,7 +96,7 @@ class SensorReadings:
 
 def readings(vehicle: SensedVehicle) -> dict[str, observable.Observable]:
     """Observables of a vehicle's sensors, by SENSOR_FIELD; for `Observables.add_observable`."""
-    found: dict[str, observable.Observable] = {}
+    observables: dict[str, observable.Observable] = {}
     timestep = float(vehicle.own.model.opt.timestep)
 
     for index, sensor in enumerate(vehicle.readings.sensors):
@@ -109,11 +109,11 @@ def readings(vehicle: SensedVehicle) -> dict[str, observable.Observable]:
         )
 
         for field in _fields(sensor, vehicle):
-            found[f"{_snake(name)}_{field}"] = observable.Generic(
+            observables[f"{_snake(name)}_{field}"] = observable.Generic(
                 _reading(vehicle, index, field), update_interval=every, delay=late
             )
 
-    return found
+    return observables
 
 
 def _fields(sensor: Sensor, vehicle: SensedVehicle) -> Iterable[str]:

@@ -89,14 +89,20 @@ def _working_sea(depth: float) -> Sea:
 def _on_barrel(
     kind: type[PressPoint] | type[WipePath], vehicle: VehicleEntity, actions: Actions, sparse: bool
 ) -> VehicleTask:
-    place = place_on(vehicle, targets.barrel(line_length=WIPED), "longitudinal", force=FORCE)
-    return kind(_working_sea(place.depth), vehicle, actions, place, force=FORCE, sparse=sparse)
+    work_place = place_on(vehicle, targets.barrel(line_length=WIPED), "longitudinal", force=FORCE)
+    return kind(
+        _working_sea(work_place.depth), vehicle, actions, work_place, force=FORCE, sparse=sparse
+    )
 
 
 def _tap(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
-    place = place_on(vehicle, targets.barrel(line_length=WIPED), "longitudinal", force=TAP_FORCE)
-    sea = _working_sea(place.depth)
-    return TapPoints(sea, vehicle, actions, place, force=TAP_FORCE, points=TAPPED, sparse=sparse)
+    work_place = place_on(
+        vehicle, targets.barrel(line_length=WIPED), "longitudinal", force=TAP_FORCE
+    )
+    sea = _working_sea(work_place.depth)
+    return TapPoints(
+        sea, vehicle, actions, work_place, force=TAP_FORCE, points=TAPPED, sparse=sparse
+    )
 
 
 def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
@@ -108,11 +114,15 @@ def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTa
 
     radius = float(vehicle.own.model.geom_size[tool, 0])
     block = manifold(radius + CLEARANCE)
-    place = place_at_hole(vehicle, block, HOLE, DEPTH)
+    work_place = place_at_hole(vehicle, block, HOLE, DEPTH)
     bore = block.hole(HOLE)
 
-    hole = TrueHole(X_WH=bore.pose(place.X_WT), radius=bore.radius, tool_radius=radius, depth=DEPTH)
-    return InsertSampler(_working_sea(place.depth), vehicle, actions, place, hole, sparse=sparse)
+    hole = TrueHole(
+        X_WH=bore.pose(work_place.X_WT), radius=bore.radius, tool_radius=radius, depth=DEPTH
+    )
+    return InsertSampler(
+        _working_sea(work_place.depth), vehicle, actions, work_place, hole, sparse=sparse
+    )
 
 
 TASKS: dict[tuple[str, str], SuiteEntry] = {
@@ -191,7 +201,7 @@ def load(
     name = f"{domain}/{task}"
 
     if (domain, task) not in TASKS:
-        known = tuple("/".join(each) for each in TASKS)
+        known = tuple("/".join(names) for names in TASKS)
         raise ConfigurationError(
             f"unknown task {shown(name)}; there are {', '.join(known)}{did_you_mean(name, known)}"
         )
@@ -202,12 +212,12 @@ def load(
         raise ConfigurationError(f"unknown actions {shown(kind)}; there are {', '.join(ACTIONS)}")
 
     body = VehicleEntity(vehicle, tool=entry.tool, sensors=sensors, perturbations=perturbations)
-    made = entry.make(body, ACTIONS[kind](body.own), sparse)
+    vehicle_task = entry.make(body, ACTIONS[kind](body.own), sparse)
     if period is not None:
-        made.set_period(period)
+        vehicle_task.set_period(period)
 
     return environment(
-        made, seed=seed, time_limit=entry.time_limit if time_limit is None else time_limit
+        vehicle_task, seed=seed, time_limit=entry.time_limit if time_limit is None else time_limit
     )
 
 

@@ -160,7 +160,8 @@ class VehicleTask(composer.Task):
         self._X_WB, q = self.begin(random_state)
         self.vehicle.place(physics, self._X_WB, q)
         self.judge.start()
-        self.damage, self._fresh = "", True
+        self.damage = ""
+        self._fresh = True
         self._goal = None
 
     def before_step(self, physics: mjcf.Physics, action: Array, random_state: Random) -> None:

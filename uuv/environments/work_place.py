@@ -42,7 +42,7 @@ class WorkPlace:
 
 
 def on_path(
-    own: OwnVehicle,
+    believed: OwnVehicle,
     target: TargetModel,
     path: ModelPath,
     X_WT: Array,
@@ -53,7 +53,7 @@ def on_path(
     """Place of work on a path of an object.
 
     Args:
-        own: The vehicle.
+        believed: The vehicle.
         target: The object.
         path: Tool path on it, in T.
         X_WT: (4, 4) its pose.
@@ -65,7 +65,7 @@ def on_path(
         ReachError: From no hull pose does the arm take the path.
     """
     return standing(
-        own,
+        believed,
         target,
         path_on_model(X_WT, path, spacing=PATH_SPACING),
         X_WT,
@@ -75,7 +75,7 @@ def on_path(
 
 
 def standing(
-    own: OwnVehicle,
+    believed: OwnVehicle,
     target: TargetModel,
     path: ToolPath,
     X_WT: Array,
@@ -84,9 +84,9 @@ def standing(
     standoff: float,
 ) -> WorkPlace:
     """Place of work on a tool path in W; as `on_path`."""
-    check_parts(own.model, but=("camera", "home", "ready"))
+    check_parts(believed.model, but=("camera", "home", "ready"))
 
-    known = own.at_work()
+    known = believed.at_work()
     stand = PathStanding(
         vehicle=known.vehicle,
         chain=known.chain,
@@ -95,10 +95,10 @@ def standing(
         # the hull does not travel
         limits=StandingLimits(force=force, standoff=standoff, roomy=0.0),
         floor=scenes.seabed_height(target, X_WT),
-        holding=ThrustMargin.of(own.model),
+        holding=ThrustMargin.of(believed.model),
     )
 
-    found = Target(
+    surveyed = Target(
         time=0.0,
         X_WT=X_WT,
         accepted=True,
@@ -108,5 +108,5 @@ def standing(
         path=path,
     )
 
-    placement, worked, _ = stand(found, path)
+    placement, worked, _ = stand(surveyed, path)
     return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)

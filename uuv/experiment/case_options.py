@@ -98,8 +98,8 @@ class CaseSpace:
             ConfigurationError: A value that is varied is none of those that there are, or a case
                 refuses its values.
         """
-        for name, values in self.vary.items():
-            _check_words(name, getattr(options, name), values)
+        for name, levels in self.vary.items():
+            _check_words(name, getattr(options, name), levels)
         if isinstance(getattr(options, SEED, None), int):
             at_least(options, seed=0)
 
@@ -135,11 +135,11 @@ def _check_words(name: str, values: Sequence[Any], known: Sequence[Any]) -> None
     if not values:
         raise ConfigurationError(f"{option}: needs at least one value")
 
-    for value in values:
-        if isinstance(value, str) and value not in known:
+    for level in values:
+        if isinstance(level, str) and level not in known:
             listed = ", ".join(map(str, known))
             raise ConfigurationError(
-                f"{option}: no {value!r}; there are {listed}{did_you_mean(value, known)}"
+                f"{option}: no {level!r}; there are {listed}{did_you_mean(level, known)}"
             )
 
 

@@ -57,7 +57,7 @@ def _end_all(folder: str, but: str) -> None:
     """Ends the processes that write in a folder, but not one of them."""
     quiet = 0
     for _ in range(_LOOKS):
-        ended = [_ended(each, folder) for each in _PROC.glob("[0-9]*") if each.name != but]
+        ended = [_ended(process, folder) for process in _PROC.glob("[0-9]*") if process.name != but]
         quiet = 0 if any(ended) else quiet + 1
         if quiet == _QUIET:
             return

@@ -45,7 +45,7 @@ class ResultColumn:
 
         # a table or a list of values
         if isinstance(value, Mapping):
-            return ", ".join(f"{key} {self.cell(item)}" for key, item in value.items())
+            return ", ".join(f"{key} {self.cell(entry)}" for key, entry in value.items())
         if isinstance(value, list):
             return ", ".join(map(self.cell, value))
 

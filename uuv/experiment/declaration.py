@@ -147,6 +147,7 @@ class Experiment(Generic[Case, Outcome]):
             and entry.default is MISSING
             and entry.default_factory is MISSING
         ]
+
         if lacking:
             raise ConfigurationError(f"experiment {self.name}: needs {', '.join(lacking)}")
         return self.options(**values)
@@ -205,6 +206,7 @@ class Experiment(Generic[Case, Outcome]):
             cases = self.space.cases(options)
         else:
             cases = made_cases(options.drawn, self.name, self.case)
+
         if not cases:
             raise ConfigurationError(f"experiment {self.name}: these options select no case")
         return Study(
@@ -226,8 +228,9 @@ class Experiment(Generic[Case, Outcome]):
         except UuvError as error:
             if self._failed is not None:  # the error has a column of its own
                 raise
-            values = ", ".join(f"{key} {shown(value)}" for key, value in vars_of(case).items())
-            raise ConfigurationError(f"experiment {self.name}, {values}: {error}") from error
+
+            listed = ", ".join(f"{key} {shown(value)}" for key, value in vars_of(case).items())
+            raise ConfigurationError(f"experiment {self.name}, {listed}: {error}") from error
 
     def summary(self, rows: Sequence[Row]) -> Summary:
         """The page for some rows.

@@ -50,23 +50,23 @@ def read_cases(file: str | Path, experiment: str) -> tuple[DrawnCase, ...]:
         ConfigurationError: The file cannot be read, holds no cases or those of another experiment,
             or has a number twice.
     """
-    place = named(file, _WHAT)
+    where = named(file, _WHAT)
     document = json_of(file, _WHAT, _MOST_BYTES)
     try:
         content = _READER.made(DrawnCases, document)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{place}: {error}") from error
+        raise ConfigurationError(f"{where}: {error}") from error
 
     if content.experiment != experiment:
         raise ConfigurationError(
-            f"{place}: experiment: allowed {experiment}, got {shown(content.experiment)}"
+            f"{where}: experiment: allowed {experiment}, got {shown(content.experiment)}"
         )
 
     if not content.cases:
-        raise ConfigurationError(f"{place}: cases: at least one is needed")
+        raise ConfigurationError(f"{where}: cases: at least one is needed")
     ((number, count),) = Counter(case.case for case in content.cases).most_common(1)
     if count > 1:
-        raise ConfigurationError(f"{place}: case {number} is in it {count} times")
+        raise ConfigurationError(f"{where}: case {number} is in it {count} times")
     return content.cases
 
 
@@ -83,11 +83,11 @@ def made_cases(file: str | Path, experiment: str, kind: type[Case]) -> list[Case
     """
     cases = []
     for drawn in read_cases(file, experiment):
-        place = f"{named(file, _WHAT)}: case {drawn.case}"
+        where = f"{named(file, _WHAT)}: case {drawn.case}"
         try:
             cases.append(_READER.made(kind, drawn.values))
         except ConfigurationError as error:
-            raise ConfigurationError(f"{place}: {error}") from error
+            raise ConfigurationError(f"{where}: {error}") from error
     return cases
 
 

@@ -78,7 +78,7 @@ class LocalProcesses:
         """As `Engine.results`."""
         from uuv.experiment.local_processes import run_all
 
-        return ([each] for each in run_all(tasks, self.workers, run, died, self.limits))
+        return ([outcome] for outcome in run_all(tasks, self.workers, run, died, self.limits))
 
 
 def _processes(workers: int, tasks: int, limits: Limits) -> Engine:

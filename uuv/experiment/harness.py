@@ -130,11 +130,11 @@ class Summary:
             page.heading(title, accepted, reasons=self.failed or (), about=about),
             *(
                 page.section(
-                    each.title,
-                    page.table(each.columns, each.rows, texts=range(each.labels)),
-                    page.caption(each.caption),
+                    table.title,
+                    page.table(table.columns, table.rows, texts=range(table.labels)),
+                    page.caption(table.caption),
                 )
-                for each in self.tables
+                for table in self.tables
             ),
             *(page.paragraph(line) for line in self.lines),
             *(page.figure(*picture) for picture in self.pictures),
@@ -222,7 +222,7 @@ class Study(Generic[Case]):
             pace = _pace(rows, len(left), engine.place, time.perf_counter() - began)
             if lost := sum(not log.has(key) for key in keyed):
                 pace += f" {lost} runs: {DIED}; the same command does them again."
-            return self._told(folder, rows, title, made_by, pace, console)
+            return self._conclude(folder, rows, title, made_by, pace, console)
 
     def sum_up(self, name: str, options: PoolOptions, title: str) -> int:
         """Prints and writes the results of the rows that are there, without a run, of any code.
@@ -242,15 +242,15 @@ class Study(Generic[Case]):
             folder_given(options.out, "--out") if options.out else RUNS / folder_name(name, "name")
         )
 
-        there = by_case(read_rows(folder), folder)
-        rows = [there[key] for case in self.cases if (key := key_of(case)) in there]
+        rows_by_key = by_case(read_rows(folder), folder)
+        rows = [rows_by_key[key] for case in self.cases if (key := key_of(case)) in rows_by_key]
         if not rows:
             raise ConfigurationError(f"{folder} holds no row of this experiment")
 
         pace = f"{len(rows)} of {len(self.cases)} runs; {_pace(rows, 0, '', 0.0)}"
-        return self._told(folder, rows, title, provenance(name, options), pace, _console())
+        return self._conclude(folder, rows, title, provenance(name, options), pace, _console())
 
-    def _told(
+    def _conclude(
         self,
         folder: Path,
         rows: list[Row],
@@ -297,9 +297,9 @@ class Study(Generic[Case]):
             bar = progress.add_task("runs", total=len(left))
 
             # One message of results after the other; its rows are on the disk before the next one.
-            for found in engine.results(list(left.values()), run, _died):
-                rows, error = self._rows_of(found)
-                for _, done in found:
+            for outcomes in engine.results(list(left.values()), run, _died):
+                rows, error = self._rows_of(outcomes)
+                for _, done in outcomes:
                     log.depends_on(done.code)
                 log.add([(key_of(case), row, timing) for case, row, timing in rows])
 
@@ -308,17 +308,17 @@ class Study(Generic[Case]):
 
                 progress.advance(bar, len(rows))
                 for _, row, _ in rows:
-                    if said := self.line(row):
-                        console.print(said, highlight=False, markup=False)
+                    if line := self.line(row):
+                        console.print(line, highlight=False, markup=False)
 
     def _rows_of(
-        self, found: Sequence[tuple[Case, _Done]]
+        self, outcomes: Sequence[tuple[Case, _Done]]
     ) -> tuple[list[tuple[Case, Row, Timing]], str]:
         """Rows and times of the cases that have a row, and the first error of the others, or ""."""
         rows: list[tuple[Case, Row, Timing]] = []
         error = ""
 
-        for case, done in found:
+        for case, done in outcomes:
             row = done.row
             if row is None and self.failed is None:
                 error = error or (f"{case}: {DIED}" if done.error == DIED else done.error)
@@ -371,23 +371,23 @@ def _died(_: Any) -> _Done:
     return _Done(None, DIED, None, None, {})
 
 
-def _pace(rows: Sequence[Row], done: int, place: str, wall_s: float) -> str:
+def _pace(rows: Sequence[Row], done: int, machine: str, wall_s: float) -> str:
     """Sentence about the computing time of all rows, and of those that were done now."""
     cpu = sum(row[TIMING]["cpu_s"] or 0.0 for row in rows)
-    now = f"; {done} of them now, in {wall_s:.0f} s on {place}" if done else ""
-    return f"{len(rows)} runs in {cpu:.0f} s of one core{now}."
+    done_now = f"; {done} of them now, in {wall_s:.0f} s on {machine}" if done else ""
+    return f"{len(rows)} runs in {cpu:.0f} s of one core{done_now}."
 
 
 def _plain(value: Any) -> Any:
     """`value` in types that `json` writes; tells floats apart that are not finite."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {each.name: _plain(getattr(value, each.name)) for each in fields(value)}
+        return {entry.name: _plain(getattr(value, entry.name)) for entry in fields(value)}
     if isinstance(value, Mapping):
-        return {str(name): _plain(each) for name, each in value.items()}
+        return {str(name): _plain(entry) for name, entry in value.items()}
     if isinstance(value, (set, frozenset)):
-        return sorted(_plain(each) for each in value)
+        return sorted(_plain(entry) for entry in value)
     if isinstance(value, (tuple, list)):
-        return [_plain(each) for each in value]
+        return [_plain(entry) for entry in value]
     if isinstance(value, (np.ndarray, np.generic)):
         return _plain(value.tolist())
     return str(value) if isinstance(value, Path) else value
@@ -395,7 +395,7 @@ def _plain(value: Any) -> Any:
 
 def _finite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {name: _finite(each) for name, each in value.items()}
+        return {name: _finite(entry) for name, entry in value.items()}
     if isinstance(value, list):
-        return [_finite(each) for each in value]
+        return [_finite(entry) for entry in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value

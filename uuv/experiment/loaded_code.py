@@ -24,12 +24,13 @@ def loaded_files() -> frozenset[str]:
     Data are all other files in a package's folder. Paths are relative to the checkout where they
     lie in it.
     """
-    found: set[str] = set()
+    files: set[str] = set()
     for name, module in list(sys.modules.items()):
         file = getattr(module, "__file__", None)
         if file and file.endswith(".py"):
-            found.update(_with_data(name.partition(".")[0], file))
-    return frozenset(found)
+            files.update(_with_data(name.partition(".")[0], file))
+
+    return frozenset(files)
 
 
 def new_digests() -> dict[str, str]:
@@ -39,11 +40,11 @@ def new_digests() -> dict[str, str]:
     So a process that loads a changed file later than another one tells another digest of it. With
     them are those that processes started by this one have told since (`told_by_another`).
     """
-    files = loaded_files() - _told
-    _told.update(files)
-    told = digests(files) | _of_others
+    files = loaded_files() - _reported
+    _reported.update(files)
+    new = digests(files) | _of_others
     _of_others.clear()
-    return told
+    return new
 
 
 def told_by_another(code: Mapping[str, str]) -> None:
@@ -63,12 +64,13 @@ def file_of(module: str) -> str:
         spec = find_spec(module)
     except ValueError as error:
         raise ModuleNotFoundError(module) from error
+
     if spec is None or spec.origin is None or not Path(spec.origin).is_file():
         raise ModuleNotFoundError(module)
     return _named(Path(spec.origin).resolve())
 
 
-_told: set[str] = set()
+_reported: set[str] = set()
 _of_others: dict[str, str] = {}
 
 
@@ -84,15 +86,17 @@ def _with_data(package: str, file: str) -> tuple[str, ...]:
     """A module's file and its data; none for one that is installed and not of the project."""
     if package not in PACKAGES and is_installed(Path(file)):
         return ()
+
+    # Beside a module of a package, all files of its folder but sources.
     path = Path(file).resolve()
-    found = [path]
+    files = [path]
     if (path.parent / "__init__.py").exists():
-        found += [
+        files += [
             other
             for other in path.parent.iterdir()
             if other.is_file() and other.suffix not in (".py", ".pyc")
         ]
-    return tuple(map(_named, found))
+    return tuple(map(_named, files))
 
 
 def _named(file: Path) -> str:

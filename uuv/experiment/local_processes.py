@@ -61,11 +61,11 @@ def run_all(
                     under_way[pool.submit(run, task)] = task
                     source.pop()
                 for done in wait(under_way, return_when=FIRST_COMPLETED).done:
-                    result = done.result()
+                    outcome = done.result()
                     task = under_way.pop(done)
                     if alone:
                         suspects.pop()
-                    yield task, result
+                    yield task, outcome
         except BrokenProcessPool:
             if not alone:
                 suspects = [(task, 1) for task in reversed(list(under_way.values()))]

@@ -53,8 +53,8 @@ def at_least(options: Any, **least: int) -> None:
         ConfigurationError: One is too small.
     """
     for name, bound in least.items():
-        value = getattr(options, name)
-        if value is not None and not value >= bound:
+        number = getattr(options, name)
+        if number is not None and not number >= bound:
             raise ConfigurationError(
-                f"--{name.replace('_', '-')}: must be at least {bound}, got {value}"
+                f"--{name.replace('_', '-')}: must be at least {bound}, got {number}"
             )

@@ -122,6 +122,7 @@ class Page:
         *,
         most: float = np.inf,
         least: float = -np.inf,
+        by: str | Sequence[str] = (),
         where: Where | None = None,
     ) -> Self:
         """Adds a bound: exit code 0, and "accepted" on the page, only if the statistic is in it.
@@ -130,15 +131,18 @@ class Page:
             of: Statistic; a share is compared without its interval.
             most: Upper bound in the unit of the row.
             least: Lower bound.
+            by: As in a table: each group has to be within the bound; default: all rows together.
             where: Rows that count; default: all.
         """
-        return self._with(_Bound(of, most, least, where))
+        groups = (by,) if isinstance(by, str) else tuple(by)
+        return self._with(_Bound(of, most, least, groups, where))
 
     def add(self, function: Callable[[list[Row]], Any]) -> Self:
         """Adds what a function of all rows returns; nothing while there are no rows.
 
         A `Table`, a line of text, a mapping of figures for metrics.json, a picture as (title,
-        caption, figure), or a list of these.
+        caption, figure), or a list of these. A figure may be a function that draws it, which is
+        asked for it when a report is written.
         """
         return self._with(_Special(function))
 
@@ -314,34 +318,44 @@ class _Histogram:
 
 @dataclass(frozen=True, slots=True)
 class _Bound:
-    """A bound on a statistic of all rows."""
+    """A bound on a statistic of all rows, or of each group of them."""
 
     of: Statistic
     most: float
     least: float
+    by: tuple[str, ...]
     where: Where | None
 
     def check(self, columns: Columns) -> None:
+        for key in self.by:
+            _check_key(columns, key, "a bound of the page")
         self.of.bound_to(columns, "a bound of the page")
 
     def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
         statistic = self.of.bound_to(columns, "a bound of the page")
+        records = _counting(records_by(columns, rows, self.by), self.where)
+        failed = []
+        for values, group in (_grouped(records, self.by) or {(): []}).items():
+            names = [
+                f"{columns[key].heading} {columns[key].cell(value)}" if key in columns else value
+                for key, value in zip(self.by, values, strict=bool(group))
+            ]
+            if line := self._missed(statistic, group):
+                failed.append(f"{', '.join([*names, statistic.label])}: {line}")
+        return PagePart(failed=failed)
 
-        numbers = statistic.numbers(_counting(rows, self.where))
+    def _missed(self, statistic: Statistic, records: Sequence[Record]) -> str:
+        """How a group misses the bound; empty if it does not."""
+        numbers = statistic.numbers(records)
         if not numbers:
-            return PagePart(failed=[f"{statistic.label}: no row"])
+            return "no value" if records else "no row"
 
         value = next(iter(numbers.values()))
         if self.least <= value <= self.most:
-            return PagePart(failed=[])
+            return ""
         word = "at most" if value > self.most else "at least"
         bound = self.most if value > self.most else self.least
-        return PagePart(
-            failed=[
-                f"{statistic.label}: {statistic.amount(value)}, {word} {statistic.amount(bound)} "
-                "is allowed"
-            ]
-        )
+        return f"{statistic.amount(value)}, {word} {statistic.amount(bound)} is allowed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -358,15 +372,22 @@ class _Special:
         if not rows:
             return PagePart()
 
-        items = self.function(list(rows))
-        items = items if isinstance(items, list) else [items]
+        parts = self.function(list(rows))
+        parts = parts if isinstance(parts, list) else [parts]
 
         return PagePart(
-            metrics={k: v for item in items if isinstance(item, Mapping) for k, v in item.items()},
-            tables=[item for item in items if isinstance(item, Table)],
-            lines=[item for item in items if isinstance(item, str)],
-            pictures=[item for item in items if isinstance(item, tuple)],
+            metrics={k: v for part in parts if isinstance(part, Mapping) for k, v in part.items()},
+            tables=[part for part in parts if isinstance(part, Table)],
+            lines=[part for part in parts if isinstance(part, str)],
+            pictures=_pictures([part for part in parts if isinstance(part, tuple)]),
         )
+
+
+def _pictures(items: Sequence[Any]) -> "Iterator[tuple[str, str, Figure]]":
+    """Pictures, each drawn when it is asked for."""
+    for title, caption, figure in items:
+        drawn: Any = figure() if callable(figure) else figure
+        yield title, caption, drawn
 
 
 def _check_key(columns: Columns, key: str, what: str) -> None:

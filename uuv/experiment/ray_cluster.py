@@ -121,7 +121,7 @@ def _carried_out(
 ) -> Iterator[Sequence[tuple[Task, Result]]]:
     """The tasks with their results; `run` is the reference of a function that the cluster holds."""
     # again, if need be, by this loop: it counts the deaths
-    remote: Any = ray.remote(num_cpus=1, max_retries=0)(_one)
+    remote: Any = ray.remote(num_cpus=1, max_retries=0)(_run_task)
     waiting = deque(range(len(tasks)))
     deaths = [0] * len(tasks)
     under_way: dict[Any, int] = {}
@@ -129,9 +129,9 @@ def _carried_out(
     looked = -np.inf
 
     while waiting or under_way:
-        if (now := time.monotonic()) > looked + _LOOK:
+        if (time_s := time.monotonic()) > looked + _LOOK:
             room = max(1, int(_AHEAD * ray.cluster_resources().get("CPU", 1.0)))
-            looked = now
+            looked = time_s
 
         # As many tasks under way as the cluster has room for.
         while waiting and len(under_way) < room:
@@ -141,12 +141,12 @@ def _carried_out(
         # Results that are there, at least one.
         ray.wait(list(under_way), num_returns=1)
         done, _ = ray.wait(list(under_way), num_returns=len(under_way), timeout=0.0)
-        found: list[tuple[Task, Result]] = []
+        outcomes: list[tuple[Task, Result]] = []
 
         for reference in done:
             number = under_way.pop(reference)
             try:
-                result = ray.get(reference)
+                outcome = ray.get(reference)
             except lost.RayTaskError as error:
                 raise error.as_instanceof_cause() from None
             except (lost.LocalRayletDiedError, lost.RuntimeEnvSetupError) as error:
@@ -159,14 +159,14 @@ def _carried_out(
                 if deaths[number] <= limits.retries:
                     waiting.append(number)
                     continue
-                result = died(tasks[number])
-            found.append((tasks[number], result))
+                outcome = died(tasks[number])
+            outcomes.append((tasks[number], outcome))
 
-        if found:
-            yield found
+        if outcomes:
+            yield outcomes
 
 
-def _one(run: Callable[[Task], Result], task: Task, limits: Limits) -> Result:
+def _run_task(run: Callable[[Task], Result], task: Task, limits: Limits) -> Result:
     """The result of a task, in a worker."""
     limit_memory(limits)
     return run(task)

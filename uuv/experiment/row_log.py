@@ -42,7 +42,8 @@ class RowLog:
             ConfigurationError: The rows were made by other code or with other options, or the
                 folder holds other files.
         """
-        self.folder, self._of = folder, dict(of or {})
+        self.folder = folder
+        self._of = dict(of or {})
         self._about = folder / ABOUT
         foreign = [
             path.name
@@ -79,16 +80,17 @@ class RowLog:
         self._settings: Mapping[str, Any] = {}
         if has_rows(folder):
             about = _read_about(self._about)
-            self._code, self._settings = dict(about.code), about.settings
+            self._code = dict(about.code)
+            self._settings = about.settings
             before = about.of
 
             if other := [name for name, value in self._of.items() if before.get(name) != value]:
-                there, asked = (
+                present, requested = (
                     ", ".join(f"{name} {of.get(name)}" for name in other)
                     for of in (before, self._of)
                 )
                 raise ConfigurationError(
-                    f"{folder} holds runs of {there}, requested are those of {asked}; --anew "
+                    f"{folder} holds runs of {present}, requested are those of {requested}; --anew "
                     "discards them, or take another --out"
                 )
 
@@ -195,8 +197,8 @@ class RowLog:
         write_json(self._about, about)
 
     def _changed(self, about: "RowsAbout") -> list[str]:
-        now = digests(self._code)
-        files = [file for file, digest in self._code.items() if now[file] != digest]
+        current = digests(self._code)
+        files = [file for file, digest in self._code.items() if current[file] != digest]
         return files if about.versions == versions() else [*files, "versions of packages"]
 
 

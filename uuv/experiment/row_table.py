@@ -20,7 +20,8 @@ LAYOUT = "_layout"  # column: the row's nesting, in JSON, with a letter for each
 CHUNK = 256  # rows of a file
 _MOST_BYTES = 64_000_000  # of a file, and of its content unpacked
 # metadata of a file, of a column
-_VERSION_KEY, _JSON = b"uuv_arm.schema_version", {b"uuv_arm.encoding": b"json"}
+_VERSION_KEY = b"uuv_arm.schema_version"
+_JSON = {b"uuv_arm.encoding": b"json"}
 _EXACT = 2**53  # whole numbers up to here are exact in a double
 
 
@@ -99,8 +100,8 @@ class RowTable:
         """Makes the columns wide enough for new rows, in all files if there are some."""
         kinds = dict(self._kinds)
         for row in rows:
-            for name, value in _flat(row):
-                kinds[name] = _wider(kinds[name], _kind(value)) if name in kinds else _kind(value)
+            for name, entry in _flat(row):
+                kinds[name] = _wider(kinds[name], _kind(entry)) if name in kinds else _kind(entry)
 
         if kinds == self._kinds:
             return
@@ -161,11 +162,11 @@ class RowTable:
         fields, columns = [], []
 
         for name, kind in self._kinds.items():
-            values = [row.get(name) for row in flat]
+            cells = [row.get(name) for row in flat]
             if kind is None:
-                values = [json.dumps(row[name]) if name in row else None for row in flat]
+                cells = [json.dumps(row[name]) if name in row else None for row in flat]
             fields.append(pa.field(name, kind or pa.string(), metadata=None if kind else _JSON))
-            columns.append(pa.array(values, fields[-1].type))
+            columns.append(pa.array(cells, fields[-1].type))
 
         return pa.table(columns, pa.schema(fields, {_VERSION_KEY: str(SCHEMA_VERSION).encode()}))
 
@@ -201,10 +202,12 @@ def _read(file: Path) -> pa.Table:
     raw = bytes_of(file, "rows", _MOST_BYTES)
     try:
         stored = pq.ParquetFile(pa.BufferReader(raw))
-        told = stored.metadata
-        unpacked = sum(told.row_group(i).total_byte_size for i in range(told.num_row_groups))
+        metadata = stored.metadata
+        unpacked = sum(
+            metadata.row_group(i).total_byte_size for i in range(metadata.num_row_groups)
+        )
 
-        if told.num_rows > CHUNK or unpacked > _MOST_BYTES:
+        if metadata.num_rows > CHUNK or unpacked > _MOST_BYTES:
             raise ConfigurationError(
                 f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; remove it"
             )
@@ -212,9 +215,9 @@ def _read(file: Path) -> pa.Table:
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
         if isinstance(error, ConfigurationError):
             raise
-        said = (str(error).splitlines() or [""])[0]
+        message = (str(error).splitlines() or [""])[0]
         raise ConfigurationError(
-            f"{file}: is not a complete Parquet file ({said}); repair or remove it"
+            f"{file}: is not a complete Parquet file ({message}); repair or remove it"
         ) from error
 
     version = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
@@ -236,22 +239,22 @@ def _kinds_of(schema: pa.Schema) -> dict[str, pa.DataType | None]:
 
 def _flat(row: Row) -> Iterator[tuple[str, Any]]:
     """Name and value of each column of a row, its layout last."""
-    found: dict[str, Any] = {}
-    layout = _laid_out(row, "", found)
-    yield from found.items()
+    columns: dict[str, Any] = {}
+    layout = _laid_out(row, "", columns)
+    yield from columns.items()
     yield LAYOUT, json.dumps(layout, separators=(",", ":"))
 
 
-def _laid_out(value: Any, name: str, found: dict[str, Any]) -> Any:
-    """Layout of `value`; adds its columns to `found`."""
+def _laid_out(value: Any, name: str, columns: dict[str, Any]) -> Any:
+    """Layout of `value`; adds its columns to `columns`."""
     if isinstance(value, Mapping):
         return {
-            key: _laid_out(each, f"{name}.{key}" if name else key, found)
-            for key, each in value.items()
+            key: _laid_out(entry, f"{name}.{key}" if name else key, columns)
+            for key, entry in value.items()
         }
-    if name in found or name == LAYOUT:
+    if name in columns or name == LAYOUT:
         raise ConfigurationError(f"a row has two values of the name {name!r}")
-    found[name] = value
+    columns[name] = value
     return _leaf(value)
 
 
@@ -260,7 +263,7 @@ def _leaf(value: Any) -> str:
     if value is None:
         return "n"
     if isinstance(value, list):
-        letters = {_leaf(each) for each in value} - {"n"}
+        letters = {_leaf(entry) for entry in value} - {"n"}
         return letters.pop() if len(letters) == 1 else ""
     return "i" if type(value) is int else "f" if isinstance(value, float) else ""
 
@@ -283,7 +286,7 @@ def _nested_rows(table: pa.Table) -> list[Row]:
     columns: dict[str, list[Any]] = {name: table[name].to_pylist() for name in table.schema.names}
     for name, kind in _kinds_of(table.schema).items():
         if kind is None:
-            columns[name] = [None if each is None else json.loads(each) for each in columns[name]]
+            columns[name] = [None if text is None else json.loads(text) for text in columns[name]]
 
     layouts = columns.pop(LAYOUT)
     rows = [{name: values[i] for name, values in columns.items()} for i in range(table.num_rows)]
@@ -293,8 +296,8 @@ def _nested_rows(table: pa.Table) -> list[Row]:
 def _nested(layout: Any, name: str, values: Row) -> Any:
     if isinstance(layout, dict):
         return {
-            key: _nested(each, f"{name}.{key}" if name else key, values)
-            for key, each in layout.items()
+            key: _nested(inner, f"{name}.{key}" if name else key, values)
+            for key, inner in layout.items()
         }
     return _as_laid_out(values[name], {"i": int, "f": float}.get(layout))
 
@@ -302,7 +305,9 @@ def _nested(layout: Any, name: str, values: Row) -> Any:
 def _as_laid_out(value: Any, kind: type | None) -> Any:
     if kind is None or value is None:
         return value
-    return [_as_laid_out(each, kind) for each in value] if isinstance(value, list) else kind(value)
+    return (
+        [_as_laid_out(entry, kind) for entry in value] if isinstance(value, list) else kind(value)
+    )
 
 
 # -- types of columns ------------------------------------------------------------------------------
@@ -312,11 +317,11 @@ def _kind(value: Any) -> pa.DataType | None:
     """Type of a column that holds `value`; None: JSON as text."""
     if isinstance(value, list):
         kind: pa.DataType | None = pa.null()
-        for each in value:
-            kind = _wider(kind, None if isinstance(each, list | Mapping) else _kind(each))
+        for entry in value:
+            kind = _wider(kind, None if isinstance(entry, list | Mapping) else _kind(entry))
 
         # the layout has one letter for a list
-        mixed = len({type(each) for each in value} - {type(None)}) > 1
+        mixed = len({type(entry) for entry in value} - {type(None)}) > 1
         return None if kind is None or mixed else pa.list_(kind)
     if isinstance(value, bool):
         return pa.bool_()
@@ -337,15 +342,15 @@ def _is_utf8(value: str) -> bool:
     return True
 
 
-def _wider(one: pa.DataType | None, other: pa.DataType | None) -> pa.DataType | None:
+def _wider(first: pa.DataType | None, second: pa.DataType | None) -> pa.DataType | None:
     """Type that holds the values of both, exactly."""
-    if one == other or one is None or other is None:
-        return one if one == other else None
-    if pa.types.is_null(one) or pa.types.is_null(other):
-        return other if pa.types.is_null(one) else one
-    if pa.types.is_list(one) and pa.types.is_list(other):
-        inner = _wider(one.value_type, other.value_type)
+    if first == second or first is None or second is None:
+        return first if first == second else None
+    if pa.types.is_null(first) or pa.types.is_null(second):
+        return second if pa.types.is_null(first) else first
+    if pa.types.is_list(first) and pa.types.is_list(second):
+        inner = _wider(first.value_type, second.value_type)
         return None if inner is None else pa.list_(inner)
-    if {one, other} == {pa.int64(), pa.float64()}:
+    if {first, second} == {pa.int64(), pa.float64()}:
         return pa.float64()
     return None

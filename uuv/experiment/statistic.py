@@ -3,7 +3,10 @@
     stat("mean", "looks", none=8)
     stat("share", lambda row: row["looks"] == 2, "second look sufficed")
 
-A value that is a list, one for each push for instance, counts with all its entries.
+A value that is a list, one for each push for instance, counts with all its entries. What is no
+statistic of single rows, such as the overshoot of a mean response, is a function of all of them:
+
+    stat("group", overshoot_of_mean, "overshoot", unit="%")
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,6 +36,7 @@ Kind = Literal[
     "count",
     "spread",
     "share",
+    "group",
 ]
 _NUMBERS: dict[str, Callable[[Array], float]] = {
     "mean": lambda values: float(values.mean()),
@@ -65,7 +69,7 @@ class Statistic:
     """A statistic of one quantity over a group of records."""
 
     kind: Kind
-    of: str | Callable[[Record], Any]  # column, or function of a record
+    of: str | Callable[[Any], Any]  # column, or function of a record, of kind group of all
     label: str
     column: ResultColumn  # unit and format
     none: float | None = None  # counts in place of a value that is None, which else is left out
@@ -108,21 +112,24 @@ class Statistic:
 
     def values(self, records: Sequence[Record]) -> list[Any]:
         """Values of the quantity, lists flattened, those that are None left out or replaced."""
-        values: list[Any] = []
-        for record in records:
-            values += flattened(self._item(record))
+        if self.kind == "group":
+            items = [self.of(records) if callable(self.of) else None]
+        else:
+            items = [inner for record in records for inner in flattened(self._item(record))]
 
-        return [self.none if item is None else item for item in values if not self._left_out(item)]
+        return [self.none if item is None else item for item in items if not self._left_out(item)]
 
     def _item(self, record: Record) -> Any:
         """The quantity in a record."""
         return self.of(record) if callable(self.of) else record[self.of]
 
-    def _left_out(self, item: Any) -> bool:
-        return item is None and self.none is None
+    def _left_out(self, entry: Any) -> bool:
+        return entry is None and self.none is None
 
     def missing(self, records: Sequence[Record]) -> int:
         """Number of records without a value, which are left out."""
+        if self.kind == "group":
+            return 0
         return sum(self._left_out(self._item(row)) for row in records)
 
     def numbers(self, records: Sequence[Record]) -> dict[str, Any]:
@@ -133,7 +140,7 @@ class Statistic:
             return {"count": sum(map(bool, values))}
         if not values or (self.kind == "sem" and len(values) < 2):
             return {}
-        if self.kind == "value":
+        if self.kind in ("value", "group"):
             return {"value": values[0] if len(values) == 1 else values}
 
         if self.kind == "share":
@@ -169,23 +176,24 @@ class Statistic:
                 f"{100 * numbers['share']:.{digits}f} ({100 * numbers['low']:.{digits}f} to "
                 f"{100 * numbers['high']:.{digits}f}) of {numbers['of']}"
             )
-        if self.kind in ("value", "count"):
+        if self.kind in ("value", "group", "count"):
             return self.column.cell(next(iter(numbers.values())))
 
         # a sum of whole numbers is one
         whole = self.kind == "total" and self.column.digits is None and self.column.factor == 1.0
-        if whole and all(isinstance(item, int) for item in self.values(records)):
+        if whole and all(isinstance(entry, int) for entry in self.values(records)):
             return f"{numbers['total']:.0f}"
         return ", ".join(self.column.number(self.column.factor * n) for n in numbers.values())
 
 
 def stat(
     kind: Kind,
-    of: str | Callable[[Record], Any],
+    of: str | Callable[[Any], Any],
     label: str = "",
     *,
     unit: str = "",
     digits: int | None = None,
+    factor: float = 1.0,
     none: float | None = None,
     among: str = "",
 ) -> Statistic:
@@ -198,22 +206,26 @@ def stat(
             count: how many are true.
             share: how many are true among those that have a value, with its 95 % interval.
             spread: median, 95 % and largest.
+            group: what a function of all rows of a group gives; None: it has no value.
         of: Name of a column, or a function of a row.
         label: What tables call it; default: the label of the column and the kind.
         unit: Unit of a function's value; default: that of the column.
         digits: Decimals; default: those of the column.
+        factor: From a function's value to its unit.
         none: What a missing value counts as; default: it is left out.
         among: Of a share: column with the number of trials, where `of` is a number of successes.
 
     Raises:
-        ConfigurationError: There is no such kind.
+        ConfigurationError: There is no such kind, or a group's is no function.
     """
     if kind not in get_args(Kind):
         known = ", ".join(get_args(Kind))
         raise ConfigurationError(
             f"no statistic {kind!r}; there are {known}{did_you_mean(kind, get_args(Kind))}"
         )
-    column = ResultColumn(name=label, unit=unit, digits=digits)
+    if kind == "group" and not callable(of):
+        raise ConfigurationError(f"statistic group: needs a function of the rows, got {of!r}")
+    column = ResultColumn(name=label, unit=unit, digits=digits, factor=factor)
     return Statistic(kind=kind, of=of, label=label, column=column, none=none, among=among)
 
 
@@ -228,8 +240,8 @@ def statistic_of(
     return (stat("value", entry) if isinstance(entry, str) else entry).bound_to(columns, what)
 
 
-def flattened(item: Any) -> list[Any]:
+def flattened(nested: Any) -> list[Any]:
     """Entries of nested lists, in their order; of a single value, itself."""
-    if not isinstance(item, list | tuple):
-        return [item]
-    return [inner for entry in item for inner in flattened(entry)]
+    if not isinstance(nested, list | tuple):
+        return [nested]
+    return [inner for entry in nested for inner in flattened(entry)]

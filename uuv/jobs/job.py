@@ -214,18 +214,18 @@ def job(function: "Callable[..., Scenario]") -> Job:
     return registered
 
 
-def as_job(thing: "Job | Callable[..., Any]", name: str) -> Job:
+def as_job(candidate: "Job | Callable[..., Any]", name: str) -> Job:
     """A job, or a plain function as one; `name` is how the user calls it.
 
     Raises:
         ConfigurationError: It is neither.
     """
-    if isinstance(thing, Job):
-        return thing
-    if not inspect.isfunction(thing):
+    if isinstance(candidate, Job):
+        return candidate
+    if not inspect.isfunction(candidate):
         form = "a function that returns a uuv.Scenario"
         raise ConfigurationError(f"job {shown(name)}: must be {form}")
-    return Job(thing)
+    return Job(candidate)
 
 
 def _checked(hint: Any, value: Any, word: str) -> Any:
@@ -239,13 +239,13 @@ def _plain(value: Any) -> Any:
         return str(value)
     if hasattr(value, "tolist"):  # of numpy
         return value.tolist()
-    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
+    return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value
 
 
 def _typed(value: Any) -> str:
     """A default as it is typed."""
     several: Collection[Any] = value if isinstance(value, tuple) else (value,)
-    return " ".join(f"{item:g}" if isinstance(item, float) else str(item) for item in several)
+    return " ".join(f"{entry:g}" if isinstance(entry, float) else str(entry) for entry in several)
 
 
 def _arguments(text: str) -> dict[str, str]:

@@ -157,7 +157,7 @@ def _scaled(value: Any, unit: float) -> Any:
     """A number, or each of several, times a unit."""
     if unit == 1.0 or value is None:
         return value
-    return tuple(unit * item for item in value) if isinstance(value, tuple) else unit * value
+    return tuple(unit * entry for entry in value) if isinstance(value, tuple) else unit * value
 
 
 def _in_unit(value: Any, unit: float) -> Any:
@@ -165,32 +165,32 @@ def _in_unit(value: Any, unit: float) -> Any:
     if unit == 1.0 or value is None:
         return value
     if isinstance(value, tuple):
-        return tuple(_in_unit(item, unit) for item in value)
+        return tuple(_in_unit(entry, unit) for entry in value)
     return float(f"{value / unit:.{_DIGITS}g}")
 
 
 def _changed(table: Any, changes: Changes, before: str) -> Any:
     """A table with other values; `before` is its key with a dot."""
-    values: dict[str, Any] = {}
+    replaced: dict[str, Any] = {}
     within: dict[str, dict[str, tuple[ScenarioOption, Any]]] = {}
     for key, (option, value) in changes.items():
         name, _, rest = key.partition(".")
         if rest:
             within.setdefault(name, {})[rest] = option, value
         else:
-            values[name] = option.in_field(value)
+            replaced[name] = option.in_field(value)
 
     # Tables within it are changed, made or removed.
     for name, inner in within.items():
         present = getattr(table, name)
         key = f"{before}{name}."
         if present is None:
-            values[name] = _opened(_table_class(_hints(type(table))[name]), inner, key)
+            replaced[name] = _opened(_table_class(_hints(type(table))[name]), inner, key)
         elif any(option.closes(value) for k, (option, value) in inner.items() if "." not in k):
-            values[name] = None
+            replaced[name] = None
         else:
-            values[name] = _changed(present, inner, key)
-    return replace(table, **values)
+            replaced[name] = _changed(present, inner, key)
+    return replace(table, **replaced)
 
 
 def _opened(kind: type | None, changes: Changes, before: str) -> Any:

@@ -62,9 +62,11 @@ class ElasticGears(Perturbation):
                 spring.wrap_joint(name, 1.0)
 
         inertia = _inertia(spec, [joint.name + TWIST for joint in joints])
-        for joint, k, own in zip(joints, stiffness, np.diag(inertia), strict=True):
+        for joint, k, inertia_j in zip(joints, stiffness, np.diag(inertia), strict=True):
             twist = spec.joint(joint.name + TWIST)
-            twist.damping = first_coefficient(twist.damping, 2.0 * self.damping * np.sqrt(k * own))
+            twist.damping = first_coefficient(
+                twist.damping, 2.0 * self.damping * np.sqrt(k * inertia_j)
+            )
 
         # Fastest vibration of the twists against each other and against links and motors that are
         # free to move.

@@ -155,7 +155,8 @@ class ThrusterFailure(Failure):
                 f"{type(sound).__name__}"
             )
 
-        index, onset = self._index(sound.vehicle.thruster_names), self.onset()
+        index = self._index(sound.vehicle.thruster_names)
+        onset = self.onset()
         fault = ThrusterFault(index, onset, self.share, self.stuck)
         faulty: Any = FaultyPlant(
             sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault]
@@ -209,7 +210,8 @@ class SensorFailure(Failure):
         from uuv.sim.plant.faults import FaultySensor
         from uuv.sim.sensors import proprioception
 
-        onset, kind = self.onset(), getattr(proprioception, SENSORS[self.sensor])
+        onset = self.onset()
+        kind = getattr(proprioception, SENSORS[self.sensor])
         sensors = [
             FaultySensor(sensor, self._fault(), onset)
             if isinstance(getattr(sensor, "sound", sensor), kind)

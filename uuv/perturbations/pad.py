@@ -35,7 +35,8 @@ class Pad(Perturbation):
         """Sets friction and stiffness of the pad."""
         if self.friction is None and self.stiffness is None:
             return {}
-        geom, joint = spec.geom(TOOL_GEOM), spec.joint(PAD_JOINT)
+        geom = spec.geom(TOOL_GEOM)
+        joint = spec.joint(PAD_JOINT)
         if geom is None or (self.stiffness is not None and joint is None):
             raise ConfigurationError(
                 f"friction and stiffness are those of a geom {TOOL_GEOM!r} on a slide {PAD_JOINT!r}"
@@ -58,19 +59,20 @@ class Pad(Perturbation):
         it lost where the tool shakes. The longest time constant that is stiff enough is therefore
         the best, also where something else has shortened the timestep.
         """
-        geom, joint = spec.geom(TOOL_GEOM), spec.joint(PAD_JOINT)
-        timestep, drawn = float(spec.option.timestep), spec.copy().compile()
+        geom = spec.geom(TOOL_GEOM)
+        joint = spec.joint(PAD_JOINT)
+        timestep = float(spec.option.timestep)
+        drawn = spec.copy().compile()
         longest = max(STEPS_PER_SOLREF * timestep, float(geom.solref[0]))  # no stiffer than its own
-        contact, softest = _contact_stiffness(drawn, geom, longest), SOFTEST_CONTACT * stiffness
+        contact = _contact_stiffness(drawn, geom, longest)
+        softest = SOFTEST_CONTACT * stiffness
         share = min(1.0, np.sqrt(contact / softest))
         geom.solref = [share * longest, 1.0]
 
         steps = STEPS_PER_SOLREF * timestep / (share * longest)
         sunk = _sunk(WORKING_FORCE, geom, contact / share**2)
-        spring, mass = (
-            WORKING_FORCE / (WORKING_FORCE / stiffness - sunk),
-            float(drawn.body(PAD_BODY).mass[0]),
-        )
+        spring = WORKING_FORCE / (WORKING_FORCE / stiffness - sunk)
+        mass = float(drawn.body(PAD_BODY).mass[0])
 
         phase = timestep * np.sqrt(spring / (RESTLESS * mass))
         spec.option.timestep = timestep / np.ceil(max(1.0, steps, phase) - 1e-9)

@@ -89,8 +89,8 @@ def perturb(
         ConfigurationError: The vehicle lacks what a perturbation changes.
     """
     drawn: dict[str, float] = {}
-    for each in perturbations:
-        drawn |= each.on_vehicle(spec, each.rng(seed))
+    for perturbation in perturbations:
+        drawn |= perturbation.on_vehicle(spec, perturbation.rng(seed))
     return drawn
 
 

@@ -98,7 +98,8 @@ class MountedObject(Perturbation):
 
     def on_scene(self, scene: mujoco.MjSpec) -> None:
         """Gives the object mass, water and joints."""
-        body, density = _object(scene, type(self).__name__), hydrodynamics.density_of(scene)
+        body = _object(scene, type(self).__name__)
+        density = hydrodynamics.density_of(scene)
         mass, center = self._weigh(scene, body, density)
 
         # A sphere of the same volume gives added mass and drag.
@@ -147,8 +148,10 @@ class MountedObject(Perturbation):
         for geom in body.geoms:
             geom.mass = 0.0
         if self.mass is not None:
-            own = 0.4 * self.mass * (0.75 * self.mass / density / np.pi) ** (2.0 / 3.0)
-            body.mass, body.inertia, body.explicitinertial = self.mass, [own] * 3, True
+            moment = 0.4 * self.mass * (0.75 * self.mass / density / np.pi) ** (2.0 / 3.0)
+            body.mass = self.mass
+            body.inertia = [moment] * 3
+            body.explicitinertial = True
             return self.mass, np.zeros(3)
 
         for geom in solids:
@@ -171,7 +174,10 @@ def _object(scene: mujoco.MjSpec, who: str) -> mujoco.MjsBody:
 def _let_move(scene: mujoco.MjSpec, who: str) -> None:
     """Make the object a body with a free joint that nothing moves but `MovedObjectPlant`."""
     body = _object(scene, who)
-    body.mass, body.inertia, body.explicitinertial, body.gravcomp = _HEAVY, [_HEAVY] * 3, True, 1.0
+    body.mass = _HEAVY
+    body.inertia = [_HEAVY] * 3
+    body.explicitinertial = True
+    body.gravcomp = 1.0
     body.ipos = np.zeros(3)
     scene.add_exclude(name="object_moves", bodyname1=TARGET_BODY, bodyname2="world")
     with keyframes_kept(scene):

@@ -28,11 +28,12 @@ class _Spread(Perturbation):
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            name, value = f"{type(self).__name__} {field.name}", getattr(self, field.name)
+            name = f"{type(self).__name__} {field.name}"
+            spread = getattr(self, field.name)
             if field.name in self.signed:
-                finite_number(value, name)
-            elif not 0.0 <= finite_number(value, name) < 1.0:
-                raise ConfigurationError(f"{name}: must be in [0, 1), got {value}")
+                finite_number(spread, name)
+            elif not 0.0 <= finite_number(spread, name) < 1.0:
+                raise ConfigurationError(f"{name}: must be in [0, 1), got {spread}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,22 +154,22 @@ class ThrusterSpread(_Spread):
 
         table = {}
         for actuator, slower, stronger in zip(carriers, lags, gains, strict=True):
-            one = thrusters.unpack(np.array(actuator.userdata))
+            thruster = thrusters.unpack(np.array(actuator.userdata))
             curve = {}
 
-            if one.polynomial is not None:
+            if thruster.polynomial is not None:
                 curve["polynomial"] = tuple(
-                    tuple(stronger * c for c in side) for side in one.polynomial
+                    tuple(stronger * c for c in side) for side in thruster.polynomial
                 )
-            if one.table is not None:
-                curve["table"] = (one.table[0], tuple(stronger * t for t in one.table[1]))
+            if thruster.table is not None:
+                curve["table"] = (thruster.table[0], tuple(stronger * t for t in thruster.table[1]))
 
             table[actuator.name] = replace(
-                one,
-                forward=stronger * one.forward,
-                reverse=stronger * one.reverse,
-                least_thrust=stronger * one.least_thrust,
-                time_constant=slower * one.time_constant,
+                thruster,
+                forward=stronger * thruster.forward,
+                reverse=stronger * thruster.reverse,
+                least_thrust=stronger * thruster.least_thrust,
+                time_constant=slower * thruster.time_constant,
                 **curve,
             )
 
@@ -197,7 +198,9 @@ class Gears(_Spread):
 
         names = {actuator.target for actuator in spec.actuators}
         joints = [joint for joint in spec.joints if joint.name in names]
-        model, factors, table = spec.copy().compile(), _factors(rng, self.spread, len(joints)), {}
+        model = spec.copy().compile()
+        factors = _factors(rng, self.spread, len(joints))
+        table = {}
 
         dry = gear_friction.read(
             model, np.array([model.joint(joint.name).id for joint in joints], dtype=np.int64)

@@ -19,28 +19,31 @@ _TAIL = 300  # characters of the output of a command that failed
 
 
 def check(
-    experiment: Experiment[Any, Any], kept: KeptRows, data: Path | None = None, workers: int = 0
+    experiment: Experiment[Any, Any],
+    reference: KeptRows,
+    data: Path | None = None,
+    workers: int = 0,
 ) -> KeptRows:
     """Kept rows with a check of today.
 
     Args:
         experiment: The experiment.
-        kept: Its rows.
+        reference: Its rows.
         data: Folder of measured data, for an experiment that needs it.
         workers: Number of processes, as for every experiment.
 
     Raises:
         ConfigurationError: It has no quick subset, or its command failed.
     """
-    values = dict(experiment.quick)
-    if not values:
+    options = dict(experiment.quick)
+    if not options:
         raise ConfigurationError(f"experiment {experiment.name}: declares no quick subset")
     if data is not None and experiment.needs_data:
-        values["data"] = data
+        options["data"] = data
 
     with tempfile.TemporaryDirectory(prefix="uuv_check_") as home:
         folder = Path(home) / experiment.name
-        words = words_of(experiment.options_with(values))
+        words = words_of(experiment.options_with(options))
         command = [sys.executable, str(file_of(experiment)), *words, "--workers", str(workers)]
         run = subprocess.run(
             [*command, "--out", str(folder)], capture_output=True, text=True, check=False
@@ -54,23 +57,25 @@ def check(
         rows = [without_log(row) for row in read_rows(folder)]
         code = about_of(folder).code
 
-    return replace(kept, check=checked(code, list(deviations(experiment, kept, rows))))
+    return replace(reference, check=checked(code, list(deviations(experiment, reference, rows))))
 
 
-def deviations(experiment: Experiment[Any, Any], kept: KeptRows, rows: list[Row]) -> Iterator[str]:
+def deviations(
+    experiment: Experiment[Any, Any], reference: KeptRows, rows: list[Row]
+) -> Iterator[str]:
     """What differs between rows and those that are kept of the same cases, a line for each value.
 
     Args:
         experiment: The experiment.
-        kept: Its kept rows.
+        reference: Its kept rows.
         rows: Rows of some of its cases.
     """
-    lacking = [name for name in experiment.columns if name not in kept.columns]
+    lacking = [name for name in experiment.columns if name not in reference.columns]
     if lacking:
         yield f"the kept rows have no column {', '.join(lacking)}"
         return
 
-    known = {experiment.row_key(row): row for row in kept.rows}
+    known = {experiment.row_key(row): row for row in reference.rows}
     for row in rows:
         key = experiment.row_key(row)
         case = ", ".join(f"{name} {row[name]}" for name in experiment.case_names)
@@ -85,19 +90,19 @@ def deviations(experiment: Experiment[Any, Any], kept: KeptRows, rows: list[Row]
                 yield f"{column.heading} of {case}: {column.cell(row[name])}, kept was {before}"
 
 
-def same(kept: Any, value: Any, tolerance: float) -> bool:
+def same(reference: Any, value: Any, tolerance: float) -> bool:
     """Whether two values of rows are equal, numbers within a relative tolerance."""
-    if isinstance(kept, Mapping) and isinstance(value, Mapping):
-        return kept.keys() == value.keys() and all(
-            same(kept[key], value[key], tolerance) for key in kept
+    if isinstance(reference, Mapping) and isinstance(value, Mapping):
+        return reference.keys() == value.keys() and all(
+            same(reference[key], value[key], tolerance) for key in reference
         )
-    if isinstance(kept, list) and isinstance(value, list):
-        return len(kept) == len(value) and all(
-            same(a, b, tolerance) for a, b in zip(kept, value, strict=True)
+    if isinstance(reference, list) and isinstance(value, list):
+        return len(reference) == len(value) and all(
+            same(a, b, tolerance) for a, b in zip(reference, value, strict=True)
         )
 
-    if isinstance(kept, bool) or isinstance(value, bool):
-        return kept is value
-    if isinstance(kept, int | float) and isinstance(value, int | float):
-        return isclose(kept, value, rel_tol=tolerance)
-    return kept == value
+    if isinstance(reference, bool) or isinstance(value, bool):
+        return reference is value
+    if isinstance(reference, int | float) and isinstance(value, int | float):
+        return isclose(reference, value, rel_tol=tolerance)
+    return reference == value

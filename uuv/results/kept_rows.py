@@ -116,11 +116,11 @@ def kept_rows(name: str, folder: Path = ROWS) -> KeptRows | None:
     if not file.is_file():
         return None
 
-    kept = TableReader(str(file)).made(KeptRows, json_of(file, "kept rows"))
-    lengths = {len(values) for values in kept.columns.values()}
+    record = TableReader(str(file)).made(KeptRows, json_of(file, "kept rows"))
+    lengths = {len(values) for values in record.columns.values()}
     if len(lengths) != 1:
         raise ConfigurationError(f"{file}: columns of {', '.join(map(str, sorted(lengths)))} rows")
-    return kept
+    return record
 
 
 def keep(experiment: Experiment[Any, Any], run: Path) -> KeptRows:

@@ -18,6 +18,7 @@ DOCS = CHECKOUT / "docs"
 OVERVIEW = "results.md"
 PAGES = "results"  # folder
 MOST_LINES = 500  # of the overview
+MOST_ROWS = 15  # of a table of the overview; a longer one stands on the experiment's page alone
 STATUS = "Status: "  # begins the line about the last check
 _DECLARES = "@experiment("
 _HEAD = """\
@@ -51,8 +52,8 @@ class ResultsOfOne:
 
     @property
     def subject(self) -> str:
-        """Folder of the experiment, in words."""
-        return self.experiment.__module__.split(".")[-2].replace("_", " ")
+        """Folder of the experiment below scripts/experiments, in words."""
+        return self.experiment.__module__.split(".")[1].replace("_", " ")
 
     @property
     def status(self) -> str:
@@ -114,14 +115,15 @@ def pages(entries: Sequence[ResultsOfOne]) -> dict[Path, str]:
     overview = [_HEAD]
     for subject, group in groupby(entries, key=lambda entry: entry.subject):
         overview.append(f"## {subject.capitalize()}\n")
-        for entry in group:
+        members = list(group)
+        for entry in members:
             if entry.kept is None:
-                overview += _without_rows(entry)
                 continue
 
             summary = entry.experiment.summary(entry.kept.rows)
             overview += _section(entry, summary)
             texts[Path(PAGES) / f"{entry.experiment.name}.md"] = _page(entry, summary)
+        overview += _without_rows([entry for entry in members if entry.kept is None])
 
     text = "\n".join(overview)
     if (lines := text.count("\n")) > MOST_LINES:
@@ -136,7 +138,7 @@ def _section(entry: ResultsOfOne, summary: Summary) -> Iterator[str]:
     experiment = entry.experiment
 
     yield f"### {experiment.title}\n"
-    if summary.tables:
+    if summary.tables and len(summary.tables[0].rows) <= MOST_ROWS:
         yield f"{_markdown(summary.tables[0])}\n"
     else:
         yield "".join(f"{line}\n" for line in summary.lines[:1])
@@ -145,11 +147,12 @@ def _section(entry: ResultsOfOne, summary: Summary) -> Iterator[str]:
     yield f"{STATUS}{entry.status}\n"
 
 
-def _without_rows(entry: ResultsOfOne) -> Iterator[str]:
-    """An experiment of which nothing is kept: title and command."""
-    yield f"### {entry.experiment.title}\n"
-    yield f"```\n{entry.command}\n```\n"
-    yield f"{STATUS}{entry.status}\n"
+def _without_rows(entries: Sequence[ResultsOfOne]) -> Iterator[str]:
+    """Experiments of which nothing is kept: a line each, with title and command."""
+    if entries:
+        yield f"{STATUS}{entries[0].status}, of:\n"
+        yield from (f"- {entry.experiment.title}: `{entry.command}`" for entry in entries)
+        yield ""
 
 
 def _page(entry: ResultsOfOne, summary: Summary) -> str:
@@ -171,10 +174,10 @@ def _page(entry: ResultsOfOne, summary: Summary) -> str:
 
 def _origin(entry: ResultsOfOne) -> str:
     """Sentence about the run that gave the rows."""
-    kept = entry.kept
-    assert kept is not None, "a page is of kept rows"
-    seeds = f", {kept.seeds}" if kept.seeds else ""
-    return f"{len(kept.rows)} runs{seeds}, {kept.date}, commit {kept.commit}."
+    record = entry.kept
+    assert record is not None, "a page is of kept rows"
+    seeds = f", {record.seeds}" if record.seeds else ""
+    return f"{len(record.rows)} runs{seeds}, {record.date}, commit {record.commit}."
 
 
 def _markdown(table: Table) -> str:

@@ -46,12 +46,12 @@ def arm_camera(setup: ArmCameraSetup, model: "mujoco.MjModel") -> Sensor:
     return ArmCamera(model, TIP_SITE, surface, conditions=setup)
 
 
-def believed_mount(own: "OwnVehicle", X_GC: Array | None = None) -> "TrackMount":
+def believed_mount(believed: "OwnVehicle", X_GC: Array | None = None) -> "TrackMount":
     """Where the vehicle believes a camera at `X_GC` (4, 4) in tool axes to be; None: the tip of its
     tool.
     """
     from uuv.models.arms import dh_geometry
     from uuv.perception.navigation.surface_track import TrackMount
 
-    arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
-    return TrackMount(arm=arm, X_BA=own.vehicle.X_BA, X_GC=np.eye(4) if X_GC is None else X_GC)
+    arm = dh_geometry.read(believed.model, ARM_BASE_BODY, TIP_SITE, exclude=believed.passive_joints)
+    return TrackMount(arm=arm, X_BA=believed.vehicle.X_BA, X_GC=np.eye(4) if X_GC is None else X_GC)

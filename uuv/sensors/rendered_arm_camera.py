@@ -86,8 +86,12 @@ class RenderedArmCamera:
     ) -> None:
         """Mount the camera; the arguments are those of `ArmCamera`."""
         self._modelled = ArmCamera(model, tip, surface, conditions=conditions)
-        self.period, self.delay = self._modelled.period, self._modelled.delay
-        self._conditions, self._camera = conditions, self._modelled.camera
+        self.period = self._modelled.period
+        self.delay = self._modelled.delay
+        self._conditions = conditions
+        self._camera = self._modelled.camera
+
+        # What it sees: the textured world, less its own link.
         self._texture = Texture.of(0, conditions.texture)
         self._rays = Rays.of(self._camera.rays(), self._camera.near)
         self._world = VisibleWorld(model)
@@ -107,7 +111,11 @@ class RenderedArmCamera:
     ) -> tuple[RenderedState, SurfaceMotionMeasurement | None]:
         """One picture; None while no surface is in range, or the picture is lost."""
         X_WC, X_OC = self.camera_pose(truth)
-        time, camera, rng = float(truth.time), self._camera, state.rng
+        time = float(truth.time)
+        camera = self._camera
+        rng = state.rng
+
+        # What the rays meet: the surface has to fill enough of the view.
         water = Turbidity(
             attenuation=self._conditions.attenuation,
             cloud=silt(state, self._conditions, time, self.period),
@@ -115,34 +123,48 @@ class RenderedArmCamera:
         depth, cosine = self._world.cast(
             X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3)
         )
-        seen = (depth >= camera.near) & (depth <= camera.far) & ~self._hidden
-        if seen.mean() < LEAST_SEEN:
+        measured = (depth >= camera.near) & (depth <= camera.far) & ~self._hidden
+        if measured.mean() < LEAST_SEEN:
             state.key = None
             return state, None
-        range_m = float(np.median(depth[seen]))
+
+        # The picture through the water; without a key one it becomes it.
+        range_m = float(np.median(depth[measured]))
         picture = expose(
             camera, (depth.astype(np.float64), cosine), X_OC, self._texture, water, rng
         )
         noise = picture_noise(camera, water.attenuation, range_m)
-        now = prepare(picture.intensity, picture.depth, self._hidden, camera.focal, noise)
+        current = prepare(picture.intensity, picture.depth, self._hidden, camera.focal, noise)
         if state.key is None:
-            state.key, state.key_time, state.X_OK, state.lost = now, time, X_OC, 0
+            _take_key(state, current, time, X_OC)
             return state, _message(truth, time, np.eye(4), np.zeros((3, 3)))
+
+        # Alignment to the key picture, from a guess as good as the vehicle's own.
         X_KC = inverse(state.X_OK) @ X_OC
         guess = X_KC @ pose(exp_so3(ROTATION * rng.standard_normal(3)))
         guess[:3, 3] += PREDICTED * rng.standard_normal(3)
-        found = align(state.key, now, guess, ROTATION, noise)
-        if found is None or not found.settled:
+        alignment = align(state.key, current, guess, ROTATION, noise)
+        if alignment is None or not alignment.settled:
             state.lost += 1
             if state.lost >= MOST_LOST:
                 state.key = None
             return state, None
+
+        # Motion since the key picture, which is replaced before it leaves the view.
         state.lost = 0
-        read = pose(guess[:3, :3], found.p_KC)
-        message = _message(truth, state.key_time, read, found.information_K)
+        read = pose(guess[:3, :3], alignment.p_KC)
+        message = _message(truth, state.key_time, read, alignment.information_K)
         if leaves_key(camera, X_KC, range_m):
-            state.key, state.key_time, state.X_OK = now, time, X_OC
+            _take_key(state, current, time, X_OC)
         return state, message
+
+
+def _take_key(state: RenderedState, picture: PreparedPicture, time: float, X_OC: Array) -> None:
+    """Make a picture from pose X_OC the one that later ones are aligned to."""
+    state.key = picture
+    state.key_time = time
+    state.X_OK = X_OC
+    state.lost = 0
 
 
 def _message(

@@ -17,13 +17,13 @@ def object_of(scenario: Scenario, kind: type[Any]) -> Any:
     Raises:
         ConfigurationError: It is of another kind.
     """
-    thing = scenario.site.object
-    if not isinstance(thing, kind):
+    place_object = scenario.site.object
+    if not isinstance(place_object, kind):
         raise ConfigurationError(
             f"task {type(scenario.task).__name__}: needs a {kind.__name__} at the site, got "
-            f"{type(thing).__name__}"
+            f"{type(place_object).__name__}"
         )
-    return thing
+    return place_object
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:

@@ -131,7 +131,8 @@ class FrictionCase(PlacedTask):
     @property
     def title(self) -> str:
         """Title of log and report."""
-        vehicle, seconds = self.scenario.vehicle.vehicle, self.task.seconds
+        vehicle = self.scenario.vehicle.vehicle
+        seconds = self.task.seconds
         return (
             f"Friction of the gears of {vehicle}, swings of {seconds:g} s, seed "
             f"{self.scenario.seed}"
@@ -222,10 +223,10 @@ def values_of(viscous: Array, dry: "DryFriction") -> dict[str, Array]:
     }
 
 
-def errors(case: FrictionCase, found: "IdentifiedFriction") -> dict[str, Array]:
+def errors(case: FrictionCase, fitted: "IdentifiedFriction") -> dict[str, Array]:
     """Errors (n,) of Coulomb friction, stiction and viscous friction, as in FrictionBounds."""
     got, true = (
-        values_of(found.viscous, found.dry),
+        values_of(fitted.viscous, fitted.dry),
         values_of(case.true.joint_damping, case.true.dry_friction),
     )
 
@@ -243,13 +244,13 @@ def errors(case: FrictionCase, found: "IdentifiedFriction") -> dict[str, Array]:
 
 
 def assessed(
-    case: FrictionCase, found: "IdentifiedFriction | None", ran: RunResult
+    case: FrictionCase, fitted: "IdentifiedFriction | None", ran: RunResult
 ) -> "Assessment":
     """Metrics of the run: friction of each joint and the errors of the worst, by FrictionBounds.
 
     Args:
         case: The vehicle.
-        found: The identified friction; None: the run was interrupted before.
+        fitted: The identified friction; None: the run was interrupted before.
         ran: The run.
     """
     from uuv.sim.evaluation.metrics import Assessment
@@ -260,26 +261,27 @@ def assessed(
     )
     joints: list[JointFriction] = []
 
-    if found is not None:
+    if fitted is not None:
         true = values_of(case.true.joint_damping, case.true.dry_friction)
         believed = values_of(case.believed.joint_damping, case.believed.dry_friction)
-        got, shares = values_of(found.viscous, found.dry), errors(case, found)
+        got = values_of(fitted.viscous, fitted.dry)
+        shares = errors(case, fitted)
 
         # Errors of the worst joint, also in standard deviations.
         figures = {f"{name}_error": float(share.max()) for name, share in shares.items()}
-        off = [np.abs(got[name] - true[name]) / found.sigma(name) for name in shares]
+        off = [np.abs(got[name] - true[name]) / fitted.sigma(name) for name in shares]
         figures["error_sigmas"] = float(np.max(off))
 
         joints = [
             JointFriction(
                 name=name,
-                sensor_bias_nm=float(found.bias[j]),
-                residual_nm=float(found.residual[j]),
+                sensor_bias_nm=float(fitted.bias[j]),
+                residual_nm=float(fitted.residual[j]),
                 **{
                     word: FrictionParameter(
                         believed=float(believed[word][j]),
                         identified=float(got[word][j]),
-                        sigma=float(sigma) if np.isfinite(sigma := found.sigma(word)[j]) else None,
+                        sigma=float(sigma) if np.isfinite(sigma := fitted.sigma(word)[j]) else None,
                         true=float(true[word][j]),
                     )
                     for word in QUANTITIES
@@ -308,7 +310,7 @@ def assessed(
     return Assessment.of(ran.recording, content, checks, seed=case.scenario.seed, wall_s=ran.wall_s)
 
 
-def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
+def joint_table(case: FrictionCase, fitted: "IdentifiedFriction") -> "Table":
     """Table of each joint: believed, identified with its standard deviation, true.
 
     Those of a slide are in N and m.
@@ -324,10 +326,10 @@ def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
 
     true = values_of(case.true.joint_damping, case.true.dry_friction)
     believed = values_of(case.believed.joint_damping, case.believed.dry_friction)
-    got = values_of(found.viscous, found.dry)
+    got = values_of(fitted.viscous, fitted.dry)
     for j, joint in enumerate(case.true.joint_names):
         for word, figure in QUANTITIES.items():
-            sigma = float(found.sigma(word)[j])
+            sigma = float(fitted.sigma(word)[j])
             if not np.isfinite(sigma):  # without stiction there is no Stribeck speed
                 continue
             digits = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 6)) if sigma > 0.0 else 6
@@ -341,7 +343,7 @@ def joint_table(case: FrictionCase, found: "IdentifiedFriction") -> "Table":
     return table
 
 
-def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
+def curves(case: FrictionCase, fitted: "IdentifiedFriction") -> "Figure":
     """Torque lost over speed, one plot for each joint."""
     from matplotlib.figure import Figure
 
@@ -350,7 +352,7 @@ def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
     # Torque lost in the gears: what the motor gives beyond inertia and the sensor's reading.
     qd, gear, motor = case.samples.columns()
     speed, acceleration = over_steps(qd, case.timestep)
-    lost = motor[1:] - case.believed.armature * acceleration - gear[1:] - found.bias
+    lost = motor[1:] - case.believed.armature * acceleration - gear[1:] - fitted.bias
 
     n = len(case.true.joint_names)
     across = min(n, 3)
@@ -360,7 +362,7 @@ def curves(case: FrictionCase, found: "IdentifiedFriction") -> "Figure":
     drawn = (
         ("believed", case.believed.joint_damping, case.believed.dry_friction, "0.5", ":"),
         ("true", case.true.joint_damping, case.true.dry_friction, "k", "-"),
-        ("identified", found.viscous, found.dry, "tab:orange", "--"),
+        ("identified", fitted.viscous, fitted.dry, "tab:orange", "--"),
     )
 
     for j, name in enumerate(case.true.joint_names):

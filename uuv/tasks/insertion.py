@@ -145,10 +145,12 @@ class PlacedInsertion(PlacedTask):
         """Planner of the insertion."""
         from uuv.controllers.tasks import insertion
 
-        own, task, bore = self.own, self.task, self.bore
+        believed = self.own
+        task = self.task
+        bore = self.bore
         aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*task.error, 0.0])
         return insertion.HoleInsertion(
-            own.at_work(),
+            believed.at_work(),
             self.target,
             aimed_at,
             insertion.InsertionJob(
@@ -160,10 +162,10 @@ class PlacedInsertion(PlacedTask):
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true hole."""
-        found = next(
+        accepted = next(
             (target for target in reversed(ran.recording.targets) if target.accepted), None
         )
-        X_WH = None if found is None else found.X_WT @ self.bore.pose(np.eye(4))
+        X_WH = None if accepted is None else accepted.X_WT @ self.bore.pose(np.eye(4))
         return assess_insertion(
             ran.recording, self.truth, found_X_WH=X_WH, seed=seed, wall_s=ran.wall_s
         )

@@ -76,14 +76,14 @@ class InspectionTask(InspectionSettings, Task):
 
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT @ pose(p=target.center), rng)
-        there = workpiece.as_it_is(target, None, rng)
+        true_model = workpiece.as_it_is(target, None, rng)
 
         return PlacedInspection(
             scenario=scenario,
             own=own,
             config=config,
             target=target,
-            there=there,
+            there=true_model,
             X_WT=X_WT,
             approach_W=approach_W,
             orientation_W=orientation_W,
@@ -119,7 +119,8 @@ class PlacedInspection(PlacedTask):
     @property
     def title(self) -> str:
         """Title of log and report."""
-        seed, distance = self.scenario.seed, self.config.distance
+        seed = self.scenario.seed
+        distance = self.config.distance
         return f"Inspection of the {self.target.name} from {distance:g} m, seed {seed}"
 
     @property
@@ -164,9 +165,9 @@ class PlacedInspection(PlacedTask):
         from uuv.controllers.tasks.inspection import Inspection
         from uuv.models.meshes.visibility import View
 
-        own = self.own
+        believed = self.own
         return Inspection(
-            own.at_work(),
+            believed.at_work(),
             self.target,
             self.config,
             X_WB_scan=self.X_WB,
@@ -179,12 +180,15 @@ class PlacedInspection(PlacedTask):
         from uuv.controllers.planning.hull_path import HullPath
         from uuv.controllers.tasks import inspection
 
-        own, vertices_W = self.own.at_work(), transform_points(self.X_WT, self.there.vertices)
-        passing = HullPath(own.vehicle, own.chain, own.hull_box, vertices_W)
+        believed = self.own.at_work()
+        vertices_W = transform_points(self.X_WT, self.there.vertices)
+        passing = HullPath(believed.vehicle, believed.chain, believed.hull_box, vertices_W)
         keep = inspection.Keep(
             passing, scenes.seabed_height(self.there, self.X_WT), self.config.clearance
         )
-        truth = replace(self.truth, allowed=inspection.allowed_cameras(vertices_W, own.X_BC, keep))
+        truth = replace(
+            self.truth, allowed=inspection.allowed_cameras(vertices_W, believed.X_BC, keep)
+        )
         measured = None if self.survey is None else self.survey.mesh
         bounds = InspectionBounds(coverage=COVERED) if self.cover else None
         return assess_inspection(

@@ -207,9 +207,10 @@ class PlacedSampling(PlacedTask):
         from uuv.controllers.planning.ground_approach import GroundApproach
         from uuv.controllers.tasks.seabed_work import SeabedWork
 
-        own, hull = self.own, self.own.hull_box
+        believed = self.own
+        hull = self.own.hull_box
         return SeabedWork(
-            own.at_work(),
+            believed.at_work(),
             self.job,
             X_WB_scan=self.start,
             search=height_search(hull, drag=self.job.drag),
@@ -231,7 +232,7 @@ class PlacedSampling(PlacedTask):
         return SeabedRecorder(recorder, log)
 
 
-def tool_of(own: "mujoco.MjModel") -> SoilTool:
+def tool_of(model: "mujoco.MjModel") -> SoilTool:
     """Soil model of the vehicle's tool.
 
     Raises:
@@ -241,9 +242,10 @@ def tool_of(own: "mujoco.MjModel") -> SoilTool:
 
     from uuv.models.tools import sampler
 
-    geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
-    kinds, size = mujoco.mjtGeom, own.geom_size[geom]
-    kind = kinds(int(own.geom_type[geom]))
+    geom = find(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
+    kinds = mujoco.mjtGeom
+    size = model.geom_size[geom]
+    kind = kinds(int(model.geom_type[geom]))
     if kind == kinds.mjGEOM_BOX:
         return box(2.0 * float(size[1]), 2.0 * float(size[0]), sampler.BOX.wall, sampler.BOX.rake)
     if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
@@ -280,17 +282,17 @@ def dvl_on_hull(hull: Array) -> Array:
     return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
 
 
-def own_arm(own: "OwnVehicle") -> float:
+def own_arm(believed: "OwnVehicle") -> float:
     """Distance [m] from the sonar within which echoes are from the folded arm, at most OWN_ARM."""
     import mujoco
 
-    model, vehicle = own.model, own.vehicle
+    model, vehicle = believed.model, believed.vehicle
     data = mujoco.MjData(model)
     data.qpos[vehicle.qpos] = vehicle.q_home
     mujoco.mj_kinematics(model, data)
     hull = data.xpos[vehicle.hull], data.xmat[vehicle.hull].reshape(3, 3)
 
-    sonar = hull[0] + hull[1] @ sonar_on_hull(own.hull_box)[:3, 3]
+    sonar = hull[0] + hull[1] @ sonar_on_hull(believed.hull_box)[:3, 3]
     carried = [g for g in range(model.ngeom) if model.geom_bodyid[g] not in (0, vehicle.hull)]
     far = np.linalg.norm(data.geom_xpos[carried] - sonar, axis=1) + model.geom_rbound[carried]
     return min(OWN_ARM, float(far.max(initial=0.0)) + _ROOM)
@@ -310,18 +312,19 @@ class SeabedRecorder:
             return
         from uuv.perception.seabed.seabed_finder import SeabedFinderState
 
-        found = moment.found
-        if not isinstance(found, SeabedFinderState) or found.cloud_W is None:
+        finder = moment.found
+        if not isinstance(finder, SeabedFinderState) or finder.cloud_W is None:
             return
 
-        time, plan = moment.truth.time, found.plan
-        self._recorder.add_cloud("scan", found.cloud_W)
+        time = moment.truth.time
+        plan = finder.plan
+        self._recorder.add_cloud("scan", finder.cloud_W)
         if plan is not None:
             self._recorder.add_cloud("targets", plan.targets.A)
         if self._log is None:
             return
 
-        self._log.log_cloud("scan", found.cloud_W, time, radius=0.004)
+        self._log.log_cloud("scan", finder.cloud_W, time, radius=0.004)
         ground = moment.estimate.ground
         if ground is not None and np.isfinite(ground.p_W).all():
             self._log.log_arrows(

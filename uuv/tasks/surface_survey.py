@@ -35,7 +35,9 @@ class SurveyStory:
     slow_ticks = ()
 
     def __init__(self, story: Observer, survey: "SurfaceSurvey", log: Any) -> None:
-        self._story, self._survey, self._log = story, survey, log
+        self._story = story
+        self._survey = survey
+        self._log = log
 
     def observe(self, moment: Moment) -> None:
         """Add the mesh once the work is done."""
@@ -47,7 +49,8 @@ class SurveyStory:
         ):
             return
 
-        mesh, X_WT = self._survey.mesh, self._survey.X_WT
+        mesh = self._survey.mesh
+        X_WT = self._survey.X_WT
         self._log.log_mesh(
             "survey",
             transform_points(X_WT, mesh.vertices),
@@ -82,7 +85,8 @@ class SurfaceSurvey:
 
         self._surface = NearestSurface.of(vertices, model.triangles)
         self._fusion = SurfaceFusion([vertices.min(axis=0) - REACH, vertices.max(axis=0) + REACH])
-        self._floor, self._rng = floor_W + _GROUND, np.random.default_rng([seed, EVERY])
+        self._floor = floor_W + _GROUND
+        self._rng = np.random.default_rng([seed, EVERY])
 
         self._camera: DepthCamera | None = None
         self._state: Any = None  # of the camera
@@ -91,7 +95,8 @@ class SurfaceSurvey:
 
     def look_through(self, camera: DepthCamera) -> None:
         """Take the frames with `camera`."""
-        self._camera, self._state = camera, camera.init(self._rng)
+        self._camera = camera
+        self._state = camera.init(self._rng)
 
     def observe(self, moment: Moment) -> None:
         """Add a frame, if one is due."""
@@ -138,8 +143,8 @@ class SurfaceSurvey:
             above = height + (0.0 if self.X_WT is None else self.X_WT[2, 3]) > self._floor
 
             # What is left of the mesh, and only the vertices that it uses.
-            kept = whole.triangles[above[whole.triangles].all(axis=1)]
-            used, index = np.unique(kept, return_inverse=True)
+            triangles = whole.triangles[above[whole.triangles].all(axis=1)]
+            used, index = np.unique(triangles, return_inverse=True)
             self._mesh = SurfaceMesh(
                 vertices=whole.vertices[used],
                 triangles=index.reshape(-1, 3),
@@ -222,7 +227,7 @@ def _seen_from(
     starts = columns[None, :, None] * right + rows[:, None, None] * up + (z.max() + 0.1) * way
     hit = scene.cast(starts.reshape(-1, 3), np.broadcast_to(-way, (starts.size // 3, 3)))
 
-    value = np.full(len(hit["t"]), np.nan)
+    deviation = np.full(len(hit["t"]), np.nan)
     met = np.isfinite(hit["t"])
-    value[met] = mesh.deviation[mesh.triangles[hit["triangle"][met]]].mean(axis=1)
-    return value.reshape(len(rows), len(columns)), (low[0], high[0], low[1], high[1])
+    deviation[met] = mesh.deviation[mesh.triangles[hit["triangle"][met]]].mean(axis=1)
+    return deviation.reshape(len(rows), len(columns)), (low[0], high[0], low[1], high[1])

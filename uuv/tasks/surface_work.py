@@ -151,7 +151,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
 
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT, rng)
-        there = workpiece.as_it_is(target, path, rng)
+        true_model = workpiece.as_it_is(target, path, rng)
 
         placed = PlacedSurfaceWork(
             scenario=scenario,
@@ -161,11 +161,11 @@ class SurfaceWorkTask(SurfaceSettings, Task):
             approach_W=approach_W,
             orientation_W=orientation_W,
             truth=TrueObject(
-                model=there,
+                model=true_model,
                 path=path,
                 X_WT=X_WT,
                 contactless=self.contactless,
-                deformed=there is not target,
+                deformed=true_model is not target,
             ),
         )
 
@@ -274,7 +274,8 @@ class PlacedSurfaceWork(PlacedTask):
         from uuv.controllers.tasks.hull_phases import EscapeLimits
         from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
 
-        size, task = self.own.at_work().size, self.task
+        size = self.own.at_work().size
+        task = self.task
         # A lighter hull is pushed away sooner; a rate that is not the default was chosen for it.
         usual_rate = task.force_rate == SurfaceSettings.force_rate
         scaled = {
@@ -316,13 +317,13 @@ class PlacedSurfaceWork(PlacedTask):
         from uuv.sim.evaluation.metrics import AskedWork, assess
 
         state = ran.last.found
-        found = state.last if isinstance(state, FinderState) else None
+        identification = state.last if isinstance(state, FinderState) else None
         return assess(
             ran.recording,
             self.truth,
             seed=seed,
             wall_s=ran.wall_s,
-            identification_s=found.duration_s if found is not None else None,
+            identification_s=identification.duration_s if identification is not None else None,
             bounds=self.bounds,
             asked=AskedWork(
                 forces=() if self.task.contactless is not None else self.task.forces,
@@ -337,19 +338,26 @@ class PlacedSurfaceWork(PlacedTask):
         return object_as_found(ran.recording, self.truth)
 
 
-def work_bounds(own: "OwnVehicle") -> Bounds:
-    """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints."""
+def work_bounds(believed: "OwnVehicle") -> Bounds:
+    """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints.
+
+    A hull that weight and buoyancy alone right in roll or pitch may list.
+    """
+    from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
     from uuv.controllers.planning.arm_margins import TILT
     from uuv.controllers.planning.arm_size import FULL
 
-    known = own.at_work()
+    known = believed.at_work()
     usual = Bounds()
 
     # An arm of fewer joints lets its tool lean.
+    tilt = usual.tilt if known.chain.n >= FULL else TILT
+    lists = bool(undriven_axes(believed.vehicle.thruster_wrench))
     return Bounds(
         force_error_rms=known.size * usual.force_error_rms,
         force_error_max=known.size * usual.force_error_max,
-        tilt=usual.tilt if known.chain.n >= FULL else TILT,
+        tilt=tilt,
+        heel=MOST_LIST if lists else tilt,
     )
 
 

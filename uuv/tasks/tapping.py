@@ -61,13 +61,14 @@ class PlacedTapping(PlacedSurfaceWork):
         from uuv.controllers.hull.thrust_margin import ThrustMargin
         from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 
-        own, job = self.own.at_work(), self.job()
+        believed = self.own.at_work()
+        job = self.job()
 
         return PathStanding(
-            vehicle=own.vehicle,
-            chain=own.chain,
+            vehicle=believed.vehicle,
+            chain=believed.chain,
             model=self.target,
-            hull_box=own.hull_box,
+            hull_box=believed.hull_box,
             limits=StandingLimits(force=max(job.forces), standoff=job.approach.standoff),
             floor=scenes.seabed_height(self.target, self.truth.X_WT),
             holding=ThrustMargin.of(self.own.model),
@@ -78,8 +79,12 @@ class PlacedTapping(PlacedSurfaceWork):
         from uuv.controllers.tasks.arrival import WorkSite, around
         from uuv.controllers.tasks.tap import tap
 
-        own, job = self.own.at_work(), self.job()
+        believed = self.own.at_work()
+        job = self.job()
         site = WorkSite(
-            own=own, X_WB_scan=self.X_WB, stand=self.standing, around=around(own, self.target)
+            own=believed,
+            X_WB_scan=self.X_WB,
+            stand=self.standing,
+            around=around(believed, self.target),
         )
-        return tap(site, job, TappingTask.points, own.tip, TappingTask.hold)
+        return tap(site, job, TappingTask.points, believed.tip, TappingTask.hold)

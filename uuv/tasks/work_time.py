@@ -33,13 +33,16 @@ class WorkTime:
 
     def judged(self) -> tuple[float, ...]:
         """Time [s] for which the error of each level of force counts; negative: not settled."""
-        limits, asked = FollowLimits(), levels(self.forces)
+        limits = FollowLimits()
+        force_levels = levels(self.forces)
         progress = Progress(self.length, self.speed, limits.ramp)
-        passed = [progress.time(self.length * level.end / len(self.forces)) for level in asked]
+        passed = [
+            progress.time(self.length * level.end / len(self.forces)) for level in force_levels
+        ]
         passed[-1] += limits.linger
 
         # The first force has settled before the tool moves.
-        changes = np.abs(np.diff([level.force for level in asked]))
+        changes = np.abs(np.diff([level.force for level in force_levels]))
         lost = [0.0, *(unsettled(change / self.force_rate) for change in changes.tolist())]
         return tuple(
             float(lasting - gone)

@@ -6,10 +6,11 @@
 Only this room may wire plant, sensors, navigation and controller. Each of them gives a record of
 its arrays, and the compiled functions that its own step in Python calls too; the two ways therefore
 give the same bits. The controller is a slot, called by its address: a kernel, or plain Python
-through a trampoline, which takes its time at every tick (`slow_parts`). The planner is called
-between two compiled stretches. So is a sensor of every tick whose state has no record for the
-kernel, a faulty one for instance. Ticks at which something else is due run part by part: fixes,
-frames. So does a whole run with a plant, sensor or estimator without a kernel; `reason` names it.
+through a trampoline, which takes its time at every tick (`slow_parts`). So is a sensor of every
+tick whose state has no record for the kernel, a faulty one for instance. The planner is called
+between two compiled stretches, which are long where it foresees its steps. Ticks at which something
+else is due run part by part: fixes, frames. So does a whole run with a plant, sensor or estimator
+without a kernel; `reason` names it.
 """
 
 from typing import Any
@@ -31,6 +32,7 @@ from uuv.sim.loop.recording import Recorder
 from uuv.sim.loop.rollout import Parts, Rollout, Stage
 from uuv.sim.plant.plant import Plant, parts_in_python
 from uuv.sim.sensors.proprioception import ENCODERS, IMU, TORQUE_SENSORS
+from uuv.ticks.planner_ahead import PlannerAhead
 from uuv.ticks.python_sensors import PythonSensors
 from uuv.ticks.tick_kernels import COMMANDED, NEW, PLANNED, World, box_of, run_ticks, sensed_by
 
@@ -108,8 +110,11 @@ class CompiledTicks:
         rates = [getattr(observer, "slow_ticks", ()) for observer in run.observers]
         self._slow_ticks = frozenset(ticks for rate in rates for ticks in rate)
         self._in_plant = parts_in_python(run.plant)
-        self._watching = [each for each in run.observers if not hasattr(each, "slow_ticks")]
+        self._watching = [
+            observer for observer in run.observers if not hasattr(observer, "slow_ticks")
+        ]
         self._present = np.zeros(1, dtype=np.int64)
+        self._foresight = PlannerAhead(run, self._plant)
 
         # Sensors and navigation.
         estimator: Any = run.parts.estimator
@@ -120,6 +125,7 @@ class CompiledTicks:
             None if completed is None else lambda estimate: completed(run.estimator_state, estimate)
         )
         self._inputs = Inputs(self._navigation.estimate, complete)
+        self._inputs.ahead = self._foresight.table.present
         self._sound = estimate_record(len(self._plant.truth.q))
 
         # Controller, and the recording.
@@ -172,7 +178,7 @@ class CompiledTicks:
         return PythonControl(step, self._inputs, command, type(controller).__name__)
 
     def _name_slow_parts(self, control: ControlTick) -> None:
-        watching = (type(each).__name__ for each in self._watching)
+        watching = (type(observer).__name__ for observer in self._watching)
         sensors = self._python_sensors.names
         self.slow_parts = (*self._in_plant, *sensors, *control.slow, *watching)
 
@@ -187,8 +193,8 @@ class CompiledTicks:
             estimate = self._inputs.seen()
             command = control.done(estimate, run.reference, FINE)
             moment = run.moment(int(self._present[0]), estimate, command)
-            for each in self._watching:
-                each.observe(moment)
+            for observer in self._watching:
+                observer.observe(moment)
 
         return control.slots.add(watch)
 
@@ -216,13 +222,17 @@ class CompiledTicks:
                 joints=navigation.joints,
                 estimate=navigation.estimate,
                 sound=self._sound,
+                # The controller, and what it follows.
                 control=np.array([control.address, control.memory, inputs.address]),
                 command=control.command,
+                reference=control.reference,
+                table=self._foresight.table.record,
                 rows=self._recorder.record(self._plant.truth),
                 sampled=self._sampled,
                 sensors=self._python_sensors.slot(control.slots),
                 referred=np.zeros(1, dtype=np.int64),
                 every=run.controller_ticks,
+                plans=run.planner_ticks,
                 observers=self._watch(run, control),
                 present=self._present,
             )
@@ -250,28 +260,35 @@ class CompiledTicks:
             assert run.reference is not None
             if run.reference.scan:
                 break
-            samples = min((each.ready() for each in self._noise), default=end - tick)
+            samples = min((source.ready() for source in self._noise), default=end - tick)
             if samples <= 0:  # the sensors' own step draws the next block of their noise
                 break
-            begun = PLANNED if run.stage else NEW
-            ticks, onward = self._stretch(run, tick, min(end, tick + samples))
-            done = self._run(run, tick, ticks, begun, onward)
+            control = self._control(run, run.reference)
+            ticks, onward = self._stretch(run, tick, min(end, tick + samples), control)
+            done = self._run(run, tick, ticks, onward, control)
             tick += done
             if run.stage > Stage.ESTIMATED or not done:
                 break
         return tick
 
-    def _stretch(self, run: Rollout, tick: int, end: int) -> tuple[int, int]:
+    def _stretch(self, run: Rollout, tick: int, end: int, control: ControlTick) -> tuple[int, int]:
         """Number of ticks from `tick` on that may run at once, and the stage of the one after."""
         observed = (-tick % every for every in self._slow_ticks)
         planned = run.planner_ticks - tick % run.planner_ticks
         most = min(min(run.next_due(tick + 1), end) - tick, self._plant.ready())
-        ticks = min(most, planned, *observed)
+        ticks = min((most, *observed))
         if ticks == 0:  # `run` completes the tick after its command, with plant and observers
             return 0, COMMANDED
 
+        # Beyond the next step of the planner, as far as it is foreseen.
+        foreseen = 0
+        if ticks > planned and not self._watching and control is self._compiled:
+            foreseen = self._foresight.look(tick, tick + planned, tick + ticks)
+        ticks = min(ticks, planned + foreseen * run.planner_ticks)
+
         # Where the planner comes next, its estimate is made in the same call.
-        return ticks, PLANNED if planned == ticks < most else NEW
+        plans = (tick + ticks) % run.planner_ticks == 0
+        return ticks, PLANNED if plans and ticks < most else NEW
 
     def _plan(self, run: Rollout, tick: int) -> bool:
         """Estimate and planner of a tick; True if its rest may run compiled."""
@@ -293,8 +310,9 @@ class CompiledTicks:
             return False
         return before is not None and reference.state is before.state
 
-    def _run(self, run: Rollout, tick: int, ticks: int, begun: int, onward: int) -> int:
+    def _run(self, run: Rollout, tick: int, ticks: int, onward: int, control: ControlTick) -> int:
         """Run `ticks`, as `run_ticks` does; returns how many were completed."""
+        begun = PLANNED if run.stage else NEW
         reference = run.reference
         assert reference is not None
         rows = self._recorder.ready(ticks)
@@ -303,7 +321,6 @@ class CompiledTicks:
             self._worlds.clear()
 
         # The controller's tick, with its set points.
-        control = self._control(run, reference)
         if control is self._python and run.command is not None:
             self._python.load(run.command)
         world, box = self._world(control, run)
@@ -314,19 +331,35 @@ class CompiledTicks:
         done, stage, answer = run_ticks(box, tick, ticks, begun, onward)
         self._plant.publish()
         control.slots.check(answer)
+        reference = self._follow(run, reference)
         if stage == COMMANDED:
             if done or begun == NEW:
                 run.estimate = self._inputs.message_of(world.estimate)
             run.stage = Stage.COMMANDED
-            run.take(tick + done, control.done(run.estimate, reference, answer))
+            if _controls(run, tick, tick + done):
+                run.take(tick + done, control.done(run.estimate, reference, answer))
             return done
 
         # The command of the last tick completed, and the estimate of the next one.
         run.stage = Stage.NEW
         if done:
             run.estimate = self._inputs.message_of(world.estimate if stage == NEW else world.sound)
-            run.take(tick + done - 1, control.done(run.estimate, reference, FINE))
+            if _controls(run, tick, tick + done - 1):
+                run.take(tick + done - 1, control.done(run.estimate, reference, FINE))
         if stage == PLANNED:
             run.estimate = self._inputs.message_of(world.estimate)
             run.stage = Stage.ESTIMATED if answer == FINE else Stage.PLANNED
         return done
+
+    def _follow(self, run: Rollout, reference: Reference) -> Reference:
+        """Take over the periods of the planner that went by; the set points of the last one."""
+        references = self._foresight.close()
+        for taken in references:
+            self._recorder.refer(taken)
+        run.reference = references[-1] if references else reference
+        return run.reference
+
+
+def _controls(run: Rollout, first: int, last: int) -> bool:
+    """Whether the controller was due at a tick from `first` to `last`."""
+    return first + -first % run.controller_ticks <= last

@@ -8,9 +8,10 @@ import numpy as np
 from uuv.perception.navigation.filter_kernel import put_out, take_sample
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.control import REFUSED, UNSOUND, Commanded, call_control
+from uuv.sim.interfaces.kernels.foresight import TableRecord, take_row
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, call_at
-from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
+from uuv.sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import RecorderRecord, write_row
 from uuv.sim.loop.rollout import Stage
@@ -57,11 +58,14 @@ class World(NamedTuple):
     sound: EstimateRecord  # that of the last tick completed
     control: np.ndarray  # (3,) addresses: of the controller's tick, its memory, the estimate's box
     command: Commanded
+    reference: ReferenceRecord  # that the controller follows
+    table: TableRecord  # of the next ones
     rows: RecorderRecord
     sampled: np.ndarray  # (3,) bool: sensors of `Sensed` that are compiled
     sensors: int  # address of the slot of the others; 0: there are none
     referred: np.ndarray  # (1,) index of the present reference in the recording
     every: int  # ticks in a period of the controller
+    plans: int  # ticks in one of the planner
     observers: int  # address of the slot of observers that see every tick; 0: there are none
     present: np.ndarray  # (1,) number of the present tick, for them
 
@@ -86,6 +90,7 @@ def run_ticks(box, first, ticks, begun, onward):
 
     Returns:
         Number of ticks completed; stage that the next one has reached; answer of the controller.
+        Fewer ticks than asked for, with PLANNED and FINE: the planner has to decide there.
     """
     world = box.record
     plant = world.plant
@@ -95,19 +100,27 @@ def run_ticks(box, first, ticks, begun, onward):
     stage = begun
 
     for done in range(ticks + 1):
-        wanted = onward if done == ticks else COMMANDED
+        last_stage = onward if done == ticks else COMMANDED
 
         # Sensors and navigation.
-        if stage < PLANNED and wanted > NEW:
+        if stage < PLANNED and last_stage > NEW:
             if observe(plant):
                 return done, NEW, FINE
-            answer = perceive(world)
+            time = plant.watch.time[0]
+            seen = world.joints, world.sample, estimate
+            answer = perceive(world.sensed, world.sampled, world.sensors, world.filter, time, seen)
             if answer != FINE:
                 return done, NEW, answer
             stage = PLANNED
 
+            # Planner, as far as it foresaw its steps.
+            if (first + done) % world.plans == 0 and done < ticks:
+                if not take_row(world.table, estimate, command, world.reference):
+                    return done, PLANNED, FINE
+                world.referred[0] += 1
+
         # Controller.
-        if stage < COMMANDED and wanted == COMMANDED:
+        if stage < COMMANDED and last_stage == COMMANDED:
             if (first + done) % world.every == 0:
                 answer = call_control(control[0], control[1], control[2])
                 if answer == UNSOUND:
@@ -122,7 +135,10 @@ def run_ticks(box, first, ticks, begun, onward):
             break
 
         # Recording, observers of every tick, and plant.
-        record_row(world)
+        contacts = plant.readout.contacts
+        time = plant.watch.time[0]
+        saturated = plant.drive.saturated[0]
+        record_row(world.rows, time, contacts, saturated, world.referred[0], command)
         if world.observers:
             world.present[0] = first + done
             answer = call_at(world.observers, 0, 0)
@@ -136,79 +152,86 @@ def run_ticks(box, first, ticks, begun, onward):
 
 
 @kernel(**_WITHIN)
-def perceive(world):
-    """Samples of the sensors into the filter, and its estimate; the answer of their slot."""
-    s = world.sensed
-    joints = world.joints
-    sample = world.sample
+def perceive(s, sampled, others, memory, time, seen):
+    """Samples of the sensors into the filter, and its estimate.
+
+    Args:
+        s: `Sensed`.
+        sampled: as in `World`.
+        others: address of the slot of sensors in Python.
+        memory: of the filter.
+        time: [s] now.
+        seen: `JointRecord`, `ImuRecord` and `EstimateRecord`; written.
+
+    Returns:
+        The answer of the slot.
+    """
+    joints, sample, estimate = seen
 
     # Compiled sensors.
-    if world.sampled[0]:
+    if sampled[0]:
         encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
-    if world.sampled[1]:
+    if sampled[1]:
         transmit(
             s.torques, s.tau_drive, s.tau_friction, s.armature, s.qdd, s.damping, s.qd, joints.tau
         )
-    if world.sampled[2]:
+    if sampled[2]:
         force_B = sample.specific_force_B
         w_B = sample.w_WB_B
         R_WB = sample.R_WB
         sense_motion(s.imu, s.R_WB, s.acceleration, s.w_WB_B, force_B, w_B, R_WB)
 
-    sample.time[0] = world.plant.watch.time[0]
+    sample.time[0] = time
 
     # Other sensors, in Python.
-    if world.sensors:
-        answer = call_at(world.sensors, 0, 0)
+    if others:
+        answer = call_at(others, 0, 0)
         if answer != FINE:
             return answer
 
     # Navigation.
-    take_sample(world.filter, sample)
-    put_out(world.filter, joints, world.estimate)
+    take_sample(memory, sample)
+    put_out(memory, joints, estimate)
     return FINE
 
 
 @kernel(**_WITHIN)
-def record_row(world):
-    """Write one row of the recording."""
-    contacts = world.plant.readout.contacts
-    command = world.command
+def record_row(rows, time, contacts, saturated, reference, command):
+    """Write one row of the recording, under the reference of this index."""
     scalars = (
         contacts[NORMAL],
         contacts[LEAST],
         contacts[MOST],
-        world.plant.drive.saturated[0],
+        saturated,
         contacts[COLLISION] != 0.0,
     )
-    time = world.plant.watch.time[0]
-    write_row(world.rows, time, scalars, world.referred[0], command.f_W, command.felt[0])
+    write_row(rows, time, scalars, reference, command.f_W, command.felt[0])
 
 
 @kernel(**_WITHIN)
-def _copy(one, other):
+def _copy(source, target):
     """Copy one EstimateRecord into another by loops, which compile ten times as fast as slices."""
-    other.time[0] = one.time[0]
-    other.attitude_sigma[0] = one.attitude_sigma[0]
+    target.time[0] = source.time[0]
+    target.attitude_sigma[0] = source.attitude_sigma[0]
 
     for i in range(4):
         for j in range(4):
-            other.X_WB[i, j] = one.X_WB[i, j]
+            target.X_WB[i, j] = source.X_WB[i, j]
 
     for i in range(3):
-        other.v_WB_B[i] = one.v_WB_B[i]
-        other.w_WB_B[i] = one.w_WB_B[i]
-        other.a_WB_B[i] = one.a_WB_B[i]
-        other.position_sigma[i] = one.position_sigma[i]
-        other.ages[i] = one.ages[i]
-        other.object_moved_W[i] = one.object_moved_W[i]
-        other.gyro_off_B[i] = one.gyro_off_B[i]
-        other.attitude_off_B[i] = one.attitude_off_B[i]
+        target.v_WB_B[i] = source.v_WB_B[i]
+        target.w_WB_B[i] = source.w_WB_B[i]
+        target.a_WB_B[i] = source.a_WB_B[i]
+        target.position_sigma[i] = source.position_sigma[i]
+        target.ages[i] = source.ages[i]
+        target.object_moved_W[i] = source.object_moved_W[i]
+        target.gyro_off_B[i] = source.gyro_off_B[i]
+        target.attitude_off_B[i] = source.attitude_off_B[i]
 
-    for j in range(one.q.shape[0]):
-        other.q[j] = one.q[j]
-        other.qd[j] = one.qd[j]
-        other.tau[j] = one.tau[j]
+    for j in range(source.q.shape[0]):
+        target.q[j] = source.q[j]
+        target.qd[j] = source.qd[j]
+        target.tau[j] = source.tau[j]
 
 
 def sensed_by(plant: Plant, memories: Sequence[np.ndarray]) -> Sensed:

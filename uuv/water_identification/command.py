@@ -22,6 +22,7 @@ from uuv.calib.water.planning import Planned
 from uuv.calib.water.results import write_fit, write_vehicle
 from uuv.models import hydrodynamics
 from uuv.own_vehicle import vehicle_spec
+from uuv.sim.evaluation.intervals import SIGMAS
 from uuv.sim.interfaces.extras import absent
 from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 from uuv.sim.runs.provenance import provenance
@@ -52,20 +53,21 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
         )
         hydrodynamics.attach(spec, {}, density)
 
-    own = ReplayVehicle(spec)
-    names = [each.name for each in own.water.parameters]
+    replay = ReplayVehicle(spec)
+    names = [parameter.name for parameter in replay.water.parameters]
     for name, sigma in options.prior:
         one_of(name, names, "--prior")
         finite_number(sigma, f"--prior {name}", above=0.0)
 
     other = dict(options.prior)
-    own.water = replace(
-        own.water,
+    replay.water = replace(
+        replay.water,
         parameters=tuple(
-            replace(each, sigma=other.get(each.name, each.sigma)) for each in own.water.parameters
+            replace(parameter, sigma=other.get(parameter.name, parameter.sigma))
+            for parameter in replay.water.parameters
         ),
     )
-    return spec, own
+    return spec, replay
 
 
 def run(options: WaterOptions, console: Console) -> int:
@@ -76,13 +78,13 @@ def run(options: WaterOptions, console: Console) -> int:
     """
     settings = settings_of(options)
     finite_number(options.seconds, "--seconds [s]", least=10.0, most=3600.0)
-    spec, own = vehicle_of(options)
-    n = len(own.water.parameters)
-    logs = logs_of(options, own.names, ranges_of(own.vehicle))
+    spec, replay = vehicle_of(options)
+    n = len(replay.water.parameters)
+    logs = logs_of(options, replay.vehicle, replay.names, ranges_of(replay.vehicle))
 
     if not logs and options.plan:
         folder = new_folder(COMMAND, options.out, options.seed)
-        _plan(options, own, np.zeros(n), np.eye(n), settings, _USUAL, folder, console)
+        _plan(options, replay, np.zeros(n), np.eye(n), settings, _USUAL, folder, console)
         return 0
 
     # Logs of the user, or of a simulated vehicle that is drawn from the prior.
@@ -90,20 +92,12 @@ def run(options: WaterOptions, console: Console) -> int:
     folder: Path
     if logs:
         hashes = {str(path): _sha256(path) for path in options.log}
-        _check(own, logs, settings)
+        _check(replay, logs, settings)
         folder = new_folder(COMMAND, options.out, options.seed)
     else:
-        rng = np.random.default_rng(options.seed)
-        truth = rng.standard_normal(n)
         folder = new_folder(COMMAND, options.out, options.seed)
-
-        flown = survey(own, values_of(own.water.parameters, np.zeros(n)), options.seconds, rng)
-        values = values_of(own.water.parameters, truth)
-        logs = [
-            simulated(
-                own, values, flown, name="simulated survey", rng=rng, gust=0.25 * settings.gust
-            )
-        ]
+        truth, log = _simulated_survey(options, replay, settings)
+        logs = [log]
         write_log(folder / "survey.csv", logs[0])
         hashes = {"survey.csv": _sha256(folder / "survey.csv")}
 
@@ -112,17 +106,18 @@ def run(options: WaterOptions, console: Console) -> int:
         )
 
     # The fit, on the terminal.
-    fit, residuals = identify(own, logs, settings)
-    found, combined = findings(fit.named, n, fit.quantile), together(fit.named, n)
-    exact = None if truth is None else values_of(own.water.parameters, truth)
+    fit, residuals = identify(replay, logs, settings)
+    identified = findings(fit.named, n, fit.quantile)
+    combined = together(fit.named, n)
+    exact = None if truth is None else values_of(replay.water.parameters, truth)
     title = (
         f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, "
         f"{sum(log.duration for log in logs):.0f} s"
     )
 
     console.print(Text(title, style="bold"))
-    console.print(table_of(found, exact))
-    for line in words(found, combined, fit, logs, own):
+    console.print(table_of(identified, exact))
+    for line in words(identified, combined, fit, logs, replay):
         console.print(line, highlight=False, soft_wrap=True)
 
     # Files of the fit, and the fitted vehicle.
@@ -130,7 +125,7 @@ def run(options: WaterOptions, console: Console) -> int:
     written = [
         write_fit(
             folder / "fit.yaml",
-            found,
+            identified,
             vehicle=options.vehicle,
             date=date,
             logs=hashes,
@@ -140,10 +135,10 @@ def run(options: WaterOptions, console: Console) -> int:
     ]
 
     compiled = spec.copy().compile()
-    written += write_vehicle(folder, "fitted", spec, compiled, own.water, fit.named.values)
+    written += write_vehicle(folder, "fitted", spec, compiled, replay.water, fit.named.values)
     write_json(
         folder / "metrics.json",
-        {**_metrics(found, fit), "provenance": provenance(COMMAND, asdict(options))},
+        {**_metrics(identified, fit), "provenance": provenance(COMMAND, asdict(options))},
     )
 
     # The next manoeuvre, planned with the noise that the residuals show.
@@ -158,7 +153,7 @@ def run(options: WaterOptions, console: Console) -> int:
         covariance = fit.named.covariance[:n, :n]
         _plan(
             options,
-            own,
+            replay,
             fit.named.deviations[:n],
             covariance,
             sharp,
@@ -173,8 +168,8 @@ def run(options: WaterOptions, console: Console) -> int:
         write_page(
             folder / "report.html",
             title,
-            found,
-            words(found, combined, fit, logs, own),
+            identified,
+            words(identified, combined, fit, logs, replay),
             fit,
             residuals,
             asdict(options),
@@ -187,21 +182,42 @@ def run(options: WaterOptions, console: Console) -> int:
     return 0
 
 
-def _check(own: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings) -> None:
+def _simulated_survey(
+    options: WaterOptions, replay: ReplayVehicle, settings: FitSettings
+) -> tuple[Array, WaterLog]:
+    """True deviations (n,) of a vehicle drawn from the prior, and the log of its survey."""
+    rng = np.random.default_rng(options.seed)
+    parameters = replay.water.parameters
+    n = len(parameters)
+    truth = rng.standard_normal(n)
+
+    flown = survey(replay, values_of(parameters, np.zeros(n)), options.seconds, rng)
+    log = simulated(
+        replay,
+        values_of(parameters, truth),
+        flown,
+        name="simulated survey",
+        rng=rng,
+        gust=0.25 * settings.gust,
+    )
+    return truth, log
+
+
+def _check(replay: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings) -> None:
     """Refuse logs before a folder is made for them."""
-    WaterResiduals(own, logs, replace(settings, every=10_000))
+    WaterResiduals(replay, logs, replace(settings, every=10_000))
 
 
-def _metrics(found: Sequence[Finding], fit: WaterFit) -> dict[str, Any]:
+def _metrics(identified: Sequence[Finding], fit: WaterFit) -> dict[str, Any]:
     return {
         "rounds": fit.named.rounds,
         "noise_over_stated": fit.widened,
-        "told": {each.name: each.told for each in found},
-        "value": {each.name: each.value for each in found},
+        "told": {finding.name: finding.told for finding in identified},
+        "value": {finding.name: finding.value for finding in identified},
     }
 
 
-def table_of(found: Sequence[Finding], exact: Mapping[str, float] | None = None) -> Table:
+def table_of(identified: Sequence[Finding], exact: Mapping[str, float] | None = None) -> Table:
     """Table of the parameters with intervals; `exact` adds what is true."""
     table = Table()
     for column in (
@@ -220,51 +236,55 @@ def table_of(found: Sequence[Finding], exact: Mapping[str, float] | None = None)
             no_wrap=column != "parameter",
         )
 
-    for each in found:
-        digits = _digits(each)
-        cells = [f"{x:.{digits}f}" for x in (each.nominal, each.value)]
-        cells.append(f"{each.low:.{digits}f} to {each.high:.{digits}f}")
+    for finding in identified:
+        digits = _digits(finding)
+        cells = [f"{x:.{digits}f}" for x in (finding.nominal, finding.value)]
+        cells.append(f"{finding.low:.{digits}f} to {finding.high:.{digits}f}")
         if exact:
-            cells.append(f"{exact[each.name]:.{digits}f}")
+            cells.append(f"{exact[finding.name]:.{digits}f}")
 
         table.add_row(
-            Text(each.name), Text(each.unit), *cells, f"{100 * each.told:.0f} %", each.verdict
+            Text(finding.name),
+            Text(finding.unit),
+            *cells,
+            f"{100 * finding.told:.0f} %",
+            finding.verdict,
         )
     return table
 
 
-def _digits(each: Finding) -> int:
-    width = max(each.high - each.low, 1e-9)
+def _digits(finding: Finding) -> int:
+    width = max(finding.high - finding.low, 1e-9)
     return int(np.clip(1 - math.floor(math.log10(width)), 0, 6))
 
 
 def words(
-    found: Sequence[Finding],
+    identified: Sequence[Finding],
     combined: Sequence[str],
     fit: WaterFit,
     logs: Sequence[WaterLog],
-    own: ReplayVehicle,
+    replay: ReplayVehicle,
 ) -> list[str]:
     """What the logs do not identify, in sentences."""
-    said = []
+    lines = []
 
     for log in logs:
-        if own.names and not log.commands and not log.thrusts:
-            said.append(
+        if replay.names and not log.commands and not log.thrusts:
+            lines.append(
                 f"{log.name}: no thruster column; the thrusters count as off, and their gains are "
                 "not identifiable"
             )
-        if own.joints and not log.joints:
-            said.append(f"{log.name}: no joint column; the arm counts as folded")
+        if replay.joints and not log.joints:
+            lines.append(f"{log.name}: no joint column; the arm counts as folded")
 
-    said += [f"identifiable only together: {sentence}" for sentence in combined]
+    lines += [f"identifiable only together: {sentence}" for sentence in combined]
     off = all(not log.commands and not log.thrusts for log in logs)
     for verdict in ("not identifiable", "partly identified"):
         by_help: dict[str, list[str]] = {}
-        for each in found:
-            if each.verdict == verdict and not (off and each.group == "thrusters"):
-                by_help.setdefault(each.helps, []).append(each.name)
-        said += [
+        for finding in identified:
+            if finding.verdict == verdict and not (off and finding.group == "thrusters"):
+                by_help.setdefault(finding.helps, []).append(finding.name)
+        lines += [
             f"{verdict}: {', '.join(names)}; {helps} would identify them"
             for helps, names in by_help.items()
         ]
@@ -272,17 +292,17 @@ def words(
     wide = {name: factor for name, factor in fit.widened.items() if factor > 1.5}
     if wide:
         worst = max(wide, key=lambda name: wide[name])
-        said.append(
+        lines.append(
             f"residuals exceed the stated noise in {len(wide)} of {len(fit.widened)} channels, "
             f"and the intervals allow for it; most in {worst}, {wide[worst]:.1f} times"
         )
 
-    return said
+    return lines
 
 
 def _plan(
     options: WaterOptions,
-    own: ReplayVehicle,
+    replay: ReplayVehicle,
     deviations: Array,
     known: Array,
     settings: FitSettings,
@@ -292,7 +312,7 @@ def _plan(
 ) -> None:
     """Names the next manoeuvre, and writes its log as expected: the commands to fly."""
     ranked, flown = next_manoeuvres(
-        own, deviations, known, settings, channels=channels, aim=options.aim
+        replay, deviations, known, settings, channels=channels, aim=options.aim
     )
     console.print(plan_table(ranked))
 
@@ -305,17 +325,20 @@ def _plan(
     # Parameters whose intervals shrink most.
     sharpest = np.argsort(-np.where(best.aim, best.before / best.after, 0.0))[:3]
     for i in sharpest:
-        each, x = own.water.parameters[i], float(deviations[i])
-        low, high = (each.value(x + sign * 1.96 * float(best.after[i])) for sign in (-1.0, 1.0))
+        parameter = replay.water.parameters[i]
+        x = float(deviations[i])
+        low, high = (
+            parameter.value(x + sign * SIGMAS * float(best.after[i])) for sign in (-1.0, 1.0)
+        )
         console.print(
-            f"  {each.name}: expected {low:.4g} to {high:.4g} {each.unit}, "
+            f"  {parameter.name}: expected {low:.4g} to {high:.4g} {parameter.unit}, "
             f"{best.before[i] / best.after[i]:.1f} times sharper",
             highlight=False,
         )
 
     log = simulated(
-        own,
-        values_of(own.water.parameters, deviations),
+        replay,
+        values_of(replay.water.parameters, deviations),
         flown[best.name],
         name=best.name,
         channels=channels,
@@ -323,7 +346,7 @@ def _plan(
     write_log(folder / "plan.csv", log)
     write_json(
         folder / "plan.json",
-        [{"name": each.name, "sharper": each.sharper(), "left": each.left} for each in ranked],
+        [{"name": plan.name, "sharper": plan.sharper(), "left": plan.left} for plan in ranked],
     )
 
 
@@ -332,8 +355,8 @@ def plan_table(ranked: Sequence[Planned]) -> Table:
     table = Table(title="expected information of each manoeuvre of 20 s", title_justify="left")
     for column in ("manoeuvre", "intervals sharper, mean", "prior variance left"):
         table.add_column(column, justify="left" if column == "manoeuvre" else "right")
-    for each in ranked[:_SHOWN]:
-        table.add_row(each.name, f"{each.sharper():.2f}", f"{100 * each.left:.1f} %")
+    for plan in ranked[:_SHOWN]:
+        table.add_row(plan.name, f"{plan.sharper():.2f}", f"{100 * plan.left:.1f} %")
     return table
 
 

@@ -46,15 +46,16 @@ class _Samples:
 class LogReplay:
     """One log, cut into windows, with what moves the vehicle and what was measured."""
 
-    def __init__(self, own: ReplayVehicle, log: WaterLog, settings: FitSettings) -> None:
+    def __init__(self, replay: ReplayVehicle, log: WaterLog, settings: FitSettings) -> None:
         """Cut the log.
 
         Raises:
             ConfigurationError: No part of it is long enough for a window.
         """
-        self.log, self.settings, self._dt = log, settings, own.timestep
+        self.log, self.settings, self._dt = log, settings, replay.timestep
         cut = _windows(log, settings.window)
-        self.windows = [each for each in cut if _seen(log, *each, self._dt)][:: settings.every]
+        measured = [window for window in cut if _seen(log, *window, self._dt)]
+        self.windows = measured[:: settings.every]
         if not self.windows:
             raise ConfigurationError(
                 f"{log.name}: nothing was measured within its {len(cut)} windows"
@@ -62,13 +63,12 @@ class LogReplay:
 
         if curveless := [
             name
-            for name, has in zip(own.names, own.has_curve, strict=True)
+            for name, has in zip(replay.names, replay.has_curve, strict=True)
             if name in log.commands and not has
         ]:
             raise ConfigurationError(
                 f"{log.name}: thruster {curveless[0]} has no curve in the vehicle; give "
-                f"thrust.{curveless[0]} [N] in "
-                f"place of thruster.{curveless[0]}"
+                f"thrust.{curveless[0]} [N] in place of thruster.{curveless[0]}"
             )
 
         # Rows of the replay: those of each window, one after another.
@@ -84,41 +84,36 @@ class LogReplay:
         self._nodes = np.maximum(0.0, 1.0 - np.abs(through[:, None] - np.arange(NODES)))
         self._of_row = np.repeat(np.arange(len(begin)), steps + 1)
 
-        self.script = self._script(own)
+        self.script = self._script(replay)
         self.starts = np.array([_start(log, a) for a in begin])
 
         # Steps by which starts and currents deviate, x, y and z each.
-        seen = log.channels
+        channels = log.channels
         self.spread = np.repeat(
             [
                 10.0 * settings.noise[POSITION],
-                10.0 * settings.noise[ATTITUDE] if ATTITUDE in seen else 0.1,
-                0.1 if POSITION in seen or VELOCITY in seen else 0.2,
-                0.1 if RATE in seen or ATTITUDE in seen else 0.3,
+                10.0 * settings.noise[ATTITUDE] if ATTITUDE in channels else 0.1,
+                0.1 if POSITION in channels or VELOCITY in channels else 0.2,
+                0.1 if RATE in channels or ATTITUDE in channels else 0.3,
                 *NODES * [settings.gust],
             ],
             3,
         )
 
-        self._samples = {kind: self._sampled(kind) for kind in log.channels}
-        self._samples = {kind: each for kind, each in self._samples.items() if len(each.row)}
-        windows = np.concatenate(
-            [
-                np.repeat(each.window, each.measured.shape[1] if kind != ATTITUDE else 3)
-                for kind, each in self._samples.items()
-            ]
-        )
-
-        self.order = np.argsort(windows, kind="stable")
-        self.splits = np.cumsum(np.bincount(windows, minlength=len(begin)))[:-1]
-
-        kinds = list(self._samples)
-        widths = [
-            len(each.row) * (3 if kind == ATTITUDE else each.measured.shape[1])
-            for kind, each in self._samples.items()
+        # Residuals by channel, then ordered by window.
+        sampled = {kind: self._sampled(kind) for kind in log.channels}
+        self._samples = {kind: samples for kind, samples in sampled.items() if len(samples.row)}
+        self.kinds = kinds = tuple(self._samples)
+        windows = [
+            np.repeat(samples.window, 3 if kind == ATTITUDE else samples.measured.shape[1])
+            for kind, samples in self._samples.items()
         ]
-        self.kinds = tuple(kinds)
+        window = np.concatenate(windows)
+        self.order = np.argsort(window, kind="stable")
+        self.splits = np.cumsum(np.bincount(window, minlength=len(begin)))[:-1]
+
         # index into `kinds` of each residual
+        widths = [len(of_channel) for of_channel in windows]
         self.kind = np.repeat(np.arange(len(kinds)), widths)[self.order]
         self.weight = np.ones(len(kinds))  # of each channel's residuals
 
@@ -131,47 +126,49 @@ class LogReplay:
     def _nuisances(self) -> tuple[NamedParameter, ...]:
         """Numbers of this log that are fitted beside those of the vehicle."""
         settings, name = self.settings, self.log.name
-        found = [(f"current {axis}", "m/s", settings.current) for axis in "xyz"]
+        unknowns = [(f"current {axis}", "m/s", settings.current) for axis in "xyz"]
         if ATTITUDE in self.log.channels:
-            found += [(f"mount {axis}", "rad", settings.mount) for axis in ("roll", "pitch")]
+            unknowns += [(f"mount {axis}", "rad", settings.mount) for axis in ("roll", "pitch")]
         if RATE in self.log.channels:
-            found += [(f"rate bias {axis}", "rad/s", settings.rate_bias) for axis in "xyz"]
+            unknowns += [(f"rate bias {axis}", "rad/s", settings.rate_bias) for axis in "xyz"]
         if FORCE in self.log.channels:
-            found += [(f"force bias {axis}", "m/s^2", settings.force_bias) for axis in "xyz"]
+            unknowns += [(f"force bias {axis}", "m/s^2", settings.force_bias) for axis in "xyz"]
 
         return tuple(
             NamedParameter(name=f"{name}: {word}", unit=unit, nominal=0.0, sigma=sigma)
-            for word, unit, sigma in found
+            for word, unit, sigma in unknowns
             if sigma > 0.0
         )
 
-    def _script(self, own: ReplayVehicle) -> Script:
+    def _script(self, replay: ReplayVehicle) -> Script:
         log, dt = self.log, self._dt
-        thrust = np.full((len(self.time), len(own.names)), np.nan)
+        thrust = np.full((len(self.time), len(replay.names)), np.nan)
         amid = self.time + 0.5 * dt
         commands = (
-            np.column_stack([log.commands.get(name, np.zeros(len(log.time))) for name in own.names])
-            if own.names
+            np.column_stack(
+                [log.commands.get(name, np.zeros(len(log.time))) for name in replay.names]
+            )
+            if replay.names
             else np.zeros((len(log.time), 0))
         )
 
-        speed = own.speeds(log.time, commands, self.time)
-        for i, name in enumerate(own.names):
+        speed = replay.speeds(log.time, commands, self.time)
+        for i, name in enumerate(replay.names):
             if name in log.thrusts:
                 at = np.clip(np.searchsorted(log.time, amid + 1e-9) - 1, 0, len(log.time) - 1)
                 thrust[:, i] = log.thrusts[name][at]
-            elif not own.has_curve[i]:
+            elif not replay.has_curve[i]:
                 thrust[:, i] = 0.0
 
         # Angles by local quadratics; a passive or unlogged joint stays at home.
-        n = len(own.joints)
+        n = len(replay.joints)
         q, qd, qdd = (
             np.zeros((len(self.begin), n)),
             np.zeros((len(self.begin), n)),
             np.zeros((len(self.time), n)),
         )
-        for j, name in enumerate(own.joints):
-            q[:, j] = own.vehicle.q_home[j]
+        for j, name in enumerate(replay.joints):
+            q[:, j] = replay.vehicle.q_home[j]
             if name not in log.joints:
                 continue
 
@@ -190,7 +187,7 @@ class LogReplay:
         at = np.searchsorted(self.begin, channel.time, side="right") - 1
         ends = self.begin + self.steps * self._dt
         inside = (at >= 0) & (channel.time <= ends[np.maximum(at, 0)] - 1e-9)
-        at, time, values = at[inside], channel.time[inside], channel.values[inside]
+        at, time, samples = at[inside], channel.time[inside], channel.values[inside]
 
         # Cells of the settings' rate, in each window.
         together = max(1, round(1.0 / (rate * float(np.median(np.diff(channel.time))))))
@@ -201,8 +198,8 @@ class LogReplay:
             key, return_index=True, return_inverse=True, return_counts=True
         )
 
-        mean = np.zeros((len(first), values.shape[1]))
-        np.add.at(mean, of, values)
+        mean = np.zeros((len(first), samples.shape[1]))
+        np.add.at(mean, of, samples)
         when = np.bincount(of, time) / count if len(first) else np.zeros(0)
         mean /= count[:, None]
 
@@ -222,9 +219,9 @@ class LogReplay:
             window,
         )
 
-    def begun(self, own: Array) -> tuple[Array, Array]:
+    def begun(self, local: Array) -> tuple[Array, Array]:
         """Starts (W, 13) and additions to the current (R, 3) by each window's numbers (OWN,)."""
-        moved = own * self.spread
+        moved = local * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
 
@@ -239,30 +236,30 @@ class LogReplay:
 
     def residuals(self, rows: Array, values: Mapping[str, float]) -> Array:
         """Residuals (m,) of all windows, one after the other, in their standard deviations."""
-        found = []
+        residuals = []
         for kind, weight in zip(self.kinds, self.weight, strict=True):
-            each = self._samples[kind]
-            off = self._off(kind, each, rows, values)
-            found.append((weight * off / each.sigma[:, None]).ravel())
-        return np.concatenate(found)[self.order]
+            samples = self._samples[kind]
+            off = self._off(kind, samples, rows, values)
+            residuals.append((weight * off / samples.sigma[:, None]).ravel())
+        return np.concatenate(residuals)[self.order]
 
-    def _off(self, kind: str, each: _Samples, rows: Array, values: Mapping[str, float]) -> Array:
+    def _off(self, kind: str, samples: _Samples, rows: Array, values: Mapping[str, float]) -> Array:
         """Replayed less measured (k, d)."""
-        share = each.share[:, None]
+        share = samples.share[:, None]
 
         def bias(word: str) -> Array:
             return np.array([values.get(f"{self.log.name}: {word} {axis}", 0.0) for axis in "xyz"])
 
         def at(columns: slice) -> Array:
-            here = rows[each.row, columns]
-            return here + share * (rows[each.row + 1, columns] - here)
+            here = rows[samples.row, columns]
+            return here + share * (rows[samples.row + 1, columns] - here)
 
         if kind == POSITION:
-            return at(slice(0, 3)) - each.measured
+            return at(slice(0, 3)) - samples.measured
         if kind == DEPTH:
-            return -at(slice(2, 3)) - each.measured
+            return -at(slice(2, 3)) - samples.measured
         if kind == RATE:
-            return at(slice(10, 13)) + bias("rate bias") - each.measured
+            return at(slice(10, 13)) + bias("rate bias") - samples.measured
 
         quat = at(slice(3, 7))
         R_WB = Rotation.from_quat(quat[:, [1, 2, 3, 0]])
@@ -270,33 +267,34 @@ class LogReplay:
             mounted = [
                 values.get(f"{self.log.name}: mount {axis}", 0.0) for axis in ("roll", "pitch")
             ]
-            seen = R_WB * Rotation.from_rotvec([*mounted, 0.0])
-            return (Rotation.from_quat(each.measured).inv() * seen).as_rotvec()
+            R_replayed = R_WB * Rotation.from_rotvec([*mounted, 0.0])
+            return (Rotation.from_quat(samples.measured).inv() * R_replayed).as_rotvec()
 
         if kind == VELOCITY:
-            return R_WB.inv().apply(at(slice(7, 10))) - each.measured
+            return R_WB.inv().apply(at(slice(7, 10))) - samples.measured
 
-        gain = (rows[each.row + 1, 7:10] - rows[each.row, 7:10]) / self._dt
+        gain = (rows[samples.row + 1, 7:10] - rows[samples.row, 7:10]) / self._dt
         return (
             R_WB.inv().apply(gain + np.array([0.0, 0.0, GRAVITY]))
             + bias("force bias")
-            - each.measured
+            - samples.measured
         )
 
     def replayed(
         self, rows: Array, kind: str, values: Mapping[str, float]
     ) -> tuple[Array, Array, Array, np.ndarray]:
         """Time (k,) [s], measured and replayed values (k, d), and window (k,) of a channel."""
-        each = self._samples[kind]
-        time = self.time[each.row] + each.share * self._dt
-        off = self._off(kind, each, rows, values)
+        samples = self._samples[kind]
+        time = self.time[samples.row] + samples.share * self._dt
+        off = self._off(kind, samples, rows, values)
 
         if kind == ATTITUDE:
-            measured = Rotation.from_quat(each.measured)
+            measured = Rotation.from_quat(samples.measured)
             shown = np.unwrap(measured.as_euler("ZYX"), axis=0)[:, ::-1]
-            return time, shown, shown + off, each.window  # small differences about the hull's axes
+            # small differences about the hull's axes
+            return time, shown, shown + off, samples.window
 
-        return time, each.measured, each.measured + off, each.window
+        return time, samples.measured, samples.measured + off, samples.window
 
 
 class WaterResiduals:
@@ -317,9 +315,9 @@ class WaterResiduals:
 
         self.parameters = (
             *vehicle.water.parameters,
-            *(each for log in self.logs for each in log.nuisances),
+            *(nuisance for log in self.logs for nuisance in log.nuisances),
         )
-        self._index = {each.name: i for i, each in enumerate(self.parameters)}
+        self._index = {parameter.name: i for i, parameter in enumerate(self.parameters)}
         # where slopes were computed last
         self._last: tuple[Array, Array, list[Slopes]] | None = None
 
@@ -328,7 +326,7 @@ class WaterResiduals:
             self._engines.put(vehicle if i == 0 else vehicle.copy())
 
     @property
-    def own(self) -> list[int]:
+    def local(self) -> list[int]:
         """Numbers of each window."""
         return [OWN] * sum(len(log.begin) for log in self.logs)
 
@@ -360,100 +358,100 @@ class WaterResiduals:
     def widen(self, factors: Array) -> None:
         """Multiply the noise of each channel."""
         if self._last is not None:
-            x, own, slopes = self._last
+            x, local, slopes = self._last
             shares = [(1.0 / factors)[label] for label in self.labels]
             thinner = [
                 Slopes(r * s, J * s[:, None], L * s[:, None])
                 for (r, J, L), s in zip(slopes, shares, strict=True)
             ]
-            self._last = x, own, thinner
+            self._last = x, local, thinner
 
         ends = np.cumsum([len(log.kinds) for log in self.logs])
         for log, its in zip(self.logs, np.split(factors, ends[:-1]), strict=True):
             log.weight /= its
 
-    def _own_of(self, own: Sequence[Array]) -> list[Array]:
+    def _local_of(self, local: Sequence[Array]) -> list[Array]:
         """Each log's part of the windows' own numbers, (W, OWN)."""
         ends = np.cumsum([len(log.begin) for log in self.logs])
-        return np.split(np.array(own), ends[:-1])
+        return np.split(np.array(local), ends[:-1])
 
-    def states(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def states(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         """States (R, 13) of each log's replay."""
-        return self._run(deviations, self._own_of(own))
+        return self._run(deviations, self._local_of(local))
 
-    def _run(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def _run(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         values = values_of(self.parameters, deviations)
         engine = self._engines.get()
 
         try:
-            found = []
-            for log, its in zip(self.logs, own, strict=True):
+            states = []
+            for log, its in zip(self.logs, local, strict=True):
                 starts, added = log.begun(its)
                 current = np.array(
                     [values.get(f"{log.log.name}: current {axis}", 0.0) for axis in "xyz"]
                 )
-                found.append(engine.run(values, log.script, starts, current + added))
-            return found
+                states.append(engine.run(values, log.script, starts, current + added))
+            return states
         except UuvError:  # no vehicle has these values
             return [np.full((log.script.rows, 13), np.nan) for log in self.logs]
         finally:
             self._engines.put(engine)
 
     def _residuals(self, rows: Sequence[Array], values: Mapping[str, float]) -> list[Array]:
-        return [_finite(log, each, values) for log, each in zip(self.logs, rows, strict=True)]
+        return [_finite(log, states, values) for log, states in zip(self.logs, rows, strict=True)]
 
-    def residuals(self, deviations: Array, own: Sequence[Array]) -> list[Array]:
+    def residuals(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
         """Residuals of each window."""
-        found = self._residuals(
-            self.states(deviations, own), values_of(self.parameters, deviations)
+        residuals = self._residuals(
+            self.states(deviations, local), values_of(self.parameters, deviations)
         )
         return [
             part
-            for log, r in zip(self.logs, found, strict=True)
+            for log, r in zip(self.logs, residuals, strict=True)
             for part in np.split(r, log.splits)
         ]
 
-    def slopes(self, deviations: Array, own: Sequence[Array]) -> list[Slopes]:
+    def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
         """Residuals of each window and their differences, by one replay per number."""
         if (
             self._last is not None
             and np.array_equal(self._last[0], deviations)
-            and np.array_equal(self._last[1], own)
+            and np.array_equal(self._last[1], local)
         ):
             return self._last[2]
 
-        x, y = np.array(deviations), self._own_of(own)
+        x, y = np.array(deviations), self._local_of(local)
         values = values_of(self.parameters, x)
         base = self._run(x, y)
         r = self._residuals(base, values)
         physical = len(self.vehicle.water.parameters)
-        shared = [np.zeros((len(each), len(x))) for each in r]
-        starts = [np.zeros((len(each), OWN)) for each in r]
+        shared = [np.zeros((len(r_log), len(x))) for r_log in r]
+        starts = [np.zeros((len(r_log), OWN)) for r_log in r]
 
         def differ(rows: Sequence[Array], changed: Mapping[str, float]) -> list[Array]:
-            found = self._residuals(rows, changed)
+            residuals = self._residuals(rows, changed)
             return [
                 (a - b) / STEP if np.all(np.isfinite(a)) else np.zeros_like(b)
-                for a, b in zip(found, r, strict=True)
+                for a, b in zip(residuals, r, strict=True)
             ]
 
         def parameter(j: int) -> None:
-            there = x + STEP * np.eye(len(x))[j]
+            moved = x + STEP * np.eye(len(x))[j]
             # The sensors' own numbers need no other replay.
-            rows = self._run(there, y) if j < physical else base
+            rows = self._run(moved, y) if j < physical else base
             for J, column in zip(
-                shared, differ(rows, values_of(self.parameters, there)), strict=True
+                shared, differ(rows, values_of(self.parameters, moved)), strict=True
             ):
                 J[:, j] = column
 
         def window(k: int) -> None:
             if k < 3:  # the water is the same everywhere: another place is the same motion there
                 rows = [
-                    each + STEP * log.spread[k] * np.eye(13)[k]
-                    for each, log in zip(base, self.logs, strict=True)
+                    states + STEP * log.spread[k] * np.eye(13)[k]
+                    for states, log in zip(base, self.logs, strict=True)
                 ]
             else:
-                rows = self._run(x, [each + STEP * np.eye(OWN)[k] for each in y])
+                rows = self._run(x, [y_log + STEP * np.eye(OWN)[k] for y_log in y])
             for L, column in zip(starts, differ(rows, values), strict=True):
                 L[:, k] = column
 
@@ -484,18 +482,18 @@ class WaterResiduals:
                         self.settings.current / self.settings.gust
                     )
 
-        found = [
+        slopes = [
             Slopes(*parts)
-            for log, each, J, L in zip(self.logs, r, shared, starts, strict=True)
+            for log, r_log, J, L in zip(self.logs, r, shared, starts, strict=True)
             for parts in zip(
-                np.split(each, log.splits),
+                np.split(r_log, log.splits),
                 np.split(J, log.splits),
                 np.split(L, log.splits),
                 strict=True,
             )
         ]
-        self._last = x, np.array(own), found
-        return found
+        self._last = x, np.array(local), slopes
+        return slopes
 
 
 def identify(
@@ -522,21 +520,22 @@ def _finite(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Array:
 
 def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
     """Begin and end [s] of windows of about this length, none across a gap."""
-    found, parts = [], _parts(log)
+    windows = []
+    parts = _parts(log)
     for a, b in parts:
         count = max(1, round((b - a) / length))
         if b - a >= 0.4 * length:
             # Windows begin at rows: there commands change, and steps of the replay begin.
             edges = log.time[np.searchsorted(log.time, np.linspace(a, b, count + 1) - 1e-9)]
-            found += [(float(p), float(q)) for p, q in pairwise(edges) if q > p]
+            windows += [(float(p), float(q)) for p, q in pairwise(edges) if q > p]
 
-    if not found:
+    if not windows:
         longest = max((b - a for a, b in parts), default=0.0)
         raise ConfigurationError(
             f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of "
             f"{length:g} s need {0.4 * length:g} s"
         )
-    return found
+    return windows
 
 
 def _parts(log: WaterLog) -> list[tuple[float, float]]:
@@ -544,7 +543,7 @@ def _parts(log: WaterLog) -> list[tuple[float, float]]:
 
     Before those nothing tells where the hull was when a window began.
     """
-    found = []
+    parts = []
     for a, b in log.segments():
         first = {}
         for kind in (ATTITUDE, POSITION):
@@ -554,14 +553,17 @@ def _parts(log: WaterLog) -> list[tuple[float, float]]:
 
         begin = first.get(ATTITUDE, a)
         again = max(begin, first.get(POSITION, begin))
-        found += [(p, q) for p, q in ((begin, again), (again, b)) if q > p]
-    return found
+        parts += [(p, q) for p, q in ((begin, again), (again, b)) if q > p]
+    return parts
 
 
 def _seen(log: WaterLog, begin: float, end: float, dt: float) -> bool:
     """True if anything was measured in a window, whose replay ends less than a step before it."""
     last = begin + max(1, int((end - begin) / dt)) * dt - 1e-9
-    return any(np.any((each.time >= begin) & (each.time <= last)) for each in log.channels.values())
+    return any(
+        np.any((channel.time >= begin) & (channel.time <= last))
+        for channel in log.channels.values()
+    )
 
 
 def _smooth(time: Array, values: Array, at: Array) -> tuple[Array, Array]:
@@ -591,7 +593,7 @@ def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
     channel = log.channels[kind]
     begin, end = next(part for part in log.segments() if part[0] - 1e-9 <= t <= part[1] + 1e-9)
     inside = np.flatnonzero((channel.time >= begin - 1e-9) & (channel.time <= end + 1e-9))
-    dt, values = channel.time[inside] - t, channel.values[inside]
+    dt, samples = channel.time[inside] - t, channel.values[inside]
 
     if not len(dt) or dt[0] > _SMOOTHED or dt[-1] < -_SMOOTHED:
         return None
@@ -599,15 +601,15 @@ def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
     chosen = np.abs(dt) <= _SMOOTHED + 1e-9
     if chosen.sum() < 4:
         chosen = np.argsort(np.abs(dt))[:4]
-    return dt[chosen], values[chosen]
+    return dt[chosen], samples[chosen]
 
 
-def _line(found: tuple[Array, Array]) -> tuple[Array, Array]:
+def _line(samples: tuple[Array, Array]) -> tuple[Array, Array]:
     """Value and slope at 0 of a quadratic through samples."""
-    dt, values = found
+    dt, y = samples
     degree = min(2, len(dt) - 1)
-    c = np.linalg.lstsq(np.vander(dt, degree + 1, increasing=True), values, rcond=None)[0]
-    return c[0], c[1] if degree else np.zeros(values.shape[1])
+    c = np.linalg.lstsq(np.vander(dt, degree + 1, increasing=True), y, rcond=None)[0]
+    return c[0], c[1] if degree else np.zeros(y.shape[1])
 
 
 def _start(log: WaterLog, t: float) -> Array:
@@ -629,11 +631,11 @@ def _start(log: WaterLog, t: float) -> Array:
     if (rate := _near(log, RATE, t)) is not None:
         w = _line(rate)[0]
 
-    if (place := _near(log, POSITION, t)) is not None:
-        state[:3], state[7:10] = _line(place)
+    if (position := _near(log, POSITION, t)) is not None:
+        state[:3], state[7:10] = _line(position)
     elif (depth := _near(log, DEPTH, t)) is not None:
-        value, slope = _line(depth)
-        state[2], state[9] = -value[0], -slope[0]
+        z, slope = _line(depth)
+        state[2], state[9] = -z[0], -slope[0]
 
     if (velocity := _near(log, VELOCITY, t)) is not None:
         state[7:10] = R.apply(_line(velocity)[0])
@@ -647,12 +649,12 @@ def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
     """Refuse logs in which nothing pushes the vehicle, no joint moves, and the hull is at rest."""
     for log in logs:
         pushed = any(
-            np.any(each != 0.0) for each in (*log.commands.values(), *log.thrusts.values())
+            np.any(command != 0.0) for command in (*log.commands.values(), *log.thrusts.values())
         )
-        swung = any(np.ptp(each) > 0.02 for each in log.joints.values())
+        swung = any(np.ptp(angle) > 0.02 for angle in log.joints.values())
         moved = any(
-            np.any(np.std(each.values, axis=0) > _STILL * settings.noise[kind])
-            for kind, each in log.channels.items()
+            np.any(np.std(channel.values, axis=0) > _STILL * settings.noise[kind])
+            for kind, channel in log.channels.items()
         )
         if pushed or swung or moved:
             return

@@ -37,7 +37,7 @@ class Manoeuvre:
     # [N m/rad] of roll and pitch about level, by the thrusters
     stiffness: tuple[float, float] = (0.0, 0.0)
 
-    def steadied(self, own: ReplayVehicle, state: Array) -> Array:
+    def steadied(self, replay: ReplayVehicle, state: Array) -> Array:
         """Wrench (6,) that holds roll and pitch at a state (13,) of the hull."""
         wrench = np.zeros(6)
         a, b, c, d = state[3:7]
@@ -46,28 +46,28 @@ class Manoeuvre:
 
         for i, stiff in enumerate(self.stiffness):
             inertia = (
-                own.water.nominal[own.water.hull].added_mass[3 + i, 3 + i]
-                + own.model.body_inertia[own.vehicle.hull].max()
+                replay.water.nominal[replay.water.hull].added_mass[3 + i, 3 + i]
+                + replay.model.body_inertia[replay.vehicle.hull].max()
             )
             wrench[3 + i] = -stiff * lean[i] - 1.4 * np.sqrt(stiff * inertia) * state[10 + i]
         return wrench
 
 
-def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
+def menu(replay: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
     """All manoeuvres that a vehicle with such a water can fly.
 
     Args:
-        own: The vehicle.
+        replay: The vehicle.
         values: A value for each parameter, such as the fitted one.
     """
     time = _times(DURATION)
-    still = np.tile(own.vehicle.q_home, (len(time), 1))
-    pushes = amplitudes(own, values)
+    still = np.tile(replay.vehicle.q_home, (len(time), 1))
+    pushes = amplitudes(replay, values)
 
     def along(axis: int, shape: Array) -> Array:
         return shape[:, None] * (pushes[axis] * np.eye(6)[axis])
 
-    found = []
+    manoeuvres = []
     for axis in (0, 1, 2, 5):
         if pushes[axis] <= 0.0:
             continue
@@ -76,18 +76,18 @@ def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
             ("slow sine", np.sin(2.0 * np.pi * SLOW * time)),
             ("fast sine", np.sin(2.0 * np.pi * FAST * time)),
         ):
-            found.append(
+            manoeuvres.append(
                 Manoeuvre(name=f"{AXES[axis]} {word}", wrench=along(axis, shape), joints=still)
             )
 
     for axis in (3, 4):
         if pushes[axis] > 0.0:
             turn = np.select([time < 4.0, time < 10.0, time < 14.0], [1.0, 0.0, -1.0], 0.0)
-            found.append(
+            manoeuvres.append(
                 Manoeuvre(name=f"{AXES[axis]} release", wrench=along(axis, turn), joints=still)
             )
 
-    found.append(
+    manoeuvres.append(
         Manoeuvre(name="drift, thrusters off", wrench=np.zeros((len(time), 6)), joints=still)
     )
 
@@ -97,21 +97,21 @@ def menu(own: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
             + values["quadratic damping surge"] * AGAINST**2
         )
         hold = np.tile(drag * np.eye(6)[0], (len(time), 1))
-        found.append(
+        manoeuvres.append(
             Manoeuvre(
                 name="hover in a current", wrench=hold, joints=still, current=(-AGAINST, 0.0, 0.0)
             )
         )
 
-    if own.joints:
-        found.append(
-            Manoeuvre(name="arm swing", wrench=np.zeros((len(time), 6)), joints=swing(own, time))
+    if replay.joints:
+        manoeuvres.append(
+            Manoeuvre(name="arm swing", wrench=np.zeros((len(time), 6)), joints=swing(replay, time))
         )
-    return found
+    return manoeuvres
 
 
 def survey(
-    own: ReplayVehicle,
+    replay: ReplayVehicle,
     values: Mapping[str, float],
     seconds: float,
     rng: np.random.Generator,
@@ -119,50 +119,57 @@ def survey(
 ) -> Manoeuvre:
     """Sines of random frequency on all axes at once, and the arm swinging."""
     time = _times(seconds)
-    pushes = amplitudes(own, values)
+    pushes = amplitudes(replay, values)
     wrench = np.zeros((len(time), 6))
     for axis in axes:
         for f in rng.uniform([0.06, 0.2], [0.2, 0.6]):
             wrench[:, axis] += 0.6 * pushes[axis] * np.sin(2.0 * np.pi * (f * time + rng.uniform()))
 
     return Manoeuvre(
-        name="survey", wrench=wrench, joints=swing(own, time), stiffness=_stiffness(own, values)
+        name="survey",
+        wrench=wrench,
+        joints=swing(replay, time),
+        stiffness=_stiffness(replay, values),
     )
 
 
-def _stiffness(own: ReplayVehicle, values: Mapping[str, float]) -> tuple[float, float]:
+def _stiffness(replay: ReplayVehicle, values: Mapping[str, float]) -> tuple[float, float]:
     """Stiffness [N m/rad] in roll and pitch, four times the water's where thrusters hold it."""
-    righting = own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3)
-    roll, pitch = (4.0 * righting if each > 0.0 else 0.0 for each in amplitudes(own, values)[3:5])
+    righting = replay.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3)
+    roll, pitch = (
+        4.0 * righting if push > 0.0 else 0.0 for push in amplitudes(replay, values)[3:5]
+    )
     return roll, pitch
 
 
-def amplitudes(own: ReplayVehicle, values: Mapping[str, float]) -> Array:
+def amplitudes(replay: ReplayVehicle, values: Mapping[str, float]) -> Array:
     """Push (6,) [N, N m] along each axis that reaches SPEED or TILT, within the authority."""
-    found = np.zeros(6)
-    if not own.names:
-        return found
-    most = _authority(own)
+    pushes = np.zeros(6)
+    if not replay.names:
+        return pushes
+    most = _authority(replay)
     for i, axis in enumerate(AXES):
         inertia = values[added_mass_name(i)] + (
-            own.water.mass if i < 3 else float(own.model.body_inertia[own.vehicle.hull].max())
+            replay.water.mass
+            if i < 3
+            else float(replay.model.body_inertia[replay.vehicle.hull].max())
         )
         drag = (
             values[f"linear damping {axis}"] * SPEED
             + values[f"quadratic damping {axis}"] * SPEED**2
         )
 
-        wanted = drag + inertia * SPEED / REACHED
+        push = drag + inertia * SPEED / REACHED
         if i in (3, 4):
-            wanted = min(wanted, TILT * own.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3))
-        found[i] = min(wanted, SHARE * most[i])
-    return found
+            push = min(push, TILT * replay.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3))
+        pushes[i] = min(push, SHARE * most[i])
+    return pushes
 
 
-def swing(own: ReplayVehicle, time: Array) -> Array:
+def swing(replay: ReplayVehicle, time: Array) -> Array:
     """Joint angles (N, n) from the home posture towards `ready` and back, each in its own time."""
-    home, ready = own.vehicle.q_home, own.vehicle.q_ready
-    low, high = own.vehicle.q_limits.T if len(own.joints) else (home, home)
+    home, ready = replay.vehicle.q_home, replay.vehicle.q_ready
+    low, high = replay.vehicle.q_limits.T if len(replay.joints) else (home, home)
 
     reach = np.where(
         np.abs(ready - home) > 0.1, ready - home, np.where(high - home > home - low, 0.5, -0.5)
@@ -173,16 +180,18 @@ def swing(own: ReplayVehicle, time: Array) -> Array:
     return home + reach * 0.5 * (1.0 - np.cos(2.0 * np.pi * np.outer(time, f)))
 
 
-def commands(own: ReplayVehicle, wrench: Array) -> Array:
+def commands(replay: ReplayVehicle, wrench: Array) -> Array:
     """Commands (N, m) for a wrench (N, 6): fractions; newtons for thrusters without a curve."""
-    forces = wrench @ np.linalg.pinv(own.wrench).T if own.names else np.zeros((len(wrench), 0))
-    for i in np.flatnonzero(own.has_curve):
-        forces[:, i] = [command_for(own.curve[i], force) for force in forces[:, i]]
+    forces = (
+        wrench @ np.linalg.pinv(replay.wrench).T if replay.names else np.zeros((len(wrench), 0))
+    )
+    for i in np.flatnonzero(replay.has_curve):
+        forces[:, i] = [command_for(replay.curve[i], force) for force in forces[:, i]]
     return forces
 
 
 def simulated(
-    own: ReplayVehicle,
+    replay: ReplayVehicle,
     values: Mapping[str, float],
     manoeuvre: Manoeuvre,
     *,
@@ -195,7 +204,7 @@ def simulated(
     """Log of a manoeuvre by a vehicle with such a water, in steps finer than those of the replay.
 
     Args:
-        own: The vehicle.
+        replay: The vehicle.
         values: A value for each parameter.
         manoeuvre: What it does.
         name: Of the log.
@@ -204,87 +213,108 @@ def simulated(
         noise: Standard deviation of each channel's samples.
         channels: Those in the log.
     """
-    fine, n = own.copy(), len(own.joints)
-    substeps = int(np.ceil(_FINE / (RATE_OF_LOGS * own.timestep)))
+    fine = replay.copy()
+    n = len(replay.joints)
+    substeps = int(np.ceil(_FINE / (RATE_OF_LOGS * replay.timestep)))
     dt = 1.0 / (RATE_OF_LOGS * substeps)
     fine.model.opt.timestep = dt
 
     time = np.arange(len(manoeuvre.wrench)) / RATE_OF_LOGS
     grid = np.asarray(dt * np.arange(substeps * (len(time) - 1) + 1), dtype=np.float64)
 
-    turning = (
-        _smoothed(np.gradient(_at(grid, time, manoeuvre.joints), dt, axis=0), int(0.1 / dt))
-        if n
-        else np.zeros((len(grid), 0))
-    )
-    gone = np.vstack([np.zeros((1, n)), np.cumsum(0.5 * dt * (turning[1:] + turning[:-1]), axis=0)])
-    angle = manoeuvre.joints[:1] + gone  # what the joints really do, and the encoders read
-
+    angle, turning = _swung(manoeuvre.joints, time, grid, dt)
     flow = np.tile(manoeuvre.current, (len(grid), 1))
     if gust > 0.0 and rng is not None:
         gusts = Current((0.0, 0.0, 0.0), gust=gust, time_constant=_GUSTS_TURN, timestep=dt, rng=rng)
         flow = flow + np.array([gusts.step()[0].copy() for _ in grid])
 
-    state, lag = np.zeros(13), None
+    state = np.zeros(13)
+    lag = None
     state[3] = 1.0
-    seen, given, rates = (
-        np.zeros((len(time), 13)),
-        np.zeros((len(time), len(own.names))),
-        np.zeros((len(time), 3)),
-    )
-    first, steps = np.zeros(1, dtype=np.int64), np.array([substeps])
+    states = np.zeros((len(time), 13))
+    pushed = np.zeros((len(time), len(replay.names)))
+    accelerations = np.zeros((len(time), 3))
+    first = np.zeros(1, dtype=np.int64)
+    steps = np.array([substeps])
 
     # Step by step: the wrench that holds roll and pitch depends on the state.
     for k in range(len(time)):
-        seen[k] = state
-        given[k] = commands(own, (manoeuvre.wrench[k] + manoeuvre.steadied(own, state))[None])[0]
+        states[k] = state
+        pushed[k] = commands(
+            replay, (manoeuvre.wrench[k] + manoeuvre.steadied(replay, state))[None]
+        )[0]
         if k == len(time) - 1:
             break
 
         at = slice(k * substeps, (k + 1) * substeps + 1)
         # The propellers begin in their first command, as in a replay, which knows none before.
-        speed, lag = own.followed(given[k], lag or (given[k], given[k]), dt, substeps + 1)
+        speed, lag = replay.followed(pushed[k], lag or (pushed[k], pushed[k]), dt, substeps + 1)
         script = Script(
             first=first,
             steps=steps,
             speed=speed,
-            thrust=np.where(own.has_curve, np.nan, np.tile(given[k], (substeps + 1, 1))),
+            thrust=np.where(replay.has_curve, np.nan, np.tile(pushed[k], (substeps + 1, 1))),
             q=angle[at][:1],
             qd=turning[at][:1],
             qdd=np.vstack([np.diff(turning[at], axis=0), np.zeros((1, n))]) / dt,
         )
 
         rows = fine.run(values, script, state[None], flow[at])
-        rates[k], state = (rows[1, 7:10] - rows[0, 7:10]) / dt, rows[-1].copy()
+        accelerations[k] = (rows[1, 7:10] - rows[0, 7:10]) / dt
+        state = rows[-1].copy()
         state[3:7] /= np.linalg.norm(state[3:7])
-    rates[-1] = rates[-2]
+    accelerations[-1] = accelerations[-2]
 
-    # Exact channels, and noise on them.
-    R_WB = Rotation.from_quat(seen[:, [4, 5, 6, 3]])
-    specific = R_WB.inv().apply(rates + np.array([0.0, 0.0, GRAVITY]))
-    exact = {
-        POSITION: seen[:, :3],
-        ATTITUDE: np.zeros((len(time), 3)),
-        RATE: seen[:, 10:],
-        VELOCITY: R_WB.inv().apply(seen[:, 7:10]),
-        DEPTH: -seen[:, 2:3],
-        FORCE: specific,
-    }
-
-    if rng is not None:
-        exact = {
-            kind: each + rng.normal(0.0, noise[kind], each.shape) for kind, each in exact.items()
-        }
-    exact[ATTITUDE] = (R_WB * Rotation.from_rotvec(exact[ATTITUDE])).as_quat()
-
+    samples = _sampled(states, accelerations, noise, rng)
     return WaterLog(
         name=name,
         time=time,
-        channels={kind: Channel(time=time, values=exact[kind]) for kind in channels},
-        commands={each: given[:, i] for i, each in enumerate(own.names) if own.has_curve[i]},
-        thrusts={each: given[:, i] for i, each in enumerate(own.names) if not own.has_curve[i]},
-        joints={each: angle[::substeps, j] for j, each in enumerate(own.joints)},
+        channels={kind: Channel(time=time, values=samples[kind]) for kind in channels},
+        commands={
+            thruster: pushed[:, i] for i, thruster in enumerate(replay.names) if replay.has_curve[i]
+        },
+        thrusts={
+            thruster: pushed[:, i]
+            for i, thruster in enumerate(replay.names)
+            if not replay.has_curve[i]
+        },
+        joints={joint: angle[::substeps, j] for j, joint in enumerate(replay.joints)},
     )
+
+
+def _swung(joints: Array, time: Array, grid: Array, dt: float) -> tuple[Array, Array]:
+    """Angles and speeds (K, n) at `grid`: what the joints really do, and the encoders read."""
+    n = joints.shape[1]
+    turning = (
+        _smoothed(np.gradient(_at(grid, time, joints), dt, axis=0), int(0.1 / dt))
+        if n
+        else np.zeros((len(grid), 0))
+    )
+    gone = np.vstack([np.zeros((1, n)), np.cumsum(0.5 * dt * (turning[1:] + turning[:-1]), axis=0)])
+    return joints[:1] + gone, turning
+
+
+def _sampled(
+    states: Array, accelerations: Array, noise: Mapping[str, float], rng: np.random.Generator | None
+) -> dict[str, Array]:
+    """Samples of each channel for states (N, 13) and accelerations (N, 3) in W; `rng`: noisy."""
+    R_WB = Rotation.from_quat(states[:, [4, 5, 6, 3]])
+    channels = {
+        POSITION: states[:, :3],
+        ATTITUDE: np.zeros((len(states), 3)),
+        RATE: states[:, 10:],
+        VELOCITY: R_WB.inv().apply(states[:, 7:10]),
+        DEPTH: -states[:, 2:3],
+        FORCE: R_WB.inv().apply(accelerations + np.array([0.0, 0.0, GRAVITY])),
+    }
+
+    if rng is not None:
+        channels = {
+            kind: exact + rng.normal(0.0, noise[kind], exact.shape)
+            for kind, exact in channels.items()
+        }
+    channels[ATTITUDE] = (R_WB * Rotation.from_rotvec(channels[ATTITUDE])).as_quat()
+    return channels
 
 
 def _at(grid: Array, time: Array, values: Array) -> Array:
@@ -305,17 +335,17 @@ def _times(seconds: float) -> Array:
     return np.arange(int(seconds * RATE_OF_LOGS) + 1) / RATE_OF_LOGS
 
 
-def _authority(own: ReplayVehicle) -> Array:
+def _authority(replay: ReplayVehicle) -> Array:
     """Largest push (6,) along each axis by the pseudo-inverse allocation; inf without curve."""
-    shares = np.linalg.pinv(own.wrench)
-    reached = own.wrench @ shares
-    limits = np.full(len(own.names), np.inf)
-    for i in np.flatnonzero(own.has_curve):
-        limits[i] = min(thrust_at(own.curve[i], 1.0), -thrust_at(own.curve[i], -1.0))
+    shares = np.linalg.pinv(replay.wrench)
+    reached = replay.wrench @ shares
+    limits = np.full(len(replay.names), np.inf)
+    for i in np.flatnonzero(replay.has_curve):
+        limits[i] = min(thrust_at(replay.curve[i], 1.0), -thrust_at(replay.curve[i], -1.0))
 
-    found = np.zeros(6)
+    authority = np.zeros(6)
     for axis in range(6):
         # the thrusters push along it and along nothing else
         if abs(reached[axis, axis] - 1.0) < 1e-6:
-            found[axis] = float(np.min(limits / np.maximum(np.abs(shares[:, axis]), 1e-9)))
-    return found
+            authority[axis] = float(np.min(limits / np.maximum(np.abs(shares[:, axis]), 1e-9)))
+    return authority

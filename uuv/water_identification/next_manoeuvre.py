@@ -15,7 +15,7 @@ from uuv.water_identification.vehicle_replay import ReplayVehicle
 
 
 def information_of(
-    own: ReplayVehicle,
+    replay: ReplayVehicle,
     deviations: Array,
     manoeuvre: Manoeuvre,
     settings: FitSettings,
@@ -24,28 +24,28 @@ def information_of(
     """Information (n, n) on the vehicle's parameters that a log of a manoeuvre would hold.
 
     Args:
-        own: The vehicle.
+        replay: The vehicle.
         deviations: (n,) of its parameters, at which it flies.
         manoeuvre: What it does.
         settings: How its log would be compared.
         channels: That it would hold.
     """
-    parameters = own.water.parameters
+    parameters = replay.water.parameters
     log = simulated(
-        own, values_of(parameters, deviations), manoeuvre, name=manoeuvre.name, channels=channels
+        replay, values_of(parameters, deviations), manoeuvre, name=manoeuvre.name, channels=channels
     )
 
     # The manoeuvre's own numbers, such as gusts, are fitted and marginalised as in a log.
     try:
-        residuals = WaterResiduals(own, [log], settings)
+        residuals = WaterResiduals(replay, [log], settings)
     except ConfigurationError:  # nothing moves
         return np.zeros((len(parameters), len(parameters)))
     x = np.concatenate([deviations, np.zeros(len(residuals.parameters) - len(parameters))])
-    return information(residuals.slopes(x, [np.zeros(OWN)] * len(residuals.own)), len(parameters))
+    return information(residuals.slopes(x, [np.zeros(OWN)] * len(residuals.local)), len(parameters))
 
 
 def next_manoeuvres(
-    own: ReplayVehicle,
+    replay: ReplayVehicle,
     deviations: Array,
     known: Array,
     settings: FitSettings,
@@ -56,7 +56,7 @@ def next_manoeuvres(
     """All manoeuvres in order, and each by its name.
 
     Args:
-        own: The vehicle.
+        replay: The vehicle.
         deviations: (n,) of its parameters as they are believed now.
         known: Covariance (n, n) of them.
         settings: How logs are compared; its noise is that which the intervals allow for.
@@ -66,12 +66,14 @@ def next_manoeuvres(
     Raises:
         ConfigurationError: There is no such group.
     """
-    parameters: Sequence[NamedParameter] = own.water.parameters
-    flown = {each.name: each for each in menu(own, values_of(parameters, deviations))}
+    parameters: Sequence[NamedParameter] = replay.water.parameters
+    flown = {
+        manoeuvre.name: manoeuvre for manoeuvre in menu(replay, values_of(parameters, deviations))
+    }
     planned(known, {}, parameters, aim)  # refuses the aim before anything is flown
 
     added = {
-        name: information_of(own, deviations, each, settings, channels)
-        for name, each in flown.items()
+        name: information_of(replay, deviations, manoeuvre, settings, channels)
+        for name, manoeuvre in flown.items()
     }
     return planned(known, added, parameters, aim), flown

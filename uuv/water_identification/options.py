@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from uuv.calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
 from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
 from uuv.sim.runs.command_line import RunOptions
 from uuv.water_identification.settings import NOISE, FitSettings
+
+if TYPE_CHECKING:  # a help text does without
+    from uuv.models.vehicle import Vehicle
 
 COMMAND = "identify_water"  # name in the results
 
@@ -26,8 +29,8 @@ class WaterOptions(RunOptions):
     prior.
     """
     log: tuple[Path, ...] = ()
-    """Logs, CSV or Parquet, or folders of recorded runs; none: a survey is simulated, or planned
-    with --plan.
+    """Logs, CSV or Parquet, .BIN, .tlog, .mcap or ROS bags, or folders of recorded runs; none: a
+    survey is simulated, or planned with --plan.
     """
     water_density: float | None = None
     """Density of the water [kg/m^3]; default: the vehicle's."""
@@ -72,6 +75,7 @@ def check_inputs(options: WaterOptions) -> None:
         UuvError: Which one, what is allowed, and what was given.
     """
     from uuv import inputs
+    from uuv.logs.kinds import is_vehicle_log
     from uuv.models.vehicle import Vehicle
     from uuv.scenario import VehicleSetup
     from uuv.water_identification.replayed_parts import pushed_parts, ranges_of
@@ -79,12 +83,12 @@ def check_inputs(options: WaterOptions) -> None:
     settings_of(options)
 
     for path in options.log:
-        if not path.is_dir():
+        if not path.is_dir() and not is_vehicle_log(path):
             check_log(path)
 
     model = inputs.check_vehicle(VehicleSetup(vehicle=options.vehicle)).compile()
     vehicle = Vehicle.of(model)
-    logs_of(options, tuple(pushed_parts(model, vehicle).values()), ranges_of(vehicle))
+    logs_of(options, vehicle, tuple(pushed_parts(model, vehicle).values()), ranges_of(vehicle))
 
 
 def settings_of(options: WaterOptions) -> FitSettings:
@@ -94,9 +98,9 @@ def settings_of(options: WaterOptions) -> FitSettings:
         ConfigurationError: A number is out of bounds, or a channel is unknown.
     """
     noise = dict(NOISE)
-    for name, value in options.noise:
+    for name, sigma in options.noise:
         noise[one_of(name, tuple(CHANNELS), "--noise")] = finite_number(
-            value, f"--noise {name}", above=0.0
+            sigma, f"--noise {name}", above=0.0
         )
 
     return FitSettings(
@@ -111,19 +115,28 @@ def settings_of(options: WaterOptions) -> FitSettings:
 
 
 def logs_of(
-    options: WaterOptions, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
+    options: WaterOptions,
+    vehicle: "Vehicle",
+    thrusters: Sequence[str],
+    joints: Mapping[str, tuple[float, float]],
 ) -> list[WaterLog]:
     """The logs of the command line, for a vehicle with those thrusters and joint ranges [rad].
 
     Raises:
         UuvError: One cannot be read, or is none.
     """
-    logs = [
-        _of_run(path, thrusters, joints)
-        if path.is_dir()
-        else read_log(path, thrusters=thrusters, joints=joints)
-        for path in options.log
-    ]
+    from uuv.logs.kinds import is_vehicle_log
+    from uuv.water_identification.vehicle_logs import read_as_water_log
+
+    logs = []
+    for path in options.log:
+        if is_vehicle_log(path):
+            log = read_as_water_log(path, vehicle, thrusters=thrusters, joints=joints)
+        elif path.is_dir():
+            log = _of_run(path, thrusters, joints)
+        else:
+            log = read_log(path, thrusters=thrusters, joints=joints)
+        logs.append(log)
 
     names = [log.name for log in logs]  # of the file, which another folder may have too
     return [

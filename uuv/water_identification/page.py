@@ -29,8 +29,8 @@ _ANGLES = ("roll [rad]", "pitch [rad]", "yaw [rad]")
 def write_page(
     file: Path,
     title: str,
-    found: Sequence[Finding],
-    said: Sequence[str],
+    identified: Sequence[Finding],
+    sentences: Sequence[str],
     fit: WaterFit,
     residuals: WaterResiduals,
     options: Mapping[str, Any],
@@ -40,33 +40,33 @@ def write_page(
     Args:
         file: To write.
         title: Heading.
-        found: Parameters of the vehicle.
-        said: What the logs cannot tell.
+        identified: Parameters of the vehicle.
+        sentences: What the logs cannot tell.
         fit: The estimate.
         residuals: Of its logs.
         options: Of the command.
     """
     rows = [
         (
-            each.name,
-            each.unit,
-            f"{each.nominal:.4g}",
-            f"{each.value:.4g}",
-            f"{each.low:.4g} to {each.high:.4g}",
-            f"{100 * each.told:.0f} %",
-            each.verdict,
+            finding.name,
+            finding.unit,
+            f"{finding.nominal:.4g}",
+            f"{finding.value:.4g}",
+            f"{finding.low:.4g} to {finding.high:.4g}",
+            f"{100 * finding.told:.0f} %",
+            finding.verdict,
         )
-        for each in found
+        for finding in identified
     ]
 
     columns = ("parameter", "unit", "prior", "estimate", "95 %", "variance removed", "")
     parts = [
         page.heading(title),
-        page.section("Not identifiable from these logs", page.items(said)),
+        page.section("Not identifiable from these logs", page.items(sentences)),
         page.section("Parameters", page.table(columns, rows, texts=(0, 1, 6))),
     ]
 
-    states = residuals.states(fit.named.deviations, fit.named.own)
+    states = residuals.states(fit.named.deviations, fit.named.local)
     about = (
         "Above: measured (dots) and replayed (lines), window by window. Below: replayed less "
         "measured."

@@ -7,13 +7,13 @@ from uuv.models.vehicle import Vehicle
 
 def pushed_parts(model: mujoco.MjModel, vehicle: Vehicle) -> dict[int, str]:
     """Name of each actuator at a site of the vehicle, by its index, without "thruster_"."""
-    own = {
+    named = {
         int(a): str(name)
         for a, name in zip(vehicle.thruster_actuators, vehicle.thruster_names, strict=True)
     }
 
     return {
-        i: own.get(i, str(model.actuator(i).name).removeprefix("thruster_"))
+        i: named.get(i, str(model.actuator(i).name).removeprefix("thruster_"))
         for i in range(model.nu)
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE
         and model.body_rootid[model.site_bodyid[model.actuator_trnid[i, 0]]]

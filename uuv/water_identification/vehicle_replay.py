@@ -87,11 +87,12 @@ class ReplayVehicle:
 
         # what the callback warns of is not for RK4, and W is the log's own
         row = world_row(self.model)
-        row[LAYOUT.drag_rate : LAYOUT.drag_rate + 2], row[LAYOUT.ceiling] = 0.0, 1e9
+        row[LAYOUT.drag_rate : LAYOUT.drag_rate + 2] = 0.0
+        row[LAYOUT.ceiling] = 1e9
 
         # Thrusters with a table follow their curves; other actuators push the logged force.
-        own = vehicle.thruster_actuators
-        width = vehicle.thruster_table.shape[1] if len(own) else 0
+        actuators = vehicle.thruster_actuators
+        width = vehicle.thruster_table.shape[1] if len(actuators) else 0
         rows = {
             int(a): row
             for a, row in zip(vehicle.thruster_actuators, vehicle.thruster_table, strict=True)
@@ -103,10 +104,10 @@ class ReplayVehicle:
         self.slew = table[:, SLEW_RATE] if width else np.zeros(len(pushed))
         loss = table[:, INFLOW_LOSS] if width else np.zeros(len(pushed))
 
-        found = curves(vehicle.thruster_table)
-        curve = np.zeros((len(pushed), max(found.shape[1], 1)))
-        if len(own):
-            curve[self.has_curve] = found
+        tables = curves(vehicle.thruster_table)
+        curve = np.zeros((len(pushed), max(tables.shape[1], 1)))
+        if len(actuators):
+            curve[self.has_curve] = tables
 
         advance = np.zeros((6, len(pushed)))
         if width:
@@ -125,15 +126,15 @@ class ReplayVehicle:
     def _wrenches(self) -> Array:
         """Wrench (6, m) on the hull at its origin per newton, hull axes."""
         data = mujoco.MjData(self.model)
-        found = np.zeros((6, len(self.pushes)))
+        wrenches = np.zeros((6, len(self.pushes)))
         first = self.vehicle.hull_dof
 
         for k, i in enumerate(self.pushes):
             data.ctrl[:] = 0.0
             data.ctrl[i] = 1.0
             mujoco.mj_forward(self.model, data)
-            found[:, k] = data.qfrc_actuator[first : first + 6]
-        return found
+            wrenches[:, k] = data.qfrc_actuator[first : first + 6]
+        return wrenches
 
     def _bind(self) -> None:
         self.data = mujoco.MjData(self.model)
@@ -144,8 +145,8 @@ class ReplayVehicle:
         step = ctypes.cast(library().mj_step, ctypes.c_void_p).value or 0
         self._places = np.array([step, self.model._address, self.data._address], dtype=np.int64)
         self._joints = (
-            np.array([int(each.qposadr[0]) for each in driven], dtype=np.int64),
-            np.array([int(each.dofadr[0]) for each in driven], dtype=np.int64),
+            np.array([int(joint.qposadr[0]) for joint in driven], dtype=np.int64),
+            np.array([int(joint.dofadr[0]) for joint in driven], dtype=np.int64),
             np.array(
                 [self.model.actuator(f"drive {name}").id for name in self.joints], dtype=np.int64
             ),
@@ -153,11 +154,11 @@ class ReplayVehicle:
 
     def copy(self) -> "ReplayVehicle":
         """Another one with memory of its own, for another thread."""
-        made = object.__new__(ReplayVehicle)
-        made.__dict__.update(self.__dict__)
-        made.model = copy.deepcopy(self.model)
-        made._bind()
-        return made
+        twin = object.__new__(ReplayVehicle)
+        twin.__dict__.update(self.__dict__)
+        twin.model = copy.deepcopy(self.model)
+        twin._bind()
+        return twin
 
     def followed(
         self, command: Array, state: tuple[Array, Array], dt: float, count: int
@@ -172,13 +173,14 @@ class ReplayVehicle:
         most = np.where(self.slew > 0.0, self.slew * dt, np.inf)
         shares = decay[:, None] ** ((np.arange(PARTS) + 0.5) / PARTS)
 
-        found, after = np.empty((count, PARTS, len(command))), state
+        speeds = np.empty((count, PARTS, len(command)))
+        after = state
         for k in range(count):
             after = passed, speed
             passed = passed + np.clip(command - passed, -most, most)
-            found[k] = passed + (speed - passed) * shares.T
+            speeds[k] = passed + (speed - passed) * shares.T
             speed = passed + (speed - passed) * decay
-        return found, after
+        return speeds, after
 
     def speeds(self, time: Array, commands: Array, at: Array) -> Array:
         """Propeller speeds (k, PARTS, m) in steps that begin at times `at` (k,).
@@ -192,16 +194,17 @@ class ReplayVehicle:
 
         grid = float(time[0]) + _FINE * np.arange(count)
         held = commands[np.clip(np.searchsorted(time, grid + 1e-9) - 1, 0, len(time) - 1)]
-        state, found = (held[0], held[0]), np.empty((count, held.shape[1]))
-        for k, wanted in enumerate(held):
-            found[k] = state[1]
-            _, state = self.followed(wanted, state, _FINE, 2)
+        state = (held[0], held[0])
+        speeds = np.empty((count, held.shape[1]))
+        for k, command in enumerate(held):
+            speeds[k] = state[1]
+            _, state = self.followed(command, state, _FINE, 2)
 
         middles = at[:, None] + self.timestep * (np.arange(PARTS) + 0.5) / PARTS
-        made = [
-            np.interp(middles.ravel(), grid, column).reshape(middles.shape) for column in found.T
+        columns = [
+            np.interp(middles.ravel(), grid, column).reshape(middles.shape) for column in speeds.T
         ]
-        return np.stack(made, axis=-1) if made else np.zeros((*middles.shape, 0))
+        return np.stack(columns, axis=-1) if columns else np.zeros((*middles.shape, 0))
 
     def write(self, values: Mapping[str, float]) -> None:
         """Take a value for each parameter of `water`."""
@@ -354,8 +357,8 @@ def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujo
         spec.excludes,
         spec.pairs,
     ):
-        for each in list(group):
-            spec.delete(each)
+        for element in list(group):
+            spec.delete(element)
 
     for actuator in list(spec.actuators):
         if actuator.name in pushing:

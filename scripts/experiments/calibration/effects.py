@@ -109,13 +109,13 @@ def _ratios(rows: list[Row]) -> tuple[str, str, Figure]:
     figure = Figure(figsize=(9.0, 0.42 * len(effects) + 1.2), layout="constrained")
     axes = figure.subplots()
 
-    for place, effect in enumerate(effects, start=1):
+    for level, effect in enumerate(effects, start=1):
         ratios = [row["ratio"] for row in rows if row["effect"] == effect]
         least, low, median, high, most = np.quantile(ratios, [0.0, 0.25, 0.5, 0.75, 1.0])
-        y = [place, place]
+        y = [level, level]
         axes.plot([least, most], y, color="#0072B2", linewidth=1.0)
         axes.plot([low, high], y, color="#0072B2", linewidth=7.0, solid_capstyle="butt")
-        axes.plot(median, place, "|", color="#222222", markersize=12, markeredgewidth=2.0)
+        axes.plot(median, level, "|", color="#222222", markersize=12, markeredgewidth=2.0)
 
     axes.set_yticks(range(1, len(effects) + 1), effects)
     axes.axvline(PUBLISHED[0] / PUBLISHED[1], color="#D55E00", linewidth=1.0)

@@ -35,12 +35,10 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 NOISE = 0.092e-3  # [m] standard deviation of a touch along each axis
-ALONE, WITH_REPORT, WHOLE, PEER = (
-    "ours, the same fit",
-    "ours, with checks, intervals and rank report",
-    "ours, all found from the data",
-    "pybotics and SciPy, the same fit",
-)
+ALONE = "ours, the same fit"
+WITH_REPORT = "ours, with checks, intervals and rank report"
+WHOLE = "ours, all found from the data"
+PEER = "pybotics and SciPy, the same fit"
 FREE = ("theta", "d", "a", "alpha", "tcp")
 # Standard deviations of the prior: theta, alpha [rad], d, a, tcp [m].
 PRIOR = {"theta": np.deg2rad(0.2), "alpha": np.deg2rad(0.2), "d": 0.5e-3, "a": 0.5e-3, "tcp": 0.1}
@@ -117,7 +115,7 @@ def fit_speed(case: FitSpeedCase) -> FitSpeedRow:
     median = {label: float(np.median(times)) for label, times in seconds.items()}
     return FitSpeedRow(
         median=median,
-        times_as_long={label: value / median[ALONE] for label, value in median.items()},
+        times_as_long={label: duration / median[ALONE] for label, duration in median.items()},
         cost=cost,
         calls=calls,
     )
@@ -139,8 +137,8 @@ def fits_of(arm: SerialArm, series: list[Array], tcp: Array) -> dict[str, Callab
     method = MapFit(noise=NOISE, robust=False)
 
     def alone() -> float:
-        data = Data(q=rows, starts=starts, weights=np.ones(len(rows)))
-        problem = Problem(arm, data, parameters, mean)
+        touches = Data(q=rows, starts=starts, weights=np.ones(len(rows)))
+        problem = Problem(arm, touches, parameters, mean)
         return solve(problem, deviations, widest=None, noise=NOISE).cost
 
     def with_report() -> float:
@@ -197,10 +195,10 @@ def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
     Raises:
         ConfigurationError: The peer failed.
     """
-    result = folder / "result.npz"
+    output = folder / "result.npz"
     script = Path(__file__).with_name("pybotics_peer.py")
     run = subprocess.run(
-        [python, script, task, result],
+        [python, script, task, output],
         capture_output=True,
         text=True,
         check=False,
@@ -208,7 +206,7 @@ def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
     )
     if run.returncode != 0:
         raise ConfigurationError(f"--peer-python {python}: {run.stderr.strip().splitlines()[-1]}")
-    return {name: float(value) for name, value in np.load(result).items() if name != "scipy"}
+    return {name: float(duration) for name, duration in np.load(output).items() if name != "scipy"}
 
 
 fit_speed.page = (

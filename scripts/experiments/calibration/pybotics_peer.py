@@ -19,9 +19,11 @@ from scipy.optimize import least_squares
 
 def main(data_file: str, result_file: str) -> None:
     """Runs one fit; reads the task from `data_file` and writes time and cost to `result_file`."""
-    data = np.load(data_file)
-    q, starts, mdh, tool, sigma = (data[name] for name in ("q", "starts", "mdh", "tool", "sigma"))
-    noise = float(data["noise"])
+    archive = np.load(data_file)
+    q, starts, mdh, tool, sigma = (
+        archive[name] for name in ("q", "starts", "mdh", "tool", "sigma")
+    )
+    noise = float(archive["noise"])
     robot = import_module("pybotics.robot").Robot.from_parameters(mdh)
     robot.tool.matrix = tool
     tool_vector = np.array(robot.tool.vector)
@@ -41,9 +43,9 @@ def main(data_file: str, result_file: str) -> None:
         return np.concatenate([centred(x).ravel() / noise, (x - mean) / sigma])
 
     began = time.perf_counter()
-    found = least_squares(residuals, mean, x_scale=sigma, method="trf")
+    fit = least_squares(residuals, mean, x_scale=sigma, method="trf")
     took = time.perf_counter() - began
-    parts = np.split(centred(found.x), starts[1:])
+    parts = np.split(centred(fit.x), starts[1:])
     cost = sum(len(part) * float((part**2).sum()) for part in parts)
     np.savez(result_file, seconds=took, cost=cost, calls=calls, scipy=scipy.__version__)
 

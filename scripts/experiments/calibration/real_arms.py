@@ -108,7 +108,8 @@ def calibration_real_arms(case: RealArmCase) -> RealArmRow:
 
     # touches held out, about the mean of their socket
     held_out = {}
-    errors, half_widths = [], []
+    errors = []
+    half_widths = []
     for position in tested:
         scatter = []
         for q in sockets(folder, position, arm):
@@ -137,7 +138,8 @@ def _mean_held_out(row: Record) -> float:
 
 def intervals(rows: list[Row]) -> list[Table | dict]:
     """How many errors the 95 % intervals hold, and how wide the intervals are."""
-    cells, metrics = [], {}
+    cells = []
+    metrics = {}
     for robot, training in dict.fromkeys((row["robot"], row["training"]) for row in rows):
         group = [row for row in rows if (row["robot"], row["training"]) == (robot, training)]
         errors = np.concatenate([row["errors"] for row in group])

@@ -22,16 +22,15 @@ from uuv.sim.interfaces.spatial import Array, transform_points
 AS_RIGHT = 3e-4
 RIGHT_LENGTHS = {"right": 1.0, "right, length 0.2 % off": 1.002, "right, no length": None}
 KINDS = (*RIGHT_LENGTHS, *WRONG)
-REFUSED, RIGHT, STATED, WRONGLY = (
-    "refused",
-    "the arm is right",
-    "stated that touches cannot tell",
-    "accepted wrongly",
-)
+REFUSED = "refused"
+RIGHT = "the arm is right"
+STATED = "stated that touches cannot tell"
+WRONGLY = "accepted wrongly"
 ACCEPTED = "accepted"  # a right input
 ENDS = (REFUSED, RIGHT, STATED, WRONGLY)
 _MOVES = 60  # postures at which two arms are compared
-_MIRRORED, _MIRROR = "signs of all joints", "mirror image"
+_MIRRORED = "signs of all joints"
+_MIRROR = "mirror image"
 # of lines on readings that are hidden
 _HIDDEN = ("are not checked", "are not those of these touches")
 

@@ -38,12 +38,15 @@ def _files(
 ) -> Kind:
     """The files `which` changed, the others as they are."""
 
-    def spoil(given: Input, rng: np.random.Generator) -> Input:
-        series = [np.array(q) for q in given.series]
+    def spoil(touches: Input, rng: np.random.Generator) -> Input:
+        series = [np.array(q) for q in touches.series]
         for i in range(len(series))[which]:
             series[i] = change(series[i], rng)
         return replace(
-            given, series=tuple(series), units=units, distances=given.distances if lengths else ()
+            touches,
+            series=tuple(series),
+            units=units,
+            distances=touches.distances if lengths else (),
         )
 
     return spoil
@@ -64,7 +67,8 @@ def _rows(share: float, change: Change) -> Change:
     """Every so many rows changed, so that `share` of the file is."""
 
     def spoil(q: Array, rng: np.random.Generator) -> Array:
-        out, rows = np.array(q), slice(1, None, round(1.0 / share))
+        out = np.array(q)
+        rows = slice(1, None, round(1.0 / share))
         out[rows] = change(q[rows], rng)
         return out
 
@@ -102,7 +106,8 @@ def _late(share: float) -> Change:
 
 def _frozen(q: Array, _: np.random.Generator) -> Array:
     """The middle third reads the same."""
-    out, third = np.array(q), len(q) // 3
+    out = np.array(q)
+    third = len(q) // 3
     out[third : 2 * third] = out[third]
     return out
 
@@ -145,19 +150,21 @@ def _of_another_arm(q: Array, rng: np.random.Generator) -> Array:
 # How the files belong together
 
 
-def _together(given: Input, _: np.random.Generator) -> Input:
-    return replace(given, series=(np.vstack(given.series[:2]), *given.series[2:]), distances=())
+def _together(touches: Input, _: np.random.Generator) -> Input:
+    return replace(
+        touches, series=(np.vstack(touches.series[:2]), *touches.series[2:]), distances=()
+    )
 
 
-def _one_of_two(given: Input, _: np.random.Generator) -> Input:
-    return replace(given, series=(np.vstack(given.series[:2]),), distances=())
+def _one_of_two(touches: Input, _: np.random.Generator) -> Input:
+    return replace(touches, series=(np.vstack(touches.series[:2]),), distances=())
 
 
 def _twice(size: float) -> Kind:
-    def spoil(given: Input, rng: np.random.Generator) -> Input:
-        first = given.series[0]
+    def spoil(touches: Input, rng: np.random.Generator) -> Input:
+        first = touches.series[0]
         return replace(
-            given, series=(first, _jittered(size)(first, rng), *given.series[2:]), distances=()
+            touches, series=(first, _jittered(size)(first, rng), *touches.series[2:]), distances=()
         )
 
     return spoil
@@ -166,24 +173,24 @@ def _twice(size: float) -> Kind:
 def _exchanged(share: float) -> Kind:
     """A share of the rows of two files exchanged."""
 
-    def spoil(given: Input, _: np.random.Generator) -> Input:
-        a, b = (np.array(q) for q in given.series[:2])
+    def spoil(touches: Input, _: np.random.Generator) -> Input:
+        a, b = (np.array(q) for q in touches.series[:2])
         rows = np.arange(1, min(len(a), len(b)), round(1.0 / share))
-        a[rows], b[rows] = given.series[1][rows], given.series[0][rows]
-        return replace(given, series=(a, b, *given.series[2:]))
+        a[rows], b[rows] = touches.series[1][rows], touches.series[0][rows]
+        return replace(touches, series=(a, b, *touches.series[2:]))
 
     return spoil
 
 
-def _repeated_elsewhere(given: Input, _: np.random.Generator) -> Input:
+def _repeated_elsewhere(touches: Input, _: np.random.Generator) -> Input:
     """A third of a file in another one too."""
-    a, b = given.series[:2]
-    return replace(given, series=(a, np.vstack([b, a[::3]]), *given.series[2:]))
+    a, b = touches.series[:2]
+    return replace(touches, series=(a, np.vstack([b, a[::3]]), *touches.series[2:]))
 
 
-def _tip_poses(given: Input, _: np.random.Generator) -> Input | None:
+def _tip_poses(touches: Input, _: np.random.Generator) -> Input | None:
     """Positions and angles of the flange in place of joint values."""
-    arm = given.source.arm
+    arm = touches.source.arm
     if arm.n < 6 or arm.slides.any():
         return None
 
@@ -198,59 +205,61 @@ def _tip_poses(given: Input, _: np.random.Generator) -> Input | None:
         )
         return np.column_stack([X[:, :3, 3], angles, *[np.zeros(len(q))] * (arm.n - 6)])
 
-    return replace(given, series=tuple(pose_of(q) for q in given.series))
+    return replace(touches, series=tuple(pose_of(q) for q in touches.series))
 
 
 # Lengths and tables
 
 
 def _lengths(factor: float) -> Kind:
-    return lambda given, _: replace(
-        given,
-        distances=tuple((a, b, min(factor * length, 999.0)) for a, b, length in given.distances),
+    return lambda touches, _: replace(
+        touches,
+        distances=tuple((a, b, min(factor * length, 999.0)) for a, b, length in touches.distances),
     )
 
 
-def _other_pair(given: Input, _: np.random.Generator) -> Input | None:
-    if len(given.series) < 3:
+def _other_pair(touches: Input, _: np.random.Generator) -> Input | None:
+    if len(touches.series) < 3:
         return None
-    pairs = [({"p0", "p1", "p2"} - {a, b}, b, length) for a, b, length in given.distances]
-    return replace(given, distances=tuple((*third, b, length) for third, b, length in pairs))
+    pairs = [({"p0", "p1", "p2"} - {a, b}, b, length) for a, b, length in touches.distances]
+    return replace(touches, distances=tuple((*third, b, length) for third, b, length in pairs))
 
 
-def _with_table(given: Input, table: Array, *, lengths: float = 1.0, known: bool = True) -> Input:
-    arm = given.source.arm.with_table(table)
+def _with_table(touches: Input, table: Array, *, lengths: float = 1.0, known: bool = True) -> Input:
+    arm = touches.source.arm.with_table(table)
     X = np.array(arm.X_n_flange)
     X[:3, 3] *= lengths
     arm = replace(arm, X_n_flange=X)
     return replace(
-        given, source=replace(given.source, arm=arm), distances=given.distances if known else ()
+        touches,
+        source=replace(touches.source, arm=arm),
+        distances=touches.distances if known else (),
     )
 
 
 def _table_times(factor: float, *, known: bool = False) -> Kind:
-    def spoil(given: Input, _: np.random.Generator) -> Input:
-        table = np.array(given.source.arm.table)
+    def spoil(touches: Input, _: np.random.Generator) -> Input:
+        table = np.array(touches.source.arm.table)
         table[:, THETA + 1 : ALPHA] *= factor
-        return _with_table(given, table, lengths=factor, known=known)
+        return _with_table(touches, table, lengths=factor, known=known)
 
     return spoil
 
 
-def _longest_link(given: Input, _: np.random.Generator) -> Input:
+def _longest_link(touches: Input, _: np.random.Generator) -> Input:
     """The longest link 5 % too long."""
-    table = np.array(given.source.arm.table)
+    table = np.array(touches.source.arm.table)
     lengths = table[1:-1, THETA + 1 : ALPHA]
     lengths[np.unravel_index(np.abs(lengths).argmax(), lengths.shape)] *= 1.05
-    return _with_table(given, table)
+    return _with_table(touches, table)
 
 
-def _alpha_sign(given: Input, _: np.random.Generator) -> Input:
+def _alpha_sign(touches: Input, _: np.random.Generator) -> Input:
     """An axis that points the other way."""
-    table = np.array(given.source.arm.table)
+    table = np.array(touches.source.arm.table)
     square = np.flatnonzero(np.abs(table[:-1, ALPHA]) > 0.3)
     table[square[min(1, len(square) - 1)], ALPHA] *= -1.0
-    return _with_table(given, table)
+    return _with_table(touches, table)
 
 
 OTHER_ARMS = {
@@ -266,16 +275,16 @@ OTHER_ARMS = {
 }
 
 
-def _other_arm(given: Input, _: np.random.Generator) -> Input | None:
-    name = OTHER_ARMS.get(given.source.path.name)
+def _other_arm(touches: Input, _: np.random.Generator) -> Input | None:
+    name = OTHER_ARMS.get(touches.source.path.name)
     if name is None:
         return None
-    return replace(given, source=replace(given.source, arm=published_arms.load(name)))
+    return replace(touches, source=replace(touches.source, arm=published_arms.load(name)))
 
 
 def _flipped(k: int) -> Kind:
     flip = _files(_column(k, _times(-1.0)))
-    return lambda given, rng: flip(given, rng) if k < given.source.arm.n else None
+    return lambda touches, rng: flip(touches, rng) if k < touches.source.arm.n else None
 
 
 WRONG: dict[str, Kind] = {

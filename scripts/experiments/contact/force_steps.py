@@ -1,7 +1,6 @@
 """Steps of the set force while the tool moves along a barrel: one run and its figures."""
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,7 +8,6 @@ from uuv.assembly import assemble
 from uuv.jobs import clean_barrel
 from uuv.perturbations.pad import Pad
 from uuv.runner import run
-from uuv.scenario import Scenario
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import Recording
@@ -20,47 +18,39 @@ SAMPLE = 0.002  # [s] sampling period of the responses
 SPEED, LENGTH = 0.02, 0.6  # [m/s] of the tool, [m] length of the path
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StepTask:
-    """One run with several steps up, each followed by a step down; a case of the study."""
+def steps_of(
+    *,
+    stiffness: float,
+    forces: tuple[float, ...],
+    rate: float,
+    seed: int,
+    current: tuple[float, float, float],
+    gust: float,
+) -> tuple[Array, Array, str]:
+    """Runs the job with a set force that steps up and down.
 
-    stiffness: float  # [N/m]
-    seed: int
-    low: float  # [N]
-    high: float  # [N]
-    steps: int
-    rate: float  # [N/s] rate of change of the set force
-    current: tuple[float, float, float]
-    gust: float
+    Args:
+        stiffness: Of pad and surface in series [N/m].
+        forces: Set forces [N], the lower and the higher one in turn.
+        rate: Of change of the set force [N/s].
+        seed: Of the run.
+        current: Steady current in W [m/s].
+        gust: Standard deviation of the gusts [m/s] per axis.
 
-
-def responses(task: StepTask) -> dict[str, Any]:
-    """Set and true force (k, N) [N] of k steps up at `times()`; empty if the run was aborted."""
-    recording = run(assemble(scenario_of(task))).recording
-    note = recording.final.note if recording.final.state is not WorkState.DONE else ""
-
-    found = steps_up(recording, task.low, task.high)
-    return {"stiffness": task.stiffness, "seed": task.seed, "note": note, **found}
-
-
-def scenario_of(task: StepTask) -> Scenario:
-    """Scenario of a run with steps."""
+    Returns:
+        Set and true force, each (k, N) [N], of k steps up at `times()`, and why the run ended
+        early; empty if it did not.
+    """
     scenario = clean_barrel(
-        seed=task.seed,
-        current=task.current,
-        gust=task.gust,
-        speed=SPEED,
-        length=LENGTH,
-        forces=(task.low, task.high) * task.steps,
+        seed=seed, current=current, gust=gust, speed=SPEED, length=LENGTH, forces=forces
     )
+    work = replace(scenario.task_of(SurfaceWorkTask), force_rate=rate)
+    scenario = replace(scenario, task=work, perturbations=(Pad(stiffness=stiffness),))
 
-    work = replace(scenario.task_of(SurfaceWorkTask), force_rate=task.rate)
-    return replace(scenario, task=work, perturbations=(Pad(stiffness=task.stiffness),))
-
-
-def failed(task: StepTask, reason: str) -> dict[str, Any]:
-    """Result in place of `responses` for a run that failed for `reason`."""
-    return {"stiffness": task.stiffness, "seed": task.seed, "note": reason, "set": [], "true": []}
+    recording = run(assemble(scenario)).recording
+    curves = steps_up(recording, min(forces), max(forces))
+    note = recording.final.note if recording.final.state is not WorkState.DONE else ""
+    return curves["set"], curves["true"], note
 
 
 def times() -> Array:

@@ -87,7 +87,8 @@ def time_of(environment: Any, actions: int) -> float:
 
 def physics_of(environment: Any, actions: int) -> float:
     """Time [s] that MuJoCo takes for the steps of an action, from where the environment stands."""
-    model, data = environment.physics.model.ptr, environment.physics.data.ptr
+    model = environment.physics.model.ptr
+    data = environment.physics.data.ptr
     steps = round(environment.control_timestep() / model.opt.timestep)
 
     begin = time.perf_counter()

@@ -1,134 +1,110 @@
-"""Recognition over random scenes: which of several objects was named, and figures over many."""
+"""Which of several objects is in a random scene: how often the right one is named, where it is.
+
+An object is named if its pose is accepted and the scene is less likely with any other one; in the
+wrong place it does not count as named rightly. Times are processor times of all threads, comparable
+with --workers 1 only.
+"""
+
+from uuv.start import run_scenario  # isort: skip
 
 from dataclasses import dataclass
-from time import process_time
-from typing import Any
 
-import numpy as np
-
-from experiments.identification.pose_errors import Start, surface_of
-from uuv.clouds.object_scenes import object_scene
-from uuv.experiment import Row, Summary, Table
+from experiments.identification.scene_cases import SceneCase, conditions, prior, surface_of, timed
+from uuv.clouds.frames import SENSORS
+from uuv.clouds.scene_kinds import object_of
+from uuv.experiment import Page, Row, column, experiment, stat
+from uuv.models.objects import targets
 from uuv.perception.registration.recognition import recognise
 
 
-@dataclass(frozen=True)
-class RecognitionCase:
-    """One scene for one sensor, and the objects that come into question; a case of the study."""
+@dataclass(frozen=True, kw_only=True)
+class RecognitionCase(SceneCase):
+    """One scene for one sensor, and the objects that come into question."""
 
-    name: str
-    among: tuple[str, ...]
-    sensor: str
-    seed: int
-    start: Start
+    among: tuple[str, ...] = targets.available()
+    """Names of the objects that come into question."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.among:
+            object_of(name)  # refuses an unknown name
 
 
-def run(task: RecognitionCase) -> dict[str, Any]:
-    """Row of one scene: which object was named, where, and how clearly."""
-    start = task.start
-    start_error = (start.error[0], float(np.deg2rad(start.error[1])))
+@dataclass(frozen=True, kw_only=True)
+class RecognitionRow:
+    """Which object was named, whether it was found, and how clearly."""
 
-    scene = object_scene(
-        task.name,
-        task.seed,
-        task.sensor,
-        ranges=start.ranges,
-        start_error=start_error,
-        gap=start.gap,
+    named: str = column("named; empty: none")
+    likeliest: str = column("likeliest")
+    runner_up: str = column("second likeliest")
+    right: bool = column("named rightly")
+    wrong: bool = column("named wrongly")
+    found: bool = column("found, as the likeliest")
+    reason: str = column("reason")
+    margin: float = column("margin of the likelihood", "nat", digits=0)
+    time: float = column("processor time", "s", digits=1, tolerance=None)
+
+
+@experiment(
+    "recognition",
+    seeds=10,
+    vary={"object": targets.available(), "sensor": tuple(SENSORS)},
+    paired=True,
+    quick={"runs": 1, "object": ("manifold", "rock"), "sensor": ("stereo",)},
+)
+def recognition(case: RecognitionCase) -> RecognitionRow:
+    """Asks which object is in a scene."""
+    scene = case.scene()
+    surfaces = {name: surface_of(name) for name in case.among}
+    time, verdict = timed(
+        lambda: recognise(
+            scene.scan, surfaces, *prior(scene, case.start), sensor=scene.sensor.model
+        )
     )
 
-    surfaces = {name: surface_of(name) for name in task.among}
-    began = process_time()
-    made = recognise(
-        scene.scan,
-        surfaces,
-        scene.approach if start.known != "any" else None,
-        scene.orientation if start.known == "coarse" else None,
-        sensor=scene.sensor.model,
+    names = [candidate.name for candidate in verdict.candidates]
+    return RecognitionRow(
+        named=verdict.name or "",
+        likeliest=names[0],
+        runner_up=names[1] if len(names) > 1 else "",
+        right=verdict.name == case.object,
+        wrong=verdict.accepted and verdict.name != case.object,
+        # The right object in the wrong place is not found.
+        found=names[0] == case.object and scene.is_found(verdict.found.X_sensor_target),
+        reason=verdict.reason,
+        margin=float(min(verdict.margin, 1e4)),
+        time=time,
     )
-    spent = process_time() - began
-
-    # The right object in the wrong place is not found.
-    found = made.candidates[0].name == task.name and scene.is_found(made.found.X_sensor_target)
-
-    return {
-        "object": task.name,
-        "sensor": task.sensor,
-        "seed": task.seed,
-        "named": made.name or "",
-        "likeliest": made.candidates[0].name,
-        "runner_up": made.candidates[1].name if len(made.candidates) > 1 else "",
-        "right": made.name == task.name,
-        "wrong": made.accepted and made.name != task.name,
-        "found": bool(found),
-        "reason": made.reason,
-        "margin": float(min(made.margin, 1e4)),
-        "process_s": spent,
-    }
 
 
 def line(row: Row) -> str:
     """Line about a scene whose object was not named; empty for others."""
     if row["right"] and row["found"]:
         return ""
+    verdict = f"named {row['named']}" if row["named"] else row["reason"]
+    pose = "right" if row["found"] else "wrong"
+    return f"{row['object']}, {row['sensor']}, seed {row['seed']}: {verdict}, pose {pose}"
 
-    said = f"named {row['named']}" if row["named"] else row["reason"]
-    return (
-        f"{row['object']}, {row['sensor']}, seed {row['seed']}: {said}, pose "
-        f"{'right' if row['found'] else 'wrong'}"
+
+recognition.line = line
+recognition.page = (
+    Page()
+    .add(conditions)
+    .add(lambda rows: f"objects that come into question: {', '.join(rows[0]['among'])}")
+    .table(
+        "Which object is it?",
+        by="object",
+        columns=[
+            stat("share", lambda row: row["right"] and row["found"], "named rightly"),
+            stat("count", "wrong"),
+            stat("share", lambda row: row["likeliest"] == row["object"], "likeliest rightly"),
+            stat("least", "margin"),
+            stat("median", "margin"),
+            stat("median", "time"),
+        ],
+        total=True,
     )
+)
 
-
-def summarise(rows: list[Row], title: str) -> Summary:
-    """Figures by object, and over all.
-
-    Args:
-        rows: Rows of all scenes.
-        title: Title of the table.
-    """
-    names = sorted({row["object"] for row in rows})
-    figures = {name: figures_of([row for row in rows if row["object"] == name]) for name in names}
-    figures["all"] = figures_of(rows)
-
-    columns = (
-        "object",
-        "scenes",
-        "named rightly [%]",
-        "named wrongly",
-        "likeliest rightly [%]",
-        "margin: least, median [nat]",
-        "process time, median [s]",
-    )
-
-    table = [
-        (
-            name,
-            f"{f['scenes']:.0f}",
-            f"{f['right_percent']:.1f}",
-            f"{f['wrong']:.0f}",
-            f"{f['likeliest_percent']:.1f}",
-            f"{f['margin_least']:.0f}, {f['margin_median']:.0f}",
-            f"{f['process_s']:.1f}",
-        )
-        for name, f in figures.items()
-    ]
-
-    return Summary(
-        metrics={"figures": figures},
-        tables=[Table(title=title, columns=columns, rows=table)],
-        pictures=[],
-    )
-
-
-def figures_of(rows: list[Row]) -> dict[str, float]:
-    """Figures over some scenes."""
-    return {
-        "scenes": len(rows),
-        "right_percent": 100.0 * float(np.mean([row["right"] and row["found"] for row in rows])),
-        "wrong": float(np.sum([row["wrong"] for row in rows])),
-        "likeliest_percent": 100.0
-        * float(np.mean([row["likeliest"] == row["object"] for row in rows])),
-        "margin_least": float(np.min([row["margin"] for row in rows])),
-        "margin_median": float(np.median([row["margin"] for row in rows])),
-        "process_s": float(np.median([row["process_s"] for row in rows])),
-    }
+if __name__ == "__main__":
+    run_scenario(recognition.main)

@@ -1,4 +1,5 @@
-"""Peers of the benchmark on unseen objects: registrations of other libraries behind one interface.
+"""Registrations of other libraries: those of Open3D, and peers on unseen objects behind one
+interface.
 
 A peer gets the scan points that may show the object and the model's surface, sampled evenly, both
 with normals. Each registers the scan to the whole model, so that hidden parts of the model need no
@@ -11,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from uuv.models.meshes import open3d_loader
 from uuv.sim.interfaces.spatial import Array, inverse, pose, transform_points
 
+IcpKind = Literal["point", "plane", "generalised"]
 ICP_STEPS = 40  # in each stage of ICP, at most
 ROUGH = 0.1  # [radii] correspondence distance of the first stage of ICP
 START_REACHES = (0.3, 0.15)  # [radii] correspondence distances of ICP from each of many starts
@@ -101,7 +103,7 @@ def _open3d() -> Any:
     return open3d_loader.load().pipelines.registration
 
 
-def _cloud(points: Array, normals: Array) -> Any:
+def point_cloud(points: Array, normals: Array) -> Any:
     """Open3D point cloud of points (n, 3) [m] with unit normals (n, 3)."""
     o3d = open3d_loader.load()
 
@@ -111,7 +113,7 @@ def _cloud(points: Array, normals: Array) -> Any:
 
 
 def _model_cloud(model: Model) -> Any:
-    return _cloud(model.points, model.normals)
+    return point_cloud(model.points, model.normals)
 
 
 def _thinned(cloud: Any, edge: float) -> Any:
@@ -121,29 +123,44 @@ def _thinned(cloud: Any, edge: float) -> Any:
     return thin
 
 
-def _icp(scan: Any, model: Any, reaches: Iterable[float], X_TS: Array) -> Any:
-    """Result of Open3D's point-to-plane ICP, with correspondence distances `reaches` [m] one after
-    the other.
+def icp(
+    scan: Any, model: Any, reaches: Iterable[float], X_TS: Array, kind: IcpKind = "plane"
+) -> Any:
+    """Result of Open3D's ICP, with correspondence distances `reaches` [m] one after the other.
 
-    Tried on 29 scenes, from 25 deg off: the first of them 0.07, 0.1, 0.15, 0.3 radii: 19, 22, 20,
-    18 found; an
-    absolute 20 cm, then 5 cm: 12; point to point: 15; Tukey weights of 1, 2, 3 sigma: 13, 18, 19.
+    Args:
+        scan: Point cloud in S.
+        model: Point cloud in T.
+        reaches: [m]
+        X_TS: (4, 4) pose of S in T at the start.
+        kind: Point to point, point to plane, or generalised.
+
+    Point to plane, tried on 29 scenes, from 25 deg off: the first distance 0.07, 0.1, 0.15, 0.3
+    radii: 19, 22, 20, 18 found; an absolute 20 cm, then 5 cm: 12; point to point: 15; Tukey weights
+    of 1, 2, 3 sigma: 13, 18, 19.
     """
     registration = _open3d()
     criteria = registration.ICPConvergenceCriteria(max_iteration=ICP_STEPS)
 
-    found = None
+    method, estimation = {
+        "point": (registration.registration_icp, registration.TransformationEstimationPointToPoint),
+        "plane": (registration.registration_icp, registration.TransformationEstimationPointToPlane),
+        "generalised": (
+            registration.registration_generalized_icp,
+            registration.TransformationEstimationForGeneralizedICP,
+        ),
+    }[kind]
+
+    result = None
     for reach in reaches:
-        found = registration.registration_icp(
-            scan, model, reach, X_TS, registration.TransformationEstimationPointToPlane(), criteria
-        )
-        X_TS = found.transformation
-    return found
+        result = method(scan, model, reach, X_TS, estimation(), criteria)
+        X_TS = result.transformation
+    return result
 
 
 def _refined(task: RegistrationTask, model: Any, X_ST: Array) -> Array:
     """The rough pose `X_ST` (4, 4) refined by ICP."""
-    found = _icp(_cloud(task.points, task.normals), model, task.stages, inverse(X_ST))
+    found = icp(point_cloud(task.points, task.normals), model, task.stages, inverse(X_ST))
     return inverse(np.array(found.transformation))
 
 
@@ -158,7 +175,7 @@ def _from_all_sides(task: RegistrationTask, model: Any) -> Array:
 
     Tried on 15 scenes: correspondences within 0.3, then 0.15 radii: 6 found; within 0.15 alone: 5.
     """
-    scan = _cloud(task.points, task.normals)
+    scan = point_cloud(task.points, task.normals)
     edge = FEATURE_VOXEL * task.model.radius
     thin, thin_model = _thinned(scan, edge), _thinned(model, edge)
 
@@ -171,21 +188,20 @@ def _from_all_sides(task: RegistrationTask, model: Any) -> Array:
     rough = []
     for R in Rotation.create_group("I").as_matrix():
         X_ST = pose(R, middle - R @ task.model.center)
-        rough.append(_icp(thin, thin_model, reaches, inverse(X_ST)))
+        rough.append(icp(thin, thin_model, reaches, inverse(X_ST)))
     rough.sort(key=lambda found: -found.fitness)
 
     # Fine: the best of them on all points.
     finished = [
-        _icp(scan, model, task.stages, found.transformation) for found in rough[:STARTS_KEPT]
+        icp(scan, model, task.stages, found.transformation) for found in rough[:STARTS_KEPT]
     ]
 
     return inverse(np.array(max(finished, key=lambda found: found.fitness).transformation))
 
 
-def _features(cloud: Any, radius: float) -> tuple[Any, Any]:
-    """The thinned cloud, and its FPFH features."""
+def features(cloud: Any, edge: float) -> tuple[Any, Any]:
+    """The cloud thinned to cubes of `edge` [m], and its FPFH features."""
     o3d = open3d_loader.load()
-    edge = FEATURE_VOXEL * radius
     thin = _thinned(cloud, edge)
 
     return thin, _open3d().compute_fpfh_feature(
@@ -193,22 +209,19 @@ def _features(cloud: Any, radius: float) -> tuple[Any, Any]:
     )
 
 
-def _ransac(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
-    """RANSAC on FPFH features, then ICP; X_ST (4, 4).
+def ransac(of_scan: tuple[Any, Any], of_model: tuple[Any, Any], near: float, seed: int) -> Array:
+    """Rough pose X_TS (4, 4) by Open3D's RANSAC on FPFH features.
 
-    Tried on 29 scenes: cubes of 0.03, 0.05, 0.08 radii: 7, 15, 13 found; of 1 to 4 spacings: 4, 8,
-    15, 9; one-sided
-    matches: 14; features of 8 cubes: 10; normals estimated anew: 9.
+    Args:
+        of_scan: Thinned cloud and features in S.
+        of_model: Likewise in T.
+        near: [m] largest distance of partners.
+        seed: Of Open3D's global generator, from which it draws.
     """
-    o3d, registration = open3d_loader.load(), _open3d()
+    registration = _open3d()
+    open3d_loader.load().utility.random.seed(seed % 2**31)
 
-    model, *of_model = prepared
-    of_scan = _features(_cloud(task.points, task.normals), task.model.radius)
-
-    o3d.utility.random.seed(task.seed % 2**31)
-    near = 1.5 * FEATURE_VOXEL * task.model.radius  # [m] as in Open3D's tutorial
-
-    found = registration.registration_ransac_based_on_feature_matching(
+    return registration.registration_ransac_based_on_feature_matching(
         of_scan[0],
         of_model[0],
         of_scan[1],
@@ -222,14 +235,27 @@ def _ransac(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
             registration.CorrespondenceCheckerBasedOnDistance(near),
         ],
         registration.RANSACConvergenceCriteria(100_000, 0.999),
-    )
+    ).transformation
 
-    return _refined(task, model, inverse(np.array(found.transformation)))
+
+def _by_features(task: RegistrationTask, prepared: tuple[Any, Any, Any]) -> Array:
+    """RANSAC on FPFH features, then ICP; X_ST (4, 4).
+
+    Tried on 29 scenes: cubes of 0.03, 0.05, 0.08 radii: 7, 15, 13 found; of 1 to 4 spacings: 4, 8,
+    15, 9; one-sided matches: 14; features of 8 cubes: 10; normals estimated anew: 9.
+    """
+    model, *of_model = prepared
+    edge = FEATURE_VOXEL * task.model.radius
+    of_scan = features(point_cloud(task.points, task.normals), edge)
+
+    # the distance is that of Open3D's tutorial
+    X_TS = ransac(of_scan, (of_model[0], of_model[1]), 1.5 * edge, task.seed)
+    return _refined(task, model, inverse(np.array(X_TS)))
 
 
 def _prepared_features(model: Model) -> tuple[Any, Any, Any]:
     cloud = _model_cloud(model)
-    return cloud, *_features(cloud, model.radius)
+    return cloud, *features(cloud, FEATURE_VOXEL * model.radius)
 
 
 def _prepared_small_gicp(model: Model) -> tuple[Any, Any]:
@@ -365,8 +391,8 @@ def _point_pairs(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
     poses = detector.match(_oriented(task.points, task.normals), PPF_SCENE[0], PPF_SCENE[1])
     found = [X for X in (np.array(each.pose) for each in poses) if task.admits(X)][:PPF_KEPT]
 
-    scan = _cloud(task.points, task.normals)
-    finished = [_icp(scan, cloud, task.stages, inverse(X_ST)) for X_ST in found]
+    scan = point_cloud(task.points, task.normals)
+    finished = [icp(scan, cloud, task.stages, inverse(X_ST)) for X_ST in found]
 
     if not finished:
         return np.eye(4)
@@ -392,7 +418,7 @@ PEERS: Mapping[str, Peer] = {
         title="Open3D FPFH, RANSAC, ICP",
         needs=_OPEN3D,
         prepare=_prepared_features,
-        register=_ransac,
+        register=_by_features,
     ),
     "kiss_matcher": Peer(
         title="KISS-Matcher, ICP",

@@ -14,12 +14,12 @@ from typing import Literal
 
 import numpy as np
 
-from experiments.identification.decision_rates import surface_of
-from uuv.clouds.object_scenes import CAMERAS, ObjectScene
+from experiments.identification.scene_cases import identified, surface_of
+from uuv.clouds.frames import CAMERAS
 from uuv.clouds.scene_kinds import NAMES, draw
 from uuv.experiment import Page, column, experiment, stat
 from uuv.perception.finding.next_view import ranked_views, views_around
-from uuv.perception.registration.identification import Identification, identify
+from uuv.perception.registration.identification import Identification
 from uuv.sim.interfaces.spatial import Array, inverse
 
 Order = Literal["fixed", "widest", "chosen"]
@@ -57,7 +57,7 @@ class ViewRow:
 def looks_needed(case: ViewCase) -> ViewRow:
     """Takes views of a scene in each order until one is accepted."""
     scene = draw(case.object, case.kind, case.seed, case.sensor)
-    start = _identified(case, scene)
+    start = identified(scene, surface_of(case.object))
     if start.accepted:
         return ViewRow(first=True, right=scene.is_found(start.X_sensor_target))
 
@@ -88,20 +88,10 @@ def _views_taken(
         left.remove(pick)
         X_CS = views[pick]
         scene = draw(case.object, case.kind, case.seed, case.sensor, X_CS, pick + 1)
-        last = _identified(case, scene)
+        last = identified(scene, surface_of(case.object))
         if last.accepted:
             return 1 + len(views) - len(left), scene.is_found(last.X_sensor_target)
     return None, False
-
-
-def _identified(case: ViewCase, scene: ObjectScene) -> Identification:
-    return identify(
-        scene.scan,
-        surface_of(case.object),
-        scene.approach,
-        scene.orientation,
-        sensor=scene.sensor.model,
-    )
 
 
 looks_needed.page = (

@@ -87,10 +87,12 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
                     step += J[i, k] * A[k, 6]
 
                 # Within the limits; a hinge with a range of a whole turn wraps.
-                value, lower, upper = q[i] + step, limits[i, 0], limits[i, 1]
+                moved = q[i] + step
+                lower = limits[i, 0]
+                upper = limits[i, 1]
                 if slides[i] == 0.0 and upper - lower >= 2.0 * math.pi - 1e-9:
-                    value = lower + (value - lower) % (2.0 * math.pi)
-                q[i] = min(max(value, lower), upper)
+                    moved = lower + (moved - lower) % (2.0 * math.pi)
+                q[i] = min(max(moved, lower), upper)
 
     return False
 
@@ -116,18 +118,24 @@ def forward(dh, slides, tool, q, J, X):
         for r in range(3):
             J[i, r], J[i, 3 + r] = X[r, 3], X[r, 2]
 
-        theta, d, a = dh[i, 0], dh[i, 1], dh[i, 2]
+        theta = dh[i, 0]
+        d = dh[i, 1]
+        a = dh[i, 2]
         if slides[i] != 0.0:
             d += q[i]
         else:
             theta += q[i]
 
-        c, s, ca, sa = math.cos(theta), math.sin(theta), math.cos(dh[i, 3]), math.sin(dh[i, 3])
+        c = math.cos(theta)
+        s = math.sin(theta)
+        ca = math.cos(dh[i, 3])
+        sa = math.sin(dh[i, 3])
         for r in range(3):
             x, y, z = X[r, 0], X[r, 1], X[r, 2]
             X[r, 0] = c * x + s * y
             v = c * y - s * x
-            X[r, 1], X[r, 2] = ca * v + sa * z, ca * z - sa * v
+            X[r, 1] = ca * v + sa * z
+            X[r, 2] = ca * z - sa * v
             X[r, 3] += a * X[r, 0] + d * z
 
     # The tip, by the tool.

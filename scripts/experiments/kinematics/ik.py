@@ -155,7 +155,7 @@ def ik(case: IkCase) -> IkRow:
         solved={name: entry.solved for name, entry in times.items()},
         median=medians,
         p95={name: float(np.quantile(entry.call, 0.95)) for name, entry in times.items()},
-        ratio={name: value / medians["hybrid"] for name, value in medians.items()},
+        ratio={name: duration / medians["hybrid"] for name, duration in medians.items()},
         ratio_sigma=sigmas,
         kernel=kernel
         and {

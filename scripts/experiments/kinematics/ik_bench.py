@@ -65,18 +65,18 @@ class SolverTimes:
 def dh_forward(arm: SerialArm, q: Array) -> Array:
     """Tip poses (N, 4, 4) at joint values (N, n): the product of textbook DH matrices."""
     X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
-    for (theta, d, a, alpha), kind, value in zip(arm.dh, arm.joint_types, q.T, strict=True):
+    for (theta, d, a, alpha), kind, coordinate in zip(arm.dh, arm.joint_types, q.T, strict=True):
         turn, lift = (
-            (theta + 0.0 * value, d + value) if kind == "p" else (theta + value, d + 0.0 * value)
+            (theta + 0.0 * coordinate, d + coordinate)
+            if kind == "p"
+            else (theta + coordinate, d + 0.0 * coordinate)
         )
 
-        c, s, ca, sa, zero = (
-            np.cos(turn),
-            np.sin(turn),
-            math.cos(alpha),
-            math.sin(alpha),
-            0.0 * value,
-        )
+        c = np.cos(turn)
+        s = np.sin(turn)
+        ca = math.cos(alpha)
+        sa = math.sin(alpha)
+        zero = 0.0 * coordinate
 
         rows = [
             [c, -s * ca, s * sa, a * c],
@@ -93,7 +93,8 @@ def dh_forward(arm: SerialArm, q: Array) -> Array:
 
 def reached(drawn: IkTargets, q: Array) -> np.ndarray:
     """(N,) bool: joint values (N, n) bring the tip within the bar and the limits; False for NaN."""
-    X, bar = dh_forward(drawn.arm, q), BARS[drawn.bar]
+    X = dh_forward(drawn.arm, q)
+    bar = BARS[drawn.bar]
     D = np.swapaxes(X[:, :3, :3], 1, 2) @ drawn.targets[:, :3, :3]
     twice = np.stack(
         [D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1
@@ -102,8 +103,8 @@ def reached(drawn: IkTargets, q: Array) -> np.ndarray:
     angle = np.arctan2(np.linalg.norm(twice, axis=1), np.trace(D, axis1=1, axis2=2) - 1.0)
     distance = np.linalg.norm(X[:, :3, 3] - drawn.targets[:, :3, 3], axis=1)
 
-    kept = np.all((q >= drawn.limits[:, 0] - 1e-9) & (q <= drawn.limits[:, 1] + 1e-9), axis=1)
-    return (distance <= SLACK * bar[0]) & (angle <= SLACK * bar[1]) & kept
+    within = np.all((q >= drawn.limits[:, 0] - 1e-9) & (q <= drawn.limits[:, 1] + 1e-9), axis=1)
+    return (distance <= SLACK * bar[0]) & (angle <= SLACK * bar[1]) & within
 
 
 def targets_of(
@@ -128,11 +129,13 @@ def targets_of(
     if degrees == OWN_LIMITS:
         limits = np.where(np.isfinite(arm.limits), arm.limits, [-np.pi, np.pi])
         bounds = limits
-        of_targets, of_starts = f"{name}: targets within", f"{name}: starts within"
+        of_targets = f"{name}: targets within"
+        of_starts = f"{name}: starts within"
     else:
         limits = np.where(slides[:, None], arm.limits, np.radians([-degrees, degrees]))
         bounds = np.where(slides[:, None], arm.limits, [-REACH, REACH])
-        of_targets, of_starts = f"{name}: targets", f"{name}: starts"
+        of_targets = f"{name}: targets"
+        of_starts = f"{name}: starts"
 
     # targets, and starts that are within the limits too
     q = streams[of_targets].uniform(*bounds.T, size=(count, arm.n))
@@ -155,7 +158,8 @@ def contenders(drawn: IkTargets, *, with_peers: bool) -> dict[str, Solver]:
         drawn: Arm, limits and accuracy.
         with_peers: The installed ones too.
     """
-    chain, bar = drawn.chain, BARS[drawn.bar]
+    chain = drawn.chain
+    bar = BARS[drawn.bar]
     solvers: dict[str, Solver] = {
         method: partial(_own_solver, chain, method, bar) for method in METHODS
     }
@@ -194,10 +198,13 @@ def race(drawn: IkTargets, solvers: Mapping[str, Solver], repeats: int) -> dict[
         turn = first // BLOCK % len(lanes)
         taken = dict.fromkeys(solvers, 0)
         for name in lanes[turn:] + lanes[:turn]:
-            solver, lane, answer = solvers[name], times[name][taken[name]], answers[name]
+            solver = solvers[name]
+            lane = times[name][taken[name]]
+            answer = answers[name]
             taken[name] += 1
             for i in range(first, min(first + BLOCK, count)):
-                target, start = drawn.targets[i], drawn.starts[i].copy()
+                target = drawn.targets[i]
+                start = drawn.starts[i].copy()
                 begin = clock()
                 answer[i] = solver(target, start)
                 lane[i] = 1e-9 * (clock() - begin)
@@ -217,12 +224,15 @@ def kernel_times(drawn: IkTargets, rounds: int) -> tuple[Array, Array]:
 
     Processor time of this thread, in the loop that `solve_many` gives to its threads.
     """
-    chain, bar, count = drawn.chain, BARS[drawn.bar], len(drawn.targets)
+    chain = drawn.chain
+    bar = BARS[drawn.bar]
+    count = len(drawn.targets)
     dh, slides, limits, tool, J, A, X = arguments(drawn.task)
     many = entry("many")
     memory = chain._memory.copy()
     settings = Settings(HYBRID, *bar, *bar, 4000, 200, False, False)
-    q, out = np.empty((count, chain.n)), np.empty((count, 5))
+    q = np.empty((count, chain.n))
+    out = np.empty((count, 5))
     clock = time.thread_time
 
     pairs = []

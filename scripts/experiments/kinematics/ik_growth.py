@@ -124,7 +124,7 @@ def growth(rows: list[Row]) -> list[str | dict | tuple[str, str, Figure]]:
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="upper left")
 
-    lines = [f"{name}: exponent {value:.2f} from {LONG} links" for name, value in exponent.items()]
+    lines = [f"{name}: exponent {power:.2f} from {LONG} links" for name, power in exponent.items()]
     return [*lines, {"exponent": exponent}, ("Growth with the number of links", "", figure)]
 
 

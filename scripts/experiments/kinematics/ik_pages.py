@@ -24,7 +24,11 @@ RATIO_GOALS = {
 }
 KERNEL_GOALS = {("puma560", COLD): 8.0, ("puma560", WARM): 3.0}  # [us]
 STARTS = (COLD, WARM)
-BLUE, ORANGE, GREEN, VERMILION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
+BLUE = "#0072B2"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
 COLORS = {
     "hybrid": BLUE,
     "jacobian_free": GREEN,
@@ -51,7 +55,8 @@ def mean_ratio(rows: Sequence[Row], solver: str) -> tuple[float, float, float] |
 
     log = float(np.mean([math.log(row["ratio"][solver]) for row in rows]))
     sigma = math.sqrt(sum(row["ratio_sigma"][solver] ** 2 for row in rows)) / len(rows)
-    low, high = log - SIGMAS * sigma, log + SIGMAS * sigma
+    low = log - SIGMAS * sigma
+    high = log + SIGMAS * sigma
     return math.exp(log), math.exp(low), math.exp(high)
 
 
@@ -123,14 +128,15 @@ def ratios_picture(rows: list[Row]) -> tuple[str, str, Figure]:
 
     for k, (start, color) in enumerate(zip(STARTS, (BLUE, ORANGE), strict=True)):
         ratios = [mean_ratio(shown_rows(rows, start), name) for name in names]
-        values = np.array([ratio or (np.nan,) * 3 for ratio in ratios])
+        quotients = np.array([ratio or (np.nan,) * 3 for ratio in ratios])
         places = np.arange(len(names)) + 0.38 * (k - 0.5)
-        bars = _bars(values)
-        axes.barh(places, values[:, 0], 0.36, color=color, label=start, xerr=bars)
-        for place, (value, _, high) in zip(places, values, strict=True):
-            text = f"{value:.2g}" if value < 10 else f"{value:.0f}"
+
+        bars = _bars(quotients)
+        axes.barh(places, quotients[:, 0], 0.36, color=color, label=start, xerr=bars)
+        for y_bar, (quotient, _, high) in zip(places, quotients, strict=True):
+            text = f"{quotient:.2g}" if quotient < 10 else f"{quotient:.0f}"
             axes.annotate(
-                text, (high, place), (4, 0), textcoords="offset points", va="center", fontsize=8
+                text, (high, y_bar), (4, 0), textcoords="offset points", va="center", fontsize=8
             )
 
     axes.set_yticks(range(len(names)), names)
@@ -153,10 +159,10 @@ def arms_picture(rows: list[Row]) -> tuple[str, str, Figure]:
         chosen = [row for row in rows if row["start"] == start]
         log = np.log([row["kernel_ratio"] for row in chosen])
         off = SIGMAS * np.array([row["kernel_sigma"] for row in chosen])
-        values = np.exp(np.stack([log, log - off, log + off], axis=1))
+        quotients = np.exp(np.stack([log, log - off, log + off], axis=1))
         places = [names.index(row["arm"]) + 0.2 * (k - 0.5) for row in chosen]
         style = {"fmt": "o", "color": color, "capsize": 3, "label": start}
-        axes.errorbar(places, values[:, 0], _bars(values), **style)
+        axes.errorbar(places, quotients[:, 0], _bars(quotients), **style)
 
     axes.axhline(1.0, color="0.3", lw=0.8)
     axes.axhline(1.0 / 1.1, color=VERMILION, lw=0.8, ls="--", label="10 % slower than the baseline")

@@ -115,16 +115,18 @@ def forward(chain: Chain, q: Array) -> Array:
     """Tip poses (N, 4, 4) at joint values (N, n): the product of exponentials of their twists."""
     X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
 
-    for kind, axis, point, value in zip(
+    for kind, axis, point, coordinate in zip(
         chain.joint_types, chain.axes, chain.points, q.T, strict=True
     ):
         step = np.zeros((len(q), 4, 4))
         step[:, 3, 3] = 1.0
         step[:, :3, :3] = Rotation.from_rotvec(
-            np.outer(0.0 * value if kind == "p" else value, axis)
+            np.outer(0.0 * coordinate if kind == "p" else coordinate, axis)
         ).as_matrix()
 
-        step[:, :3, 3] = np.outer(value, axis) if kind == "p" else point - step[:, :3, :3] @ point
+        step[:, :3, 3] = (
+            np.outer(coordinate, axis) if kind == "p" else point - step[:, :3, :3] @ point
+        )
         X = X @ step
     return X @ chain.X_base_tip0
 

@@ -48,19 +48,20 @@ def present() -> dict[str, bool]:
 
 def peers(task: SolverTask) -> dict[str, Solver]:
     """Solvers by name: the installed peers that support this arm."""
-    made = {
+    solvers = {
         name: build(task)
         for name, (module, build) in _PEERS.items()
         if find_spec(module) is not None
     }
-    return {name: solver for name, solver in made.items() if solver is not None}
+    return {name: solver for name, solver in solvers.items() if solver is not None}
 
 
 def urdf(task: SolverTask) -> str:
     """The arm as URDF, from "base" to "tip"."""
     parts = ['<robot name="arm"><link name="base"/>']
     for i, X in enumerate(task.arm.origins()):
-        rpy, last = roll_pitch_yaw(X[:3, :3]), i == task.arm.n
+        rpy = roll_pitch_yaw(X[:3, :3])
+        last = i == task.arm.n
         kind = "fixed" if last else {"r": "revolute", "p": "prismatic"}[task.arm.joint_types[i]]
         lower, upper = (0.0, 0.0) if last else task.limits[i]
         parts.append(
@@ -89,7 +90,8 @@ def mjcf(task: SolverTask) -> Any:
     """The arm as a compiled MuJoCo model with a site "tip"."""
     mujoco = import_module("mujoco")
     spec = mujoco.MjSpec()
-    body, frames = spec.worldbody, task.arm.origins()
+    body = spec.worldbody
+    frames = task.arm.origins()
     for i, X in enumerate(frames[:-1]):
         body = body.add_body(pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         kind = (
@@ -136,7 +138,8 @@ def _ikdh(task: SolverTask) -> Solver | None:
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
-    ikdh, dh = import_module("ikdh"), arm.dh
+    ikdh = import_module("ikdh")
+    dh = arm.dh
     solve = ikdh.Solver(ikdh.DHTable(*(list(dh[:, k]) for k in (2, 1, 3, 0)))).solve_from_seed
     to_flange = np.linalg.inv(arm.X_n_flange)
 
@@ -217,14 +220,16 @@ def _optik(task: SolverTask) -> Solver | None:
 def _toolbox(task: SolverTask) -> Solver:
     """Robotics Toolbox, `ik_LM` with the damping of [Chan 1988] (C++); restarts by itself."""
     tools = import_module("roboticstoolbox")
-    E, chain = tools.ET, tools.ETS()
+    E = tools.ET
+    chain = tools.ETS()
     for (theta, d, a, alpha), kind, limits in zip(
         task.arm.dh, task.arm.joint_types, task.limits, strict=True
     ):
         joint = E.tz(qlim=limits) if kind == "p" else E.Rz(qlim=limits)
         chain = chain * E.Rz(theta) * E.tz(d) * joint * E.tx(a) * E.Rx(alpha)
     chain = chain * E.SE3(task.arm.X_n_flange)
-    mask, tolerance = np.array([1.0] * 3 + [task.weight**2] * 3), 0.5 * task.bar[0] ** 2
+    mask = np.array([1.0] * 3 + [task.weight**2] * 3)
+    tolerance = 0.5 * task.bar[0] ** 2
 
     def solver(target: Array, q0: Array) -> Array:
         answer = chain.ik_LM(target, q0=q0, tol=tolerance, mask=mask, k=0.1)
@@ -235,23 +240,27 @@ def _toolbox(task: SolverTask) -> Solver:
 
 def _kdl(task: SolverTask) -> Solver:
     """KDL's Levenberg-Marquardt, without limits; restarted where it fails or ends beyond them."""
-    kdl, rng = import_module("PyKDL"), np.random.default_rng(0)
+    kdl = import_module("PyKDL")
+    rng = np.random.default_rng(0)
     chain = kdl.Chain()
-    frames, kinds = task.arm.origins(), {"r": kdl.Joint.RotZ, "p": kdl.Joint.TransZ}
+    frames = task.arm.origins()
+    kinds = {"r": kdl.Joint.RotZ, "p": kdl.Joint.TransZ}
     for kind, X in zip(task.arm.joint_types, frames[1:], strict=True):
         chain.addSegment(kdl.Segment(kdl.Joint(kinds[kind]), _kdl_frame(kdl, X)))
     # Its default weights, 1 and 0.01 m: setting others requires a numpy before 2.
     method = kdl.ChainIkSolverPos_LMA(chain, min(task.bar[0], 0.01 * task.bar[1]), 100, 1e-12)
-    start, found = kdl.JntArray(task.arm.n), kdl.JntArray(task.arm.n)
+    start = kdl.JntArray(task.arm.n)
+    solution = kdl.JntArray(task.arm.n)
 
     def solver(target: Array, q0: Array) -> Array:
         n = chain.getNrOfJoints()  # read from the chain to keep it alive: `method` does not
-        goal, q = _kdl_frame(kdl, target), q0
+        goal = _kdl_frame(kdl, target)
+        q = q0
         for _ in range(RESTARTS):
             for i in range(n):
                 start[i] = q[i]
-            if method.CartToJnt(start, goal, found) >= 0:
-                q = folded(np.array([found[i] for i in range(n)]), task)
+            if method.CartToJnt(start, goal, solution) >= 0:
+                q = folded(np.array([solution[i] for i in range(n)]), task)
                 if np.all((q >= task.limits[:, 0]) & (q <= task.limits[:, 1])):
                     return q
             q = rng.uniform(*task.limits.T)
@@ -268,12 +277,14 @@ def _pinocchio(task: SolverTask) -> Solver:
     """Damped least squares in Python on Pinocchio's Jacobian, as in its documentation; restarts,
     clamped steps.
     """
-    pin, rng = import_module("pinocchio"), np.random.default_rng(0)
+    pin = import_module("pinocchio")
+    rng = np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     data, tip, (lower, upper) = model.createData(), model.getFrameId("tip"), task.limits.T
 
     def solver(target: Array, q0: Array) -> Array:
-        goal, q = pin.SE3(target), q0
+        goal = pin.SE3(target)
+        q = q0
         for loop in range(1, LOOPS + 1):
             pin.framesForwardKinematics(model, data, q)
             error = data.oMf[tip].actInv(goal)
@@ -296,7 +307,9 @@ def _mink(task: SolverTask) -> Solver:
     """Differential kinematics with mink on MuJoCo, a QP for each step (daqp); a Python loop,
     restarted.
     """
-    mink, model, rng = import_module("mink"), mjcf(task), np.random.default_rng(0)
+    mink = import_module("mink")
+    model = mjcf(task)
+    rng = np.random.default_rng(0)
     state = mink.Configuration(model)
     goal = mink.FrameTask(
         "tip", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=DAMPING
@@ -324,7 +337,9 @@ def _pink(task: SolverTask) -> Solver:
     """Differential kinematics with pink on Pinocchio, a QP for each step (daqp); a Python loop,
     restarted.
     """
-    pink, pin, rng = import_module("pink"), import_module("pinocchio"), np.random.default_rng(0)
+    pink = import_module("pink")
+    pin = import_module("pinocchio")
+    rng = np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     state = pink.Configuration(model, model.createData(), task.limits.mean(axis=1))
     goal = import_module("pink.tasks").FrameTask(
@@ -351,7 +366,8 @@ def _pink(task: SolverTask) -> Solver:
 
 def _within(twist: Array, task: SolverTask) -> bool:
     """True if a (linear; angular) error is within the accuracy."""
-    linear, angular = twist[:3], twist[3:]
+    linear = twist[:3]
+    angular = twist[3:]
     return (
         float(linear @ linear) <= task.bar[0] ** 2 and float(angular @ angular) <= task.bar[1] ** 2
     )

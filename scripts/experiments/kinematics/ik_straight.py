@@ -69,7 +69,8 @@ def ik_straight(case: StraightCase) -> StraightRow:
         "jacobian_free": lambda X, q0: solve(chain, X, q0, method="jacobian_free").q,
     }
 
-    solved, spent = {}, {}
+    solved = {}
+    spent = {}
     for name, solver in (solvers | peers(task)).items():
         solver(targets[0], HOME[:6])  # loads its code
         began = time.perf_counter()

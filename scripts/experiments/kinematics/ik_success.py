@@ -25,7 +25,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.interfaces.streams import Streams
 
-WITHIN, SOME, ALL = "within limits", "1 to 3 on limits", "all on limits"
+WITHIN = "within limits"
+SOME = "1 to 3 on limits"
+ALL = "all on limits"
 KINDS = (WITHIN, SOME, ALL)  # of targets
 RANGES = (180, 150)  # [deg]
 UNEVEN = ("puma560", "ur5", "general6r", "panda", "era")

@@ -43,7 +43,7 @@ def read_result(file: Path) -> dict[str, Any]:
     path = file / METRICS if file.is_dir() else file
     content = json_of(path, "result")
     try:
-        result = TableReader(path.name, passes_unknown=True).made(_Result, content)
+        record = TableReader(path.name, passes_unknown=True).made(_Result, content)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: is no result file of uuv benchmark: {error}") from error
 
@@ -53,9 +53,9 @@ def read_result(file: Path) -> dict[str, Any]:
                 f"{path}: is no result file of uuv benchmark: a row has no class"
             )
 
-    if len(result.rows) != result.benchmark.cases:
+    if len(record.rows) != record.benchmark.cases:
         raise ConfigurationError(
-            f"{path}: expected {result.benchmark.cases} rows, got {len(result.rows)}"
+            f"{path}: expected {record.benchmark.cases} rows, got {len(record.rows)}"
         )
 
     return content
@@ -117,21 +117,20 @@ def page(results: Sequence[Mapping[str, Any]]) -> str:
 
     # Only results of the same cases can be compared.
     first = results[0]["benchmark"]
-    for result in results:
-        about = result["benchmark"]
-        for name, (said, cure) in _SAME.items():
+    for record in results:
+        about = record["benchmark"]
+        for name, (phrase, cure) in _SAME.items():
             if about[name] != first[name]:
                 raise ConfigurationError(
-                    f"leaderboard: {first['entry']!r} has {said} {first[name]}, "
+                    f"leaderboard: {first['entry']!r} has {phrase} {first[name]}, "
                     f"{about['entry']!r} has {about[name]}: "
                     f"{cure}"
                 )
 
     scored = [
-        (result["benchmark"], totals(result["rows"]), by_family(result["rows"]))
-        for result in results
+        (entry["benchmark"], totals(entry["rows"]), by_family(entry["rows"])) for entry in results
     ]
-    scored.sort(key=lambda each: (-each[1]["kept"]["value"], each[0]["entry"]))
+    scored.sort(key=lambda row: (-row[1]["kept"]["value"], row[0]["entry"]))
 
     families = list(dict.fromkeys(name for _, _, counts in scored for name in counts))
     kinds = "public cases" if first["public"] else f"cases of seed {first['seed']}"
@@ -193,7 +192,9 @@ def _interval(figure: Mapping[str, float] | None, scale: float, digits: int) -> 
     """A value and its interval in brackets, where it has one."""
     if figure is None:
         return "–"
-    told = f"{scale * figure['value']:.{digits}f}"
+    figure_text = f"{scale * figure['value']:.{digits}f}"
     if "low" not in figure:
-        return told
-    return f"{told} ({scale * figure['low']:.{digits}f} to {scale * figure['high']:.{digits}f})"
+        return figure_text
+    return (
+        f"{figure_text} ({scale * figure['low']:.{digits}f} to {scale * figure['high']:.{digits}f})"
+    )

@@ -63,19 +63,19 @@ def fit(pairs: list[Pair]) -> ErrorModel:
     Raises:
         ConfigurationError: No pair was aligned, or none observes all directions.
     """
-    kept = [pair for pair in pairs if not pair.lost]
-    if not kept:
+    located = [pair for pair in pairs if not pair.lost]
+    if not located:
         raise ConfigurationError(f"fit: none of {len(pairs)} pairs was aligned; more are needed")
     lost = _fit_lost(pairs)
 
     start = np.zeros(8)
-    used = kept
+    used = located
     for _ in range(3):  # outliers are those of the fit without them
         start = np.asarray(optimize.minimize(_deviance, start, args=(used,), method="L-BFGS-B").x)
-        used = [pair for pair in kept if squared(pair, start)[0] <= GATE]
+        used = [pair for pair in located if squared(pair, start)[0] <= GATE]
 
     # Outliers: their share, and how much larger they are.
-    squares = [squared(pair, start)[0] for pair in kept]
+    squares = [squared(pair, start)[0] for pair in located]
     outliers = [square for square in squares if square > GATE]
     factor = np.sqrt(np.median(outliers) / 3.0) if outliers else 1.0
 
@@ -84,14 +84,14 @@ def fit(pairs: list[Pair]) -> ErrorModel:
     sound = [pair.error for pair in used if squared(pair, start)[1] == 3]
     if not sound:
         raise ConfigurationError(
-            f"fit: none of {len(kept)} aligned pairs observes all directions; more are needed"
+            f"fit: none of {len(located)} aligned pairs observes all directions; more are needed"
         )
     return ErrorModel(
         texture=_rounded(start[:4]),
         shape=_rounded(start[4:]),
         lost=_rounded(lost),
         common=round(common, 3),
-        outliers=round(len(outliers) / max(len(kept), 1), 4),
+        outliers=round(len(outliers) / max(len(located), 1), 4),
         outlier_factor=round(float(factor), 2),
         bias=_rounded(np.mean(sound, axis=0), 7),
         pairs=len(pairs),
@@ -112,7 +112,7 @@ def _common_share(pairs: list[Pair], parameters: Array) -> float:
 
 
 def _rounded(values: Array, digits: int = 3) -> Any:
-    return tuple(round(float(value), digits) for value in values)
+    return tuple(round(float(parameter), digits) for parameter in values)
 
 
 def _information(pair: Pair, parameters: Array) -> Array:
@@ -129,20 +129,22 @@ def squared(pair: Pair, parameters: Array) -> tuple[float, int]:
 
 
 def _whitened(pair: Pair, parameters: Array) -> Array:
-    values, axes = np.linalg.eigh(_information(pair, parameters))
-    return axes @ (np.sqrt(np.maximum(values, 0.0)) * (axes.T @ pair.error))
+    eigenvalues, axes = np.linalg.eigh(_information(pair, parameters))
+    return axes @ (np.sqrt(np.maximum(eigenvalues, 0.0)) * (axes.T @ pair.error))
 
 
 def _deviance(parameters: Array, pairs: list[Pair]) -> float:
     """Twice the negative log likelihood, over the observed directions, with a weak prior."""
     total = float(np.sum(parameters**2)) / 4.0
     for pair in pairs:
-        values, axes = np.linalg.eigh(_information(pair, parameters))
-        seen = values > OBSERVED
+        eigenvalues, axes = np.linalg.eigh(_information(pair, parameters))
+        observed = eigenvalues > OBSERVED
         along = axes.T @ pair.error
-        total += float(np.sum(along[seen] ** 2 * values[seen] - np.log(values[seen])))
+        total += float(
+            np.sum(along[observed] ** 2 * eigenvalues[observed] - np.log(eigenvalues[observed]))
+        )
         # of one given up: that at the bound
-        total += (1.0 + 2.0 * np.log(WEAKEST)) * int((~seen).sum())
+        total += (1.0 + 2.0 * np.log(WEAKEST)) * int((~observed).sum())
     return total
 
 
@@ -160,8 +162,8 @@ def _fit_lost(pairs: list[Pair]) -> Array:
 
 def figures_of(group: list[Pair], parameters: Array) -> tuple[str, ...]:
     """Cells of the table for a group of pairs, against the model with the fitted parameters."""
-    kept = [pair for pair in group if not pair.lost]
-    if not kept:
+    located = [pair for pair in group if not pair.lost]
+    if not located:
         return (str(len(group)), *("",) * 7)
 
     across: list[Array] = []
@@ -169,11 +171,11 @@ def figures_of(group: list[Pair], parameters: Array) -> tuple[str, ...]:
     stated: list[float] = []
     nees = 0.0
     dof = count = beyond = 0
-    for pair in kept:
+    for pair in located:
         # the error in the observed directions
         L = _information(pair, parameters)
-        values, axes = np.linalg.eigh(L)
-        observed = values > OBSERVED
+        eigenvalues, axes = np.linalg.eigh(L)
+        observed = eigenvalues > OBSERVED
         n = int(observed.sum())
         error = (axes * observed) @ axes.T @ pair.error
         count += n
@@ -191,13 +193,13 @@ def figures_of(group: list[Pair], parameters: Array) -> tuple[str, ...]:
 
     return (
         str(len(group)),
-        f"{(len(group) - len(kept)) / len(group):.1%}",
+        f"{(len(group) - len(located)) / len(group):.1%}",
         f"{1e3 * np.sqrt(np.mean(np.square(across))):.3f}",
         f"{1e3 * np.sqrt(np.mean(np.square(along))):.3f}",
         f"{1e3 * np.median(stated):.3f}" if stated else "-",
-        f"{count / len(kept):.2f} of 3",
+        f"{count / len(located):.2f} of 3",
         f"{nees / dof:.2f}" if dof else "-",
-        f"{beyond / len(kept):.1%}",
+        f"{beyond / len(located):.1%}",
     )
 
 

@@ -1,178 +1,125 @@
 """Writes docs/papers.md: what the papers state in numbers, and what this project gives.
 
-    # runs the commands whose figures are missing
     ./uvw run scripts/experiments/papers/page.py
 
-    # runs them all; an hour
-    ./uvw run scripts/experiments/papers/page.py --anew
-
-    # only commands that contain the word; the others keep their figures
-    ./uvw run scripts/experiments/papers/page.py --only force
-
-The rows stand in statements.toml beside this file. A row names a command and takes its figures from
-the metrics.json that it writes, or from what it prints. The figures are kept in docs/papers.json.
-Exit code 1: a command failed, or a row found no figure.
+The statements stand in statements.toml beside this file. Their figures are of kept rows: those of
+the jobs by stated_runs.py, those of experiments by their own. A statement without a figure there,
+or whose rows were found changed by their last check, is refused by name: nothing is written, and
+the exit code is 1.
 """
 
-import json
-import re
-import shlex
-import subprocess
-import sys
-import tempfile
-import tomllib
-from collections.abc import Iterator, Mapping
+from uuv.start import parse, run_scenario  # isort: skip
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.start import parse, run_scenario
+from experiments.papers.stated_runs import stated_runs
+from experiments.papers.statements import PaperStatement, Statements, leaves, read
+from uuv.results.pages import STATUS, ResultsOfOne, all_experiments, results, write_page
 
-HERE = Path(__file__).resolve()
-DOCS = HERE.parents[3] / "docs"
-STATEMENTS, FIGURES, PAGE = (
-    HERE.with_name("statements.toml"),
-    DOCS / "papers.json",
-    DOCS / "papers.md",
-)
-_LOST = (0, 1)  # exit codes of a run with figures: accepted, or done outside its bounds
+PAGE = Path("papers.md")
 
 
 @dataclass
 class Options:
     """Statements of the papers beside the figures of this project."""
 
-    anew: bool = False
-    """Run every command again."""
-    only: str = ""
-    """Run again the commands that contain this word."""
-
 
 @dataclass(frozen=True, kw_only=True)
-class PaperStatement:
-    """One statement of a paper."""
+class PaperFigures:
+    """Kept figures: of jobs by command, of experiments by name."""
 
-    place: str  # in the paper
-    stated: str  # by it
-    ours: str  # text with {group.name} of metrics.json, or {0}, {1} ... of `printed`
-    command: str = ""  # after `./uvw run scripts/`; none: `ours` is a reason
-    printed: str = ""  # regular expression of the output
-    remark: str = ""
+    sources: Mapping[str, ResultsOfOne]  # by name of the experiment
+    figures: Mapping[str, Mapping[str, Any]]  # by command or name of the experiment
+
+    @classmethod
+    def kept(cls, statements: Statements) -> "PaperFigures":
+        """Those of the experiments that statements name, and of the jobs."""
+        named = {stated_runs.name, *(row.experiment for row in statements.rows)}
+        chosen = [entry for entry in all_experiments() if entry.name in named]
+        return cls.of(results(chosen, data=False))
+
+    @classmethod
+    def of(cls, entries: Sequence[ResultsOfOne]) -> "PaperFigures":
+        """Those of some experiments; none of rows that their check found changed."""
+        sources = {entry.experiment.name: entry for entry in entries}
+
+        figures: dict[str, Mapping[str, Any]] = {}
+        for name, entry in sources.items():
+            if entry.kept is None or entry.kept.check.deviations:
+                continue
+            if name == stated_runs.name:
+                figures |= {row["command"]: row["figures"] for row in entry.kept.rows}
+            else:
+                summary = entry.experiment.summary(entry.kept.rows)
+                figures[name] = dict(leaves(dict(summary.metrics)))
+        return cls(sources=sources, figures=figures)
+
+    def text(self, row: PaperStatement) -> str | None:
+        """What stands beside a statement; None: a figure is lacking."""
+        source = row.command or row.experiment
+        if not source:
+            return row.ours
+        try:
+            return row.text(self.figures.get(source, {}))
+        except KeyError:
+            return None
+
+    def refusal(self, row: PaperStatement) -> str:
+        """Why there is no figure."""
+        entry = self.sources.get(row.experiment or stated_runs.name)
+        if entry is None:
+            return f"{row.experiment or stated_runs.name}: no such experiment"
+        if entry.kept is None or entry.kept.check.deviations:
+            return f"{entry.experiment.name}: {entry.status}"
+        lacking = [name for name in row.names if name not in self.figures.get(row.command, {})]
+        return f"{row.command or row.experiment}: its rows have no {', '.join(lacking)}"
 
 
 def main() -> int:
-    """Runs what is missing and writes the page; 1 if a figure is lacking."""
-    options = parse(Options)
+    """Writes the page; 1 if a figure is lacking."""
+    parse(Options)
     console = Console(highlight=False)
-    papers = tomllib.loads(STATEMENTS.read_text(encoding="utf-8"))
-    rows = [row for paper in papers["paper"] for row in _rows(paper)]
-    kept: dict[str, dict[str, str]] = (
-        json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
-    )
+    statements = read()
+    figures = PaperFigures.kept(statements)
 
-    figures: dict[str, dict[str, str]] = {}
-    for command in dict.fromkeys(row.command for row in rows if row.command):
-        wanted = [row for row in rows if row.command == command]
-        known = kept.get(command, {})
-        again = options.anew or bool(options.only and options.only in command)
-        if again or not all(row.ours in known for row in wanted):
-            console.print(f"[bold]{command}[/]")
-            known = _figures(command, wanted)
-        figures[command] = {row.ours: known[row.ours] for row in wanted if row.ours in known}
-
-    FIGURES.write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    PAGE.write_text("\n".join(_page(papers, figures)) + "\n", encoding="utf-8")
-
-    lacking = [row for row in rows if row.command and row.ours not in figures[row.command]]
+    lacking = [row for row in statements.rows if figures.text(row) is None]
     for row in lacking:
-        console.print(f"no figure: {row.place}: {row.ours}", style="red")
-    console.print(f"{len(rows) - len(lacking)} of {len(rows)} statements written to {PAGE}")
-    return 1 if lacking else 0
+        console.print(f"{row.place}: {figures.refusal(row)}", style="red", markup=False)
+    if lacking:
+        console.print(f"no page: {len(lacking)} of {len(statements.rows)} statements lack a figure")
+        return 1
+
+    write_page(PAGE, "\n".join(page_of(statements, figures)) + "\n")
+    console.print(f"{len(statements.rows)} statements written to docs/{PAGE}")
+    return 0
 
 
-def _rows(paper: Mapping[str, Any]) -> list[PaperStatement]:
-    try:
-        return [PaperStatement(**row) for row in paper["row"]]
-    except TypeError as error:
-        raise ConfigurationError(f"{STATEMENTS.name}: {paper['source']}: {error}") from None
-
-
-def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
-    """Texts with figures of the rows of one command, by their patterns; those that it does not give
-    are left out.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "out"
-        call = [sys.executable, *_program(command), "--out", str(out)]
-        done = subprocess.run(
-            call, cwd=HERE.parents[3], capture_output=True, text=True, check=False
-        )
-        file = out / "metrics.json"
-        metrics = dict(_flat(json.loads(file.read_text(encoding="utf-8")))) if file.exists() else {}
-
-    if done.returncode not in _LOST:
-        Console(stderr=True).print(done.stderr[-2000:], markup=False)
-
-    # What was printed, without colours.
-    printed = re.sub(r"\x1b\[[0-9;]*m", "", done.stdout)
-    texts: dict[str, str] = {}
-    for row in rows:
-        found = re.search(row.printed, printed) if row.printed else None
-        groups = found.groups() if found else ()
-        try:
-            texts[row.ours] = _filled(row.ours, groups, metrics)
-        except (KeyError, IndexError):
-            continue
-
-    return texts
-
-
-def _program(command: str) -> list[str]:
-    """What Python runs: the command `uuv`, or a file of scripts/."""
-    first, *rest = shlex.split(command)
-    return ["-m", "uuv", *rest] if first == "uuv" else [str(HERE.parents[2] / first), *rest]
-
-
-def _filled(text: str, groups: tuple[str, ...], metrics: Mapping[str, Any]) -> str:
-    """`text` with its figures; raises KeyError or IndexError if there is none."""
-    return re.sub(r"\{([^}]+)\}", lambda match: _value(match[1], groups, metrics), text)
-
-
-def _value(field: str, groups: tuple[str, ...], metrics: Mapping[str, Any]) -> str:
-    """The figure that `field` names: NAME*FACTOR:FORMAT, or the number of a group."""
-    if field.isdigit():
-        return groups[int(field)].strip()
-    name, _, form = field.partition(":")
-    name, _, factor = name.partition("*")
-
-    value = metrics[name]
-    if value is None:
-        return "none"
-    return format(float(value) * float(factor or 1.0), form) if form else str(value)
-
-
-def _flat(tree: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Leaves of nested tables and lists, as ("contact.segments.0.set_n", 60.0)."""
-    if not isinstance(tree, dict | list):
-        yield above, tree
-        return
-    for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
-        yield from _flat(value, f"{above}.{key}" if above else str(key))
-
-
-def _page(papers: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
-    yield from ("# The papers, statement by statement", "", papers["intro"].strip(), "")
+def page_of(statements: Statements, figures: PaperFigures) -> Iterator[str]:
+    """Lines of the page."""
+    yield from ("# The papers, statement by statement", "", statements.intro.strip(), "")
     yield from ("```", "./uvw run scripts/experiments/papers/page.py", "```")
-    for paper in papers["paper"]:
-        yield from ("", f"## [{paper['source']}] {paper['title']}", "", paper["text"].strip(), "")
+    yield from _statuses(list(figures.sources.values()))
+
+    for paper in statements.paper:
+        yield from ("", f"## [{paper.source}] {paper.title}", "", paper.text.strip(), "")
         yield from ("| place | stated | here | command | difference |", "|---|---|---|---|---|")
-        for row in _rows(paper):
-            ours = figures[row.command].get(row.ours, "no figure") if row.command else row.ours
-            command = f"`{row.command}`" if row.command else ""
-            yield f"| {row.place} | {row.stated} | {ours} | {command} | {row.remark} |"
+        for row in paper.row:
+            command = row.command
+            if row.experiment:
+                command = figures.sources[row.experiment].command.removeprefix("./uvw run scripts/")
+            shown = f"`{command}`" if command else ""
+            yield f"| {row.place} | {row.stated} | {figures.text(row)} | {shown} | {row.remark} |"
+
+
+def _statuses(entries: Sequence[ResultsOfOne]) -> Iterator[str]:
+    """A line for each source of figures."""
+    for entry in entries:
+        yield from ("", f"{STATUS}`{entry.experiment.name}`: {entry.status}")
 
 
 if __name__ == "__main__":

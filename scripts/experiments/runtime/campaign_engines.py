@@ -154,8 +154,8 @@ def empty_tasks(engine: Any, tasks: Sequence[CampaignRun], workers: int) -> dict
     times = [time.perf_counter()]
     workers_of = engine_for(engine, workers, len(tasks), Limits())
 
-    for results in workers_of.results(tasks, nothing, no_task):
-        times += [time.perf_counter()] * len(results)
+    for batch in workers_of.results(tasks, nothing, no_task):
+        times += [time.perf_counter()] * len(batch)
 
     return {
         "first": times[1] - times[0],
@@ -196,7 +196,8 @@ def real_runs(
 
 def plan_costs(campaign: Campaign) -> dict[str, float]:
     """Time [s] and memory [B] that a run takes before it begins: its values drawn, its key."""
-    before, began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    began = time.perf_counter()
     keyed = {key_of(run): run for run in campaign.runs(_PLANNED)}
     took = time.perf_counter() - began
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
@@ -211,7 +212,7 @@ def row_costs(rows: Sequence[Row]) -> dict[str, Any]:
         rows: Rows of a campaign; they are repeated under other numbers.
     """
     plain = [
-        {name: value for name, value in row.items() if name not in (KEY, TIMING)} for row in rows
+        {name: entry for name, entry in row.items() if name not in (KEY, TIMING)} for row in rows
     ]
 
     added: dict[str, float] = {}

@@ -36,11 +36,12 @@ class _Stopwatch(event.Listener):
 
     def on_end(self, event: event.Event) -> None:
         began, inner = self._open.pop()
-        data: Any = event.data
+        record: Any = event.data
 
-        whole, kernel = time.process_time() - began, data["dispatcher"]
+        whole = time.process_time() - began
+        kernel = record["dispatcher"]
         ours = kernel.py_func.__module__.partition(".")[0] == PACKAGE
-        self.spent[id(kernel), data["args"]] = whole - sum(inner)
+        self.spent[id(kernel), record["args"]] = whole - sum(inner)
 
         if self._open:
             self._open[-1][1].extend([whole] if ours else inner)
@@ -51,7 +52,9 @@ def _can_be_told(args: Any) -> bool:
     those that call it.
     """
     try:
-        return all(decoded(json.loads(json.dumps(encoded(each)))) == each for each in args)
+        return all(
+            decoded(json.loads(json.dumps(encoded(argument)))) == argument for argument in args
+        )
     except UuvError:
         return False
 
@@ -61,45 +64,53 @@ def listed() -> list[KernelJob]:
     watch = _Stopwatch()
 
     with event.install_listener("numba:compile", watch):
-        for name, given, *_ in CALLS:
-            KernelJob(name, None, given, (), 0.0).do()
+        for name, signature, *_ in CALLS:
+            KernelJob(name, None, signature, (), 0.0).do()
         run_through(assemble(jobs.clean_barrel(quick=True)))
 
-    made = [
+    compiled_kernels = [
         (name, args, kernel)
         for name, kernel in kernels()
         for args in kernel.overloads
         if isinstance(kernel._cache, StoredKernel) and kernel._can_compile and _can_be_told(args)
     ]
-    rows = {id(kernel.overloads[args].library): row for row, (_, args, kernel) in enumerate(made)}
+    rows = {
+        id(kernel.overloads[args].library): row
+        for row, (_, args, kernel) in enumerate(compiled_kernels)
+    }
 
     def called(library: Any) -> set[int]:
-        found = set[int]()
-        for each in library._linking_libraries:
-            found |= {rows[id(each)]} if id(each) in rows else called(each)
-        return found
+        callees = set[int]()
+        for linked in library._linking_libraries:
+            callees |= {rows[id(linked)]} if id(linked) in rows else called(linked)
+        return callees
 
     after = [
-        called(kernel.overloads[args].library) - {row} for row, (_, args, kernel) in enumerate(made)
+        called(kernel.overloads[args].library) - {row}
+        for row, (_, args, kernel) in enumerate(compiled_kernels)
     ]
     order: list[int] = []
-    while len(order) < len(made):  # those that a job calls before it
+    while len(order) < len(compiled_kernels):  # those that a job calls before it
         order += [
-            row for row in range(len(made)) if row not in order and after[row].issubset(order)
+            row
+            for row in range(len(compiled_kernels))
+            if row not in order and after[row].issubset(order)
         ]
 
-    found: list[KernelJob] = []
+    kernel_jobs: list[KernelJob] = []
     for row in order:
-        name, args, kernel = made[row]
-        before = tuple(sorted(order.index(each) for each in after[row]))
+        name, args, kernel = compiled_kernels[row]
+        before = tuple(sorted(order.index(row_before) for row_before in after[row]))
         seconds = round(watch.spent.get((id(kernel), args), 0.0), 2)
-        found.append(KernelJob(name, [encoded(each) for each in args], (), before, seconds))
+        kernel_jobs.append(
+            KernelJob(name, [encoded(argument) for argument in args], (), before, seconds)
+        )
 
-    for name, given, seconds, needs in CALLS:
-        before = tuple(row for row, job in enumerate(found) if job.kernel.startswith(needs))
-        found.append(KernelJob(name, None, given, before, seconds))
+    for name, signature, seconds, needs in CALLS:
+        before = tuple(row for row, job in enumerate(kernel_jobs) if job.kernel.startswith(needs))
+        kernel_jobs.append(KernelJob(name, None, signature, before, seconds))
 
-    return found
+    return kernel_jobs
 
 
 def main() -> int:

@@ -148,8 +148,17 @@ class PlannerPart:
 
     def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
         self.period, self.init = part.period, part.init
+        self._foresees = part
         self._step, self._spent, self._placing = watch.around(part.step), watch.spent, placing.spent
         self._state = WorkState.SETTLE  # of the last reference
+
+    def ahead(self, *values: Any) -> Any:
+        """Foresight of the planner."""
+        return self._foresees.ahead(*values)
+
+    def followed(self, *values: Any) -> Any:
+        """State after foreseen periods."""
+        return self._foresees.followed(*values)
 
     def step(self, state: Any, *values: Any) -> Any:
         """Step of the planner; a step that ends the scan counts as placement."""

@@ -28,8 +28,13 @@ from uuv.sim import hydrodynamics
 LINK = np.array([0.3, 0.0, 0.0])  # [m] from joint to joint
 JOINTS = 6  # of the arm
 MOST_OVER_BARE, MOST_OVER_ELLIPSOID = 1.6, 0.3  # goals of the exact water
-VEHICLE, GROWTH, ONE_BODY = "vehicle", "growth", "one body"
-BARE, EXACT, ELLIPSOID, CALLBACK = "bare", "exact", "ellipsoid fluid", "numpy callback, drag only"
+VEHICLE = "vehicle"
+GROWTH = "growth"
+ONE_BODY = "one body"
+BARE = "bare"
+EXACT = "exact"
+ELLIPSOID = "ellipsoid fluid"
+CALLBACK = "numpy callback, drag only"
 OURS = "ours, full step"
 
 
@@ -182,7 +187,8 @@ def with_ellipsoids(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """The vehicle with MuJoCo's fluid model: drag, lift and velocity terms of added mass, no added
     inertia.
     """
-    spec.option.density, spec.option.viscosity = water.SEA_WATER, 1e-3
+    spec.option.density = water.SEA_WATER
+    spec.option.viscosity = 1e-3
     for geom in spec.geoms:
         geom.fluid_ellipsoid = 1.0
     return spec.compile()
@@ -238,7 +244,8 @@ def growth(rows: list[Row]) -> list[str]:
         chains = [row for row in rows if (row["table"], row["shape"]) == (GROWTH, shape)]
         chains.sort(key=lambda row: row["link_count"])
         if len(chains) > 1:
-            few, many = chains[0], chains[-1]
+            few = chains[0]
+            many = chains[-1]
             gain = many["ratio"][EXACT] / few["ratio"][EXACT]
             lines.append(
                 f"{shape}: exact / bare with {many['link_count']} links over that with "

@@ -70,11 +70,14 @@ def batch_speed(case: BatchCase) -> BatchRow:
         ends = []
         for threads, batch in batches.items():
             batch.reset()
-            qpos, qvel = batch.bind("qpos"), batch.bind("qvel")
+            qpos = batch.bind("qpos")
+            qvel = batch.bind("qvel")
             qvel[:] = starts
-            begin, used = time.perf_counter(), time.process_time()
+            begin = time.perf_counter()
+            used = time.process_time()
             batch.step(nstep=case.steps)
-            taken, used = time.perf_counter() - begin, time.process_time() - used
+            taken = time.perf_counter() - begin
+            used = time.process_time() - used
             count = case.steps * case.sims
             wall[str(threads)] = min(wall[str(threads)], taken / count)
             busy[str(threads)] = min(busy[str(threads)], used / count)
@@ -84,14 +87,14 @@ def batch_speed(case: BatchCase) -> BatchRow:
     before = resident()
     keeping = mujoco.batch.Batch(model, nsim=case.sims, nthread=1, persistent=True)
     keeping.step(nstep=2)
-    kept = (resident() - before) / case.sims
+    held = (resident() - before) / case.sims
 
     return BatchRow(
         step=wall,
         processor=busy,
         identical=all(np.array_equal(end, ends[0]) for end in ends),
         state=8 * batches[1].nstate,
-        persistent=kept or None,
+        persistent=held or None,
         reserved=mujoco.MjData(model).nbuffer + model.narena,
     )
 

@@ -24,7 +24,9 @@ def numpy_callback(model: mujoco.MjModel) -> Callable[[mujoco.MjModel, mujoco.Mj
 
     It shows the cost of a Python callback.
     """
-    roots, drag, lift = model.body_rootid[1:], 5.0, np.array([0.0, 0.0, 10.0])
+    roots = model.body_rootid[1:]
+    drag = 5.0
+    lift = np.array([0.0, 0.0, 10.0])
     below = np.eye(model.nbody)  # below[i, j]: body j is i or a descendant of it
     for i in range(model.nbody - 1, 0, -1):
         below[model.body_parentid[i]] += below[i]
@@ -124,7 +126,8 @@ def auv_sim_bench(timestep: float) -> Stepper | None:
 
     vehicle = import_module("auv_sim_bench.dynamics").AUVDynamics()
     vehicle.s.v = np.array([0.3, 0.1, 0.0])
-    force, torque = np.zeros(3), np.zeros(3)
+    force = np.zeros(3)
+    torque = np.zeros(3)
 
     def run(steps: int) -> None:
         for _ in range(steps):

@@ -73,7 +73,7 @@ def seabed_speed(case: GroundCloud) -> GroundCloudRow:
     at = np.column_stack([level, np.full(2_000, 2.0)])
 
     # Ours, then the others.
-    results = {OURS: _errors(build_terrain(cloud).scene, at - cloud.mean(axis=0), ground, at)}
+    errors_of = {OURS: _errors(build_terrain(cloud).scene, at - cloud.mean(axis=0), ground, at)}
     times: dict[str, float | None] = {OURS: None}  # it is a part of the path's
     lacking = ""
     try:
@@ -84,13 +84,13 @@ def seabed_speed(case: GroundCloud) -> GroundCloudRow:
     for name, triangulate in others.items():
         times[name], mesh = _timed(triangulate)
         scene = RayScene(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
-        results[name] = _errors(scene, at, ground, at)
+        errors_of[name] = _errors(scene, at, ground, at)
 
     return GroundCloudRow(
         path_time=path_time,
         time=times,
-        error={name: error for name, (error, _) in results.items()},
-        missed={name: missed for name, (_, missed) in results.items()},
+        error={name: error for name, (error, _) in errors_of.items()},
+        missed={name: missed for name, (_, missed) in errors_of.items()},
         lacking=lacking,
     )
 
@@ -106,8 +106,8 @@ def _scatter(ground: Seabed, points: int, rng: np.random.Generator) -> Array:
 
 def _timed(work: Callable[[], Any]) -> tuple[float, Any]:
     began = time.process_time()
-    result = work()
-    return time.process_time() - began, result
+    outcome = work()
+    return time.process_time() - began, outcome
 
 
 def _errors(scene: Any, starts: Array, ground: Seabed, at: Array) -> tuple[float, float]:

@@ -88,13 +88,14 @@ def _deformed(case: DeformationCase) -> DeformationRow:
     # The true deviation of each pixel.
     X_CT = inverse(frames[-1].X_WS)
     surface, _ = ModelSurface.of(true.target).seen(X_CT, frames[-1].scan)
-    seen = np.isfinite(surface.depth)
+    measured = np.isfinite(surface.depth)
     offset = np.full(surface.depth.shape, np.nan)
-    offset[seen] = true.offset_at(transform_points(inverse(X_CT), surface.points[seen]))
+    offset[measured] = true.offset_at(transform_points(inverse(X_CT), surface.points[measured]))
 
     single = replace(identification, accepted=True)
     fused = with_fused_frames(single, frames)
     maps = {"1": figures(single, offset), str(case.looks): figures(fused, offset)}
+
     return DeformationRow(
         deformed=True,
         accepted=identification.accepted,
@@ -151,6 +152,7 @@ def figures(identification: Identification, offset: Array) -> dict[str, list[Any
         columns["error"].append(float(np.std((mapped.deviation - offset)[pixels])))
         columns["both"].append(int((truth & labelled).sum()))
         columns["either"].append(int((truth | labelled).sum()))
+
     return columns
 
 

@@ -230,7 +230,7 @@ def path_figures(
     deviation = deviate(identification.evidence, identification.surface, X_ST, carried, 0.05, 0.06)
     share = np.linspace(0.0, 1.0, len(planned.s))
     along = np.linspace(0.0, 1.0, len(carried.p))
-    seen = np.interp(share, along, deviation.seen.astype(float)) > 0.5
+    visible = np.interp(share, along, deviation.seen.astype(float)) > 0.5
 
     # Model and path off the true surface.
     model_T = carry(X_TS, carried)
@@ -240,23 +240,23 @@ def path_figures(
 
     # The tool against the normal.
     normal = surface.normals(tool_T.p)
-    tilt = angles(-tool_T.a, normal)[seen]
-    turn = angles(surface.mean_normals(tool_T.p, tool_T.b, tool_T.a), normal)[seen]
+    tilt = angles(-tool_T.a, normal)[visible]
+    turn = angles(surface.mean_normals(tool_T.p, tool_T.b, tool_T.a), normal)[visible]
     return PathFigures(
-        seen=float(seen.mean()),
+        seen=float(visible.mean()),
         model_rms=_rms(model),
         model_largest=_largest(model),
-        path_rms=_rms(distance[seen]),
-        path_largest=_largest(distance[seen]),
-        within=float(np.mean(np.abs(distance[seen]) < BOUND)) if seen.any() else None,
-        unseen_largest=_largest(distance[~seen]),
+        path_rms=_rms(distance[visible]),
+        path_largest=_largest(distance[visible]),
+        within=float(np.mean(np.abs(distance[visible]) < BOUND)) if visible.any() else None,
+        unseen_largest=_largest(distance[~visible]),
         tilt_rms=_rms(tilt),
         tilt_largest=_largest(tilt),
         turn_rms=_rms(turn),
         profile={
             "s": planned.s[::4].tolist(),
             "distance": distance[::4].tolist(),
-            "seen": seen[::4].tolist(),
+            "seen": visible[::4].tolist(),
         },
     )
 

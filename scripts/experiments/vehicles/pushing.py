@@ -71,8 +71,8 @@ class PushCase:
     @property
     def thruster(self) -> dict[str, float]:
         """Fields of every thruster that the case changes."""
-        asked = {"time_constant": self.lag, "dead_band": self.dead_band}
-        return {name: number for name, number in asked.items() if number is not None}
+        settings = {"time_constant": self.lag, "dead_band": self.dead_band}
+        return {name: number for name, number in settings.items() if number is not None}
 
 
 @dataclass(slots=True, eq=False)
@@ -106,7 +106,9 @@ class PushedPlant:
     """
 
     def __init__(self, plant: Plant, push: TipPush) -> None:
-        self.plant, self.push, self.timestep = plant, push, plant.timestep
+        self.plant = plant
+        self.push = push
+        self.timestep = plant.timestep
         push.truth = plant.truth
 
     def observe(self) -> Truth:
@@ -115,7 +117,8 @@ class PushedPlant:
 
     def step(self, command: Command) -> None:
         """Applies the push, zeroes a stopped thruster, and steps the plant."""
-        plant, push = self.plant, self.push
+        plant = self.plant
+        push = self.push
 
         plant.data.qfrc_applied[:] = 0.0
         if push.force_W.any():
@@ -153,7 +156,9 @@ class HullController:
     def __init__(
         self, case: PushCase, model: mujoco.MjModel, push: TipPush, rng: np.random.Generator
     ) -> None:
-        self._case, self._push, self._rng = case, push, rng
+        self._case = case
+        self._push = push
+        self._rng = rng
 
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=case.water_error)
@@ -166,7 +171,8 @@ class HullController:
         # The felt force has a bias that stays.
         self._bias = FELT_BIAS * rng.standard_normal(3)
         self._home = self._arm.wrench_at_rest(np.array(vehicle.q_home))
-        self.felt_W, self._w_last_B = np.zeros(3), np.zeros(3)
+        self.felt_W = np.zeros(3)
+        self._w_last_B = np.zeros(3)
 
     def _control(self, allocation: Allocation) -> HullControl:
         case = self._case
@@ -201,7 +207,8 @@ class HullController:
         Returns:
             State, command.
         """
-        case, truth = self._case, self._push.truth
+        case = self._case
+        truth = self._push.truth
         assert truth is not None
         R_WB = estimate.X_WB[:3, :3]
 
@@ -364,13 +371,15 @@ class PlacedPush(PlacedTask):
         those of the case.
         """
         # [kg m^2] of the order of the arm's inertia about any joint
-        case, inertia = self.task.case, 5.0
+        case = self.task.case
+        inertia = 5.0
         home = next(key for key in vehicle.keys if key.name == HOME_KEY)
         for name, address, q in zip(
             self.own.vehicle.joint_names, self.own.vehicle.qpos, case.q, strict=True
         ):
             joint = vehicle.joint(name)
-            joint.stiffness[0], joint.damping[0] = inertia * HOLD**2, 2.0 * inertia * HOLD
+            joint.stiffness[0] = inertia * HOLD**2
+            joint.damping[0] = 2.0 * inertia * HOLD
             joint.springref = home.qpos[address] = q
 
         for actuator in vehicle.actuators:
@@ -405,7 +414,8 @@ def run(case: PushCase) -> PushFigures:
     assembly = replace(assemble(scenario), noise=sensors)
     assert isinstance(assembly.placed, PlacedPush)
 
-    k, every = len(case.directions_B), case.push + case.rest
+    k = len(case.directions_B)
+    every = case.push + case.rest
     pushed = PushFigures(
         excursion=np.zeros(k),
         tilt=np.zeros(k),
@@ -416,12 +426,12 @@ def run(case: PushCase) -> PushFigures:
         command_rate=0.0,
     )
 
-    seen = _Judge(case, assembly.plant, push, assembly.placed.keeper, pushed)
+    judge = _Judge(case, assembly.plant, push, assembly.placed.keeper, pushed)
     run_through(
-        assembly, observers=[seen], longest=round((case.settle + k * every) / PERIOD) * PERIOD
+        assembly, observers=[judge], longest=round((case.settle + k * every) / PERIOD) * PERIOD
     )
 
-    return seen.done()
+    return judge.done()
 
 
 class _Judge:
@@ -435,23 +445,26 @@ class _Judge:
         keeper: HullController,
         pushed: PushFigures,
     ) -> None:
-        self._case, self._plant, self._push, self._keeper, self._pushed = (
-            case,
-            plant,
-            push,
-            keeper,
-            pushed,
-        )
+        self._case = case
+        self._plant = plant
+        self._push = push
+        self._keeper = keeper
+        self._pushed = pushed
 
         self._start = (np.zeros(3), np.eye(3))
         self._at = -1
         self._B = plant.vehicle.thruster_wrench
-        self._force, self._current, self._rates = [], [], []
-        self._before_B, self._last = np.zeros(3), np.zeros(0)
+        self._force = []
+        self._current = []
+        self._rates = []
+        self._before_B = np.zeros(3)
+        self._last = np.zeros(0)
         self._ticks = 0
 
     def observe(self, moment: Moment) -> None:
-        case, truth, pushed = self._case, self._plant.truth, self._pushed
+        case = self._case
+        truth = self._plant.truth
+        pushed = self._pushed
         since = truth.time - case.settle
         at, inside = divmod(since, case.push + case.rest)
         at = int(at)
@@ -505,7 +518,8 @@ class _Judge:
         if self._at >= 0:
             self._pushed.force_error[self._at] = np.sqrt(np.mean(self._force))
             self._pushed.current_error[self._at] = np.sqrt(np.mean(self._current, axis=0))
-        self._force, self._current = [], []
+        self._force = []
+        self._current = []
 
     def done(self) -> PushFigures:
         self._close()

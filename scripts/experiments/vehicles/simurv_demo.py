@@ -69,7 +69,8 @@ def profile(way: float, cruise: float, duration: float, time: float) -> float:
     if not way or time >= duration:
         return way
     ramp = duration - way / speed
-    rising, falling = min(time, ramp), max(0.0, time - (duration - ramp))
+    rising = min(time, ramp)
+    falling = max(0.0, time - (duration - ramp))
     return float(speed * (0.5 * rising**2 / ramp + max(0.0, time - ramp) - 0.5 * falling**2 / ramp))
 
 
@@ -112,14 +113,16 @@ def by_priorities(arm: SerialArm, times: Array, target: PoseOverTime) -> Motion:
 
 def by_pseudo_inverses(arm: SerialArm, times: Array, target: PoseOverTime) -> Motion:
     """SIMURV's weighted task priorities, by Euler steps of the speeds."""
-    X_WB, q = np.eye(4), np.zeros(6)
+    X_WB = np.eye(4)
+    q = np.zeros(6)
     of_tool, of_hull, of_joints = GAINS
     rows = []
 
     for time in times:
         frames = [X_WB @ pose(p=phoenix_smart3s.BASE) @ X for X in arm.joint_frames(q)]
         rows.append((X_WB.copy(), q.copy(), frames[-1]))
-        R, X = X_WB[:3, :3], frames[-1]
+        R = X_WB[:3, :3]
+        X = frames[-1]
 
         # Jacobian of the tool, and its error: of angles, the vector of a quaternion
         axes = np.array([*R.T, *(frame[:3, 2] for frame in frames[:-1])])
@@ -139,7 +142,8 @@ def by_pseudo_inverses(arm: SerialArm, times: Array, target: PoseOverTime) -> Mo
         ]
 
         # the tool first, then a level hull in its null space, then the posture in that of both
-        first, both = inverse_of(tool), np.vstack([tool, level])
+        first = inverse_of(tool)
+        both = np.vstack([tool, level])
         speeds = first @ (of_tool * off)
         speeds += (
             (np.eye(12) - first @ tool) @ inverse_of(level) @ (of_hull * np.array([-roll, -pitch]))

@@ -5,16 +5,25 @@ is called through `PythonControl`. Both leave their command in the arrays of `Co
 """
 
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any, Generic, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import numpy as np
 
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import slots
 from uuv.sim.interfaces.kernels.record_box import new_box
 from uuv.sim.interfaces.kernels.slots import FINE, PythonSlots, address_of_box, call_at
 from uuv.sim.interfaces.kernels.stored import kernel
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate
-from uuv.sim.interfaces.records import EstimateRecord, state_estimate, take_estimate
+from uuv.sim.interfaces.records import (
+    EstimateRecord,
+    ReferenceRecord,
+    reference_record,
+    state_estimate,
+    take_estimate,
+    take_reference,
+)
 from uuv.sim.interfaces.spatial import Array
 
 # Answers of a controller's tick, beside those of every slot
@@ -36,6 +45,7 @@ class Commanded(NamedTuple):
     thrusters: Array  # (m,) normalised
     f_W: Array  # (3,) [N] force of the world on the tip, W
     felt: Array  # (1,) [N] normal force
+    sigma_G: Array  # (3,) [N] standard deviation of the force, tool axes; inf: not known
     arm_wrench_B: Array  # (6,) [N, N m] of `HullLoad`; nan: not reported
     current_W: Array  # (3,) [m/s] of `HullLoad`
     hull_steps: np.ndarray  # (1,) steps of the hull so far
@@ -48,6 +58,7 @@ def commanded(joints: int, thrusters: int) -> Commanded:
         thrusters=np.zeros(thrusters),
         f_W=np.full(3, np.nan),
         felt=np.full(1, np.nan),
+        sigma_G=np.full(3, np.inf),
         arm_wrench_B=np.full(6, np.nan),
         current_W=np.zeros(3),
         hull_steps=np.zeros(1, dtype=np.int64),
@@ -78,12 +89,16 @@ class Inputs:
         # Of which `record` was made, or which was made of it.
         self.message: StateEstimate | None = None
         self._reference: Reference | None = None
+        # Set points of a table, while that is used.
+        self.ahead: Callable[[], Reference | None] | None = None
 
     @property
     def reference(self) -> Reference:
         """Set points of the present ticks."""
-        assert self._reference is not None
-        return self._reference
+        reference = None if self.ahead is None else self.ahead()
+        reference = reference or self._reference
+        assert reference is not None
+        return reference
 
     @reference.setter
     def reference(self, reference: Reference) -> None:
@@ -123,12 +138,40 @@ class Unsaved(Generic[Made]):
         return Unsaved, ()
 
 
+class BoundFields:
+    """Fields of states whose arrays a tick is bound to: to be written into, not to be replaced."""
+
+    def __init__(self, *states: Any) -> None:
+        """Take the arrays, and records of arrays, that are fields of dataclasses."""
+        self._bound = [
+            (state, item.name, value)
+            for state in states
+            for item in fields(state)
+            if isinstance(value := getattr(state, item.name), np.ndarray)
+            or hasattr(value, "_fields")
+        ]
+
+    def check(self) -> None:
+        """Refuse arrays that have taken the place of those.
+
+        Raises:
+            ConfigurationError: a field was assigned after the first step.
+        """
+        for state, name, value in self._bound:
+            if getattr(state, name) is not value:
+                raise ConfigurationError(
+                    f"{type(state).__name__}.{name}: was replaced after the first step, which has "
+                    f"bound its arrays; write into them: state.{name}[...] = ..."
+                )
+
+
 class ControlTick(Protocol):
     """Tick of a controller, bound to the arrays that it works on; for one run."""
 
     address: int  # of its kernel, or trampoline
     memory: int  # address of what the kernel works on
     command: Commanded
+    reference: ReferenceRecord  # set points that it follows
     slots: PythonSlots
     slow: tuple[str, ...]  # its parts in plain Python that are called at every tick
 
@@ -180,6 +223,7 @@ class PythonControl:
 
         # As `ControlTick` has them.
         self.command = command
+        self.reference = reference_record(len(command.tau))
         self.slots = PythonSlots()
         self.slow = (name,)
         self.address = self.slots.add(self._called)
@@ -190,6 +234,7 @@ class PythonControl:
     def refer(self, reference: Reference) -> None:
         """Take the set points of the ticks that follow."""
         self._inputs.reference = reference
+        take_reference(self.reference, reference)
 
     def ready(self, reference: Reference) -> bool:
         """True: it is called in any case."""
@@ -223,6 +268,7 @@ class PythonControl:
         out.thrusters[:] = command.thrusters
         out.f_W[:] = command.contact.force_W
         out.felt[0] = command.contact.normal
+        out.sigma_G[:] = command.contact.sigma_G
         return True
 
     def _called(self) -> int:

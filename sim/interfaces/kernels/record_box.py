@@ -36,12 +36,12 @@ def as_annotated(record: Any) -> Any:
     kinds = type(record).__annotations__
     return type(record)(
         *(
-            as_annotated(value)
-            if hasattr(value, "_fields")
-            else kinds[name](value)
+            as_annotated(field)
+            if hasattr(field, "_fields")
+            else kinds[name](field)
             if kinds[name] in (float, int, bool)
-            else value
-            for name, value in zip(record._fields, record, strict=True)
+            else field
+            for name, field in zip(record._fields, record, strict=True)
         )
     )
 

@@ -91,8 +91,8 @@ def address_of_kernel(compiled: Any, *boxes: Any) -> int:
         compiled: of `kernel`, not without its C wrapper; it returns an int64.
         *boxes: arguments that it is to take, each a `RecordBox`.
     """
-    result = compiled.get_compile_result(types.int64(*map(numba.typeof, boxes)))
-    return int(result.library.get_pointer_to_function(result.fndesc.llvm_cfunc_wrapper_name))
+    overload = compiled.get_compile_result(types.int64(*map(numba.typeof, boxes)))
+    return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_cfunc_wrapper_name))
 
 
 def slot_function(function: Callable[[Any, Any], int], part: str = "") -> Any:
@@ -176,12 +176,12 @@ def gives_kernel(part: object, name: str) -> bool:
     one of its own.
     """
     classes = type(part).__mro__
-    giver = next((row for row, kind in enumerate(classes) if name in vars(kind)), None)
-    if giver is None:
+    defining = next((row for row, kind in enumerate(classes) if name in vars(kind)), None)
+    if defining is None:
         return False
-    bodies = [item for kind in classes[giver:] for item in vars(kind).items()]
-    methods = {word for word, value in bodies if _is_method(word, value)}
-    later = {word for kind in classes[:giver] for word in vars(kind)}
+    bodies = [member for kind in classes[defining:] for member in vars(kind).items()]
+    methods = {word for word, member in bodies if _is_method(word, member)}
+    later = {word for kind in classes[:defining] for word in vars(kind)}
     return methods.isdisjoint(later | set(getattr(part, "__dict__", ())))
 
 

@@ -38,7 +38,7 @@ def stamp(function: FunctionType, options: object = ()) -> str:
         UnkeyableError: It uses a value that cannot be described.
     """
     digest = hashlib.sha256(repr(options).encode())
-    place = {id(function): 0}
+    numbers = {id(function): 0}
     waiting = [function]
 
     # Each function reached is hashed once, with those that it uses by their place in the order of
@@ -46,11 +46,11 @@ def stamp(function: FunctionType, options: object = ()) -> str:
     while waiting:
         part, used = _described(waiting.pop())
         digest.update(part)
-        for each in used:
-            if id(each) not in place:
-                place[id(each)] = len(place)
-                waiting.append(each)
-            digest.update(b"%d;" % place[id(each)])
+        for callee in used:
+            if id(callee) not in numbers:
+                numbers[id(callee)] = len(numbers)
+                waiting.append(callee)
+            digest.update(b"%d;" % numbers[id(callee)])
     return digest.hexdigest()
 
 
@@ -121,14 +121,14 @@ def _value(value: Any, used: list[FunctionType]) -> str:
 
     if isinstance(value, (tuple, list)):
         kind = _class(type(value)) if hasattr(value, "_fields") else type(value).__name__
-        return f"{kind}({','.join(_value(each, used) for each in value)})"
+        return f"{kind}({','.join(_value(entry, used) for entry in value)})"
     if isinstance(value, (set, frozenset)):
-        return f"{{{','.join(sorted(_value(each, used) for each in value))}}}"
+        return f"{{{','.join(sorted(_value(entry, used) for entry in value))}}}"
     if isinstance(value, dict):
         return (
             "{"
             + ",".join(
-                f"{key!r}:{_value(each, used)}" for key, each in sorted(value.items(), key=repr)
+                f"{key!r}:{_value(entry, used)}" for key, entry in sorted(value.items(), key=repr)
             )
             + "}"
         )
@@ -181,7 +181,7 @@ def _plain(function: FunctionType, used: list[FunctionType]) -> str:
     closure = [cell.cell_contents for cell in function.__closure__ or ()]
     known = (function.__globals__.get(called) for called in sorted(set(_names(function.__code__))))
     # which may lie in other files
-    kernels = [value for value in known if hasattr(value, "targetoptions")]
+    kernels = [global_value for global_value in known if hasattr(global_value, "targetoptions")]
     called = f" {_value(kernels, used)}" if kernels else ""
 
     return f"{name} {_file(function.__code__.co_filename)} {_value(closure, used)}{called}"
@@ -203,7 +203,7 @@ def _module(module: ModuleType, used: list[FunctionType]) -> str:
         return module.__name__
 
     kernels = [
-        value for _, value in sorted(vars(module).items()) if hasattr(value, "targetoptions")
+        member for _, member in sorted(vars(module).items()) if hasattr(member, "targetoptions")
     ]
     return f"{module.__name__} {_file(file)} {_value(kernels, used)}"
 

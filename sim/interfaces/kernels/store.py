@@ -120,17 +120,17 @@ def save(stamp: str, code: bytes) -> bool:
 
 def trim() -> None:
     """Remove the files used least recently, down to the limit, and parts that nobody finishes."""
-    place = folder()
-    if place is None:
+    store = folder()
+    if store is None:
         return
-    now = time.time()
+    time_now = time.time()
 
-    for part in place.glob(f"*{_PART}"):
+    for part in store.glob(f"*{_PART}"):
         with contextlib.suppress(OSError):
-            if now - part.stat().st_mtime > _STALE:
+            if time_now - part.stat().st_mtime > _STALE:
                 part.unlink()
 
-    files = sorted(_files(place), key=lambda each: each[1].st_mtime)
+    files = sorted(_files(store), key=lambda entry: entry[1].st_mtime)
     size = sum(about.st_size for _, about in files)
     most = limit()
 
@@ -144,9 +144,9 @@ def trim() -> None:
 
 def empty() -> int:
     """Remove all files of the store; returns their number."""
-    place = folder()
+    store = folder()
     removed = 0
-    for file, _ in _files(place) if place is not None else ():
+    for file, _ in _files(store) if store is not None else ():
         with contextlib.suppress(OSError):
             file.unlink()
             removed += 1
@@ -155,13 +155,13 @@ def empty() -> int:
 
 def content() -> StoreContent:
     """What the store holds now."""
-    place = _place()
-    files = [about for _, about in _files(place.folder)] if place.folder is not None else []
+    store = _place()
+    files = [about for _, about in _files(store.folder)] if store.folder is not None else []
     used = [about.st_mtime for about in files]
 
     return StoreContent(
-        folder=place.folder,
-        why=place.why,
+        folder=store.folder,
+        why=store.why,
         files=len(files),
         bytes=sum(about.st_size for about in files),
         limit=limit(),
@@ -172,25 +172,25 @@ def content() -> StoreContent:
 
 def note_start(loaded: int, compiled: int) -> None:
     """Remember what the start of a run took from the store; `last_start` reads it."""
-    place = folder()
-    if place is None:
+    store = folder()
+    if store is None:
         return
 
-    part = place / f"{uuid4().hex}{_PART}"
+    part = store / f"{uuid4().hex}{_PART}"
     with contextlib.suppress(OSError):
         part.write_text(
             json.dumps(asdict(LastStart(loaded, compiled, time.time()))), encoding="utf-8"
         )
-        part.replace(place / _LAST_START)
+        part.replace(store / _LAST_START)
 
 
 def last_start() -> LastStart | None:
     """The last start that `note_start` remembers; None if there is none."""
-    place = folder()
-    if place is None:
+    store = folder()
+    if store is None:
         return None
     try:
-        return TableReader().made(LastStart, json_of(place / _LAST_START, "last start", _SHORT))
+        return TableReader().made(LastStart, json_of(store / _LAST_START, "last start", _SHORT))
     except ConfigurationError:
         return None
 
@@ -208,11 +208,11 @@ def limit() -> int:
 
 
 def _file(stamp: str) -> Path | None:
-    place = folder()
+    store = folder()
     return (
         None
-        if place is None
-        else place / f"{hashlib.sha256(stamp.encode()).hexdigest()[:40]}{_SUFFIX}"
+        if store is None
+        else store / f"{hashlib.sha256(stamp.encode()).hexdigest()[:40]}{_SUFFIX}"
     )
 
 
@@ -237,7 +237,8 @@ def _code_of(content: bytes, stamp: bytes) -> bytes | None:
     if content[:start] != _MAGIC + len(stamp).to_bytes(4, "big") + stamp:
         return None
 
-    digest, code = content[start : start + 32], content[start + 32 :]
+    digest = content[start : start + 32]
+    code = content[start + 32 :]
     return code if hashlib.sha256(code).digest() == digest else None
 
 
@@ -255,37 +256,37 @@ def _place() -> _Place:
 
 
 @cache
-def _place_for(given: str, caches: str) -> _Place:
+def _place_for(setting: str, caches: str) -> _Place:
     """Folder of the store, once a process and setting."""
-    if given.lower() == OFF:
+    if setting.lower() == OFF:
         return _Place(None, f"{FOLDER}={OFF}")
 
     # As the environment says.
-    if given:
-        folder = Path(given).expanduser().resolve()
-        why = _unfit(folder)
-        if why:
-            print(f"no store of compiled kernels: {FOLDER}={given}: {why}", file=sys.stderr)
-        return _Place(None if why else folder, why)
+    if setting:
+        folder = Path(setting).expanduser().resolve()
+        reason = _unfit(folder)
+        if reason:
+            print(f"no store of compiled kernels: {FOLDER}={setting}: {reason}", file=sys.stderr)
+        return _Place(None if reason else folder, reason)
 
     # In the user's cache.
     try:
         folder = (Path(caches) if caches else Path.home() / ".cache") / "uuv-arm" / "kernel-store"
-        why = _unfit(folder)
+        reason = _unfit(folder)
     except RuntimeError:  # no home
-        why = "there is no home folder"
+        reason = "there is no home folder"
     else:
-        if not why:
+        if not reason:
             return _Place(folder)
 
     # Else among temporary files.
     beside = Path(tempfile.gettempdir()) / f"uuv-arm-kernels-{os.getuid()}"
     if not _unfit(beside):
-        print(f"compiled kernels are kept in {beside}: {why}", file=sys.stderr)
-        return _Place(beside, why)
+        print(f"compiled kernels are kept in {beside}: {reason}", file=sys.stderr)
+        return _Place(beside, reason)
 
-    print(f"no store of compiled kernels, each start compiles: {why}", file=sys.stderr)
-    return _Place(None, why)
+    print(f"no store of compiled kernels, each start compiles: {reason}", file=sys.stderr)
+    return _Place(None, reason)
 
 
 def _unfit(folder: Path) -> str:

@@ -101,7 +101,8 @@ def _compile_on_first_use(compiled: Any, signature: Any) -> None:
         make()
         return compiled.get_call_template(args, kws)
 
-    compiled._compile_for_args, compiled.get_call_template = compile_for_args, get_call_template
+    compiled._compile_for_args = compile_for_args
+    compiled.get_call_template = get_call_template
 
 
 def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:
@@ -116,15 +117,15 @@ def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:
     """
 
     def decorate(function: Any) -> Any:
-        made: Any = CFunc(
+        callback: Any = CFunc(
             function,
             normalize_signature(signature),
             locals={},
             options={"nopython": True, **options},
         )
-        made._cache = StoredKernel(function, {"C": str(signature), **options})
-        made.compile()
-        return made
+        callback._cache = StoredKernel(function, {"C": str(signature), **options})
+        callback.compile()
+        return callback
 
     return decorate
 
@@ -133,8 +134,8 @@ def is_stored(compiled: Any, signature: Any) -> bool:
     """True if the store has the machine code of a `kernel` for these argument types."""
     if signature in compiled.overloads:
         return True
-    kept = getattr(compiled, "_cache", None)
-    return isinstance(kept, StoredKernel) and kept.is_stored(signature, compiled.targetctx)
+    cache = getattr(compiled, "_cache", None)
+    return isinstance(cache, StoredKernel) and cache.is_stored(signature, compiled.targetctx)
 
 
 class StoredKernel(_Cache):
@@ -167,8 +168,8 @@ class StoredKernel(_Cache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these argument types, None where it must be compiled."""
         target_context.refresh()  # as numba's own cache does: machine code finds its symbols then
-        where = self._stamp(sig, target_context.codegen())
-        code = store.load(where) if where is not None else None
+        key = self._stamp(sig, target_context.codegen())
+        code = store.load(key) if key is not None else None
         if code is None:
             return None
         try:
@@ -182,16 +183,16 @@ class StoredKernel(_Cache):
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a kernel that has just been compiled."""
         counts.compiled += 1
-        where = self._stamp(sig, data.codegen)
-        if where is None or not _can_be_kept(data) or not store.save(where, dumps(data._reduce())):
+        key = self._stamp(sig, data.codegen)
+        if key is None or not _can_be_kept(data) or not store.save(key, dumps(data._reduce())):
             counts.unkept += 1
         else:
             _trim_at_exit()
 
     def is_stored(self, sig: Any, target_context: Any) -> bool:
         """True if the store has it."""
-        where = self._stamp(sig, target_context.codegen())
-        return where is not None and store.holds(where)
+        key = self._stamp(sig, target_context.codegen())
+        return key is not None and store.holds(key)
 
     def _stamp(self, sig: Any, codegen: Any) -> str | None:
         """All that the machine code depends on; None if that is unknown, or there is no store."""
@@ -254,7 +255,7 @@ def toolchain() -> list[Any]:
 def _can_be_kept(compiled: Any) -> bool:
     """True unless the machine code holds addresses of this process."""
     return not compiled.library.has_dynamic_globals and not any(
-        not each.can_cache for each in compiled.lifted
+        not lifted.can_cache for lifted in compiled.lifted
     )
 
 

@@ -99,35 +99,35 @@ def test_outliers_are_named_and_left_out(series: list[Array], within):
             ):
                 break
         spoilt[s][j] = away
-    result = identify(spoilt, UR10E)
-    assert {(outlier.series, outlier.touch) for outlier in result.outliers} == {(0, 3), (2, 17)}
-    assert all(0.018 < outlier.distance < 0.022 for outlier in result.outliers)
-    assert any("series 1, touch 4" in line for line in result.warnings)
+    fit = identify(spoilt, UR10E)
+    assert {(outlier.series, outlier.touch) for outlier in fit.outliers} == {(0, 3), (2, 17)}
+    assert all(0.018 < outlier.distance < 0.022 for outlier in fit.outliers)
+    assert any("series 1, touch 4" in line for line in fit.warnings)
     assert not clean.outliers
     q = np.vstack([*series, off])
-    gap = result.tips(q) - clean.tips(q)
+    gap = fit.tips(q) - clean.tips(q)
     within("tips without two touches [m]", gap - gap.mean(axis=0), 3e-4)
-    assert identify(spoilt, UR10E, method=MapFit(robust=False)).noise > 5.0 * result.noise
+    assert identify(spoilt, UR10E, method=MapFit(robust=False)).noise > 5.0 * fit.noise
 
 
 def test_single_and_repeated_touches_are_said_and_left_out(series: list[Array], within):
     clean = identify(series, UR10E)
     more = [np.vstack([series[0], series[0][:5]]), *series[1:], series[0][:1] + 0.1]
-    result = identify(more, UR10E)
-    assert any("series 1: 5 of 26 touches repeat" in line for line in result.warnings)
-    assert any("series 4: a single touch" in line for line in result.warnings)
-    within("table", result.arm.table - clean.arm.table, 1e-9)
-    assert [len(distances) for distances in result.residuals] == [26, 21, 21, 1]
+    fit = identify(more, UR10E)
+    assert any("series 1: 5 of 26 touches repeat" in line for line in fit.warnings)
+    assert any("series 4: a single touch" in line for line in fit.warnings)
+    within("table", fit.arm.table - clean.arm.table, 1e-9)
+    assert [len(distances) for distances in fit.residuals] == [26, 21, 21, 1]
 
 
 def test_touches_of_another_arm_are_doubted():
     other = Arm.from_dh(UR10E * [1, 1.3, 0.6, 1] + [0.3, 0.05, 0.1, 0.2])
-    result = identify(touch(other, OFF_AXIS, np.random.default_rng(22)), UR10E)
-    assert any("not of this arm" in line for line in result.warnings)
+    fit = identify(touch(other, OFF_AXIS, np.random.default_rng(22)), UR10E)
+    assert any("not of this arm" in line for line in fit.warnings)
     far = Arm.from_dh(UR10E + np.array([0.02, 0.01, 0.01, 0.02]) * (-1.0) ** np.arange(6)[:, None])
-    result = identify(touch(far, OFF_AXIS, np.random.default_rng(22)), UR10E)
+    fit = identify(touch(far, OFF_AXIS, np.random.default_rng(22)), UR10E)
     assert any(
-        "far from the nominal one" in line and "the prior holds" in line for line in result.warnings
+        "far from the nominal one" in line and "the prior holds" in line for line in fit.warnings
     )
     shuffled = [q[:, ::-1] for q in touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(23))]
     assert any(
@@ -137,17 +137,17 @@ def test_touches_of_another_arm_are_doubted():
 
 
 def test_too_few_touches_are_not_believed(series: list[Array]):
-    result = identify([series[0][:3]], UR10E)
-    assert any("cannot be validated" in line for line in result.warnings)
-    assert result.noise > 5e-5
+    fit = identify([series[0][:3]], UR10E)
+    assert any("cannot be validated" in line for line in fit.warnings)
+    assert fit.noise > 5e-5
     full = identify(series, UR10E)
-    assert np.all(result.sigma[:24] > 0.9 * np.minimum(full.sigma[:24], result.estimate.prior[:24]))
+    assert np.all(fit.sigma[:24] > 0.9 * np.minimum(full.sigma[:24], fit.estimate.prior[:24]))
 
 
 def test_masks_hold_the_rest(series: list[Array]):
-    result = identify(series, UR10E, free=["a", "alpha2", "tcp"])
-    changed = np.abs(result.arm.table - Arm.from_dh(UR10E).table) > 0.0
-    assert result.names == ("a1", "a2", "alpha2", "a3", "a4", "a5", "a6", "tcp_x", "tcp_y", "tcp_z")
+    fit = identify(series, UR10E, free=["a", "alpha2", "tcp"])
+    changed = np.abs(fit.arm.table - Arm.from_dh(UR10E).table) > 0.0
+    assert fit.names == ("a1", "a2", "alpha2", "a3", "a4", "a5", "a6", "tcp_x", "tcp_y", "tcp_z")
     assert not changed[:, [0, 1, 4]].any()
     assert changed[:, 3].tolist() == [False, True, False, False, False, False]
 
@@ -161,11 +161,11 @@ def test_blunders_are_left_out_and_pull_no_more_than_noise(
     rng = np.random.default_rng(31)
     for q in spoilt:
         q[:each] += rng.normal(0.0, size, (each, q.shape[1]))
-    clean, result = identify(series, UR10E), identify(spoilt, UR10E)
-    assert {(outlier.series, outlier.touch) for outlier in result.outliers} == {
+    clean, fit = identify(series, UR10E), identify(spoilt, UR10E)
+    assert {(outlier.series, outlier.touch) for outlier in fit.outliers} == {
         (s, j) for s in range(3) for j in range(each)
     }
-    gap = result.tips(np.vstack(series)) - clean.tips(np.vstack(series))
+    gap = fit.tips(np.vstack(series)) - clean.tips(np.vstack(series))
     assert np.abs(gap - gap.mean(axis=0)).max() < 5.0 * clean.noise
 
 
@@ -184,13 +184,13 @@ def test_intervals_hold_new_places_of_an_arm_with_errors_of_its_gears():
         eccentric = touch(Arm.from_dh(PAPER), OFF_AXIS, rng, points=7)
         phase = rng.uniform(0.0, 2.0 * np.pi, 6)
         eccentric = [q + 4e-4 * np.sin(q + phase) for q in eccentric]
-        result = identify(eccentric[:6], UR10E)
-        p = result.tips(eccentric[6])
-        covered.append(np.mean(np.abs(p - p.mean(axis=0)) < result.half_widths(eccentric[6])))
+        fit = identify(eccentric[:6], UR10E)
+        p = fit.tips(eccentric[6])
+        covered.append(np.mean(np.abs(p - p.mean(axis=0)) < fit.half_widths(eccentric[6])))
     assert np.mean(covered) > 0.9
 
 
 def test_intervals_of_a_right_model_are_those_of_its_noise():
-    found = touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(34), points=6)
-    result = identify(found, UR10E)
-    assert 1.7 < np.quantile(result.scores, 0.95) < 2.3
+    touches = touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(34), points=6)
+    fit = identify(touches, UR10E)
+    assert 1.7 < np.quantile(fit.scores, 0.95) < 2.3

@@ -49,11 +49,11 @@ def straight(nominal: SerialArm) -> Series:
 
 
 def examined(series: Series, nominal: SerialArm, length: float = APART) -> Examination:
-    told = [(0, 1, length, 5e-5)] if len(series) > 1 else []
-    found = identify(series, nominal, distances=told)
+    lengths = [(0, 1, length, 5e-5)] if len(series) > 1 else []
+    fit = identify(series, nominal, distances=lengths)
     names = NAMES[: len(series)]
     return examine(
-        found, series, partial(identify, nominal=nominal), Told(names=names, distances=told)
+        fit, series, partial(identify, nominal=nominal), Told(names=names, distances=lengths)
     )
 
 
@@ -118,8 +118,8 @@ WRONG = {
 
 @pytest.mark.parametrize("kind", WRONG)
 def test_a_wrong_file_is_refused_by_its_name(kind: str, series: Series, nominal: SerialArm) -> None:
-    spoil, said = WRONG[kind]
-    assert said in doubted(spoil(series), nominal)
+    spoil, words = WRONG[kind]
+    assert words in doubted(spoil(series), nominal)
 
 
 def test_right_files_are_not_doubted(series: Series, nominal: SerialArm) -> None:
@@ -143,9 +143,9 @@ def test_readings_that_hide_in_the_noise_are_refused(
     kind: str, straight: Series, nominal: SerialArm
 ) -> None:
     assert doubted(straight, nominal) == ""
-    said = doubted(last_column(HIDDEN[kind])(straight), nominal)
-    assert "the readings of joint 7 are not those of these touches" in said
-    assert "to 1)" in said
+    words = doubted(last_column(HIDDEN[kind])(straight), nominal)
+    assert "the readings of joint 7 are not those of these touches" in words
+    assert "to 1)" in words
 
 
 def test_a_joint_that_explains_nothing_is_said(nominal: SerialArm) -> None:
@@ -154,20 +154,24 @@ def test_a_joint_that_explains_nothing_is_said(nominal: SerialArm) -> None:
     """
     rng = np.random.default_rng(4)
     series = touch(nominal, STRAIGHT, rng, points=POINTS, touches=16)
-    for given in (series, last_column(rng.permutation)(series)):
-        found = examined(given, nominal)
-        assert found.doubts == ()
-        assert any("the readings of joint 7 are not checked" in line for line in found.untold)
+    for rows in (series, last_column(rng.permutation)(series)):
+        examined_fit = examined(rows, nominal)
+        assert examined_fit.doubts == ()
+        assert any(
+            "the readings of joint 7 are not checked" in line for line in examined_fit.untold
+        )
 
 
 def test_a_mirror_image_is_said_where_the_arm_has_one(series: Series, nominal: SerialArm) -> None:
     rng = np.random.default_rng(7)
     alike = published_arms.load("iiwa7")
     touches = touch(wrong_arm(alike, ERRORS, rng), TIP, rng, touches=16)
-    for given in (touches, [-q for q in touches]):
-        found = examine(identify(given, alike), given, partial(identify, nominal=alike))
-        assert found.doubts == ()
-        assert any("mirror image" in line for line in found.untold)
+    for readings in (touches, [-q for q in touches]):
+        examined_fit = examine(
+            identify(readings, alike), readings, partial(identify, nominal=alike)
+        )
+        assert examined_fit.doubts == ()
+        assert any("mirror image" in line for line in examined_fit.untold)
     assert examined(series, nominal).untold == ()
     assert "manufacturing tolerances are" in doubted([-q for q in series], nominal)
 
@@ -175,7 +179,8 @@ def test_a_mirror_image_is_said_where_the_arm_has_one(series: Series, nominal: S
 def test_touches_from_a_hull_that_moves_are_doubted_alike() -> None:
     rng = np.random.default_rng(5)
     arm = published_arms.load("ur5")
-    longer, true = on_moving_base(arm, X_BA), wrong_arm(arm, ERRORS, rng)
+    longer = on_moving_base(arm, X_BA)
+    true = wrong_arm(arm, ERRORS, rng)
     series = []
     for p_A in np.array([[0.4, 0.3, 0.2], [-0.1, 0.5, 0.3], [0.2, -0.4, 0.35]]):
         hulls = [
@@ -190,8 +195,8 @@ def test_touches_from_a_hull_that_moves_are_doubted_alike() -> None:
     again = partial(identify, nominal=longer, free=own_parameters(longer))
 
     def said(given: Series) -> str:
-        told = Told(names=NAMES, base_joints=BASE_JOINTS)
-        return "; ".join(map(str, examine(again(given), given, again, told).doubts))
+        known = Told(names=NAMES, base_joints=BASE_JOINTS)
+        return "; ".join(map(str, examine(again(given), given, again, known).doubts))
 
     assert said(series) == ""
     assert "joint 2 with the other sign" in said(
@@ -207,15 +212,15 @@ def test_touches_from_a_hull_that_moves_are_doubted_alike() -> None:
 def test_a_wrong_length_is_refused_with_its_odds(
     share: float, series: Series, nominal: SerialArm
 ) -> None:
-    said = doubted(series, nominal, share * APART)
-    assert f"known distance a to b: stated {share * APART:.5g} m" in said
-    assert "to 1)" in said
+    words = doubted(series, nominal, share * APART)
+    assert f"known distance a to b: stated {share * APART:.5g} m" in words
+    assert "to 1)" in words
 
 
 def test_a_prior_that_the_touches_choose_is_bounded(series: Series, nominal: SerialArm) -> None:
-    found = identify([np.vstack(series[:2])], nominal)
-    assert np.all(found.estimate.prior <= widest_prior(found.estimate.parameters, nominal.reach))
-    assert found.arm.reach > 0.9 * nominal.reach
+    fit = identify([np.vstack(series[:2])], nominal)
+    assert np.all(fit.estimate.prior <= widest_prior(fit.estimate.parameters, nominal.reach))
+    assert fit.arm.reach > 0.9 * nominal.reach
 
 
 def test_touches_of_one_posture_tell_nothing(rng: np.random.Generator) -> None:
@@ -235,9 +240,9 @@ def test_thousands_of_touches_settle() -> None:
     )
     few = touch(truth, TIP, rng, touches=60)
     many = [np.vstack([q + 1e-4 * rng.standard_normal(q.shape) for _ in range(25)]) for q in few]
-    found = identify(many, nominal)
-    assert found.converged
-    assert len(found.history) < 60  # measured 10
+    fit = identify(many, nominal)
+    assert fit.converged
+    assert len(fit.history) < 60  # measured 10
 
 
 def test_touches_coincide_by_the_arm_that_made_them(series: Series, nominal: SerialArm) -> None:

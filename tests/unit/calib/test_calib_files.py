@@ -46,8 +46,8 @@ def by_mujoco(text: str, arm: Arm, q: np.ndarray) -> np.ndarray:
     data = mujoco.MjData(model)
     base = data.body("arm_base")
     out = []
-    for values in q:
-        data.qpos[:] = values
+    for angles in q:
+        data.qpos[:] = angles
         mujoco.mj_kinematics(model, data)
         X = inverse(pose(base.xmat.reshape(3, 3), base.xpos))
         out.append(X[:3, :3] @ data.site("tip").xpos + X[:3, 3])
@@ -56,7 +56,8 @@ def by_mujoco(text: str, arm: Arm, q: np.ndarray) -> np.ndarray:
 
 
 def test_any_arm_goes_out_as_urdf_and_mjcf_and_comes_back(rng, tmp_path, within):
-    arm, tcp = random_arm(rng), rng.uniform(-0.2, 0.2, 3)
+    arm = random_arm(rng)
+    tcp = rng.uniform(-0.2, 0.2, 3)
     arm = replace(
         arm,
         limits=np.tile([-2.0, 2.0], (arm.n, 1)),
@@ -96,7 +97,8 @@ def test_corrected_urdf_is_the_identified_arm(rng, tip, tmp_path, within):
     (tmp_path / "a.urdf").write_text(URDF)
     source = read_arm(tmp_path / "a.urdf", tip=tip)
     assert source.arm.joint_types == "rrp"
-    arm, tcp = off(source.arm, rng), rng.uniform(-0.1, 0.1, 3)
+    arm = off(source.arm, rng)
+    tcp = rng.uniform(-0.1, 0.1, 3)
     (tmp_path / "b.urdf").write_text(results.corrected_urdf(source, arm, tcp))
     back = read_arm(tmp_path / "b.urdf", tip="t" if tip == "t" else "touch_tip")
     q = rng.uniform(-1, 1, (20, 3))
@@ -108,15 +110,16 @@ def test_corrected_urdf_is_the_identified_arm(rng, tip, tmp_path, within):
 def test_mjcf_patch_is_the_identified_arm(rng, tmp_path, within):
     (tmp_path / "v.xml").write_text(models.load("uuv_puma").to_xml())
     source = read_arm(tmp_path / "v.xml")
-    arm, tcp = off(source.arm, rng), rng.uniform(-0.01, 0.01, 3)
+    arm = off(source.arm, rng)
+    tcp = rng.uniform(-0.01, 0.01, 3)
     patch = ET.fromstring(results.mjcf_patch(source, arm, tcp))
     spec = mujoco.MjSpec.from_file(str(tmp_path / "v.xml"))
     for entry in patch:
-        thing = (
+        element = (
             spec.body(entry.get("name")) if entry.tag == "body" else spec.site(entry.get("name"))
         )
-        thing.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-        thing.pos, thing.quat = (
+        element.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        element.pos, element.quat = (
             [float(x) for x in entry.get(key, "").split()] for key in ("pos", "quat")
         )
     moved = dh_geometry.read(spec.compile(), "arm_base", "tip", exclude=["pad"])
@@ -240,22 +243,24 @@ def test_touches_in_all_their_forms(units, tmp_path):
     rng = np.random.default_rng(0)
     series = [rng.uniform(-2.5, 2.5, (4, 3)) for _ in range(2)]
     scale = 180.0 / np.pi if units == "deg" else 1.0
-    rows = [[",".join(f"{scale * x:.12f}" for x in q) for q in one] for one in series]
+    rows = [[",".join(f"{scale * x:.12f}" for x in q) for q in series_q] for series_q in series]
     texts = {
         "folder": None,
         "label.csv": "time,point,a,b,c\n"
         + "\n".join(f"0.1,p{i},{r}" for i in range(2) for r in rows[i]),
         "number.csv": "\n".join(f"{i},{r}" for i in range(2) for r in rows[i]),
-        "gap.csv": "\n\n".join("\n".join(one) for one in rows),
+        "gap.csv": "\n\n".join("\n".join(block) for block in rows),
         "order.csv": "c;a;b\n"
-        + "\n\n".join("\n".join(";".join(np.roll(r.split(","), 1)) for r in one) for one in rows),
+        + "\n\n".join(
+            "\n".join(";".join(np.roll(r.split(","), 1)) for r in block) for block in rows
+        ),
         "decimal.csv": "\n\n".join(
-            "\n".join(r.replace(",", ";").replace(".", ",") for r in one) for one in rows
+            "\n".join(r.replace(",", ";").replace(".", ",") for r in block) for block in rows
         ),
     }
     for name, text in texts.items():
         if text is None:
-            write_touches(tmp_path / name, ["p0", "p1"], [scale * one for one in series], "abc")
+            write_touches(tmp_path / name, ["p0", "p1"], [scale * block for block in series], "abc")
         else:
             (tmp_path / name).write_text(text)
         read = read_touches(tmp_path / name, joint_types="rrr", joint_names="abc")
@@ -298,8 +303,11 @@ def test_touches_of_more_than_a_turn_are_degrees_only_where_they_fit_far_better_
     """Angles between one turn and two: as degrees the tips must lie three times closer together,
     over all touches.
     """
-    rng, ratios, refused = np.random.default_rng(1), [], []
-    arm, tcp = random_arm(rng, "rrrrrr"), np.array([0.05, -0.02, 0.1])
+    rng = np.random.default_rng(1)
+    ratios = []
+    refused = []
+    arm = random_arm(rng, "rrrrrr")
+    tcp = np.array([0.05, -0.02, 0.1])
     for sigma in np.geomspace(3e-3, 0.1, 24):
         series = []
         for _ in range(2):
@@ -312,11 +320,13 @@ def test_touches_of_more_than_a_turn_are_degrees_only_where_they_fit_far_better_
             series.append(np.angle(np.exp(1j * q)))
         series[0][0, 0] += np.copysign(2.0 * np.pi, series[0][0, 0])
         tips = []
-        for each in (series, [np.deg2rad(q) for q in series]):
-            seen = touches.first_tcp(arm, each)
-            off = np.concatenate([p - p.mean(axis=0) for p in (arm.tips(q, seen) for q in each)])
+        for readings in (series, [np.deg2rad(q) for q in series]):
+            tcp_first = touches.first_tcp(arm, readings)
+            off = np.concatenate(
+                [p - p.mean(axis=0) for p in (arm.tips(q, tcp_first) for q in readings)]
+            )
             tips.append(np.sqrt(np.mean(np.sum(off**2, axis=1))))
-            assert touches.spread(arm, seen, each) == pytest.approx(tips[-1], rel=1e-12)
+            assert touches.spread(arm, tcp_first, readings) == pytest.approx(tips[-1], rel=1e-12)
         ratios.append(tips[0] / tips[1])
         try:
             touches.checked_series(series, arm)
@@ -332,10 +342,8 @@ def test_touches_of_more_than_a_turn_are_degrees_only_where_they_fit_far_better_
 
 
 def test_arm_on_a_moving_base(rng, within):
-    arm, X_BA = (
-        random_arm(rng, "rrrrrr"),
-        pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3)),
-    )
+    arm = random_arm(rng, "rrrrrr")
+    X_BA = pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))
     longer = moving_base.on_moving_base(arm, X_BA)
     q = rng.uniform(-1, 1, (10, 6))
     X_WB = np.array([pose(exp_so3(rng.uniform(-0.4, 0.4, 3)), rng.uniform(-1, 1, 3)) for _ in q])

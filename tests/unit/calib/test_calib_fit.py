@@ -84,9 +84,9 @@ def test_first_tool_point_is_exact_for_the_true_arm(within):
 
 
 def test_cost_is_the_printed_criterion(off_axis: list[Array], within):
-    result = identify(off_axis, UR10E)
-    within("cost", result.cost / criterion(result.dh, result.tcp, off_axis) - 1.0, 1e-7)
-    assert result.cost_nominal > 20.0 * result.cost
+    fit = identify(off_axis, UR10E)
+    within("cost", fit.cost / criterion(fit.dh, fit.tcp, off_axis) - 1.0, 1e-7)
+    assert fit.cost_nominal > 20.0 * fit.cost
 
 
 def test_true_arm_is_found_without_noise(within):
@@ -97,11 +97,12 @@ def test_true_arm_is_found_without_noise(within):
     truth = wrong_arm(Arm.from_dh(UR10E), WORKSHOP, rng)
     points = np.array([[0.6, -0.5, 0.2], [0.6, 0.5, 0.3], [-0.5, 0.5, 0.2], [0.2, 0.7, 0.6]])
     series = touch(truth, OFF_AXIS, rng, points=points, noise=0.0)
-    result = identify(series, UR10E, distances=[(0, 1, float(np.hypot(1.0, 0.1)), 1e-7)])
-    q, zero = flange_poses(Arm.from_dh(UR10E), rng), np.zeros(3)
+    fit = identify(series, UR10E, distances=[(0, 1, float(np.hypot(1.0, 0.1)), 1e-7)])
+    q = flange_poses(Arm.from_dh(UR10E), rng)
+    zero = np.zeros(3)
     exact = track(truth, q, rng, noise=0.0)
     clouds = compare(
-        exact, {"nominal": Arm.from_dh(UR10E).tips(q, zero), "found": tips_here(result.dh, q, zero)}
+        exact, {"nominal": Arm.from_dh(UR10E).tips(q, zero), "found": tips_here(fit.dh, q, zero)}
     )
     assert clouds["nominal"].rms > 2e-4
     within("relative moves [m]", clouds["found"].rms, 2e-6)
@@ -113,50 +114,52 @@ def test_three_steps_reach_the_noise_and_a_hundred_more_stay(straight: list[Arra
     )
     assert len(three.history) == 4
     # chi-square with some 164 degrees of freedom at 0.092 mm: 29 mm^2, 1 % to 99 %
-    for result in (three, many):
-        assert 21e-6 < result.cost < 38e-6
+    for fit in (three, many):
+        assert 21e-6 < fit.cost < 38e-6
     before, after = np.abs(three.arm.table[:, 1:3]).sum(), np.abs(many.arm.table[:, 1:3]).sum()
     assert abs(after / before - 1.0) < 1e-3
 
 
 def test_paper_run_warns_and_falls_alike(off_axis: list[Array]):
-    result = identify(off_axis, UR10E, method="paper")
-    assert len(result.names) == 27
-    assert len(result.history) == 4
-    assert 21e-6 < result.cost < 38e-6
-    assert any("shrunk to a point" in line for line in result.warnings)
+    fit = identify(off_axis, UR10E, method="paper")
+    assert len(fit.names) == 27
+    assert len(fit.history) == 4
+    assert 21e-6 < fit.cost < 38e-6
+    assert any("shrunk to a point" in line for line in fit.warnings)
 
 
 @pytest.mark.parametrize("rank", [16, 18], ids=["straight", "off axis"])
 def test_rank_and_reasons(rank: int, straight: list[Array], off_axis: list[Array]):
-    result = identify(straight if rank == 16 else off_axis, UR10E)
-    report = result.rank
-    assert (report.rank, report.total, int(result.identifiable.sum())) == (rank, 27, rank)
-    found = {group.reason.split(":")[0]: (group.count, set(group.names)) for group in report.hidden}
-    assert found["base gauge"] == (2, {"theta1", "d1"})
-    assert found["last frame against tool point"][0] == 4
-    assert {"theta6", "d6", "a6", "alpha6"} <= found["last frame against tool point"][1]
-    assert found["parallel axes"] == (2, {"d2", "d3", "d4"})
-    assert found["scale"][0] == 1
-    assert {"a2", "a3"} <= found["scale"][1]
-    assert ("straight pin" in found) == (rank == 16)
+    fit = identify(straight if rank == 16 else off_axis, UR10E)
+    report = fit.rank
+    assert (report.rank, report.total, int(fit.identifiable.sum())) == (rank, 27, rank)
+    hidden = {
+        group.reason.split(":")[0]: (group.count, set(group.names)) for group in report.hidden
+    }
+    assert hidden["base gauge"] == (2, {"theta1", "d1"})
+    assert hidden["last frame against tool point"][0] == 4
+    assert {"theta6", "d6", "a6", "alpha6"} <= hidden["last frame against tool point"][1]
+    assert hidden["parallel axes"] == (2, {"d2", "d3", "d4"})
+    assert hidden["scale"][0] == 1
+    assert {"a2", "a3"} <= hidden["scale"][1]
+    assert ("straight pin" in hidden) == (rank == 16)
     if rank == 16:
-        assert found["straight pin"][0] == 2
-        assert {"theta5", "a5", "alpha5", "d5"} <= found["straight pin"][1]
+        assert hidden["straight pin"][0] == 2
+        assert {"theta5", "a5", "alpha5", "d5"} <= hidden["straight pin"][1]
 
 
 def test_hidden_directions_change_nothing_that_touching_sees(off_axis: list[Array], within):
     """An arm moved along an exact gauge keeps the printed criterion."""
-    result = identify(off_axis, UR10E)
+    fit = identify(off_axis, UR10E)
     for name in ("theta1", "d1"):
-        table = np.array(result.arm.table)
+        table = np.array(fit.arm.table)
         table[0, 0 if name == "theta1" else 1] += 0.1
-        moved = result.arm.with_table(table)
-        within(name, criterion(moved.dh, result.tcp, off_axis) / result.cost - 1.0, 1e-7)
-    scaled = np.array(result.arm.table)
+        moved = fit.arm.with_table(table)
+        within(name, criterion(moved.dh, fit.tcp, off_axis) / fit.cost - 1.0, 1e-7)
+    scaled = np.array(fit.arm.table)
     scaled[:, 1:3] *= 1.01
-    shrunk = criterion(result.arm.with_table(scaled).dh, 1.01 * result.tcp, off_axis)
-    within("scale", shrunk / result.cost - 1.01**2, 1e-7)
+    shrunk = criterion(fit.arm.with_table(scaled).dh, 1.01 * fit.tcp, off_axis)
+    within("scale", shrunk / fit.cost - 1.01**2, 1e-7)
 
 
 def test_a_known_distance_tells_scale():
@@ -165,15 +168,16 @@ def test_a_known_distance_tells_scale():
     points = np.array([[0.6, -0.5, 0.2], [0.6, 0.5, 0.2], [-0.5, 0.5, 0.3]])
     series = touch(truth, OFF_AXIS, rng, points=points)
     q = flange_poses(Arm.from_dh(UR10E), rng, 30)
-    blind, told = identify(series, UR10E), identify(series, UR10E, distances=[(0, 1, 1.0, 2e-5)])
-    assert (blind.rank.rank, told.rank.rank) == (18, 19)
-    value, sigma = told.scale(q)
+    blind = identify(series, UR10E)
+    scaled = identify(series, UR10E, distances=[(0, 1, 1.0, 2e-5)])
+    assert (blind.rank.rank, scaled.rank.rank) == (18, 19)
+    scale, sigma = scaled.scale(q)
     true_moves, nominal = (Arm.from_dh(dh).tips(q, np.zeros(3)) for dh in (truth.dh, UR10E))
     true_scale = np.linalg.norm(true_moves - true_moves.mean(0)) / np.linalg.norm(
         nominal - nominal.mean(0)
     )
     assert sigma < 1e-4
-    assert abs(value - true_scale) < 4.0 * sigma
+    assert abs(scale - true_scale) < 4.0 * sigma
     assert blind.scale(q)[1] > 3.0 * sigma
 
 
@@ -181,21 +185,20 @@ def test_intervals_cover():
     """Of the seen combinations, 95 % intervals hold the truth, drawn from the stated prior, in 95 %
     of cases.
     """
-    nominal, inside = Arm.from_dh(UR10E), []
+    nominal = Arm.from_dh(UR10E)
+    inside = []
     for seed in range(25):
         rng = np.random.default_rng([7, seed])
         truth = wrong_arm(nominal, WORKSHOP, rng)
         series = touch(truth, OFF_AXIS, rng)
-        result = identify(
+        fit = identify(
             series, UR10E, prior=WORKSHOP, free=("theta", "d", "a", "alpha", "beta", "tcp")
         )
         full = np.concatenate([truth.table.ravel(), OFF_AXIS, np.zeros(6)])
-        change = full[result.estimate.parameters.index] - (
-            result.estimate.values - result.estimate.changes
-        )
-        for seen in result.combinations():
-            value = seen.weights / result.rank_free.scales @ change
-            inside.append(seen.interval[0] <= value <= seen.interval[1])
+        change = full[fit.estimate.parameters.index] - (fit.estimate.values - fit.estimate.changes)
+        for combination in fit.combinations():
+            estimate = combination.weights / fit.rank_free.scales @ change
+            inside.append(combination.interval[0] <= estimate <= combination.interval[1])
     assert len(inside) == 25 * 20
     assert 0.91 < np.mean(inside) < 0.985
 
@@ -206,13 +209,13 @@ def test_joint_loads_are_slopes_of_energy(within):
     """
     rng = np.random.default_rng(8)
     arm = wrong_arm(Arm.from_dh(UR10E, "rrprrr"), WORKSHOP, rng)
-    masses, volumes = rng.uniform(1, 10, 6), rng.uniform(1e-4, 3e-3, 6)
-    centers, buoyant, held = (
-        rng.uniform(-0.2, 0.2, (6, 3)),
-        rng.uniform(-0.2, 0.2, (6, 3)),
-        np.array([0.0, 0.05, 0.1]),
-    )
-    g, rho = np.array([0.3, -0.5, -9.7]), 1025.0
+    masses = rng.uniform(1, 10, 6)
+    volumes = rng.uniform(1e-4, 3e-3, 6)
+    centers = rng.uniform(-0.2, 0.2, (6, 3))
+    buoyant = rng.uniform(-0.2, 0.2, (6, 3))
+    held = np.array([0.0, 0.05, 0.1])
+    g = np.array([0.3, -0.5, -9.7])
+    rho = 1025.0
     loads = Loads(
         link_masses=masses,
         link_centers=centers,
@@ -227,7 +230,8 @@ def test_joint_loads_are_slopes_of_energy(within):
 
     def energy(q: Array) -> float:
         table = np.array(arm.table)
-        X, total = np.eye(4), 0.0
+        X = np.eye(4)
+        total = 0.0
         for k, (theta, d, a, alpha, beta) in enumerate(table):
             slide = arm.slides[k]
             X = X @ pose(
@@ -240,15 +244,16 @@ def test_joint_loads_are_slopes_of_energy(within):
 
     q = rng.uniform(-1, 1, (2, 6))
     tau = loads.bind(arm, [2]).at(q)(arm.table)
-    for pose_q, found in zip(q, tau, strict=True):
+    for pose_q, load in zip(q, tau, strict=True):
         steps = 1e-6 * np.eye(6)
         slope = [(energy(pose_q + h) - energy(pose_q - h)) / 2e-6 for h in steps]
-        within("joint load [N m]", found + slope, 1e-6)
+        within("joint load [N m]", load + slope, 1e-6)
     assert np.abs(tau).max() > 10.0
 
 
 def test_compliance_in_water_from_two_loads():
-    truth, stiffness = Arm.from_dh(PAPER), np.array([4e4, 4e4, 3e4, 1e4, 1e4, 1e4])
+    truth = Arm.from_dh(PAPER)
+    stiffness = np.array([4e4, 4e4, 3e4, 1e4, 1e4, 1e4])
     masses = np.array([7.4, 13.1, 4.0, 2.1, 2.0, 0.6])  # UR10e, Universal Robots' description
     rng = np.random.default_rng(9)
     points = np.array([[0.6, -0.4, 0.2], [0.6, 0.5, 0.3], [-0.5, 0.5, 0.2]])
@@ -275,13 +280,14 @@ def test_compliance_in_water_from_two_loads():
     ]
     series = [np.vstack(pair) for pair in zip(*parts, strict=True)]
     every = [np.repeat([0.0, 10.0], 21)] * 3
-    rigid, result = identify(series, UR10E), identify(series, UR10E, loads=loads(every))
-    assert rigid.noise > 1.5 * result.noise
-    sigma = result.sigma[[result.names.index(f"c{k}") for k in range(2, 6)]]
-    error = result.compliance[1:5] - 1.0 / stiffness[1:5]
+    rigid = identify(series, UR10E)
+    fit = identify(series, UR10E, loads=loads(every))
+    assert rigid.noise > 1.5 * fit.noise
+    sigma = fit.sigma[[fit.names.index(f"c{k}") for k in range(2, 6)]]
+    error = fit.compliance[1:5] - 1.0 / stiffness[1:5]
     assert np.all(np.abs(error) < 4.0 * sigma)
     assert np.all(np.abs(error) < 0.25 / stiffness[1:5])
-    unknown = [group for group in result.rank_free.hidden if "no load moment" in group.reason]
+    unknown = [group for group in fit.rank_free.hidden if "no load moment" in group.reason]
     assert [set(group.names) for group in unknown] == [{"c1", "c6"}]
 
 
@@ -315,7 +321,8 @@ def test_a_ball_rests_beside_the_middle_of_its_socket(off_axis: list[Array], wit
     """By the linear map of the flange's direction, again and again; another socket has another
     map.
     """
-    arm, seating = Arm.from_dh(PAPER), Seating.draw(1e-4, 3, np.random.default_rng(3))
+    arm = Arm.from_dh(PAPER)
+    seating = Seating.draw(1e-4, 3, np.random.default_rng(3))
     moved = seating.seat(arm, OFF_AXIS, off_axis)
     for offset, before, after in zip(seating.maps, off_axis, moved, strict=True):
         aside = arm.tips(after, OFF_AXIS) - arm.tips(before, OFF_AXIS)
@@ -332,32 +339,34 @@ def test_a_ball_rests_beside_the_middle_of_its_socket(off_axis: list[Array], wit
 @pytest.mark.parametrize("count", [3, 12])
 def test_wild_touches_change_nothing(off_axis: list[Array], count: int, size: float):
     """Of 63 touches up to a fifth are displaced in all joints; a fit to all of them is far off."""
-    truth, nominal, rng = Arm.from_dh(PAPER), Arm.from_dh(UR10E), np.random.default_rng([count, 5])
+    truth = Arm.from_dh(PAPER)
+    nominal = Arm.from_dh(UR10E)
+    rng = np.random.default_rng([count, 5])
     q = flange_poses(nominal, np.random.default_rng(0), 20)
     wild = {divmod(int(k), 21) for k in rng.choice(63, count, replace=False)}
-    series = [np.array(one) for one in off_axis]
+    series = [np.array(rows) for rows in off_axis]
     for i, j in sorted(wild):
         series[i][j] += size * rng.standard_normal(6)
-    clean, found = identify(off_axis, nominal), identify(series, nominal)
+    clean, robust = identify(off_axis, nominal), identify(series, nominal)
     assert all(np.all(weights == 1.0) for weights in clean.weights)
     reduced = {
         (i, j)
-        for i, weights in enumerate(found.weights)
+        for i, weights in enumerate(robust.weights)
         for j in np.flatnonzero(weights < 1.0).tolist()
     }
     # a small displacement may leave the tip where it was
     assert len(wild - reduced) <= (1 if size < 0.01 else 0)
     assert len(reduced - wild) <= 2
-    assert found.noise < 1.2 * clean.noise
+    assert robust.noise < 1.2 * clean.noise
     plain = identify(series, nominal, method=MapFit(robust=False))
-    arms = {"clean": clean.arm, "found": found.arm, "plain": plain.arm}
-    seen = compare(
+    arms = {"clean": clean.arm, "found": robust.arm, "plain": plain.arm}
+    clouds = compare(
         truth.tips(q, np.zeros(3)), {name: arm.tips(q, np.zeros(3)) for name, arm in arms.items()}
     )
     # at most 1.26 over the 80 draws of experiments/calibration/effects.py
-    assert seen["found"].rms < 1.5 * seen["clean"].rms
+    assert clouds["found"].rms < 1.5 * clouds["clean"].rms
     if size > 0.01:
-        assert seen["plain"].rms > 3.0 * seen["found"].rms  # measured 6.9
+        assert clouds["plain"].rms > 3.0 * clouds["found"].rms  # measured 6.9
 
 
 def test_clouds_align(within):
@@ -413,19 +422,19 @@ def test_planned_touches_give_the_error_that_was_expected():
         candidates = touch(nominal, OFF_AXIS, rng, points=3, touches=40, noise=0.0)
         places = [nominal.tips(q[:1], OFF_AXIS)[0] for q in candidates]
         targets = flange_poses(nominal, rng, 20)
-        made = plan(design(nominal, candidates, tcp=OFF_AXIS, targets=targets), 12)
+        plan_chosen = plan(design(nominal, candidates, tcp=OFF_AXIS, targets=targets), 12)
         at_random = np.sort(rng.choice(120, 12, replace=False))
-        errors["expected"].append(made.merit[-1])
+        errors["expected"].append(plan_chosen.merit[-1])
         choices = {
-            "planned": made.series,
+            "planned": plan_chosen.series,
             "random": [candidates[i][at_random[at_random // 40 == i] % 40] for i in range(3)],
         }
         for name, series in choices.items():
             jogged = [
                 touched_near(true, p, q, rng) for p, q in zip(places, series, strict=True) if len(q)
             ]
-            found = identify(jogged, nominal)
-            errors[name].append(moves_off(true, found.arm, targets))
+            fit = identify(jogged, nominal)
+            errors[name].append(moves_off(true, fit.arm, targets))
     planned, expected, at_random = (
         float(np.median(errors[name])) for name in ("planned", "expected", "random")
     )
@@ -461,18 +470,19 @@ def test_the_size_of_an_arm_has_its_derivative(rng, joints, within):
     parallel.
     """
     parallel = np.isin(np.arange(5), joints)
-    table, tcp = rng.normal(size=(5, ROW)), rng.normal(size=3)
+    table = rng.normal(size=(5, ROW))
+    tcp = rng.normal(size=3)
     X_flange = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3))
-    values = np.concatenate([table.ravel(), tcp])
+    numbers = np.concatenate([table.ravel(), tcp])
 
     def size(numbers: np.ndarray) -> float:
         rows = np.ascontiguousarray(numbers[:-3].reshape(5, ROW))
         return kernels.arm_size(rows, X_flange, numbers[-3:].copy(), parallel)[0]
 
     _, gradient = kernels.arm_size(table, X_flange, tcp, parallel)
-    steps = 1e-6 * np.eye(len(values))
-    differences = np.array([(size(values + step) - size(values - step)) / 2e-6 for step in steps])
-    used = np.ones(len(values), dtype=bool)
+    steps = 1e-6 * np.eye(len(numbers))
+    differences = np.array([(size(numbers + step) - size(numbers - step)) / 2e-6 for step in steps])
+    used = np.ones(len(numbers), dtype=bool)
     used[np.arange(5) * ROW + BETA] = False  # beta is small, and its derivative not asked for
     within("derivative", (gradient - differences)[used], 1e-8)  # measured 5e-10
 
@@ -480,10 +490,10 @@ def test_the_size_of_an_arm_has_its_derivative(rng, joints, within):
 def scatter(residuals: Array, effective: float, counted: np.ndarray | None = None) -> float:
     """Noise [m] of touches of one point that a fit of `effective` parameters leaves."""
     count = len(residuals)
-    data = Data(q=np.zeros((count, 6)), starts=np.array([0]), weights=np.ones(count))
+    observations = Data(q=np.zeros((count, 6)), starts=np.array([0]), weights=np.ones(count))
     fit = SimpleNamespace(residuals=residuals, effective=effective)
     return _robust_noise(
-        untyped(fit), data, np.ones(count, dtype=bool) if counted is None else counted
+        untyped(fit), observations, np.ones(count, dtype=bool) if counted is None else counted
     )
 
 

@@ -22,7 +22,8 @@ def test_the_size_is_the_root_of_summed_squares(rng: np.random.Generator) -> Non
     table, _, _, X_flange, tcp = drawn_arm(rng)
     parallel = np.arange(len(table)) == 1
     size, slope = kernels.arm_size(table, X_flange, tcp, parallel)
-    h, n = 1e-6, len(table)
+    h = 1e-6
+    n = len(table)
     for i in range(5 * n + 3):
         e = h * np.eye(5 * n + 3)[i]
         ahead, behind = (
@@ -45,7 +46,9 @@ def test_shifts_along_parallel_axes_that_cancel_are_no_size(rng: np.random.Gener
         parallel = np.arange(len(table)) == 1
         shifted = table.copy()
         shifted[1:3, 1] += 0.7, 0.7 * against
-        sizes = [kernels.arm_size(each, X_flange, tcp, parallel)[0] for each in (table, shifted)]
+        sizes = [
+            kernels.arm_size(geometry, X_flange, tcp, parallel)[0] for geometry in (table, shifted)
+        ]
         assert sizes[1] == pytest.approx(sizes[0], rel=1e-12)
         assert kernels.arm_size(shifted, X_flange, tcp, np.zeros_like(parallel))[
             0
@@ -55,16 +58,17 @@ def test_shifts_along_parallel_axes_that_cancel_are_no_size(rng: np.random.Gener
 def test_touches_are_centred_about_the_weighted_mean_of_their_series(
     rng: np.random.Generator,
 ) -> None:
-    p, J = rng.normal(size=(9, 3)), rng.normal(size=(9, 6, 3))
-    weights, starts, index = rng.uniform(0.2, 1.0, 9), np.array([0, 4, 7]), np.array([5, 0, 2])
+    p = rng.normal(size=(9, 3))
+    J = rng.normal(size=(9, 6, 3))
+    weights = rng.uniform(0.2, 1.0, 9)
+    starts = np.array([0, 4, 7])
+    index = np.array([5, 0, 2])
     weights[[1, 7, 8]] = 0.0  # one touch, and all of the last series
     residuals, r, rows, c, C = kernels.centred_rows(p, J, weights, starts, index)
     for s, part in enumerate((slice(0, 4), slice(4, 7))):
         w = weights[part]
-        mean, slope = (
-            np.average(p[part], axis=0, weights=w),
-            np.average(J[part][:, index], axis=0, weights=w),
-        )
+        mean = np.average(p[part], axis=0, weights=w)
+        slope = np.average(J[part][:, index], axis=0, weights=w)
         np.testing.assert_allclose(c[s], mean)
         np.testing.assert_allclose(C[s], slope)
         np.testing.assert_allclose(residuals[part], p[part] - mean)
@@ -79,7 +83,8 @@ def test_touches_are_centred_about_the_weighted_mean_of_their_series(
 
 def test_loads_of_hanging_bodies_are_slopes_of_their_work(rng: np.random.Generator) -> None:
     table, slides, X_base, *_ = drawn_arm(rng)
-    n, M = len(table), 2
+    n = len(table)
+    M = 2
     q = rng.normal(size=(M, n))
     forces, points = rng.normal(size=(2, n, 2, 3))
     extra_f, extra_p = rng.normal(size=(2, M, 1, 3))
@@ -111,12 +116,12 @@ def test_a_pose_is_reached_in_few_steps(orient: bool, rng: np.random.Generator) 
         X = link_frames(table, slides, X_base, q)[-1] @ X_flange
         start = q + rng.uniform(-0.03, 0.03, len(q))
         goal = (X @ [*tcp, 1.0])[:3]
-        given = start.copy()
+        q_solved = start.copy()
         done = kernels.reach_pose(
-            table, slides, X_base, X_flange, tcp, goal, X[:3, :3], given, orient, 12
+            table, slides, X_base, X_flange, tcp, goal, X[:3, :3], q_solved, orient, 12
         )
         assert done
-        reached = link_frames(table, slides, X_base, given)[-1] @ X_flange
+        reached = link_frames(table, slides, X_base, q_solved)[-1] @ X_flange
         np.testing.assert_allclose((reached @ [*tcp, 1.0])[:3], goal, atol=1e-10)
         if orient:
             np.testing.assert_allclose(reached[:3, :3], X[:3, :3], atol=3e-6)
@@ -132,8 +137,8 @@ def test_a_pose_is_reached_from_the_other_side(rng: np.random.Generator) -> None
     for _ in range(4):
         q, start = rng.uniform(-1.5, 1.5, (2, len(table)))
         X = link_frames(table, slides, X_base, q)[-1] @ X_flange
-        there = link_frames(table, slides, X_base, start)[-1] @ X_flange
-        start[-1] += 2.5 if np.trace(there[:3, :3].T @ X[:3, :3]) > 1.0 else 0.0
+        X_tip = link_frames(table, slides, X_base, start)[-1] @ X_flange
+        start[-1] += 2.5 if np.trace(X_tip[:3, :3].T @ X[:3, :3]) > 1.0 else 0.0
         goal = (X @ [*tcp, 1.0])[:3]
         solved += kernels.reach_pose(
             table, slides, X_base, X_flange, tcp, goal, X[:3, :3], start, True, 300

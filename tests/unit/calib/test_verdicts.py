@@ -30,10 +30,10 @@ def test_clouds_are_compared_by_the_rms_of_what_alignment_leaves():
         * np.sign(CORNERS[:, [2]])
     )
     off[0] *= 2.0  # one corner by twice as much
-    seen = compare(transform_points(X, CORNERS), {"arm": CORNERS + off})["arm"]
-    assert seen.rms == pytest.approx(np.sqrt(np.mean(seen.deviations**2)))
-    assert seen.rms > 1.02 * seen.deviations.mean()
-    assert 0.005 < seen.rms < np.sqrt(np.mean(np.sum(off**2, axis=1)))
+    comparison = compare(transform_points(X, CORNERS), {"arm": CORNERS + off})["arm"]
+    assert comparison.rms == pytest.approx(np.sqrt(np.mean(comparison.deviations**2)))
+    assert comparison.rms > 1.02 * comparison.deviations.mean()
+    assert 0.005 < comparison.rms < np.sqrt(np.mean(np.sum(off**2, axis=1)))
 
 
 def test_a_mirrored_cloud_is_turned_and_never_mirrored():
@@ -48,8 +48,8 @@ def test_a_place_is_a_tenth_of_the_reach():
     m.
     """
     points = np.array([[1.0, 2.0, 0.0], [1.0, 2.04, 0.0], [1.0, 2.1, 0.0], [1.0, 2.4, 0.0]])
-    found = [places(points, reach).tolist() for reach in (0.3, 0.5, 0.8, 5.0)]
-    assert found == [[0, 1, 2, 3], [0, 0, 2, 3], [0, 0, 0, 3], [0, 0, 0, 0]]
+    places_of = [places(points, reach).tolist() for reach in (0.3, 0.5, 0.8, 5.0)]
+    assert places_of == [[0, 1, 2, 3], [0, 0, 2, 3], [0, 0, 0, 3], [0, 0, 0, 0]]
 
 
 def test_pair_distances_are_of_each_series_alone():
@@ -73,9 +73,9 @@ def refitted(
         mine: (n,) bool, True for those that are left out.
     """
     variance = 1.0 / (rows[~mine] @ rows[~mine] / noise**2 + deviation**-2)
-    found = variance * (rows[~mine] @ readings[~mine]) / noise**2
+    estimate = variance * (rows[~mine] @ readings[~mine]) / noise**2
     lost = 1.0 - 1.0 / 4.0  # less the mean of four touches
-    return np.abs(readings[mine] - rows[mine] * found) / np.sqrt(
+    return np.abs(readings[mine] - rows[mine] * estimate) / np.sqrt(
         rows[mine] ** 2 * variance + lost * noise**2
     )
 
@@ -89,19 +89,19 @@ def test_touches_are_predicted_as_by_a_fit_without_their_place(rng: np.random.Ge
     rows -= rows.mean(axis=1, keepdims=True)
     readings = 0.7 * deviation * rows + noise * rng.normal(size=rows.shape)
     flat, read = rows.ravel(), readings.ravel()
-    found = (flat @ read / noise**2) / (flat @ flat / noise**2 + deviation**-2)
+    estimate = (flat @ read / noise**2) / (flat @ flat / noise**2 + deviation**-2)
     series = [
-        PointTouches(rows=J[:, None, :], residuals=r - J * found, weights=np.ones(4))
+        PointTouches(rows=J[:, None, :], residuals=r - J * estimate, weights=np.ones(4))
         for J, r in zip(rows, readings, strict=True)
     ]
-    wanted = np.concatenate(
+    residuals = np.concatenate(
         [
-            refitted(flat, read, noise, deviation, np.repeat(np.arange(4), 12) == place)
-            for place in range(4)
+            refitted(flat, read, noise, deviation, np.repeat(np.arange(4), 12) == cluster)
+            for cluster in range(4)
         ]
     )
     assert scores(series, np.arange(4), np.array([deviation]), noise) == pytest.approx(
-        np.sort(wanted), rel=1e-9
+        np.sort(residuals), rel=1e-9
     )
 
 
@@ -109,11 +109,13 @@ def test_odds_of_a_scatter_are_those_of_two_densities():
     """Log-normal about the usual value against log-uniform up to the most: by their densities of
     the logarithm.
     """
-    value, usual, factor, most = 8e-3, 1e-3, 3.0, 0.5
-    z = np.log(value / usual) / np.log(factor)
+    scatter, usual, factor, most = 8e-3, 1e-3, 3.0, 0.5
+    z = np.log(scatter / usual) / np.log(factor)
     normal = np.exp(-0.5 * z**2) / (np.sqrt(2.0 * np.pi) * np.log(factor))
     uniform = 1.0 / np.log(most / usual)
-    assert doubts._log_unlike(value, usual, factor, most) == pytest.approx(np.log(uniform / normal))
+    assert doubts._log_unlike(scatter, usual, factor, most) == pytest.approx(
+        np.log(uniform / normal)
+    )
     assert doubts._log_unlike(0.9 * usual, usual, factor, most) == -np.inf
 
 
@@ -122,11 +124,11 @@ def test_odds_of_touches_left_out_are_those_of_two_shares(out: int, of: int):
     """Any share, against one drawn from 20 (1 - s)^19: binomials over beta densities that integrate
     to one.
     """
-    found = SimpleNamespace(weights=[np.where(np.arange(of) < out, 0.0, 1.0)])
+    fit = SimpleNamespace(weights=[np.where(np.arange(of) < out, 0.0, 1.0)])
     rare = betaln(1.0 + out, 20.0 + of - out) - betaln(1.0, 20.0)
-    told = doubts._left_out(untyped(found), ["a"])
-    assert told.log_odds == pytest.approx(betaln(1.0 + out, 1.0 + of - out) - rare)
-    assert told.reason.startswith(f"{out} of all {of} touches")
+    doubt = doubts._left_out(untyped(fit), ["a"])
+    assert doubt.log_odds == pytest.approx(betaln(1.0 + out, 1.0 + of - out) - rare)
+    assert doubt.reason.startswith(f"{out} of all {of} touches")
 
 
 def test_motion_is_the_rms_along_each_axis():
@@ -158,12 +160,10 @@ def test_odds_of_a_length_are_those_of_two_deviations(off: float):
         patch.setattr(doubts, "_information", lambda _: np.eye(1))
         patch.setattr(doubts, "as_made", lambda _: np.array([1e-9]))
         patch.setattr(doubts, "_slope", lambda *_: np.zeros((1, 3)))
-        told = doubts.Told(names="ab", distances=[(0, 1, length, deviation)])
-        (doubt,) = doubts._wrong_lengths(untyped(free), [np.zeros((4, 6))] * 2, told)
-    narrow, wide = (
-        deviation**2 + (1e-3 * length) ** 2,
-        deviation**2 + (1e-3 * length) ** 2 + (0.1 * length) ** 2,
-    )
+        lengths = doubts.Told(names="ab", distances=[(0, 1, length, deviation)])
+        (doubt,) = doubts._wrong_lengths(untyped(free), [np.zeros((4, 6))] * 2, lengths)
+    narrow = deviation**2 + (1e-3 * length) ** 2
+    wide = deviation**2 + (1e-3 * length) ** 2 + (0.1 * length) ** 2
     error2 = (off * length) ** 2
-    wanted = 0.5 * (np.log(narrow) - np.log(wide) + error2 / narrow - error2 / wide)
-    assert doubt.log_odds == pytest.approx(wanted, rel=1e-9)
+    odds = 0.5 * (np.log(narrow) - np.log(wide) + error2 / narrow - error2 / wide)
+    assert doubt.log_odds == pytest.approx(odds, rel=1e-9)

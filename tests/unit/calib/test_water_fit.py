@@ -9,6 +9,7 @@ from uuv.calib.water.findings import findings, together
 from uuv.calib.water.logs import log_of, read_log, write_log
 from uuv.calib.water.named_fit import NamedParameter, Slopes, fit_blocks, values_of
 from uuv.calib.water.planning import information, planned
+from uuv.sim.evaluation.intervals import SIGMAS
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
@@ -21,18 +22,20 @@ class Lines:
     def __init__(self, slope: float, offsets: Array, noise: float = 0.1) -> None:
         self.x, self.noise = np.linspace(0.0, 1.0, 12), noise
         self.y = [slope * self.x + offset for offset in offsets]
-        self.own = [1] * len(offsets)
+        self.local = [1] * len(offsets)
         self.parameters = (NamedParameter(name="slope", unit="1", nominal=1.0, sigma=2.0),)
 
-    def residuals(self, deviations, own):
+    def residuals(self, deviations, local):
         slope = values_of(self.parameters, deviations)["slope"]
-        return [(slope * self.x + b[0] - y) / self.noise for b, y in zip(own, self.y, strict=True)]
+        return [
+            (slope * self.x + b - y) / self.noise for (b,), y in zip(local, self.y, strict=True)
+        ]
 
-    def slopes(self, deviations, own):
+    def slopes(self, deviations, local):
         ones = np.ones((len(self.x), 1)) / self.noise
         return [
             Slopes(r, 2.0 * self.x[:, None] / self.noise, ones)
-            for r in self.residuals(deviations, own)
+            for r in self.residuals(deviations, local)
         ]
 
 
@@ -47,7 +50,7 @@ def test_blocks_with_numbers_of_their_own_give_the_joint_posterior():
     H = A.T @ A + np.eye(4)
     exact = np.linalg.solve(H, A.T @ y)
     assert fit.deviations[0] == pytest.approx(exact[0], abs=1e-6)
-    assert np.concatenate(fit.own) == pytest.approx(exact[1:], abs=1e-6)
+    assert np.concatenate(fit.local) == pytest.approx(exact[1:], abs=1e-6)
     assert fit.covariance[0, 0] == pytest.approx(np.linalg.inv(H)[0, 0], rel=1e-9)
     assert information(lines.slopes(np.zeros(1), [np.zeros(1)] * 3), 1)[0, 0] == pytest.approx(
         1.0 / np.linalg.inv(H)[0, 0] - 1.0, rel=1e-9
@@ -63,9 +66,9 @@ def test_straight_steps_find_factors_far_from_nominal():
     )
 
     class Ratio:
-        own = (0,)
+        local = (0,)
 
-        def residuals(self, deviations, own):
+        def residuals(self, deviations, local):
             v = values_of(parameters, deviations)
             return [
                 (
@@ -75,9 +78,9 @@ def test_straight_steps_find_factors_far_from_nominal():
                 / 1e-3
             ]
 
-        def slopes(self, deviations, own):
-            (r,) = self.residuals(deviations, own)
-            J = [(self.residuals(deviations + 1e-6 * e, own)[0] - r) / 1e-6 for e in np.eye(3)]
+        def slopes(self, deviations, local):
+            (r,) = self.residuals(deviations, local)
+            J = [(self.residuals(deviations + 1e-6 * e, local)[0] - r) / 1e-6 for e in np.eye(3)]
             return [Slopes(r, np.column_stack(J), np.zeros((20, 0)))]
 
     fit = fit_blocks(Ratio(), parameters, straight=True, enough=1e-9, rounds=20)
@@ -87,7 +90,7 @@ def test_straight_steps_find_factors_far_from_nominal():
     (said,) = together(fit, 3)
     assert "only their ratios are identifiable" in said
     assert "tow" in said
-    found = {each.name: each for each in findings(fit, 3)}
+    found = {each.name: each for each in findings(fit, 3, SIGMAS)}
     assert found["net buoyancy"].verdict == "not identifiable"
     assert "drift" in found["net buoyancy"].helps
     assert found["gain of bow"].verdict == "partly identified"

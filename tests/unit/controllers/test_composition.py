@@ -22,8 +22,11 @@ from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkS
 from uuv.sim.interfaces.spatial import exp_so3, pose
 
 OWN = models.load("uuv_puma").compile()
-VEHICLE, ARM = Vehicle.of(OWN), ArmDynamics(OWN)
-N, STILL, DT = VEHICLE.joints.size, np.zeros(3), 0.002
+VEHICLE = Vehicle.of(OWN)
+ARM = ArmDynamics(OWN)
+N = VEHICLE.joints.size
+STILL = np.zeros(3)
+DT = 0.002
 METHODS = (
     "compensation",
     "hydrodynamic-term",
@@ -37,7 +40,8 @@ METHODS = (
 def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
     """A drifting hull and a moving arm that presses after a third of the steps, with noise."""
     rng = np.random.default_rng(seed)
-    start, rate = VEHICLE.q_ready + rng.uniform(-0.1, 0.1, N), rng.uniform(-0.2, 0.2, N)
+    start = VEHICLE.q_ready + rng.uniform(-0.1, 0.1, N)
+    rate = rng.uniform(-0.2, 0.2, N)
     at_rest = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": STILL}
     push_G = np.array([5.0, -3.0, -40.0, 0.0, 0.0, 0.0])
     tau = ARM.inverse(start, np.zeros(N), np.zeros(N), wrench_tip_G=push_G, **at_rest)[0]
@@ -57,7 +61,7 @@ def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
         )
         presses = i > steps // 3
         X_WG = VEHICLE.X_BA @ CHAIN_TIP
-        asked = Reference(
+        reference = Reference(
             time=t,
             state=WorkState.WORK,
             X_WB=np.eye(4),
@@ -73,7 +77,7 @@ def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
             scan=False,
             path_s=0.0,
         )
-        rows.append((estimate, asked))
+        rows.append((estimate, reference))
     return rows
 
 
@@ -87,9 +91,10 @@ CHAIN_TIP = tip_in_base()
 
 def commands(controller: WorkController, rows: list[tuple[StateEstimate, Reference]]) -> np.ndarray:
     """Torques, thrusters and force of every step."""
-    state, out = controller.init(rows[0][0]), []
-    for estimate, asked in rows:
-        state, command = controller.step(state, estimate, asked)
+    state = controller.init(rows[0][0])
+    out = []
+    for estimate, reference in rows:
+        state, command = controller.step(state, estimate, reference)
         out.append(row(command))
     return np.array(out)
 
@@ -110,14 +115,17 @@ class Integrator(ForceDisplacement):
 
 def test_a_force_law_is_replaced_alone(within):
     """Its displacement is the one of the law, by hand; the thrusters do not notice."""
-    rows, k, torques = inputs(1, 300), 0.0, []
-    controller, plain = WorkController(OWN, force_law=Integrator()), WorkController(OWN)
+    rows = inputs(1, 300)
+    k = 0.0
+    torques = []
+    controller = WorkController(OWN, force_law=Integrator())
+    plain = WorkController(OWN)
     state, other = controller.init(rows[0][0]), plain.init(rows[0][0])
-    for i, (estimate, asked) in enumerate(rows):
-        state, command = controller.step(state, estimate, asked)
-        other, usual = plain.step(other, estimate, asked)
-        if asked.force_control and i % 2 == 0:
-            k += 1e-4 * (asked.set_force - command.contact.normal) * 0.004
+    for i, (estimate, reference_of) in enumerate(rows):
+        state, command = controller.step(state, estimate, reference_of)
+        other, usual = plain.step(other, estimate, reference_of)
+        if reference_of.force_control and i % 2 == 0:
+            k += 1e-4 * (reference_of.set_force - command.contact.normal) * 0.004
         if i % 10 == 0:  # the controller reports it with each step of the hull
             within("displacement [m]", command.believed["displacement"] - k, 1e-15)
         assert np.array_equal(command.thrusters, usual.thrusters)
@@ -181,7 +189,8 @@ class HomeAlone:
     """`WithoutCompensation` in plain Python."""
 
     def __init__(self, home_B: np.ndarray) -> None:
-        self.home_B, self.seen = home_B, []
+        self.home_B = home_B
+        self.seen = []
 
     def left_out(self, load, contact, estimate):
         self.seen.append(estimate.time)
@@ -190,16 +199,17 @@ class HomeAlone:
 
 def test_a_feedforward_has_the_same_bits_as_kernel_and_in_python():
     """It is called at each step of the hull, with the estimate of that tick, and is named."""
-    rows, q_home = inputs(7, 60), np.array(VEHICLE.q_home)
+    rows = inputs(7, 60)
+    q_home = np.array(VEHICLE.q_home)
     arm = ArmDynamics(OWN)
     compiled = WorkController(OWN, feedforward=WithoutCompensation(arm, q_home))
     plain = HomeAlone(arm.wrench_at_rest(q_home))
     python = WorkController(OWN, feedforward=plain)
-    one, other = commands(compiled, rows), commands(python, rows)
-    assert np.array_equal(one, other)
+    first, other = commands(compiled, rows), commands(python, rows)
+    assert np.array_equal(first, other)
     assert plain.seen == [estimate.time for estimate, _ in rows[::10]]
     assert (compiled.slow, python.slow) == ((), ("HomeAlone",))
-    assert not np.array_equal(one, commands(WorkController(OWN), rows))
+    assert not np.array_equal(first, commands(WorkController(OWN), rows))
 
 
 def test_what_a_feedforward_raises_comes_out_as_it_is():

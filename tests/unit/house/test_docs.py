@@ -52,12 +52,14 @@ def test_every_field_of_a_message_is_in_the_documents(root, message):
 def test_the_call_of_inverse_dynamics_in_the_documents_is_as_it_says(root):
     """The wrench on the tip acts by -J^T on the joints, and by itself on the hull."""
     model = models.load("uuv_puma").compile()
-    arm, vehicle = ArmDynamics(model), Vehicle.of(model)
-    rest, still = np.zeros(arm.n), np.zeros(3)
+    arm = ArmDynamics(model)
+    vehicle = Vehicle.of(model)
+    rest = np.zeros(arm.n)
+    still = np.zeros(3)
     estimate = SimpleNamespace(
         q=vehicle.q_ready, qd=rest, X_WB=np.eye(4), v_WB_B=still, w_WB_B=still, a_WB_B=still
     )
-    given = names_of(
+    names = names_of(
         root, "arm.inverse(", "docs/benchmark.md", arm=arm, estimate=estimate, qdd=rest
     )
     none = {
@@ -69,8 +71,8 @@ def test_the_call_of_inverse_dynamics_in_the_documents_is_as_it_says(root):
     tau, wrench_B = arm.inverse(vehicle.q_ready, rest, rest, R_WB=np.eye(3), **none)
     X_BG, J_B = arm.tip(vehicle.q_ready)
     force_B = X_BG[:3, :3] @ [0.0, 0.0, -60.0]
-    np.testing.assert_allclose(given["tau"] - tau, -J_B[:3].T @ force_B, atol=1e-9)
-    np.testing.assert_allclose((given["wrench_B"] - wrench_B)[:3], force_B, atol=1e-9)
+    np.testing.assert_allclose(names["tau"] - tau, -J_B[:3].T @ force_B, atol=1e-9)
+    np.testing.assert_allclose((names["wrench_B"] - wrench_B)[:3], force_B, atol=1e-9)
     assert np.abs(force_B).max() > 10.0
 
 
@@ -78,9 +80,9 @@ def test_the_force_law_of_the_documents_is_the_controllers(root):
     """And it takes 15 lines at most."""
     names = names_of(root, "class Integrator")
     model = models.load("uuv_puma").compile()
-    made = names["integrating"](model, water_error=0.1)
+    controller = names["integrating"](model, water_error=0.1)
     law = names["Integrator"]()
-    assert law in made.tunings
+    assert law in controller.tunings
     assert law.step(law.init(), 10.0, 4.0, 0.0, 0.5) == pytest.approx(12e-4)
 
 
@@ -95,8 +97,8 @@ def test_the_controller_of_the_documents_bears_the_arm(root):
     names = names_of(root, "class BearWeight")
     model = models.load("uuv_puma").compile()
     vehicle = Vehicle.of(model)
-    made = names["BearWeight"](model)
-    assert isinstance(made, Controller)
+    controller = names["BearWeight"](model)
+    assert isinstance(controller, Controller)
     n = vehicle.joints.size
     estimate = StateEstimate(
         time=0.0,
@@ -108,7 +110,9 @@ def test_the_controller_of_the_documents_bears_the_arm(root):
         qd=np.zeros(n),
         tau=np.zeros(n),
     )
-    _, command = made.step(made.init(estimate), estimate, untyped(SimpleNamespace(scan=False)))
+    _, command = controller.step(
+        controller.init(estimate), estimate, untyped(SimpleNamespace(scan=False))
+    )
     assert np.all(np.isfinite(command.joint_torque))
     assert 1.0 < np.abs(command.joint_torque).max() < 200.0
     assert not command.thrusters.any()
@@ -121,17 +125,17 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
     names = names_of(root, "class SwingingPlant", "docs/own_task.md")
     fault = names["Swinging"](thruster="heave_front")
     plant = assemble(replace(jobs.clean_barrel(quick=True), perturbations=(fault,))).loop.plant
-    given = np.linspace(0.1, 0.6, 6)
+    command = np.linspace(0.1, 0.6, 6)
     sent = []
     monkeypatch.setattr(
         type(untyped(plant).plant), "step", lambda _, command: sent.append(command.thrusters)
     )
     for time in (0.0, 0.125):
-        plant.step(Command(time=time, joint_torque=np.zeros(6), thrusters=given, scan=False))
+        plant.step(Command(time=time, joint_torque=np.zeros(6), thrusters=command, scan=False))
     factor = np.where(
         np.array(untyped(plant).plant.vehicle.thruster_names) == "heave_front", 1.3, 1.0
     )
-    np.testing.assert_allclose(sent, [given, factor * given], rtol=1e-12)
+    np.testing.assert_allclose(sent, [command, factor * command], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["my_flow", "my_wake"])

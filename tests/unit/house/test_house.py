@@ -87,20 +87,21 @@ def test_script_starts_as_all_do(script: Path):
 def without_uv_options(words: list[str]) -> list[str]:
     """A command without what it tells uv, which must be true as well."""
     while words[0].startswith("--"):
-        option, value, *words = words
+        option, argument, *words = words
         if option == "--with-requirements":
-            assert (ROOT / value).is_file(), value
+            assert (ROOT / argument).is_file(), argument
         elif option == "--group":
             assert (
-                value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]
-            ), value
+                argument
+                in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"]
+            ), argument
         elif option == "--extra":
             assert (
-                value
+                argument
                 in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
                     "optional-dependencies"
                 ]
-            ), value
+            ), argument
         else:
             assert option == "--with", option
     return words
@@ -162,11 +163,11 @@ def test_commands_of_the_documents_are_true(script, verb):
             continue  # which they are about; it has no packages for Python 3.13
         elif program not in helps:
             assert (ROOT / program).is_file(), f"{command}: no such script"
-            said = script(
+            ran = script(
                 program.removeprefix("scripts/").removesuffix(".py").replace("/", "."), "--help"
             )
-            assert said.returncode == 0, said.stderr
-            helps[program] = said.stdout
+            assert ran.returncode == 0, ran.stderr
+            helps[program] = ran.stdout
         for option in (word.partition("=")[0] for word in options if re.match(r"--[a-z]", word)):
             assert re.search(rf"(?<![\w-]){option}(?![\w-])", helps[program]), (
                 f"{command}: {option} is not in --help"
@@ -177,14 +178,14 @@ def test_verbs_of_the_documents_and_sources_are_there():
     sources = [path for name in ("uuv", *ROOMS, "scripts") for path in (ROOT / name).rglob("*.py")]
     texts = {path: verbs_in(path) for path in [*DOCUMENTS, ROOT / "CONTRIBUTING.md", *sources]}
     no_verbs = ("VERB", "-", "{", "...")  # placeholders, options of `uuv` itself
-    told = [
+    commands = [
         (path.name, text)
-        for path, found in texts.items()
-        for text in found
+        for path, lines in texts.items()
+        for text in lines
         if not text.startswith(no_verbs)
     ]
-    assert len(told) > 40
-    assert [(page, text) for page, text in told if not chosen(text.split())] == []
+    assert len(commands) > 40
+    assert [(page, text) for page, text in commands if not chosen(text.split())] == []
 
 
 def test_ci_runs_what_a_newcomer_is_told_to():

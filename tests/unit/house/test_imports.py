@@ -17,7 +17,7 @@ CONTAINERS = ("uuv", *(f"uuv.{room}" for room in ROOMS))
 
 def contract_of(container: str) -> dict:
     """The contract that orders the parts of a package."""
-    (contract,) = [each for each in CONTRACTS if each.get("containers") == [container]]
+    (contract,) = [contract for contract in CONTRACTS if contract.get("containers") == [container]]
     return contract
 
 

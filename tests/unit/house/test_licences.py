@@ -14,6 +14,7 @@ PAGE = ROOT / "docs" / "licences.md"
 NEEDED = "always"  # brings what needs no extra
 PHRASES = {  # of a licence's text, and its SPDX identifier; the first that is found counts
     "license agreement for matplotlib": "matplotlib",
+    "lgplv3": "LGPL-3.0",
     "apache license": "Apache-2.0",
     "apache 2.0": "Apache-2.0",
     "neither the name": "BSD-3-Clause",
@@ -21,6 +22,9 @@ PHRASES = {  # of a licence's text, and its SPDX identifier; the first that is f
     "permission is hereby granted, free of charge": "MIT",
     "mit": "MIT",
 }
+
+
+UNSTATED = {"mcap": "MIT"}  # its wheel states none: the licence of its repository, foxglove/mcap
 
 
 def table() -> dict[str, tuple[str, str]]:
@@ -55,6 +59,8 @@ def licence_of(package: Distribution) -> str:
     stated = package.metadata
     if "License-Expression" in stated:
         return stated["License-Expression"]
+    if package.name in UNSTATED:
+        return UNSTATED[package.name]
     own = [
         file
         for file in package.files or []

@@ -88,7 +88,7 @@ def test_a_new_second_table_is_refused(monkeypatch: pytest.MonkeyPatch):
 def test_what_describes_a_run_names_keys_and_not_options():
     assert len(VALUES) > 20
     assert {
-        name_of(path): found for path in VALUES if (found := [*texts_with_options(parsed(path))])
+        name_of(path): texts for path in VALUES if (texts := [*texts_with_options(parsed(path))])
     } == {}
 
 

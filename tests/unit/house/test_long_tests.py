@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-UNGUARDED = 66  # marks that say no guard: none is added
+UNGUARDED = 65  # marks that say no guard: none is added
 
 
 def long_marks(tree: ast.AST) -> Iterator[ast.Attribute | ast.Call]:
@@ -24,11 +24,17 @@ def is_long(node: ast.AST) -> bool:
 
 
 @cache
+def tree_of(file: Path) -> ast.Module:
+    """Syntax of a test file."""
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+@cache
 def marks() -> dict[str, list[str]]:
     """Guards that the marks of each test file name; an empty one for a mark without."""
-    found: dict[str, list[str]] = {}
+    marked: dict[str, list[str]] = {}
     for file in sorted((ROOT / "tests").rglob("test_*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        tree = tree_of(file)
         constants = {
             target.id: node.value
             for node in tree.body
@@ -43,10 +49,10 @@ def marks() -> dict[str, list[str]]:
                 for word in keywords
             }
             assert words.keys() <= {"guarded_by"}, file
-            found.setdefault(file.relative_to(ROOT).as_posix(), []).append(
+            marked.setdefault(file.relative_to(ROOT).as_posix(), []).append(
                 words.get("guarded_by", "")
             )
-    return found
+    return marked
 
 
 def is_plain(guard: str) -> bool:
@@ -55,7 +61,7 @@ def is_plain(guard: str) -> bool:
     file = ROOT / name
     if not file.is_file():
         return False
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(file)):
         if isinstance(node, ast.FunctionDef) and node.name == function.partition("[")[0]:
             return not any(
                 is_long(part)

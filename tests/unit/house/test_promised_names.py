@@ -71,8 +71,8 @@ def skeletons() -> list[Any]:
 
 def is_module(name: str) -> bool:
     """Whether a dotted name below `uuv` is a file or a folder of code."""
-    place = ROOT.joinpath(*name.split("."))
-    return place.with_suffix(".py").is_file() or (place / "__init__.py").is_file()
+    path = ROOT.joinpath(*name.split("."))
+    return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
 
 
 def names_used(code: str) -> set[str]:

@@ -90,12 +90,12 @@ def toml_by_hand(text: str) -> set[str]:
 
 
 def test_documents_are_parsed_in_one_module():
-    found = {
+    parsers = {
         path.relative_to(ROOT).as_posix(): parsers_in(path.read_text(encoding="utf-8"))
         for path in product()
     }
-    assert {"json.loads", "tomllib", "yaml", "tomlkit"} <= found.pop(DOCUMENTS)
-    second = {name: parsers for name, parsers in found.items() if parsers}
+    assert {"json.loads", "tomllib", "yaml", "tomlkit"} <= parsers.pop(DOCUMENTS)
+    second = {name: parsers for name, parsers in parsers.items() if parsers}
     assert second.keys() <= ALLOWED.keys(), {
         name: second[name] for name in second if name not in ALLOWED
     }
@@ -127,8 +127,8 @@ def test_no_module_writes_toml_by_hand():
         path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
         for path in product("scripts")
     }
-    found = {name: toml_by_hand(text) for name, text in modules.items() if name != DOCUMENTS}
-    assert {name: lines for name, lines in found.items() if lines} == {}
+    written = {name: toml_by_hand(text) for name, text in modules.items() if name != DOCUMENTS}
+    assert {name: lines for name, lines in written.items() if lines} == {}
 
 
 @pytest.mark.parametrize(

@@ -23,17 +23,17 @@ KEY = re.compile(r"\[([A-Z][A-Za-z]+ (?:1[89]|20)\d\d[a-z]?)(?:[,\]])")
 def public(tree: ast.Module) -> list[tuple[str, ast.AST]]:
     """Public functions and classes of a module, and the public methods of these, by name."""
     kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
-    found: list[tuple[str, ast.AST]] = []
+    definitions: list[tuple[str, ast.AST]] = []
     for node in tree.body:
         if isinstance(node, kinds) and not node.name.startswith("_"):
-            found.append((node.name, node))
+            definitions.append((node.name, node))
             if isinstance(node, ast.ClassDef):
-                found += [
-                    (f"{node.name}.{item.name}", item)
-                    for item in node.body
-                    if isinstance(item, kinds) and not item.name.startswith("_")
+                definitions += [
+                    (f"{node.name}.{member.name}", member)
+                    for member in node.body
+                    if isinstance(member, kinds) and not member.name.startswith("_")
                 ]
-    return found
+    return definitions
 
 
 def sentences(path: Path) -> list[str]:
@@ -117,12 +117,12 @@ def test_every_source_is_listed_once():
 def test_nothing_refers_to_what_a_stranger_cannot_open():
     closed = re.compile(r"[Pp]apers? 00\d|\bfacts/|issue \d")
     here = Path(__file__)
-    found = [
+    offending = [
         path
         for path in tracked("*.py", "README.md", "docs/*.md")
         if closed.search(path.read_text())
     ]
-    assert [path.relative_to(ROOT).as_posix() for path in found if path != here] == []
+    assert [path.relative_to(ROOT).as_posix() for path in offending if path != here] == []
 
 
 def test_the_formatter_and_the_checkers_are_hardly_ever_switched_off():

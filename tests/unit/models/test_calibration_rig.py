@@ -19,13 +19,14 @@ WORLD = """<mujoco><option timestep="0.001" gravity="{gravity}"/><worldbody>
 def test_ball_finds_the_nest_from_aside(axis, within):
     rng = np.random.default_rng(1)
     z = np.array(axis) / np.linalg.norm(axis)
-    point, R = np.array([0.3, -0.2, 0.5]), rotation_from_z(axis, (1.0, 0.0, 0.0))
+    point = np.array([0.3, -0.2, 0.5])
+    R = rotation_from_z(axis, (1.0, 0.0, 0.0))
     seats = []
     for _ in range(4):
         aside = 0.018 * R[:, :2] @ rng.uniform(-0.7, 0.7, 2)
-        place = point + aside + 0.05 * z
+        p_ball = point + aside + 0.05 * z
         spec = mujoco.MjSpec.from_string(
-            WORLD.format(gravity=" ".join(map(str, -9.81 * z)), place=" ".join(map(str, place)))
+            WORLD.format(gravity=" ".join(map(str, -9.81 * z)), place=" ".join(map(str, p_ball)))
         )
         touch_rig.add_pin(spec)
         touch_rig.add_nests(spec, [point], [z])
@@ -34,7 +35,7 @@ def test_ball_finds_the_nest_from_aside(axis, within):
         assert model.body("link").mass[0] == 1.0  # as before
         model.dof_damping[:] = 2.0
         data = mujoco.MjData(model)
-        data.qpos[:3] = place
+        data.qpos[:3] = p_ball
         mujoco.mj_step(model, data, nstep=6000)
         assert np.abs(data.qvel[:3]).max() < 1e-6
         assert len(data.contact) == 3

@@ -34,25 +34,31 @@ def test_stays_closed_and_moves_where_said(name: str, change, seed: int, within)
     """Nothing moves outside of the patches; in them as far as said, seen from the clean mesh."""
     clean = targets.named(name)
     least = 0.01 if name != "valve" else 0.005
-    result = change(clean, np.random.default_rng(seed), patches=2, height=(least, 0.04))
-    assert open_edges(result.target.triangles) == 0, seed
+    fouled_object = change(clean, np.random.default_rng(seed), patches=2, height=(least, 0.04))
+    assert open_edges(fouled_object.target.triangles) == 0, seed
     away = np.min(
-        [np.linalg.norm(result.clean_T - p.p_T, axis=1) / p.radius for p in result.patches], axis=0
+        [
+            np.linalg.norm(fouled_object.clean_T - p.p_T, axis=1) / p.radius
+            for p in fouled_object.patches
+        ],
+        axis=0,
     )
-    within("moved outside of the patches [m]", result.offset[away > 1.3], 1e-12)
+    within("moved outside of the patches [m]", fouled_object.offset[away > 1.3], 1e-12)
     within(
-        "clean vertices off the clean mesh [m]", distance_from_clean(clean, result.clean_T), 1e-3
+        "clean vertices off the clean mesh [m]",
+        distance_from_clean(clean, fouled_object.clean_T),
+        1e-3,
     )
     whole = volume(clean.vertices, clean.triangles)
     within(
         "volume before, relative",
-        volume(result.clean_T, result.target.triangles) / whole - 1.0,
+        volume(fouled_object.clean_T, fouled_object.target.triangles) / whole - 1.0,
         1e-9,
     )
-    moved = np.linalg.norm(result.target.vertices - result.clean_T, axis=1)
-    assert moved.max() <= sum(p.height for p in result.patches) + 1e-9, seed
-    assert moved.max() > 0.5 * max(p.height for p in result.patches), seed
-    for patch in result.patches:
+    moved = np.linalg.norm(fouled_object.target.vertices - fouled_object.clean_T, axis=1)
+    assert moved.max() <= sum(p.height for p in fouled_object.patches) + 1e-9, seed
+    assert moved.max() > 0.5 * max(p.height for p in fouled_object.patches), seed
+    for patch in fouled_object.patches:
         assert least <= patch.height <= 0.04
         within("middle off the clean mesh [m]", distance_from_clean(clean, patch.p_T[None]), 1e-3)
 
@@ -69,8 +75,8 @@ def test_one_patch_on_a_plane_is_its_own_closed_form(within):
             height=0.03,
             lobes=np.array([0.4, 1.0]),
         )
-        result = deformed(block(), [patch])
-        mesh = result.target
+        dented = deformed(block(), [patch])
+        mesh = dented.target
         scene = RayScene(mesh.vertices, mesh.triangles)
         down = np.array([0.0, 0.0, -1.0])
         at = scene.cast(patch.p_T + np.array([[0.0, 0.0, 0.2]]), down[None])["t"][0]
@@ -84,17 +90,17 @@ def test_one_patch_on_a_plane_is_its_own_closed_form(within):
         )
         hit = scene.cast(points, np.broadcast_to(down, points.shape))["t"]
         surface = points + hit[:, None] * down
-        within("truth against rays [m]", result.offset_at(surface) - (surface[:, 2] - 0.15), 1e-6)
+        within("truth against rays [m]", dented.offset_at(surface) - (surface[:, 2] - 0.15), 1e-6)
 
 
 def test_same_seed_same_growth_near_the_path():
     barrel = targets.named("barrel")
     near = barrel.path("longitudinal").p
-    one, same = (fouled(barrel, np.random.default_rng(5), patches=1, near=near) for _ in range(2))
-    assert np.array_equal(one.target.vertices, same.target.vertices)
-    assert np.linalg.norm(near - one.patches[0].p_T, axis=1).min() < 0.1
-    assert one.target.path("longitudinal") is not None
-    assert one.target.symmetry.axis is not None
+    first, same = (fouled(barrel, np.random.default_rng(5), patches=1, near=near) for _ in range(2))
+    assert np.array_equal(first.target.vertices, same.target.vertices)
+    assert np.linalg.norm(near - first.patches[0].p_T, axis=1).min() < 0.1
+    assert first.target.path("longitudinal") is not None
+    assert first.target.symmetry.axis is not None
 
 
 def test_growth_is_felt_where_it_is(within):
@@ -109,9 +115,9 @@ def test_growth_is_felt_where_it_is(within):
         height=0.03,
         lobes=np.zeros(2),
     )
-    result = deformed(block(), [patch])
+    dented = deformed(block(), [patch])
     spec = mujoco.MjSpec()
-    result.target.add_to(spec, pose())
+    dented.target.add_to(spec, pose())
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -119,15 +125,16 @@ def test_growth_is_felt_where_it_is(within):
     start = np.column_stack(
         [np.random.default_rng(0).uniform(-0.15, 0.15, (200, 2)), np.full(200, 0.5)]
     )
-    down, geom = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
+    down = np.array([0.0, 0.0, -1.0])
+    geom = np.zeros(1, dtype=np.int32)
     group = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8)
     felt = np.array([mujoco.mj_ray(model, data, s, down, group, 1, -1, geom) for s in start])
-    scene = RayScene(result.target.vertices, result.target.triangles)
-    seen = scene.cast(start, np.broadcast_to(down, start.shape))["t"]
-    within("felt against seen [m]", felt - seen, 1e-3)  # 0.5 mm
-    assert np.ptp(seen) > 0.02
+    scene = RayScene(dented.target.vertices, dented.target.triangles)
+    ranges = scene.cast(start, np.broadcast_to(down, start.shape))["t"]
+    within("felt against seen [m]", felt - ranges, 1e-3)  # 0.5 mm
+    assert np.ptp(ranges) > 0.02
     picture = mujoco.MjSpec()
-    result.target.add_to(picture, pose(), felt=False)
+    dented.target.add_to(picture, pose(), felt=False)
     assert picture.compile().ngeom == 1
 
 

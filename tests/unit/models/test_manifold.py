@@ -51,15 +51,15 @@ def test_rays_find_radius_depth_and_chamfer(radius, depth, chamfer, name, within
         )
 
     for z in (1.01 * chamfer + 1e-4, 0.5 * depth, 0.99 * depth):
-        found = across(z)
-        within("least radius [m]", found.min() - radius, 1e-9)
-        within("largest radius [m]", found.max() - radius * corner, 1e-4 * radius)
+        ranges = across(z)
+        within("least radius [m]", ranges.min() - radius, 1e-9)
+        within("largest radius [m]", ranges.max() - radius * corner, 1e-4 * radius)
     if chamfer:
         for share in (0.2, 0.5, 0.8):
             wide = radius + (1.0 - share) * chamfer
-            found = across(share * chamfer)
-            within("chamfer's least radius [m]", found.min() - wide, 1e-9)
-            within("chamfer's largest radius [m]", found.max() - wide * corner, 1e-4 * radius)
+            ranges = across(share * chamfer)
+            within("chamfer's least radius [m]", ranges.min() - wide, 1e-9)
+            within("chamfer's largest radius [m]", ranges.max() - wide * corner, 1e-4 * radius)
     for aside in (0.0, 0.7 * radius):
         start = X_WH[:3, :3] @ [aside, 0.0, -0.2] + X_WH[:3, 3]
         within("depth [m]", ray(model, data, start, X_WH[:3, 2]) - 0.2 - depth, 1e-9)
@@ -79,12 +79,12 @@ def test_volume_of_the_mesh(radius, depth, chamfer, within):
     """
     target = manifold(radius, depth, chamfer).target
     a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
-    found = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+    volume = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
     wide = radius + chamfer
     bore = radius**2 * (depth - chamfer) + chamfer * (radius**2 + radius * wide + wide**2) / 3.0
     pipes = 0.045**2 * 0.5 + 0.03**2 * 0.26 + 0.04**2 * 0.13
     expected = float(np.prod(SIZE)) - 2.0 * _polygon(96) * bore + _polygon(48) * pipes
-    within("volume, relative", (found - expected) / expected, 1e-12)
+    within("volume, relative", (volume - expected) / expected, 1e-12)
     # The face lies in z = 0 and adds nothing to the volume: its area.
     normal = (
         0.5
@@ -127,7 +127,8 @@ def test_the_sampler_gives_way_by_its_springs(within):
     model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 1)
-    vehicle, tube = Vehicle.of(model), model.body("pad").id
+    vehicle = Vehicle.of(model)
+    tube = model.body("pad").id
     # Everything but the mount is made too heavy to move.
     water = hydrodynamics.attached(spec)
     within(
@@ -138,7 +139,8 @@ def test_the_sampler_gives_way_by_its_springs(within):
     springs = [model.joint(name).dofadr[0] for name in ("mount_x", "mount_y", "pad")]
     model.dof_armature[[d for d in range(model.nv) if d not in springs]] = 1e9
     mujoco.mj_forward(model, data)
-    tip, axis = data.site("tip").xpos.copy(), data.site("tip").xmat.reshape(3, 3)[:, 2].copy()
+    tip = data.site("tip").xpos.copy()
+    axis = data.site("tip").xmat.reshape(3, 3)[:, 2].copy()
     within("tip at the dome's end [m]", data.site("pad_face").xpos - tip, 1e-12)
     mount = data.xpos[tube]
     within("length [m]", (tip - mount) @ axis - SAMPLER.length, 1e-12)
@@ -168,9 +170,9 @@ def test_beside_each_hole_a_short_path_lies_on_the_face(radius, depth, chamfer):
     """Of 40 mm along x at even steps, its middle 15 mm beyond the chamfer's edge; the tool into the
     face.
     """
-    made = manifold(radius, depth, chamfer)
-    for name, hole in made.holes.items():
-        path = made.target.paths[f"beside_{name}"]
+    block_of_holes = manifold(radius, depth, chamfer)
+    for name, hole in block_of_holes.holes.items():
+        path = block_of_holes.target.paths[f"beside_{name}"]
         np.testing.assert_allclose(
             np.diff(path.p, axis=0),
             np.tile([0.04 / (len(path.p) - 1), 0.0, 0.0], (len(path.p) - 1, 1)),

@@ -25,13 +25,13 @@ SHAPES = {  # mesh, surface of revolution, number of rotations beside the turns 
 def test_known_groups(name, within):
     mesh, round_, count = SHAPES[name]
     vertices = np.asarray(mesh.vertices) @ TURN.T + AT
-    found = mesh_symmetry(vertices, np.asarray(mesh.faces), np.random.default_rng(0))
-    assert (found.axis is not None) == round_
-    assert len(found.rotations) == count
-    within("identity first", found.rotations[0] - np.eye(3), 1e-12)
+    symmetry = mesh_symmetry(vertices, np.asarray(mesh.faces), np.random.default_rng(0))
+    assert (symmetry.axis is not None) == round_
+    assert len(symmetry.rotations) == count
+    within("identity first", symmetry.rotations[0] - np.eye(3), 1e-12)
     points = trimesh.sample.sample_surface(trimesh.Trimesh(vertices, mesh.faces), 40_000, seed=0)[0]
-    for R in found.rotations:
-        off = cKDTree(points).query(transform_points(found.about_center(R), points[::20]))[0]
+    for R in symmetry.rotations:
+        off = cKDTree(points).query(transform_points(symmetry.about_center(R), points[::20]))[0]
         within("off the surface, sampled every 3 mm [m]", off, 8e-3)
 
 
@@ -53,8 +53,8 @@ def test_a_bolt_breaks_it():
 @pytest.mark.parametrize("name", targets.available())
 def test_library_objects_declare_what_is_found(name, within):
     target = targets.named(name)
-    found = mesh_symmetry(target.vertices, target.triangles, np.random.default_rng(0))
-    assert len(found.rotations) == len(target.symmetry.rotations)
-    assert (found.axis is None) == (target.symmetry.axis is None)
-    if found.axis is not None and target.symmetry.axis is not None:
-        within("axis", np.abs(found.axis) - np.abs(target.symmetry.axis), 1e-3)
+    symmetry = mesh_symmetry(target.vertices, target.triangles, np.random.default_rng(0))
+    assert len(symmetry.rotations) == len(target.symmetry.rotations)
+    assert (symmetry.axis is None) == (target.symmetry.axis is None)
+    if symmetry.axis is not None and target.symmetry.axis is not None:
+        within("axis", np.abs(symmetry.axis) - np.abs(target.symmetry.axis), 1e-3)

@@ -104,7 +104,8 @@ def test_a_file_without_the_mark_is_otherwise_the_same():
     xml = without_mark(spec.to_xml())
     assert PLUGIN not in xml
     assert "extension" not in xml
-    plain, marked = mujoco.MjModel.from_xml_string(xml), spec.compile()
+    plain = mujoco.MjModel.from_xml_string(xml)
+    marked = spec.compile()
     np.testing.assert_allclose(plain.body_user[1], marked.body_user[1], rtol=1e-5)
     assert without_mark(BALL) == BALL
 

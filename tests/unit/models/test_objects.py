@@ -42,16 +42,18 @@ def felt_and_seen(
         rng.uniform(target.vertices.min(axis=0), target.vertices.max(axis=0), (rays, 3))
         - 2.5 * target.radius * ways
     )
-    seen = RayScene(target.vertices, target.triangles).cast(start, ways)
+    hit = RayScene(target.vertices, target.triangles).cast(start, ways)
     model.geom_group[:] = np.where(collides, 3, 0)
-    group, geom = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8), np.zeros(1, dtype=np.int32)
-    start_W, ways_W = transform_points(X_WT, start), ways @ X_WT[:3, :3].T
+    group = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8)
+    geom = np.zeros(1, dtype=np.int32)
+    start_W = transform_points(X_WT, start)
+    ways_W = ways @ X_WT[:3, :3].T
     felt = np.array(
         [mujoco.mj_ray(model, data, start_W[i], ways_W[i], group, 1, -1, geom) for i in range(rays)]
     )
-    both = (felt >= 0.0) & np.isfinite(seen["t"])
-    cosine = np.abs(np.einsum("ij,ij->i", seen["normal"], ways))
-    return (seen["t"][both] - felt[both]) * cosine[both], (felt >= 0.0) != np.isfinite(seen["t"])
+    both = (felt >= 0.0) & np.isfinite(hit["t"])
+    cosine = np.abs(np.einsum("ij,ij->i", hit["normal"], ways))
+    return (hit["t"][both] - felt[both]) * cosine[both], (felt >= 0.0) != np.isfinite(hit["t"])
 
 
 @pytest.mark.parametrize("name", OBJECTS)
@@ -152,9 +154,9 @@ def test_triangles_without_area_change_no_part():
     solid = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [0, 3, 1], [3, 2, 1]])
     line = np.vstack([wedge, [[0.05, -0.1, 0.0]]])  # on the edge from corner 0 to 1
     spoilt = np.vstack([[[0, 5, 1]], solid[:3], [[1, 5, 0]], solid[3:]])
-    clean, found = convex_parts.parts(wedge, solid), convex_parts.parts(line, spoilt)
-    assert len(found) == len(clean)
-    assert all(np.array_equal(a, b) for a, b in zip(found, clean, strict=True))
+    clean, decomposed = convex_parts.parts(wedge, solid), convex_parts.parts(line, spoilt)
+    assert len(decomposed) == len(clean)
+    assert all(np.array_equal(a, b) for a, b in zip(decomposed, clean, strict=True))
     with pytest.raises(ConfigurationError, match="no triangle of the mesh has an area"):
         convex_parts.parts(line, np.array([[0, 5, 1]]))
 
@@ -201,9 +203,9 @@ def test_splitting_keeps_a_shell_closed(rng, within):
 
 
 def test_seed_makes_the_rock():
-    one, same, other = rock(3), rock(3), rock(4)
-    assert np.array_equal(one.vertices, same.vertices)
-    assert np.abs(one.vertices - other.vertices).max() > 0.01
+    first, same, other = rock(3), rock(3), rock(4)
+    assert np.array_equal(first.vertices, same.vertices)
+    assert np.abs(first.vertices - other.vertices).max() > 0.01
     assert np.ptp(rock(1, size=0.9).vertices, axis=0).max() == pytest.approx(0.9)
 
 

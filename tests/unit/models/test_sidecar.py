@@ -98,8 +98,8 @@ def assert_same(found: mujoco.MjSpec, wanted: mujoco.MjSpec) -> None:
         *((found.actuator(a.name).userdata, a.userdata) for a in wanted.actuators),
         *((found.actuator(a.name).gear, a.gear) for a in wanted.actuators),
     ]
-    for here, there in pairs:
-        assert np.array(here).tobytes() == np.array(there).tobytes()
+    for here, returned in pairs:
+        assert np.array(here).tobytes() == np.array(returned).tobytes()
     assert found.compile().body_user.shape == wanted.compile().body_user.shape
 
 
@@ -120,7 +120,7 @@ def test_elements_equal_python_and_are_taken_out(tmp_path: Path) -> None:
     file.write_text(mjcf({"mine": "7", **ELEMENTS}))
     spec = vehicle_spec(file)
     assert_same(spec, by_python())
-    assert [each.name for each in spec.numerics] == ["mine"]
+    assert [element.name for element in spec.numerics] == ["mine"]
 
 
 def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
@@ -129,7 +129,8 @@ def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
     """
     spec = mujoco.MjSpec.from_string(BARE.format(custom=""))
     root = rng.normal(size=(6, 6))
-    added, damping = root @ root.T, root.T @ root + 0.1 * (rng.normal(size=(6, 6)) @ np.eye(6))
+    added = root @ root.T
+    damping = root.T @ root + 0.1 * (rng.normal(size=(6, 6)) @ np.eye(6))
     strips = tuple(
         StripDrag(
             start=rng.normal(size=3),
@@ -186,14 +187,14 @@ def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
 
 def test_writing_keeps_every_bit(rng: np.random.Generator, tmp_path: Path) -> None:
     for _ in range(5):
-        wanted = random_vehicle(rng)
+        original = random_vehicle(rng)
         file = tmp_path / "rov.xml"
-        file.write_text(sidecar.xml_without_water(wanted))
-        sidecar.write_sidecar(wanted, sidecar.beside(file))
-        assert_same(vehicle_spec(file), wanted)
+        file.write_text(sidecar.xml_without_water(original))
+        sidecar.write_sidecar(original, sidecar.beside(file))
+        assert_same(vehicle_spec(file), original)
         sidecar.beside(file).unlink()
-        file.write_text(sidecar.xml_with_elements(wanted))
-        assert_same(vehicle_spec(file), wanted)
+        file.write_text(sidecar.xml_with_elements(original))
+        assert_same(vehicle_spec(file), original)
 
 
 @pytest.mark.parametrize("name", ["uuv_puma", "bluerov2_heavy_alpha5", "phoenix_smart3s"])
@@ -201,14 +202,14 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
     """The rows of bodies and thrusters to the last bit, and the compiled masses and inertias
     too.
     """
-    wanted = models.load(name)
+    original = models.load(name)
     file = tmp_path / "rov.xml"
-    for text in (sidecar.xml_with_elements(wanted), sidecar.xml_without_water(wanted)):
+    for text in (sidecar.xml_with_elements(original), sidecar.xml_without_water(original)):
         file.write_text(text)
         if text.find("water/") < 0:
-            sidecar.write_sidecar(wanted, sidecar.beside(file))
-        found = vehicle_spec(file)
-        assert_same(found, wanted)
+            sidecar.write_sidecar(original, sidecar.beside(file))
+        read_back = vehicle_spec(file)
+        assert_same(read_back, original)
 
 
 @pytest.mark.parametrize(
@@ -403,8 +404,8 @@ def test_water_stated_twice_is_refused(tmp_path: Path) -> None:
 def test_the_page_shows_a_sidecar_that_can_be_read(root: Path) -> None:
     """The one in docs/own_vehicle.md, on a vehicle with the names that it has."""
     page = (root / "docs" / "own_vehicle.md").read_text(encoding="utf-8")
-    found = re.findall(r"^```yaml\n(.*?)^```", page, flags=re.M | re.S)
-    (text,) = [block for block in found if "water_density" in block]
+    blocks = re.findall(r"^```yaml\n(.*?)^```", page, flags=re.M | re.S)
+    (text,) = [block for block in blocks if "water_density" in block]
     xml = BARE.format(custom="").replace("arm/link", "link1")
     spec = mujoco.MjSpec.from_string(xml)
     sidecar.attach_tree(spec, yaml.safe_load(text), "page")
@@ -477,8 +478,9 @@ def spoilt(tree: Any, rng: np.random.Generator) -> Any:
 
 def test_whatever_is_spoilt_is_refused_or_read(rng: np.random.Generator) -> None:
     """No other error, and no number that is not finite."""
-    wanted, refused = random_vehicle(rng), 0
-    tree = sidecar.tree_of(wanted)
+    original = random_vehicle(rng)
+    refused = 0
+    tree = sidecar.tree_of(original)
     for _ in range(150):
         spec = mujoco.MjSpec.from_string(BARE.format(custom=""))
         bad = spoilt(tree, rng)
@@ -490,7 +492,7 @@ def test_whatever_is_spoilt_is_refused_or_read(rng: np.random.Generator) -> None
             refused += 1
             continue
         rows = [np.array(body.userdata) for body in spec.bodies] + [
-            np.array(each.userdata) for each in spec.actuators
+            np.array(actuator.userdata) for actuator in spec.actuators
         ]
         assert all(np.all(np.isfinite(row)) for row in rows)
     assert 75 < refused < 150

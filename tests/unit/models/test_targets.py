@@ -146,7 +146,8 @@ def test_paths_lie_on_the_shell_and_press_into_it(path: ModelPath, within):
 
 
 def test_path_lengths(within):
-    line, arc = longitudinal(0.6), transverse(np.pi)
+    line = longitudinal(0.6)
+    arc = transverse(np.pi)
     within("line [m]", np.linalg.norm(np.diff(line.p, axis=0), axis=1).sum() - 0.6, 1e-12)
     within(
         "half circle [m]", np.linalg.norm(np.diff(arc.p, axis=0), axis=1).sum() - 0.3 * np.pi, 1e-4

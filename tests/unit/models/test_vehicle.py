@@ -44,7 +44,8 @@ def unlimited_motor(spec: mujoco.MjSpec) -> None:
 
 def thruster_on_a_joint(spec: mujoco.MjSpec) -> None:
     thruster = spec.actuator("thruster_sway")
-    thruster.trntype, thruster.target = mujoco.mjtTrn.mjTRN_JOINT, "pad"
+    thruster.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    thruster.target = "pad"
 
 
 def tip_on_the_hull(spec: mujoco.MjSpec) -> None:
@@ -67,7 +68,7 @@ def base_on_a_joint(spec: mujoco.MjSpec) -> None:
         (fixed, r"body 'hull' must have exactly one joint, a free joint"),
         (without_actuators, r"no driven joint between body 'arm_base' and site 'tip'"),
         (unlimited_joint, r"joint 'joint3' of the arm must have a range"),
-        (unlimited_motor, r"actuator of joint 'joint2' must have a ctrlrange"),
+        (unlimited_motor, r"actuator of joint 'joint2' must be a motor with a ctrlrange"),
         (
             thruster_on_a_joint,
             r"thruster 'thruster_sway': its actuator must be.*on a site.*trntype",

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.finding.next_view import (
@@ -22,7 +23,7 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_search import Hypothesis
 from uuv.sim.interfaces.spatial import Array, inverse, pose, transform_points
 
-VIEW = seen_from(np.array([0.2, -1.0, 0.7]))
+VIEW = camera_pose(np.array([0.2, -1.0, 0.7]))
 BARREL = ModelSurface.of(barrel())
 CENTER = transform_points(VIEW, BARREL.center)
 UP = VIEW[:3, 2]

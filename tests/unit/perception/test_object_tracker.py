@@ -6,7 +6,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.targets import barrel
 from uuv.perception.finding.object_tracker import ObjectTracker, TrackerState
 from uuv.perception.registration.model_surface import ModelSurface
@@ -14,7 +15,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage, StateEstimate
 from uuv.sim.interfaces.spatial import Array, pose
 
-VIEW = seen_from(np.array([0.2, -1.0, 0.7]))
+VIEW = camera_pose(np.array([0.2, -1.0, 0.7]))
 STILL, MOVED = 6, 2  # frames
 
 
@@ -49,7 +50,8 @@ FARTHER = pytest.mark.long(
 @pytest.mark.parametrize("shift", [0.01, pytest.param(0.05, marks=FARTHER)])
 def test_a_push_is_noticed_in_two_frames_and_measured(surface, shift, within):
     tracker = ObjectTracker(surface, VIEW)
-    state, motion = tracker.init(), None
+    state = tracker.init()
+    motion = None
     way = np.array([0.6, 0.0, 0.8])
     for k in range(STILL + MOVED):
         at = VIEW if k < STILL else pose(p=shift * way) @ VIEW

@@ -67,8 +67,8 @@ def test_its_doubt_is_that_of_the_hull():
 def test_sensor_tells_the_true_pose():
     model = hydrodynamics.compile(work_site(vehicle_spec("uuv_puma"), barrel(), X_WT))
     plant = Plant(model, current=Current(ZERO, timestep=model.opt.timestep))
-    _, told = Survey(model).step(None, plant.observe())
-    assert pytest.approx(X_WT, abs=1e-9) == told.X_WT
+    _, detection = Survey(model).step(None, plant.observe())
+    assert pytest.approx(X_WT, abs=1e-9) == detection.X_WT
 
 
 def test_other_measurements_and_worlds_are_refused():

@@ -57,7 +57,8 @@ def pressed() -> mujoco.MjModel:
 
 
 def plant_of(model: mujoco.MjModel, substeps: int, gust: float) -> Plant:
-    step, rng = substeps * float(model.opt.timestep), np.random.default_rng(5)
+    step = substeps * float(model.opt.timestep)
+    rng = np.random.default_rng(5)
     return Plant(
         model,
         current=Current((0.1, -0.05, -0.2), gust=gust, timestep=step, rng=rng),
@@ -94,24 +95,27 @@ def test_both_ways_give_the_same_bits(pressed, substeps, gust):
     contact.
     """
     torques, thrusters = commands()
-    one, other = plant_of(pressed, substeps, gust), plant_of(pressed.__copy__(), substeps, gust)
+    first = plant_of(pressed, substeps, gust)
+    other = plant_of(pressed.__copy__(), substeps, gust)
     skipped = _BLOCK - 120 if gust else 0  # rows of gusts
-    for plant in (one, other):
+    for plant in (first, other):
         for _ in range(skipped):
             plant._water.current.step()
-    states, touched = [], False
+    states = []
+    touched = False
     for i in range(STEPS):
-        one.observe()
-        states.append(state_of(one.truth))
-        one.step(replace(REST, joint_torque=torques[i], thrusters=thrusters[i]))
-        touched |= one.truth.contact_normal > 0.0
+        first.observe()
+        states.append(state_of(first.truth))
+        first.step(replace(REST, joint_torque=torques[i], thrusters=thrusters[i]))
+        touched |= first.truth.contact_normal > 0.0
     assert touched
     assert other.spans() == ""
-    record, tick = other.record(), 0
+    record = other.record()
+    tick = 0
     while tick < STEPS:
         other.observe()
-        for name, value in state_of(other.truth).items():
-            assert np.array_equal(value, states[tick][name], equal_nan=True), (tick, name)
+        for name, array in state_of(other.truth).items():
+            assert np.array_equal(array, states[tick][name], equal_nan=True), (tick, name)
         other.step(replace(REST, joint_torque=torques[tick], thrusters=thrusters[tick]))
         tick += 1
         if tick > 2:  # the first two times are checked in Python
@@ -119,12 +123,12 @@ def test_both_ways_give_the_same_bits(pressed, substeps, gust):
             assert several(record, torques, thrusters, tick, end) == end
             other.publish()
             tick = end
-    for plant in (one, other):
+    for plant in (first, other):
         plant.observe()
-    last = state_of(one.truth)
+    last = state_of(first.truth)
     assert all(
-        np.array_equal(value, last[name], equal_nan=True)
-        for name, value in state_of(other.truth).items()
+        np.array_equal(entry, last[name], equal_nan=True)
+        for name, entry in state_of(other.truth).items()
     )
 
 
@@ -163,11 +167,12 @@ def loose() -> mujoco.MjModel:
 @pytest.mark.parametrize("make", [swaying, in_a_field, with_faults, with_a_swinging_object])
 def test_what_is_in_python_is_called_at_every_compiled_step(loose, make):
     torques, thrusters = commands()
-    one, other = make(loose), make(loose.__copy__())
-    inner = [plant if isinstance(plant, Plant) else plant.plant for plant in (one, other)]
+    first_plant = make(loose)
+    other = make(loose.__copy__())
+    inner = [plant if isinstance(plant, Plant) else plant.plant for plant in (first_plant, other)]
     for i in range(STEPS):
-        one.observe()
-        one.step(replace(REST, joint_torque=torques[i], thrusters=thrusters[i]))
+        first_plant.observe()
+        first_plant.step(replace(REST, joint_torque=torques[i], thrusters=thrusters[i]))
 
     assert other.spans() == ""
     for i in range(3):  # the first times are checked in Python
@@ -176,10 +181,10 @@ def test_what_is_in_python_is_called_at_every_compiled_step(loose, make):
     assert inner[1].ready() >= STEPS
     assert several(other.record(), torques, thrusters, 3, STEPS) == STEPS
     inner[1].publish()
-    for plant in (one, other):
+    for plant in (first_plant, other):
         plant.observe()
     first, second = (state_of(plant.truth) for plant in inner)
-    assert all(np.array_equal(first[name], value, equal_nan=True) for name, value in second.items())
+    assert all(np.array_equal(first[name], array, equal_nan=True) for name, array in second.items())
 
 
 def test_what_a_hook_raises_is_raised_at_the_next_check(pressed):
@@ -194,7 +199,8 @@ def test_what_a_hook_raises_is_raised_at_the_next_check(pressed):
 
 
 def test_mujoco_called_by_address_is_mujoco(pressed):
-    plant, data = plant_of(pressed, 1, 0.0), mujoco.MjData(pressed)
+    plant = plant_of(pressed, 1, 0.0)
+    data = mujoco.MjData(pressed)
     plant.observe()
     data.qpos[:], data.qvel[:] = plant.data.qpos, plant.data.qvel
     data.userdata[:] = plant.data.userdata
@@ -218,7 +224,8 @@ def _both(places):
 def test_a_command_that_is_not_finite_changes_nothing(pressed):
     plant = plant_of(pressed, 1, 0.0)
     plant.observe()
-    record, before = plant.record(), plant.data.qpos.copy()
+    record = plant.record()
+    before = plant.data.qpos.copy()
     assert not compiled_step.advance(
         record, np.zeros(6), np.array([0.0, np.nan, 0.0, 0.0, 0.0, 0.0])
     )

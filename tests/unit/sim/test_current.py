@@ -36,8 +36,8 @@ def test_gusts_have_the_stated_deviation_and_the_spectrum_of_two_poles():
     fluctuation = velocity - velocity.mean(axis=0)
     for lag in (T, 2.0 * T):  # autocorrelation (1 + t/T) exp(-t/T)
         n = round(lag / dt)
-        seen = np.mean(fluctuation[n:] * fluctuation[:-n], axis=0) / fluctuation.var(axis=0)
-        assert seen == pytest.approx((1.0 + lag / T) * np.exp(-lag / T), abs=0.06)
+        correlation = np.mean(fluctuation[n:] * fluctuation[:-n], axis=0) / fluctuation.var(axis=0)
+        assert correlation == pytest.approx((1.0 + lag / T) * np.exp(-lag / T), abs=0.06)
 
 
 def test_the_axes_gust_independently():
@@ -118,12 +118,12 @@ def test_the_plant_refuses_gusts_made_for_another_step():
 
 
 def test_same_seed_same_gusts():
-    one, same, other = (
+    first, same, other = (
         run(Current(MEAN, gust=0.03, rng=np.random.default_rng(seed)), 5000)[0]
         for seed in (4, 4, 5)
     )
-    assert np.array_equal(one, same)
-    assert np.abs(one - other).max() > 0.01
+    assert np.array_equal(first, same)
+    assert np.abs(first - other).max() > 0.01
 
 
 def test_steady_without_gusts():
@@ -162,7 +162,8 @@ def test_a_wave_swings_about_the_steady_current(within):
     """Its velocity is the sine in closed form across two blocks, and its acceleration adds up to
     the velocity.
     """
-    dt, wave = 0.002, Wave(amplitude_W=(0.1, -0.05, 0.0), frequency=0.2, phase=0.3)
+    dt = 0.002
+    wave = Wave(amplitude_W=(0.1, -0.05, 0.0), frequency=0.2, phase=0.3)
     current = Current([0.2, 0.0, 0.0], wave=wave, timestep=dt)
     velocity, acceleration = run(current, 6000)
     t = dt * np.arange(6000)
@@ -177,7 +178,9 @@ def test_a_wave_swings_about_the_steady_current(within):
     )
     alone = Current([0.0, 0.0, 0.0], gust=0.1, rng=np.random.default_rng(1))
     both = Current([0.0, 0.0, 0.0], gust=0.1, wave=wave, rng=np.random.default_rng(1))
-    gust, with_wave = (np.array([each.step()[0] for _ in range(10)]) for each in (alone, both))
+    gust, with_wave = (
+        np.array([current.step()[0] for _ in range(10)]) for current in (alone, both)
+    )
     within(
         "gust and wave [m/s]", float(np.abs(with_wave - gust - wave.velocity(t[:10])).max()), 1e-12
     )

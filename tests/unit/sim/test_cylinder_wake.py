@@ -44,7 +44,8 @@ def deficit(wake: CylinderWake, x: float, y: float, s: float = 0.0) -> float:
 def test_deficit_and_half_width_are_those_of_the_source(x):
     """[Huse 1993] from one diameter on: k1 = 0.25, k2 = 1, and half of it at the half-width."""
     away = x + 4.0 * DIAMETER / DRAG
-    middle, width = SPEED * np.sqrt(DRAG * DIAMETER / away), 0.25 * np.sqrt(DRAG * DIAMETER * away)
+    middle = SPEED * np.sqrt(DRAG * DIAMETER / away)
+    width = 0.25 * np.sqrt(DRAG * DIAMETER * away)
     assert deficit(LONG, x, 0.0) == pytest.approx(middle, rel=1e-12)
     for side in (-1.0, 1.0):
         assert deficit(LONG, x, side * width) == pytest.approx(0.5 * middle, rel=1e-12)
@@ -72,7 +73,8 @@ def test_the_momentum_that_is_missing_is_the_drag_within_seven_percent(x):
 
 def test_a_short_cylinder_loses_the_momentum_of_its_length():
     """Blurred at the ends: half at an end, and as much in all as without blur."""
-    short, x = replace(LONG, length=1.5), 4.0
+    short = replace(LONG, length=1.5)
+    x = 4.0
     s = np.linspace(-12.0, 12.0, 4001)
     along = np.array([deficit(short, x, 0.1, at) for at in s])
     assert np.trapezoid(along, s) == pytest.approx(1.5 * deficit(LONG, x, 0.1), rel=1e-9)

@@ -101,11 +101,12 @@ def test_each_fault_is_what_its_name_says():
 
 
 def test_a_turned_attitude_turns_about_one_axis_of_the_hull(rng: np.random.Generator):
-    R_WB, w = exp_so3(rng.standard_normal(3)), rng.standard_normal(3)
+    R_WB = exp_so3(rng.standard_normal(3))
+    w = rng.standard_normal(3)
     sound = ImuMeasurement(time=3.0, specific_force_B=np.ones(3), w_WB_B=w, R_WB=R_WB)
-    given = faults.Turned(1, jump=0.1, rate=0.02)(faults.Reading(sound, sound, 2.5, rng))
-    assert np.allclose(R_WB.T @ given.R_WB, exp_so3([0.0, 0.15, 0.0]), rtol=0.0, atol=1e-12)
-    assert given.w_WB_B is w
+    turned = faults.Turned(1, jump=0.1, rate=0.02)(faults.Reading(sound, sound, 2.5, rng))
+    assert np.allclose(R_WB.T @ turned.R_WB, exp_so3([0.0, 0.15, 0.0]), rtol=0.0, atol=1e-12)
+    assert turned.w_WB_B is w
 
 
 def test_an_onset_waits_for_its_event_and_does_not_begin_twice():
@@ -184,7 +185,7 @@ def test_a_misplaced_finder_moves_pose_and_path():
         x=np.ones((1, 3)),
         on_scan=np.ones(1, dtype=bool),
     )
-    found = Target(
+    found_target = Target(
         time=0.0, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=path
     )
 
@@ -192,7 +193,7 @@ def test_a_misplaced_finder_moves_pose_and_path():
         def init(self) -> None: ...
 
         def step(self, state: None, estimate: object, measurement: object) -> tuple[None, Target]:
-            return state, replace(found, time=float(measurement is estimate))
+            return state, replace(found_target, time=float(measurement is estimate))
 
     finder = faults.MisplacedFinder(Finder(), (0.0, 0.0, 0.08), faults.Onset(at=0.5))
     before, target = (finder.step(finder.init(), None, measurement)[1] for measurement in (0, None))

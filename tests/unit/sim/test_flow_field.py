@@ -65,10 +65,8 @@ def test_the_field_is_added_to_current_wave_and_gusts():
             MEAN, gust=0.04, wave=Wave(amplitude_W=(0.1, 0.0, -0.05)), timestep=0.01, rng=rng
         )
 
-    alone, with_field = (
-        current(),
-        current().with_flow(STRAIN).with_flow(untyped(Given([0.0, 0.3, 0.0]))),
-    )
+    alone = current()
+    with_field = current().with_flow(STRAIN).with_flow(untyped(Given([0.0, 0.3, 0.0])))
     for tick in range(5):
         velocity, _ = alone.step()
         expected = velocity + STRAIN.velocity(P_W, 0.01 * tick) + [0.0, 0.3, 0.0]
@@ -81,7 +79,8 @@ def test_the_acceleration_is_that_along_the_path_of_the_water(time, within):
     one side only.
     """
     velocity, acceleration = Current(MEAN).with_flow(STRAIN).at(P_W, time)
-    grown, A = 1.0 + STRAIN.rate * time, STRAIN.matrix()
+    grown = 1.0 + STRAIN.rate * time
+    A = STRAIN.matrix()
     expected = STRAIN.rate * A @ P_W + grown * A @ velocity
     assert np.abs(expected).max() > 0.05
     # 5e-6, 6e-14
@@ -91,7 +90,9 @@ def test_the_acceleration_is_that_along_the_path_of_the_water(time, within):
 def test_a_profile_is_on_the_field_too(within):
     """Numerical derivative of the velocity at a place that goes with the water."""
     ramp = changing(Onset(at=1.0), 2.0, 2.0)
-    current, dt, p = Current(MEAN, timestep=1e-3).with_flow(STRAIN).with_profile(ramp), 1e-3, P_W
+    current = Current(MEAN, timestep=1e-3).with_flow(STRAIN).with_profile(ramp)
+    dt = 1e-3
+    p = P_W
     rows = []
     for tick in range(3000):
         rows.append(current.at(p, dt * tick))
@@ -259,13 +260,13 @@ def test_what_is_no_flow_field_is_refused():
         def velocity(self, p_W):
             return p_W
 
-    for flow, said in (
+    for flow, words in (
         (Given, "must be an instance, got the class Given"),
         (5, r"needs a method velocity\(p_W, time\), got 5"),
         (OfOne(), r"OfOne.velocity takes \(p_W, time\), this one \(p_W\)"),
         (Wave(), r"Wave.velocity takes \(p_W, time\)"),
     ):
-        with pytest.raises(ConfigurationError, match=said):
+        with pytest.raises(ConfigurationError, match=words):
             Current(MEAN).with_flow(untyped(flow))
 
 

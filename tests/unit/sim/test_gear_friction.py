@@ -52,10 +52,12 @@ def test_a_joint_holds_up_to_its_stiction_and_slides_against_less(plant, within)
 
 def test_it_slides_along_the_curve_of_stribeck(plant, within):
     """Friction of every step against the curve at the speed that it began with."""
-    dry, truth = plant.vehicle.dry_friction, plant.truth
+    dry = plant.vehicle.dry_friction
+    truth = plant.truth
     plant.reset(current=Current([0.0, 0.0, 0.0]))
     drive(plant, 1.02 * dry.stiction[0], 0.01)
-    worst, speeds = 0.0, []
+    worst = 0.0
+    speeds = []
     for _ in range(400):
         before = truth.qd.copy()
         drive(plant, 1.02 * dry.stiction[0], plant.timestep)
@@ -82,8 +84,10 @@ def test_sensors_on_the_gear_outputs_do_not_see_it(plant, within):
 def test_drives_learn_what_the_gears_take(plant, within):
     """A held joint and one that slides, from motor torque and sensor alone."""
     plant.reset(current=Current([0.0, 0.0, 0.0]))
-    sensor, vehicle = proprioception.JointTorqueSensors(noise=0.0, bias=0.0), plant.vehicle
-    state, n = sensor.init(np.random.default_rng(1)), plant.vehicle.joints.size
+    sensor = proprioception.JointTorqueSensors(noise=0.0, bias=0.0)
+    vehicle = plant.vehicle
+    state = sensor.init(np.random.default_rng(1))
+    n = plant.vehicle.joints.size
     for torque in (5.0, 9.0):
         friction = np.zeros(n)
         for _ in range(500):
@@ -147,10 +151,8 @@ def test_figures_that_cannot_be(change, said):
 
 
 def test_joints_that_cannot_carry_it():
-    spec, gear = (
-        models.load("uuv_puma"),
-        GearFriction(coulomb=2.0, stiction=3.0, stribeck_speed=0.03),
-    )
+    spec = models.load("uuv_puma")
+    gear = GearFriction(coulomb=2.0, stiction=3.0, stribeck_speed=0.03)
     with pytest.raises(ConfigurationError, match=r"'nowhere': no such joint; there are .*'joint1'"):
         gear_friction.attach(spec, {"nowhere": gear})
     spec.joint(JOINT).userdata = [1.0, 2.0, 3.0, 4.0]

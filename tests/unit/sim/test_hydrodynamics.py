@@ -49,9 +49,9 @@ def test_largest_inertia_is_about_the_origin(place: tuple[float, float, float]) 
     )
     model = spec.compile()
     a, b, c = np.square(BOX)
-    own = R @ np.diag(8.0 / 3.0 * np.array([b + c, a + c, a + b])) @ R.T
+    about_center = R @ np.diag(8.0 / 3.0 * np.array([b + c, a + c, a + b])) @ R.T
     p = np.array(place)
-    expected = np.linalg.eigvalsh(own + 8.0 * (p @ p * np.eye(3) - np.outer(p, p)))
+    expected = np.linalg.eigvalsh(about_center + 8.0 * (p @ p * np.eye(3) - np.outer(p, p)))
     assert expected[-1] > 1.01 * expected[1]
     assert hydrodynamics._largest_inertia(model, 1) == pytest.approx(expected[-1])
 
@@ -88,13 +88,13 @@ def test_drag_rates_are_damping_over_inertia_with_the_waters() -> None:
 def test_settings_that_would_be_wrong_are_refused(change: dict, said: str) -> None:
     model = hydrodynamics.compile(block())
     assert hydrodynamics._refused(model) == []
-    for name, value in change.items():
-        setattr(model.opt, name, value)
+    for name, setting in change.items():
+        setattr(model.opt, name, setting)
     (refused,) = hydrodynamics._refused(model)
     assert said in refused
     spec = block()
-    for name, value in change.items():
-        setattr(spec.option, name, value)
+    for name, setting in change.items():
+        setattr(spec.option, name, setting)
     with pytest.raises(HydrodynamicsError, match=said.replace(".", r"\.")):
         hydrodynamics.compile(spec)
 
@@ -110,9 +110,9 @@ def lever(scale: float, name: str, ratio: float) -> list[str]:
     volume = 4.0 / 3.0 * np.pi * scale**3
     body.add_geom(size=[scale, 0, 0], density=1000.0)
     linear = 10.0 * volume  # any size, but little against the inertia
-    values = np.array([linear] * 3 + [ratio * linear * (np.sqrt(0.4) * scale) ** power] * 3)
-    given: dict[str, Any] = {name: np.diag(values) if name == "added_mass" else values}
-    water.attach(spec, {"ball": BodyHydrodynamics(volume=volume, **given)}, 1000.0)
+    diagonal = np.array([linear] * 3 + [ratio * linear * (np.sqrt(0.4) * scale) ** power] * 3)
+    coefficients: dict[str, Any] = {name: np.diag(diagonal) if name == "added_mass" else diagonal}
+    water.attach(spec, {"ball": BodyHydrodynamics(volume=volume, **coefficients)}, 1000.0)
     return hydrodynamics.doubts(spec.compile())
 
 
@@ -120,5 +120,5 @@ def lever(scale: float, name: str, ratio: float) -> list[str]:
 @pytest.mark.parametrize("scale", [0.1, 0.5, 3.0])
 def test_doubt_of_coefficients_does_not_depend_on_the_scale(name: str, scale: float) -> None:
     most = hydrodynamics._LEVERS[name][1]
-    assert not any(name in said for said in lever(scale, name, 0.9 * most))
-    assert any(name in said for said in lever(scale, name, 1.1 * most))
+    assert not any(name in doubt for doubt in lever(scale, name, 0.9 * most))
+    assert any(name in doubt for doubt in lever(scale, name, 1.1 * most))

@@ -16,7 +16,8 @@ def drawn(
     rng: np.random.Generator, free: Array = NONE, center: Array | None = None
 ) -> PoseCovariance:
     """A random covariance of a millimetre or so, 0 along `free`."""
-    L, held = 1e-3 * rng.normal(size=(6, 6)), np.eye(6) - free.T @ free
+    L = 1e-3 * rng.normal(size=(6, 6))
+    held = np.eye(6) - free.T @ free
     middle = np.zeros(3) if center is None else center
     matrix = held @ (L @ L.T + 1e-7 * np.eye(6)) @ held
     return PoseCovariance(
@@ -26,17 +27,20 @@ def drawn(
 
 def moved(X: Array, covariance: PoseCovariance, twist: Array) -> Array:
     """Pose (4, 4) moved by a twist (6,) about the centre of its covariance."""
-    R, c = exp_so3(twist[3:] / RADIUS), covariance.center
+    R = exp_so3(twist[3:] / RADIUS)
+    c = covariance.center
     return pose(R @ X[:3, :3], c + twist[:3] + R @ (X[:3, 3] - c))
 
 
 def test_sigma_is_the_same_in_every_frame(rng, within):
-    covariance, X = drawn(rng, AXIS), pose(exp_so3(rng.normal(size=3)), [40.0, -25.0, -12.0])
+    covariance = drawn(rng, AXIS)
+    X = pose(exp_so3(rng.normal(size=3)), [40.0, -25.0, -12.0])
     in_W = covariance.in_frame(X)
-    points, way = rng.normal(size=(5, 3)), np.array([0.0, 0.0, 1.0])
+    points = rng.normal(size=(5, 3))
+    way = np.array([0.0, 0.0, 1.0])
     here = [covariance.sigma(p, way) for p in points]
-    there = [in_W.sigma(p, X[:3, :3] @ way) for p in transform_points(X, points)]
-    within("sigma [m]", np.array(here) - there, 1e-13)
+    in_world = [in_W.sigma(p, X[:3, :3] @ way) for p in transform_points(X, points)]
+    within("sigma [m]", np.array(here) - in_world, 1e-13)
     assert min(here) > 1e-5
     assert np.isinf(in_W.rotation_sigma)
     assert np.isfinite(in_W.position_sigma)
@@ -46,9 +50,11 @@ def test_error_of_the_carrier_is_what_moving_it_does(rng, within):
     """The covariance of 20 000 drawn errors of the carrier's pose, against the stated one: 1 % by
     chance.
     """
-    covariance, p_WB = drawn(rng, center=np.array([1.0, 2.0, -3.0])), np.array([0.0, 1.0, -2.0])
+    covariance = drawn(rng, center=np.array([1.0, 2.0, -3.0]))
+    p_WB = np.array([0.0, 1.0, -2.0])
     stated = covariance.of_carrier(p_WB, [1e-3, 2e-3, 3e-3], 1e-3)
-    X, twists = pose(np.eye(3), [1.2, 2.1, -3.0]), []
+    X = pose(np.eye(3), [1.2, 2.1, -3.0])
+    twists = []
     for move, turn in zip(
         rng.normal(size=(20000, 3)) * [1e-3, 2e-3, 3e-3],
         1e-3 * rng.normal(size=(20000, 3)),
@@ -70,12 +76,12 @@ def test_mean_is_least_squares_and_its_covariance_the_inverse_of_the_information
     for _ in range(400):
         covariances = [drawn(rng) for _ in range(4)]
         X = pose(exp_so3(rng.normal(size=3)), 0.1 * rng.normal(size=3))
-        finds = [moved(X, c, rng.multivariate_normal(np.zeros(6), c.matrix)) for c in covariances]
-        found, covariance, _ = mean_pose(finds, covariances, np.zeros((6, 6)))
+        poses = [moved(X, c, rng.multivariate_normal(np.zeros(6), c.matrix)) for c in covariances]
+        X_mean, covariance, _ = mean_pose(poses, covariances, np.zeros((6, 6)))
         information = sum(c.information for c in covariances)
         stated = np.linalg.inv(covariance.matrix)
         assert np.linalg.eigvalsh(stated)[-1] <= 1.01 * np.linalg.eigvalsh(information)[-1]
-        squares.append(covariance.normalised_error(found, X))
+        squares.append(covariance.normalised_error(X_mean, X))
     assert 4.0 < np.mean(squares) < 7.0  # below 6: scatter beyond what is stated widens it
 
 
@@ -102,11 +108,14 @@ def test_free_twist_has_no_weight_and_stays(rng, within):
 
 
 def test_distance_counts_what_both_hold(rng, within):
-    one, other = drawn(rng, AXIS), drawn(rng)
-    turned = moved(np.eye(4), one, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.05]))
-    within("turned about a free axis", one.distance(np.eye(4), other, turned), 1e-9)
-    off = rng.multivariate_normal(np.zeros(6), one.matrix + other.matrix, size=2000)
-    square = [one.distance(np.eye(4), other, moved(np.eye(4), one, twist)) ** 2 for twist in off]
+    first = drawn(rng, AXIS)
+    other = drawn(rng)
+    turned = moved(np.eye(4), first, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.05]))
+    within("turned about a free axis", first.distance(np.eye(4), other, turned), 1e-9)
+    off = rng.multivariate_normal(np.zeros(6), first.matrix + other.matrix, size=2000)
+    square = [
+        first.distance(np.eye(4), other, moved(np.eye(4), first, twist)) ** 2 for twist in off
+    ]
     # chi-square with 5 degrees over 5: 1.4 % by chance
     within("mean square", np.mean(square) - 1.0, 0.1)
 
@@ -126,10 +135,10 @@ def test_path_around_a_barrel_does_not_count_the_turn_about_its_axis(rng):
     )
 
     def sigma(covariance: PoseCovariance) -> Array:
-        given = {"time": 0.0, "accepted": True, "check_m": 0.0, "range_m": 1.0, "reason": ""}
-        found = Target(X_WT=np.eye(4), path=path, covariance=covariance, **given).path_sigma
-        assert found is not None
-        return found
+        fields_of = {"time": 0.0, "accepted": True, "check_m": 0.0, "range_m": 1.0, "reason": ""}
+        sigmas = Target(X_WT=np.eye(4), path=path, covariance=covariance, **fields_of).path_sigma
+        assert sigmas is not None
+        return sigmas
 
     assert np.isfinite(sigma(drawn(rng, AXIS))).all()
     along = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]])  # a barrel without its ends in view
@@ -142,9 +151,9 @@ def test_path_around_a_barrel_does_not_count_the_turn_about_its_axis(rng):
         radius=RADIUS,
         size_sigma=1.0,
     )
-    found = sigma(slides)
-    assert np.isfinite(found[:, :2]).all()
-    assert np.isinf(found[:, 2]).all()
+    sigmas_of_slides = sigma(slides)
+    assert np.isfinite(sigmas_of_slides[:, :2]).all()
+    assert np.isinf(sigmas_of_slides[:, 2]).all()
     assert slides.free_in_words == (
         "a turn about (0.00, 0.00, 1.00), a slide along (0.00, 0.00, 1.00)"
     )

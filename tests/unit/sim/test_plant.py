@@ -67,8 +67,8 @@ def test_the_body_of_a_bad_position_is_named():
 )
 def test_options_changed_after_compiling_are_refused(change: dict[str, Any], says):
     wet = hydrodynamics.compile(models.load("uuv_puma"))
-    for name, value in change.items():
-        setattr(wet.opt, name, value)
+    for name, setting in change.items():
+        setattr(wet.opt, name, setting)
     with pytest.raises(HydrodynamicsError, match=says):
         Plant(wet, current=STILL)
 
@@ -169,7 +169,8 @@ def test_reset_leaves_nothing_behind():
         used.observe()
         used.step(command)
 
-    current, X_WB = Current([0.0, 0.2, 0.0]), pose(exp_so3([0.1, -0.2, 0.3]), [1.0, 2.0, -3.0])
+    current = Current([0.0, 0.2, 0.0])
+    X_WB = pose(exp_so3([0.1, -0.2, 0.3]), [1.0, 2.0, -3.0])
     used.reset(current=current, X_WB=X_WB)
     fresh = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=current, X_WB=X_WB)
     for command in commands:
@@ -196,7 +197,8 @@ def test_reset_leaves_nothing_behind():
 def test_the_arm_is_held_while_the_hull_is_shaken():
     """By `ArmHold`, within the torques of its drives."""
     plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
-    vehicle, truth = plant.vehicle, plant.observe()
+    vehicle = plant.vehicle
+    truth = plant.observe()
     hold = ArmHold(vehicle, vehicle.q_home)
     fastest = 0.0
 
@@ -253,20 +255,24 @@ def test_substeps_are_the_steps_of_a_finer_plant():
     held = replace(REST, joint_torque=np.linspace(-20.0, 20.0, 6))
     whole.observe()
     fine.observe()
-    most, spread, parts = 0.0, 0.0, set()
+    most = 0.0
+    spread = 0.0
+    parts = set()
     for _ in range(150):
         whole.step(held)
-        normal, force, collided = np.zeros(4), np.zeros((4, 3)), np.zeros(4, dtype=bool)
+        normal = np.zeros(4)
+        force = np.zeros((4, 3))
+        collided = np.zeros(4, dtype=bool)
         for i in range(4):
             fine.step(held)
             fine.observe()
-            one = fine.truth
+            truth_fine = fine.truth
             normal[i], force[i], collided[i] = (
-                one.contact_normal,
-                one.contact_force_W,
-                one.collision,
+                truth_fine.contact_normal,
+                truth_fine.contact_force_W,
+                truth_fine.collision,
             )
-            assert one.contact_least == one.contact_normal == one.contact_most
+            assert truth_fine.contact_least == truth_fine.contact_normal == truth_fine.contact_most
         truth = whole.observe()
         assert truth.time == fine.truth.time
         for name in ("qpos", "qvel", "qacc", "qfrc_actuator"):
@@ -276,7 +282,8 @@ def test_substeps_are_the_steps_of_a_finer_plant():
         assert truth.contact_normal == pytest.approx(normal.mean(), rel=1e-12)
         assert (truth.contact_least, truth.contact_most) == (normal.min(), normal.max())
         assert truth.collision is bool(collided.any())
-        most, spread = max(most, normal.max()), max(spread, np.ptp(normal))
+        most = max(most, normal.max())
+        spread = max(spread, np.ptp(normal))
         parts.add(int(collided.sum()))
     assert most > 10.0
     assert spread > 1.0

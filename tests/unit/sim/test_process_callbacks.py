@@ -64,9 +64,9 @@ def test_the_one_that_is_removed_is_named_at_once_and_missed(other):
     gc.collect()
     with pytest.warns(
         RuntimeWarning, match="actuator bias callback .* thrusters give no thrust"
-    ) as said:
+    ) as warned:
         mujoco.set_mjcb_act_bias(other)
-    assert said[0].filename == __file__
+    assert warned[0].filename == __file__
     assert not hydrodynamics.is_installed()
     assert process_callbacks.missing()
 

@@ -43,19 +43,31 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
     """
     model = mujoco.MjModel.from_xml_string(WORLD.format(cone=cone, condim=condim, arm=0.02))
     data = mujoco.MjData(model)
-    pad, root = model.geom("pad").id, np.asarray(model.body_rootid)
-    own = root[model.geom_bodyid] == model.body("vehicle").id
-    places, contacts, tau = places_of(data, model, pad), np.zeros(CONTACTS), np.zeros(1)
-    nothing, met = np.zeros(4), np.full(3, -1.0)
-    data.qvel[:2], data.qvel[6] = (-0.5, 0.3), 2.0
+    pad = model.geom("pad").id
+    root = np.asarray(model.body_rootid)
+    vehicle_geoms = root[model.geom_bodyid] == model.body("vehicle").id
+    places = places_of(data, model, pad)
+    contacts = np.zeros(CONTACTS)
+    tau = np.zeros(1)
+    nothing = np.zeros(4)
+    met = np.full(3, -1.0)
+    data.qvel[:2] = (-0.5, 0.3)
+    data.qvel[6] = 2.0
     worst, pushed, slid, rubbed = 0.0, 0.0, 0.0, 0.0
     for _ in range(60):
         mujoco.mj_step(model, data)
-        gears_and_contacts((places, np.array([0]), own, nothing, tau, contacts, met), 0, 1)
-        normal, force, part = 0.0, np.zeros(3), np.zeros(6)
+        gears_and_contacts(
+            (places, np.array([0]), vehicle_geoms, nothing, tau, contacts, met), 0, 1
+        )
+        normal = 0.0
+        force = np.zeros(3)
+        part = np.zeros(6)
         for i in range(data.ncon):
             contact = data.contact[i]
-            if own[contact.geom[0]] == own[contact.geom[1]] or contact.efc_address < 0:
+            if (
+                vehicle_geoms[contact.geom[0]] == vehicle_geoms[contact.geom[1]]
+                or contact.efc_address < 0
+            ):
                 continue
             mujoco.mj_contactForce(model, data, i, part)
             normal += part[0]
@@ -68,7 +80,8 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
             float(np.abs(contacts[FORCE : FORCE + 3] - force).max()),
         )
         worst = max(worst, abs(tau[0] - data.efc_force[data.ne]))
-        pushed, slid = max(pushed, normal), max(slid, float(np.hypot(*force[:2])))
+        pushed = max(pushed, normal)
+        slid = max(slid, float(np.hypot(*force[:2])))
         rubbed = max(rubbed, abs(tau[0]))
         assert contacts[COLLISION] == 0.0
         assert met[0] == -1.0
@@ -85,11 +98,13 @@ def test_what_touches_beside_the_pad_is_a_collision():
     """
     model = mujoco.MjModel.from_xml_string(WORLD.format(cone="elliptic", condim=3, arm=0.1))
     data = mujoco.MjData(model)
-    own = np.asarray(model.body_rootid)[model.geom_bodyid] == model.body("vehicle").id
+    vehicle_geoms = np.asarray(model.body_rootid)[model.geom_bodyid] == model.body("vehicle").id
     places = places_of(data, model, model.geom("pad").id)
-    contacts, tau, met = np.ones(CONTACTS), np.ones(1), np.full(3, -1.0)
+    contacts = np.ones(CONTACTS)
+    tau = np.ones(1)
+    met = np.full(3, -1.0)
     for collided in (False, True):
-        parts = places, np.array([0]), own, np.zeros(4), tau, contacts, met
+        parts = places, np.array([0]), vehicle_geoms, np.zeros(4), tau, contacts, met
         gears_and_contacts(parts, 0, 1)
         assert bool(contacts[COLLISION]) is collided
         if not collided:

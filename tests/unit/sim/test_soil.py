@@ -154,17 +154,18 @@ def test_within_the_quake_it_is_a_spring(within):
     # some way back, but not sliding yet
     lead(force, straight(at(0.08), at(0.08 - 1.05 * soil.quake)))
     here = at(0.08 - 1.05 * soil.quake)
-    there = here - [0.0, 0.0, 0.2 * soil.quake]
-    first = lead(force, straight(here, there))[-1]
-    back = lead(force, straight(there, here))[-1]
-    again = lead(force, straight(here, there))[-1]
+    deeper = here - [0.0, 0.0, 0.2 * soil.quake]
+    first = lead(force, straight(here, deeper))[-1]
+    back = lead(force, straight(deeper, here))[-1]
+    again = lead(force, straight(here, deeper))[-1]
     within("returns [N]", again - first, 1e-2)
-    slope = (back - again)[2] / (there - here)[2]
+    slope = (back - again)[2] / (deeper - here)[2]
     within("N/m, relative", slope * soil.quake / push_resistance(soil, TUBE, 0.079) - 1.0, 0.02)
 
 
 def test_a_tool_dragged_sideways(within):
-    soil, blade = mud(), SoilTool(edge=3e-4, skin=0.2, breadth=0.1, rake=0.5 * np.pi)
+    soil = mud()
+    blade = SoilTool(edge=3e-4, skin=0.2, breadth=0.1, rake=0.5 * np.pi)
     force = LedTool(FLAT, soil, blade)
     lead(force, straight(at(-0.01), at(0.03)))
     dragged = lead(force, straight(at(0.03), at(0.03, 0.6)))

@@ -38,8 +38,8 @@ def jobs() -> list[KernelJob]:
 
 def test_every_type_of_the_list_is_read_and_told_the_same(jobs):
     for job in jobs:
-        for each in job.takes or []:
-            assert json.loads(json.dumps(encoded(decoded(each)))) == each, job.kernel
+        for argument in job.takes or []:
+            assert json.loads(json.dumps(encoded(decoded(argument)))) == argument, job.kernel
 
 
 def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(jobs):
@@ -67,9 +67,9 @@ def test_the_list_holds_what_a_job_loads(jobs):
         [sys.executable, "-c", REHEARSED], capture_output=True, text=True, timeout=400, check=False
     )
     assert done.returncode == 0, done.stderr
-    told = {(job.kernel, json.dumps(job.takes)) for job in jobs}
+    listed = {(job.kernel, json.dumps(job.takes)) for job in jobs}
     missing = [
-        name for name, takes in json.loads(done.stdout) if (name, json.dumps(takes)) not in told
+        name for name, takes in json.loads(done.stdout) if (name, json.dumps(takes)) not in listed
     ]
     assert not missing
 
@@ -82,7 +82,8 @@ def test_rows_run_after_those_that_they_call_two_at_a_time_and_the_longest_way_f
         KernelJob("d", None, (), (1, 2), 1.0),
     ]
     begun: list[int] = []
-    lock, most = threading.Semaphore(2), 2
+    lock = threading.Semaphore(2)
+    most = 2
 
     def do(row: int) -> bool:
         assert lock.acquire(blocking=False), "more than two at once"

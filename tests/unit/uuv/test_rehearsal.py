@@ -28,7 +28,9 @@ class WearingPlant:
     """Plant whose thrusters lose a little at every step: it counts them itself."""
 
     def __init__(self, plant: Any) -> None:
-        self.plant, self.timestep, self.steps = plant, plant.timestep, 0
+        self.plant = plant
+        self.timestep = plant.timestep
+        self.steps = 0
 
     def observe(self) -> Any:
         return self.plant.observe()
@@ -43,7 +45,10 @@ class DriftingSensor:
     """Sensor of joint torques with a drift that is its own, not in its state."""
 
     def __init__(self, sensor: JointTorqueSensors) -> None:
-        self.sensor, self.period, self.delay, self.off = sensor, sensor.period, sensor.delay, 0.0
+        self.sensor = sensor
+        self.period = sensor.period
+        self.delay = sensor.delay
+        self.off = 0.0
 
     def init(self, rng: np.random.Generator) -> Any:
         return self.sensor.init(rng)

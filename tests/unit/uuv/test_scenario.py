@@ -93,8 +93,12 @@ def test_every_class_that_a_file_can_name_is_registered():
         (Task, tasks.registry()),
     ):
         named = {registry.maker(name) for name in registry.names()}
-        ours = {one for one in subclasses(base) if one.__module__.startswith("uuv.")}
-        nameless = {one for one in ours if one.__name__.startswith("_") or one.__subclasses__()}
+        ours = {subclass for subclass in subclasses(base) if subclass.__module__.startswith("uuv.")}
+        nameless = {
+            subclass
+            for subclass in ours
+            if subclass.__name__.startswith("_") or subclass.__subclasses__()
+        }
         assert ours - nameless <= named <= ours
 
 
@@ -102,7 +106,7 @@ def test_what_may_be_none_is_none_by_default():
     """A file cannot say None: what is None is left out of it, and must be None again when it is
     read.
     """
-    seen: set[type] = set()
+    kinds_seen: set[type] = set()
     named = (
         registry.maker(name) for registry in registries().values() for name in registry.names()
     )
@@ -110,20 +114,20 @@ def test_what_may_be_none_is_none_by_default():
     while pending:
         kind = pending.pop()
         pending += get_args(kind)
-        if not (isinstance(kind, type) and is_dataclass(kind)) or kind in seen:
+        if not (isinstance(kind, type) and is_dataclass(kind)) or kind in kinds_seen:
             continue
-        seen.add(kind)
+        kinds_seen.add(kind)
         hints = get_type_hints(kind)
         pending += hints.values()
-        may_be_none = [one for one in fields(kind) if type(None) in get_args(hints[one.name])]
-        assert not [one.name for one in may_be_none if one.default is not None], kind
-    assert len(seen) > 30
+        may_be_none = [field for field in fields(kind) if type(None) in get_args(hints[field.name])]
+        assert not [field.name for field in may_be_none if field.default is not None], kind
+    assert len(kinds_seen) > 30
 
 
 def subclasses(kind: type) -> Iterator[type]:
-    for each in kind.__subclasses__():
-        yield each
-        yield from subclasses(each)
+    for subclass in kind.__subclasses__():
+        yield subclass
+        yield from subclasses(subclass)
 
 
 WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
@@ -228,18 +232,18 @@ def test_a_task_at_the_wrong_site_is_refused():
 
 def placed(scenario: Scenario) -> PlacedSurfaceWork:
     assert isinstance(scenario.task, SurfaceWorkTask)
-    own = OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle))
-    return scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+    vehicle = OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle))
+    return scenario.task.place(scenario, vehicle, np.random.default_rng(scenario.seed))
 
 
 def test_a_set_pose_is_the_true_one_and_moves_no_later_draw():
     drawn = jobs.clean_barrel(seed=7)
     pose = np.eye(4)
     pose[:3, 3] = [0.1, 0.2, -1.4]
-    given = replace(drawn, site=replace(drawn.site, X_WT=tuple(map(tuple, pose.tolist()))))
-    one, other = placed(drawn), placed(given)
+    with_pose = replace(drawn, site=replace(drawn.site, X_WT=tuple(map(tuple, pose.tolist()))))
+    first, other = placed(drawn), placed(with_pose)
     assert np.array_equal(other.truth.X_WT, pose)
-    off = one.approach_W - one.truth.X_WT[:3, 3]
+    off = first.approach_W - first.truth.X_WT[:3, 3]
     assert np.allclose(other.approach_W - pose[:3, 3], off, rtol=0.0, atol=1e-15)  # measured 2e-16
 
 
@@ -263,12 +267,12 @@ def test_a_new_perturbation_acts_and_changes_no_draw_of_others():
     before = perturb(alone, [Water(spread=0.3), Gears(spread=0.3)], seed=3)
     drawn = perturb(both, [HeavyPad(), Gears(spread=0.3), Water(spread=0.3)], seed=3)
     assert {name: drawn[name] for name in before} == before
-    was, now = plain.compile(), both.compile()
-    assert now.body("pad").mass[0] == pytest.approx(
+    was, changed = plain.compile(), both.compile()
+    assert changed.body("pad").mass[0] == pytest.approx(
         drawn["pad_mass"] * was.body("pad").mass[0], rel=1e-12
     )
     assert 1.0 < drawn["pad_mass"] < 1.5
-    assert np.array_equal(alone.compile().body_user, now.body_user)
+    assert np.array_equal(alone.compile().body_user, changed.body_user)
     assert perturb(models.load("uuv_puma"), [HeavyPad()], seed=4)["pad_mass"] != drawn["pad_mass"]
     run(assemble(replace(jobs.clean_barrel(quick=True), perturbations=(HeavyPad(),))), longest=0.01)
 
@@ -288,10 +292,10 @@ def buoy(radius=0.25):
 
 
 def test_an_object_of_another_package_is_worked_on(tmp_path, monkeypatch):
-    info = tmp_path / "buoys-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: buoys\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[uuv_arm.object]\nbuoy = buoys:buoy\n")
+    dist_info = tmp_path / "buoys-1.0.dist-info"
+    dist_info.mkdir()
+    (dist_info / "METADATA").write_text("Metadata-Version: 2.1\nName: buoys\nVersion: 1.0\n")
+    (dist_info / "entry_points.txt").write_text("[uuv_arm.object]\nbuoy = buoys:buoy\n")
     (tmp_path / "buoys.py").write_text(MODULE)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(OBJECTS, "_found", None)  # what is installed is looked up once

@@ -303,7 +303,8 @@ class GustyPlant:
     """Wrapper that writes its own water into the model."""
 
     def __init__(self, plant: Any) -> None:
-        self.plant, self.timestep = plant, plant.timestep
+        self.plant = plant
+        self.timestep = plant.timestep
 
     def observe(self) -> Any:
         return self.plant.observe()
@@ -355,20 +356,20 @@ def test_what_is_no_current_is_refused():
 
 def test_a_plant_of_ones_own_takes_the_place_of_the_assembled_one():
     """And not its ticks: those of the run are of the plant that is stepped."""
-    made: list[Plant] = []
+    plants: list[Plant] = []
 
     class Another(Perturbation):
         def on_loop(self, loop: Loop) -> Loop:
             assert isinstance(loop.plant, Plant)
             X_WB = pose(None, loop.plant.data.qpos[:3])
-            made.append(Plant(loop.plant.model, current=Current([0.0, 0.3, 0.0]), X_WB=X_WB))
-            return replace(loop, plant=made[-1])
+            plants.append(Plant(loop.plant.model, current=Current([0.0, 0.3, 0.0]), X_WB=X_WB))
+            return replace(loop, plant=plants[-1])
 
     built = assemble(replace(clean_barrel(quick=True), perturbations=(Another(),)))
-    assert built.plant is made[0]
+    assert built.plant is plants[0]
     ran = run_through(built, longest=SECONDS)
     assert ran.part_by_part == ""
-    assert made[0].truth.time == pytest.approx(SECONDS, abs=3e-3)
+    assert plants[0].truth.time == pytest.approx(SECONDS, abs=3e-3)
 
 
 def test_the_current_of_an_assembly_is_always_from_its_beginning():
@@ -414,7 +415,8 @@ def test_the_water_at_a_place_is_asked_of_the_plant() -> None:
 
     # At the hull it is the run's own; elsewhere the field differs.
     at = plant.vehicle.hull_qpos
-    p_WB, time = np.array(plant.data.qpos[at : at + 3]), 3 * plant.timestep
+    p_WB = np.array(plant.data.qpos[at : at + 3])
+    time = 3 * plant.timestep
     np.testing.assert_allclose(plant.water_at(p_WB), plant.truth.current_W, atol=1e-15)
     gap = TurningJet().velocity(p_W, time) - TurningJet().velocity(p_WB, time)
     np.testing.assert_allclose(plant.water_at(p_W), plant.truth.current_W + gap, atol=1e-15)
@@ -476,10 +478,10 @@ def test_the_check_and_the_start_of_a_run_know_the_flow() -> None:
     scenario = replace(clean_barrel(), site=site)
     strongest = site.strongest_water(np.zeros(3))
     np.testing.assert_allclose(strongest, [0.1, 1.9 * (1.0 - np.exp(-100.0 / 20.0)), 0.0])
-    said = preflight(scenario, assemble(replace(scenario, site=Site())).own)
+    lines = preflight(scenario, assemble(replace(scenario, site=Site())).own)
     assert any(
         "the water at the hull moves at 1.89 m/s along sway, the thrusters can hold" in line
-        for line in said
+        for line in lines
     )
     still = replace(scenario, site=Site())
     assert not any("the water" in line for line in preflight(still, assemble(still).own))

@@ -34,9 +34,9 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     options = parse(WaterVerb, args)
     plain = as_base(options, WaterOptions)
-    result = _PLAN if options.plan and not options.log else METRICS
+    output = _PLAN if options.plan and not options.log else METRICS
     work = partial(identify_water, plain)
-    return file_alone(work, result) if options.json else work()
+    return file_alone(work, output) if options.json else work()
 
 
 def identify_water(options: WaterOptions) -> int:

@@ -56,15 +56,17 @@ def main(verb: str, args: Sequence[str]) -> int:
     from uuv.sim.reporting.series_tables import PastRun
 
     runs = [PastRun.of(folder) for folder in folders]
-    found = tables(runs, every=options.all, trust=options.trust)
+    rows_by_title = tables(runs, every=options.all, trust=options.trust)
     if options.json:
-        print_json({"runs": folders, **{title: dict(rows) for title, rows in found.items()}})
+        print_json(
+            {"runs": folders, **{title: dict(rows) for title, rows in rows_by_title.items()}}
+        )
         return 0
 
     from uuv.sim.runs.terminal import console as console_of
 
     console = console_of()
-    for title, rows in found.items():
+    for title, rows in rows_by_title.items():
         console.print(
             table(title, [str(run.folder) for run in runs], rows) if rows else f"{title}: none"
         )
@@ -80,7 +82,9 @@ def main(verb: str, args: Sequence[str]) -> int:
         )
     else:
         try:
-            console.print(f"written to {write_page(runs, found)}", highlight=False, soft_wrap=True)
+            console.print(
+                f"written to {write_page(runs, rows_by_title)}", highlight=False, soft_wrap=True
+            )
         except ConfigurationError as error:
             console.print(f"no page of the time series: {error}", highlight=False, soft_wrap=True)
     return 0
@@ -90,23 +94,24 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
     """Rows of options and of versions that differ, and of figures: all, or those that differ."""
     from uuv.scenario_file import as_dict, flat
 
-    asked = [flat(as_dict(scenario_of(run.folder, trust=trust))) for run in runs]
-    made = [flat(run.metrics.get("provenance", {})) for run in runs]
-    made = [
-        {key: value for key, value in one.items() if not key.startswith(_ASKED)} for one in made
+    options = [flat(as_dict(scenario_of(run.folder, trust=trust))) for run in runs]
+    versions_of = [flat(run.metrics.get("provenance", {})) for run in runs]
+    versions_of = [
+        {key: value for key, value in provenance.items() if not key.startswith(_ASKED)}
+        for provenance in versions_of
     ]
 
     figures = [dict(numbers(run.metrics)) for run in runs]
     shown = [(key, values) for key, values in _rows(figures) if every or not alike(values)]
-    versions = _differing(made)
+    versions = _differing(versions_of)
     return {
-        "options that differ": _differing(asked),
+        "options that differ": _differing(options),
         **({"versions that differ": versions} if versions else {}),
         "figures" if every else "figures that differ": shown,
     }
 
 
-def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
+def write_page(runs: "Sequence[PastRun]", rows_by_title: Mapping[str, Rows]) -> Path:
     """Page with the tables and the series of the first two runs, in the folder of the first."""
     from uuv.sim.evaluation.bounds import Bounds
     from uuv.sim.interfaces import page
@@ -120,9 +125,9 @@ def write_page(runs: "Sequence[PastRun]", found: Mapping[str, Rows]) -> Path:
 
     columns = ("", *names)
     parts = [page.heading(title)]
-    for head, rows in found.items():
+    for head, rows in rows_by_title.items():
         if rows:
-            cells = [(key, *map(_said, values)) for key, values in rows]
+            cells = [(key, *map(_cell, values)) for key, values in rows]
             parts.append(page.section(head, page.table(columns, cells)))
     parts.append(page.section("Time series", page.Html(drawn)))
 
@@ -135,7 +140,7 @@ def _short(folders: Sequence[Path]) -> list[str]:
     """Names of folders: the last part, or more of them where they would be alike."""
     whole = [folder.resolve().parts for folder in folders]
     for parts in range(1, max(map(len, whole))):
-        names = ["/".join(one[-parts:]) for one in whole]
+        names = ["/".join(parts_of[-parts:]) for parts_of in whole]
         if len(set(names)) == len(names):
             return names
     return list(map(str, folders))
@@ -166,14 +171,14 @@ def table(title: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[A
     """A column for each run."""
     from rich.table import Table
 
-    made = Table(title=title, title_justify="left")
-    made.add_column("")
+    page_table = Table(title=title, title_justify="left")
+    page_table.add_column("")
     for name in names:
-        made.add_column(Path(name).name, justify="right", overflow="fold")
+        page_table.add_column(Path(name).name, justify="right", overflow="fold")
 
     for key, values in rows:
-        made.add_row(key, *map(_said, values))
-    return made
+        page_table.add_row(key, *map(_cell, values))
+    return page_table
 
 
 def _differing(several: Sequence[Mapping[str, Any]]) -> Rows:
@@ -185,11 +190,11 @@ def _differing(several: Sequence[Mapping[str, Any]]) -> Rows:
 
 
 def _rows(several: Sequence[Mapping[str, Any]]) -> Rows:
-    keys = dict.fromkeys(key for one in several for key in one)
-    return [(key, [one.get(key) for one in several]) for key in keys]
+    keys = dict.fromkeys(key for figures in several for key in figures)
+    return [(key, [figures.get(key) for figures in several]) for key in keys]
 
 
-def _said(value: Any) -> str:
+def _cell(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, bool) or not isinstance(value, float):

@@ -67,26 +67,26 @@ def main(verb: str, args: Sequence[str]) -> int:
             return view(run_folder(parse(ViewOptions, args).run))
 
 
-def run_folder(given: str) -> Path:
+def run_folder(name: str) -> Path:
     """Folder of a run: as given, or the latest of a scenario's.
 
     Raises:
         ConfigurationError: There is none.
     """
     try:
-        for folder in (Path(given), RUNS / given / LATEST, RUNS / given.replace("-", "_") / LATEST):
+        for folder in (Path(name), RUNS / name / LATEST, RUNS / name.replace("-", "_") / LATEST):
             if (folder / "metrics.json").exists():
                 # where `latest` points now, for it moves on
                 return folder.parent / folder.readlink() if folder.is_symlink() else folder
 
-        there = (
+        names = (
             sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
         )
     except OSError as error:  # a name that is too long, or a folder that may not be looked into
-        raise ConfigurationError(f"{given}: no run ({error.strerror})") from error
+        raise ConfigurationError(f"{name}: no run ({error.strerror})") from error
 
-    known = f"; runs/ has {', '.join(there)}" if there else "; there is no folder runs/ here"
-    raise ConfigurationError(f"{given}: no run, a folder with metrics.json{known}")
+    known = f"; runs/ has {', '.join(names)}" if names else "; there is no folder runs/ here"
+    raise ConfigurationError(f"{name}: no run, a folder with metrics.json{known}")
 
 
 def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
@@ -110,16 +110,16 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
     from uuv.inputs import check_inputs
     from uuv.sim.reporting.series_tables import PastRun
 
-    wanted = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
+    recorded = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
     scenario = scenario_of(folder, trust=trust)
     check_inputs(scenario)
     from uuv.runner import run  # what runs it is imported, and compiled, after what can be refused
 
     ran = run(scenario)
     got = ran.recording.digest()
-    same = got == wanted
+    same = got == recorded
     if as_json:
-        digests = {"trajectory_sha256": got, "recorded_sha256": wanted}
+        digests = {"trajectory_sha256": got, "recorded_sha256": recorded}
         print_json({"same": same, "simulated_s": ran.recording.duration, **digests})
         return 0 if same else 1
 
@@ -128,7 +128,7 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
         return 0
 
     print(
-        f"different trajectory: {got[:12]}, recorded {str(wanted)[:12]}. The record is of other "
+        f"different trajectory: {got[:12]}, recorded {str(recorded)[:12]}. The record is of other "
         "code or libraries, of another machine, or of a run that was interrupted (see provenance "
         "in metrics.json)."
     )

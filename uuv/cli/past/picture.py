@@ -40,7 +40,8 @@ def pictures(folder: Path, *, trust: bool = False) -> Iterator[Path]:
     from uuv.inputs import check_inputs
     from uuv.sim.reporting.series_tables import SLOW, PastRun
 
-    past, scenario = PastRun.of(folder), scenario_of(folder, trust=trust)
+    past = PastRun.of(folder)
+    scenario = scenario_of(folder, trust=trust)
     past.units(SLOW)
     check_inputs(scenario)
     from uuv import first_start

@@ -22,7 +22,8 @@ from uuv.sim.reporting.series_tables import PastRun
 from uuv.sim.runs.saving import write_whole
 
 WIDTH, HEIGHT = 960, 600  # [px]
-FRAMES, PACE = 150, 15.0  # of the clip, and frames a second: ten seconds
+FRAMES = 150  # of the clip: ten seconds
+PACE = 15.0  # [frames/s]
 MURK = 0.35  # [1/m] by which what lies behind the work fades into the water
 # its colour, from above down
 _WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None]
@@ -72,11 +73,11 @@ class GlPicture:
         """Colours (h, w, 3) and depth (h, w) [m]."""
         renderer = self._renderer
         renderer.update_scene(data, camera)
-        seen = renderer.render()
+        colours = renderer.render()
         renderer.enable_depth_rendering()
         depth = renderer.render()
         renderer.disable_depth_rendering()
-        return seen, depth
+        return colours, depth
 
 
 def _view(model: mujoco.MjModel) -> GlPicture | RayPicture:
@@ -95,8 +96,10 @@ class RunScene:
 
     def __init__(self, scenario: Scenario, past: PastRun) -> None:
         built = assemble(scenario)
-        self._model, vehicle = built.plant.model, Vehicle.of(built.plant.model)
-        self._data, self._vehicle = mujoco.MjData(self._model), vehicle
+        self._model = built.plant.model
+        vehicle = Vehicle.of(built.plant.model)
+        self._data = mujoco.MjData(self._model)
+        self._vehicle = vehicle
         self.time = past.numbers("time", "slow")
         self._q = np.column_stack(
             [past.numbers(f"q.{name}", "slow") for name in vehicle.joint_names]
@@ -105,8 +108,8 @@ class RunScene:
         every = np.searchsorted(past.numbers("time"), self.time)
         hull = [past.numbers(f"p_WB.{axis}") for axis in "xyz"]
         hull += [past.numbers(f"quat_WB_wxyz.{part}") for part in "wxyz"]
-        for values in (self._q, *hull):
-            if not (np.abs(values) < FARTHEST).all():
+        for series in (self._q, *hull):
+            if not (np.abs(series) < FARTHEST).all():
                 raise ConfigurationError(
                     f"{past.folder}: a recorded pose is not finite, or beyond {FARTHEST:g} m"
                 )
@@ -126,9 +129,9 @@ class RunScene:
     def frame(self, row: int) -> np.ndarray:
         """Picture (HEIGHT, WIDTH, 3) of the scene at a row."""
         self._put(row)
-        seen, depth = self._view.render(self._data, self._camera)
+        colours, depth = self._view.render(self._data, self._camera)
         clear = np.exp(-MURK * np.maximum(depth - self._camera.distance, 0.0))[..., None]
-        return (clear * seen + (1.0 - clear) * _WATER).astype(np.uint8)
+        return (clear * colours + (1.0 - clear) * _WATER).astype(np.uint8)
 
     def _put(self, row: int) -> None:
         at = self._vehicle.hull_qpos
@@ -148,11 +151,10 @@ class RunScene:
             ]
 
         low, high = np.min(places, axis=0), np.max(places, axis=0)
-        camera, ahead = self._camera, self._data.xmat[self._vehicle.hull].reshape(3, 3)[:, 0]
+        camera = self._camera
+        ahead = self._data.xmat[self._vehicle.hull].reshape(3, 3)[:, 0]
 
         camera.lookat[:] = 0.5 * (low + high) - [0.0, 0.0, 0.15]
         camera.distance = 1.5 * float(np.linalg.norm(high - low)) + 2.0
-        camera.azimuth, camera.elevation = (
-            math.degrees(math.atan2(ahead[1], ahead[0])) + 120.0,
-            -18.0,
-        )
+        camera.azimuth = math.degrees(math.atan2(ahead[1], ahead[0])) + 120.0
+        camera.elevation = -18.0

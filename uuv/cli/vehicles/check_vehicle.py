@@ -9,6 +9,7 @@ from tyro.conf import Positional, arg
 
 from uuv.check.checked_jobs import JOBS, check_jobs
 from uuv.cli.json_output import print_json
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import parse
 
 WIDTH = 132  # characters of the tables where the output is no terminal
@@ -38,6 +39,9 @@ class CheckOptions:
     """Set forces [N] in place of the jobs' own."""
     flow: str | None = None
     """Flow field at the jobs' site: a kind, or MODULE:CLASS (docs/own_current.md)."""
+    poses: Annotated[int, arg(metavar="N")] = 1
+    """Poses of the object that are drawn for each job of the arm: it is promised if 95 % of them
+    pass."""
     jobs: tuple[str, ...] = JOBS
     """Jobs for which a verdict is wanted."""
     json: bool = False
@@ -49,6 +53,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     options = parse(CheckOptions, args)
     check_jobs(options.jobs)
+    if options.poses < 1:
+        raise ConfigurationError(f"--poses: must be at least 1, got {options.poses}")
     from uuv import inputs
     from uuv.scenario import VehicleSetup
 
@@ -68,6 +74,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         jobs=options.jobs,
         forces=options.forces,
         flow=None if options.flow is None else flow_of(options.flow),
+        poses=options.poses,
     )
 
     if options.json:

@@ -65,7 +65,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 def wet_model(options: WetOptions, console: "Console") -> int:
     """Writes the model and prints the table; returns the exit code."""
-    from uuv.models.files.urdf import MESHES
+    from uuv.models.files.mesh_shapes import MESHES
     from uuv.models.water_from_geometry.files import make_neutral, read_model, write_model
 
     visual = options.geoms != "collision"

@@ -9,8 +9,7 @@ from scipy import ndimage
 
 from experiments.identification.unseen.likeness import DIFFERENT
 from experiments.identification.unseen.scenes import UnseenScene
-from uuv.clouds.object_scenes import FOCAL
-from uuv.clouds.placing import pinhole
+from uuv.clouds.frames import FOCAL, pinhole
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.perception.clouds.scan import SensorModel
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from experiments.identification.unseen.scenes import HIDDEN, UnseenCase, build
-from uuv.clouds.placing import pinhole
+from uuv.clouds.frames import pinhole
 from uuv.experiment import Row
 from uuv.perception.registration.pose_check import Decision
 from uuv.sim.interfaces.spatial import Array
@@ -36,11 +36,9 @@ def recall_chart(rows: Sequence[Row]) -> "Figure":
 
     figure = Figure(figsize=(9.0, 3.8), layout="constrained")
     axes = figure.subplots(1, 2, width_ratios=(10, 3))
-    for panel, key, label in zip(axes, ("kind", "hidden_class"), ("shape", "hidden"), strict=True):
+    for panel, key, label in zip(axes, ("shape", "hidden"), ("shape", "hidden"), strict=True):
         there = {row[key] for row in rows}
-        names = (
-            [name for name in HIDDEN if name in there] if key == "hidden_class" else sorted(there)
-        )
+        names = [name for name in HIDDEN if name in there] if key == "hidden" else sorted(there)
 
         # Bars of the outcomes, one on top of the other.
         low = np.zeros(len(names))

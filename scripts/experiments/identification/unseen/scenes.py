@@ -11,21 +11,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import mujoco
 import numpy as np
 
 from experiments.identification.unseen.grammar import KINDS, UnseenShape, unseen_shape
 from experiments.identification.unseen.likeness import Likeness
-from uuv.clouds.object_scenes import (
+from uuv.clouds.frames import (
     FOCAL,
-    RANGES,
+    MIDDLE,
     SENSORS,
     Camera,
     Imager,
     ObjectScene,
     camera_pose,
     coarse_pose,
+    meshed,
+    viewpoint,
 )
+from uuv.clouds.object_scenes import RANGES
 from uuv.clouds.placing import (
     COARSE,
     Body,
@@ -38,12 +40,11 @@ from uuv.clouds.placing import (
     stone,
     veil,
 )
-from uuv.models.meshes.closed_shells import Shell, joined, moved
+from uuv.models.meshes.closed_shells import Shell, moved
 from uuv.models.objects.target_model import Symmetry
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly, transform_points
 from uuv.sim.interfaces.streams import Streams
-from uuv.sim.sensors.depth_camera import DepthCamera, Optics
 from uuv.sim.sensors.stereo_noise import StereoNoise
 
 Content = Literal["present", "absent", "other", "mirrored", "resized", "pile"]
@@ -88,19 +89,20 @@ _ROLL = np.deg2rad(15.0)  # [rad] largest roll of the camera, either way
 _ASIDE = 0.02
 _IN_VIEW = 0.98  # [-] least share of the object's corners within the image
 _LEAST_PIXELS = 1200  # of the object's image, occluded parts included
+_IDEAL = Camera()  # without noise
 _ATTEMPTS = 40  # draws of a scene until it meets its conditions
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class UnseenCase:
-    """All that a scene depends on; a case of the study."""
+    """All that a scene depends on."""
 
     content: Content  # what stands in the object's place
     kind: str  # class of the shape, a name in `grammar.KINDS`
     hidden: str  # class of occlusion, a name in HIDDEN; of a pile: as it falls
     sensor: str  # name in UNSEEN_SENSORS
     around: Around  # what surrounds the object
-    seed: int  # of the study
+    seed: int  # of all scenes
     index: int  # of the scene among those of this content
     member: int = 0  # which object of a pile is searched for
     streams: tuple[tuple[str, str], ...] = ()  # states of its draws, from a file; none: by the seed
@@ -113,7 +115,6 @@ class UnseenScene(ObjectScene):
     case: UnseenCase
     likeness: Likeness  # of its shape to itself
     there: UnseenShape | None  # what stands in its place; None: nothing
-    model: mujoco.MjModel  # of the scene in C
     exact: Array  # (h, w) [m] depth of the whole scene without noise, inf where there is nothing
     seen: np.ndarray  # (h, w) pixels of an ideal camera that show what is in the object's place
     declared: bool  # the target declares its geometric symmetry
@@ -327,9 +328,7 @@ class _Draw:
 
         up = rng.uniform(*np.sin(_CLIMB))
         heading, roll = rng.uniform([-np.pi, -_ROLL], [np.pi, _ROLL])
-        flat = np.sqrt(1.0 - up**2)
-
-        eye = p_F + range_m * np.array([flat * np.cos(heading), flat * np.sin(heading), up])
+        eye = p_F + viewpoint(range_m, up, heading)
         return camera_pose(eye, p_F + rng.normal(0.0, _ASIDE * range_m, 3), roll)
 
     def _neighbours(self, body: Body, X_CF: Array, ground: float) -> list[Body]:
@@ -363,8 +362,9 @@ class _Draw:
             return None
 
         # Two renderings: the whole scene, and the object alone without what hides it.
-        model = _compiled([moved(solid, X_CF) for solid in layout.visible])
-        exact, alone = _depth(model), _depth(_compiled([moved(layout.body.solid, X_CF)]))
+        model = meshed([moved(solid, X_CF) for solid in layout.visible])
+        exact = _IDEAL.exact(model)
+        alone = _IDEAL.exact(meshed([moved(layout.body.solid, X_CF)]))
         image = np.isfinite(alone)
 
         if case.content != "pile" and image.sum() < _LEAST_PIXELS:
@@ -378,12 +378,9 @@ class _Draw:
             if not low <= hidden <= high:
                 return None
 
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
-
         sensor = UNSEEN_SENSORS[case.sensor]
         try:
-            scan = sensor.look(model, data, self.streams["noise"])
+            scan = sensor.look(model, self.streams["noise"])
         except PerceptionError:  # an empty ping
             return None
 
@@ -397,12 +394,7 @@ class _Draw:
         distance = self._start("approach distance").uniform() * _APPROACH
         angle = self._start("turn angle").uniform() * _TILT
 
-        approach, orientation = coarse_pose(
-            target,
-            X_CT,
-            distance * aside / np.linalg.norm(aside),
-            angle * axis / np.linalg.norm(axis),
-        )
+        approach, orientation = coarse_pose(target, X_CT, (distance, aside), (angle, axis))
 
         return UnseenScene(
             case=case,
@@ -431,33 +423,5 @@ class _Draw:
 def _in_view(X_CF: Array, vertices: Array) -> bool:
     """Whether nearly all of `vertices` (V, 3) [m] in F lie within the image."""
     p = transform_points(X_CF, vertices)
-    limits = np.array([319.5, 239.5]) / FOCAL
-    within = (p[:, 2] > 0.3) & (np.abs(p[:, :2]) < limits * p[:, 2:]).all(axis=1)
+    within = (p[:, 2] > 0.3) & (np.abs(p[:, :2]) < MIDDLE / FOCAL * p[:, 2:]).all(axis=1)
     return bool(within.mean() >= _IN_VIEW)
-
-
-def _compiled(solids: Sequence[Shell]) -> mujoco.MjModel:
-    """Model of visible meshes in C, fixed in the world."""
-    spec = mujoco.MjSpec()
-    vertices, triangles = joined(solids)
-
-    spec.add_mesh(
-        name="scene",
-        uservert=vertices.astype(np.float32).ravel(),
-        userface=triangles.astype(np.int32).ravel(),
-        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-    )
-
-    spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_MESH, meshname="scene", contype=0, conaffinity=0
-    )
-    return spec.compile()
-
-
-def _depth(model: mujoco.MjModel) -> np.ndarray:
-    """Depth (480, 640) [m] that an ideal camera sees, inf where there is nothing."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-
-    camera = DepthCamera(model, "world", np.eye(4), optics=Optics(focal=FOCAL), noise=None)
-    return camera.render(data.xpos, data.xmat)[0]

@@ -1,4 +1,4 @@
-"""Benchmark: identification of unseen objects against other libraries, on the same pixels.
+"""Identification of unseen objects against other libraries, on the same pixels.
 
     # ours alone
     BENCHMARK=scripts/experiments/identification/unseen/unseen_peers.py
@@ -8,112 +8,138 @@
     PEERS=scripts/experiments/identification/peers_requirements.txt
     ./uvw run --extra open3d --with-requirements $PEERS $BENCHMARK
 
-The scenes are those of the study of unseen objects with the object present; its position is known
-within 0.3 m, its attitude is not. Ours begins at the depth frame. The peers get the points with
-normals that our segmentation assigns to the object, cropped and thinned as ours are; where it
-leaves none, all points where the object could be. ICP alone, and small_gicp, also start from the
-true position with an attitude 25 deg off the truth: a help that the others do not get.
+The scenes are those of `unseen` with the object present; its position is known within 0.3 m, its
+attitude is not. Ours begins at the depth frame. The peers get the points with normals that our
+segmentation assigns to the object, cropped and thinned as ours are; where it leaves none, all
+points where the object could be. ICP alone, and small_gicp, also start from the true position with
+an attitude 25 deg off the truth: a help that the others do not get.
 
 A pose is found within 5 mm plus 0.3 % of the range and 3 deg, modulo the geometric symmetry of the
-shape. Times are processor times; what a method prepares once for a model is counted apart. Ours
-counts its own segmentation and check.
+shape. Times are processor times, comparable with --workers 1 only; what a method prepares once for
+a model is counted apart. Ours counts its own segmentation and check.
 """
 
-from uuv.start import parse, run_scenario  # isort: skip
+from uuv.start import run_scenario  # isort: skip
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
-from time import process_time
-from typing import Any
+from math import degrees, radians
 
 import numpy as np
 
 from experiments.identification.registration_peers import PEERS, Model, RegistrationTask
+from experiments.identification.scene_cases import identified, timed
 from experiments.identification.unseen.judge import pose_error
 from experiments.identification.unseen.scenes import UnseenCase, UnseenScene, build, present
-from uuv.experiment import Row, Study, StudyOptions, Summary, Table
+from uuv.experiment import Page, Row, column, experiment, stat
+from uuv.experiment.declaration import vars_of
 from uuv.experiment.options import at_least
 from uuv.perception.clouds.scan import near_any, without_flying_pixels
 from uuv.perception.registration.evidence import Evidence
-from uuv.perception.registration.identification import APPROACH_ERROR, Identification, identify
+from uuv.perception.registration.identification import APPROACH_ERROR, Identification
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 OURS = "ours"
-OFF = np.deg2rad(25.0)  # [rad] of the start that some peers are given from the truth
-GROUPS = {
-    "hidden_class": "hidden: {}",
-    "sensor": "sensor: {}",
-    "kind": "{}",
-}  # columns of the tables, by entry of a row
+OFF = radians(25.0)  # [rad] of the start that some peers are given from the truth
 
 
-@dataclass(kw_only=True)
-class Options(StudyOptions):
+@dataclass(frozen=True, kw_only=True)
+class PeerScenes:
     """Scenes and peers."""
 
-    runs: int = 300
+    present: int = 300
     """Number of scenes."""
     peers: tuple[str, ...] = tuple(PEERS)
     """Names of peers; those whose package is not installed are left out."""
-    workers: int = 1
-    """Number of processes; 0: one for each core, 1: this one.
-
-    Computing times are comparable with 1 only.
-    """
+    seed: int = 0
+    """Seed of all scenes."""
 
     def __post_init__(self) -> None:
-        at_least(self, runs=1, workers=0)
+        at_least(self, present=1, seed=0)
         for name in self.peers:
             if name not in PEERS:
                 raise ConfigurationError(f"--peers: no peer {name!r}; there are {', '.join(PEERS)}")
 
 
-@dataclass(frozen=True, slots=True)
-class PeerCase:
-    """One scene for all methods; a case of the benchmark."""
+@dataclass(frozen=True, kw_only=True)
+class UnseenPeerCase(UnseenCase):
+    """One scene for all methods."""
 
-    scene: UnseenCase
     peers: tuple[str, ...]  # names in PEERS
 
 
-def run(case: PeerCase) -> Row:
+@dataclass(frozen=True, kw_only=True)
+class UnseenPeerRow:
     """Errors and times of all methods on one scene."""
-    scene = build(case.scene)
 
-    model_s, surface = _timed(lambda: ModelSurface.of(scene.target))
-    find_s, found = _timed(
-        lambda: identify(scene.scan, surface, scene.approach, sensor=scene.sensor.model)
+    segmented: bool = column("the segmentation leaves points")
+    accepted: bool = column("accepted by ours")
+    found: Mapping[str, bool] = column("found", by="method")
+    position: Mapping[str, float] = column("position", "mm", digits=2, factor=1e3, by="method")
+    angle: Mapping[str, float] = column("angle", "deg", digits=2, factor=degrees(1.0), by="method")
+    time: Mapping[str, float | None] = column(
+        "time", "ms", digits=0, factor=1e3, tolerance=None, by="method"
+    )
+    model_time: Mapping[str, float | None] = column(
+        "model", "ms", digits=0, factor=1e3, tolerance=None, by="method"
+    )
+    error: Mapping[str, str] = column("error raised", by="method")
+
+
+def cases(scenes: PeerScenes) -> Iterator[UnseenPeerCase]:
+    """The scenes, with the peers that are installed."""
+    installed = tuple(name for name in scenes.peers if not PEERS[name].missing)
+    for k in range(scenes.present):
+        yield UnseenPeerCase(**vars_of(present(scenes.seed, k)), peers=installed)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attempt:
+    """What a method makes of a scene; if it raises an error, it has found nothing."""
+
+    X_ST: Array  # (4, 4)
+    time: float | None  # [s]
+    model_time: float | None  # [s] of what is prepared once for a model
+    error: str = ""
+
+
+@experiment("unseen_peers", cases=cases, quick={"present": 2})
+def unseen_peers(case: UnseenPeerCase) -> UnseenPeerRow:
+    """Runs all methods on one scene."""
+    scene = build(case)
+    model_time, surface = timed(lambda: ModelSurface.of(scene.target))
+    time, verdict = timed(lambda: identified(scene, surface, "place"))
+
+    task = task_of(scene, surface, verdict)
+    attempts = {
+        OURS: Attempt(X_ST=verdict.X_sensor_target, time=time, model_time=model_time),
+        **{PEERS[name].title: attempt(name, task) for name in case.peers},
+    }
+    errors = {name: pose_error(scene, entry.X_ST) for name, entry in attempts.items()}
+
+    return UnseenPeerRow(
+        segmented=verdict.evidence is not None,
+        accepted=verdict.accepted,
+        found={name: error.found for name, error in errors.items()},
+        position={name: error.position_m for name, error in errors.items()},
+        angle={name: radians(error.angle_deg) for name, error in errors.items()},
+        time={name: entry.time for name, entry in attempts.items()},
+        model_time={name: entry.model_time for name, entry in attempts.items()},
+        error={name: entry.error for name, entry in attempts.items()},
     )
 
-    ours = {
-        **_judged(scene, found.X_sensor_target),
-        "model_s": model_s,
-        "find_s": find_s,
-        "error": "",
-    }
 
-    task = task_of(scene, surface, found)
-    methods = {OURS: ours, **{name: _raced(name, scene, task) for name in case.peers}}
+def task_of(scene: UnseenScene, surface: ModelSurface, verdict: Identification) -> RegistrationTask:
+    """What the peers get of a scene, with the points that our identification assigns to the object.
 
-    return {
-        "kind": scene.shape.kind,
-        "hidden_class": case.scene.hidden,
-        "sensor": case.scene.sensor,
-        "index": case.scene.index,
-        "segmented": found.evidence is not None,
-        "accepted": found.accepted,
-        "methods": methods,
-    }
-
-
-def task_of(scene: UnseenScene, surface: ModelSurface, found: Identification) -> RegistrationTask:
-    """What the peers get of a scene, with the points that our identification `found` to be the
-    object's.
+    Args:
+        scene: The scene.
+        surface: Surface model of its target.
+        verdict: Our identification.
     """
-    evidence = found.evidence
+    evidence = verdict.evidence
     if evidence is None:
         near = near_any(scene.scan.points, scene.approach[None], surface.radius + APPROACH_ERROR)
         mask = near & without_flying_pixels(scene.scan)
@@ -142,161 +168,77 @@ def task_of(scene: UnseenScene, surface: ModelSurface, found: Identification) ->
     )
 
 
-def _raced(name: str, scene: UnseenScene, task: RegistrationTask) -> dict[str, Any]:
-    """Errors and times of a peer; if it raises an error, it has found nothing."""
-    peer, error, model_s, find_s, X_ST = PEERS[name], "", np.nan, np.nan, np.eye(4)
+def attempt(name: str, task: RegistrationTask) -> Attempt:
+    """What a peer makes of a scene.
+
+    Args:
+        name: In PEERS.
+        task: What it gets of the scene.
+    """
+    peer = PEERS[name]
+    model_time: float | None = None
 
     try:
         peer.load()
-        model_s, prepared = _timed(lambda: peer.prepare(task.model))
-        find_s, X_ST = _timed(lambda: peer.register(task, prepared))
-    except Exception as raised:  # each library has its own
-        error = f"{type(raised).__name__}: {raised}"
-
-    return {**_judged(scene, X_ST), "model_s": model_s, "find_s": find_s, "error": error}
-
-
-def _judged(scene: UnseenScene, X_ST: Array) -> dict[str, Any]:
-    error = pose_error(scene, X_ST)
-    return {"found": error.found, "position_m": error.position_m, "angle_deg": error.angle_deg}
+        model_time, prepared = timed(lambda: peer.prepare(task.model))
+        time, X_ST = timed(lambda: peer.register(task, prepared))
+    except Exception as error:  # each library has its own
+        words = f"{type(error).__name__}: {error}"
+        return Attempt(X_ST=np.eye(4), time=None, model_time=model_time, error=words)
+    return Attempt(X_ST=X_ST, time=time, model_time=model_time)
 
 
-def _timed(what: Callable[[], Any]) -> tuple[float, Any]:
-    began = process_time()
-    result = what()
-    return process_time() - began, result
+def left_out(rows: list[Row]) -> list[str]:
+    """Lines about peers that do not take part."""
+    return [
+        f"left out: {peer.title}, not installed: {', '.join(peer.missing)}"
+        for name, peer in PEERS.items()
+        if peer.missing and name not in rows[0]["peers"]
+    ]
 
 
-def summarise(rows: list[Row], left_out: Sequence[str] = ()) -> Summary:
-    """Poses found by each method, by occlusion, sensor and class of shape; errors of those found,
-    and times.
+def accepts(rows: list[Row]) -> str:
+    """Line about the verdicts of ours."""
+    right = [row for row in rows if row["found"][OURS]]
+    accepted = sum(row["accepted"] for row in right)
+    others = sum(row["accepted"] for row in rows) - accepted
+    return f"ours: {accepted} of {len(right)} found poses accepted, {others} others"
 
-    Args:
-        rows: Rows of all scenes.
-        left_out: Lines about peers that do not take part.
-    """
-    metrics = {name: figures_of(rows, name) for name in rows[0]["methods"]}
 
-    some = next(iter(metrics.values()))
-    titles = {name: PEERS[name].title if name in PEERS else OURS for name in metrics}
-
-    by_shape = [label for label in some["found_of"] if ":" not in label]
-    by_condition = [label for label in some["found_of"] if label not in by_shape]
-
-    tables = [
-        # All scenes, by condition.
-        Table(
-            title=f"Poses found of {len(rows)}, and time",
-            columns=(
-                "method",
-                "found",
-                *by_condition,
-                "error [mm]",
-                "[deg]",
-                "time [ms]",
-                "p95",
-                "model [ms]",
+unseen_peers.page = (
+    Page()
+    .table(
+        "Poses found, and time",
+        by="method",
+        columns=[
+            stat("share", "found"),
+            stat(
+                "median",
+                lambda row: 1e3 * row["position"] if row["found"] else None,
+                "error of those found, median",
+                unit="mm",
+                digits=2,
             ),
-            rows=[
-                (
-                    titles[name],
-                    str(each["found"]),
-                    *(_of(each["found_of"][label]) for label in by_condition),
-                    # Errors are over found poses, times over all.
-                    *(
-                        _figure(each[key], digits)
-                        for key, digits in (("median_mm", 2), ("median_deg", 2))
-                    ),
-                    *(_figure(each[key], 0) for key in ("find_ms", "find_p95_ms", "model_ms")),
-                )
-                for name, each in metrics.items()
-            ],
-            caption="Errors and times are medians, errors those of found poses; model: prepared "
-            "once for each.",
-        ),
-        # By class of shape.
-        Table(
-            title="Poses found, by class of shape",
-            columns=("method", *by_shape),
-            rows=[
-                (titles[name], *(_of(each["found_of"][label]) for label in by_shape))
-                for name, each in metrics.items()
-            ],
-        ),
-    ]
-
-    found = [row for row in rows if row["methods"][OURS]["found"]]
-    lines = [
-        *left_out,
-        f"ours: {sum(row['accepted'] for row in found)} of {len(found)} found poses accepted, "
-        f"{sum(row['accepted'] for row in rows) - sum(row['accepted'] for row in found)} others",
-        f"scenes whose segmentation leaves no points: {sum(not row['segmented'] for row in rows)}",
-        *(
-            f"{titles[name]}: {each['errors']} errors raised"
-            for name, each in metrics.items()
-            if each["errors"]
-        ),
-    ]
-
-    return Summary(metrics={"scenes": len(rows), "methods": metrics}, tables=tables, lines=lines)
-
-
-def figures_of(rows: Sequence[Row], name: str) -> dict[str, Any]:
-    """Figures of the method `name` over the scenes."""
-    of = [row["methods"][name] for row in rows]
-    found = [each for each in of if each["found"]]
-
-    def median(some: Sequence[Row], key: str) -> float:
-        values = [each[key] for each in some if each[key] is not None]
-        return float(np.median(values)) if values else np.nan
-
-    times = [each["find_s"] for each in of if each["find_s"] is not None]
-
-    return {
-        "found": len(found),
-        "found_of": {
-            label: [sum(row["methods"][name]["found"] for row in some), len(some)]
-            for label, some in _parts(rows)
-        },
-        "median_mm": 1e3 * median(found, "position_m"),
-        "median_deg": median(found, "angle_deg"),
-        "find_ms": 1e3 * median(of, "find_s"),
-        "find_p95_ms": 1e3 * float(np.quantile(times, 0.95)) if times else np.nan,
-        "model_ms": 1e3 * median(of, "model_s"),
-        "errors": sum(bool(each["error"]) for each in of),
-    }
-
-
-def _parts(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
-    """Rows by occlusion, sensor and class of shape, with the columns' names."""
-    for key, label in GROUPS.items():
-        for value in dict.fromkeys(row[key] for row in rows):
-            yield label.format(value), [row for row in rows if row[key] == value]
-
-
-def _of(counts: Sequence[int]) -> str:
-    return f"{counts[0]}/{counts[1]}"
-
-
-def _figure(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
-
-
-def main() -> int:
-    """Runs or resumes the benchmark and returns the exit code."""
-    options = parse(Options)
-    there = tuple(name for name in options.peers if not PEERS[name].missing)
-    left_out = [
-        f"left out: {PEERS[name].title}, not installed: {', '.join(PEERS[name].missing)}"
-        for name in options.peers
-        if name not in there
-    ]
-    cases = [PeerCase(present(options.seed, k), there) for k in range(options.runs)]
-    study = Study(cases=cases, run_one=run, summarise=partial(summarise, left_out=left_out))
-    return study.carry_out(
-        "bench_unseen_peers", options, "Unseen objects: ours and other libraries"
+            stat(
+                "median",
+                lambda row: degrees(row["angle"]) if row["found"] else None,
+                "angle",
+                unit="deg",
+                digits=2,
+            ),
+            stat("median", "time"),
+            stat("p95", "time"),
+            stat("median", "model_time", "once for a model"),
+            stat("count", "error"),
+        ],
     )
-
+    .table("Found, by occlusion", by="method", across="hidden", columns=[stat("share", "found")])
+    .table("Found, by sensor", by="method", across="sensor", columns=[stat("share", "found")])
+    .table("Found, by shape", by="method", across="kind", columns=[stat("count", "found")])
+    .add(left_out)
+    .add(accepts)
+    .share("segmented")
+)
 
 if __name__ == "__main__":
-    run_scenario(main)
+    run_scenario(unseen_peers.main)

@@ -21,7 +21,8 @@ def against_wall(
     """
     out = np.cross(z, [0.3, -0.5, 0.8])
     out /= np.linalg.norm(out)
-    state, offsets = ComplianceState(), []
+    state = ComplianceState()
+    offsets = []
     for _ in range(round(seconds / DT)):
         force = stiffness * max(0.0, depth - float(state.offset_W @ out)) * out
         offsets.append(float(law.step(state, force, z, DT) @ out))
@@ -59,7 +60,8 @@ def test_only_the_force_across_the_axis_moves_it(within):
 
 
 def test_speed_place_and_the_way_back_are_bounded(within):
-    z, state = np.array([0.0, 0.0, 1.0]), ComplianceState()
+    z = np.array([0.0, 0.0, 1.0])
+    state = ComplianceState()
     way = [np.linalg.norm(LAW.step(state, np.array([500.0, 0.0, 0.0]), z, DT)) for _ in range(1000)]
     within("speed over its bound", max(np.diff(way)) / DT - LAW.speed, 1e-12)
     assert way[-1] == pytest.approx(LAW.limit)
@@ -76,7 +78,9 @@ def test_speed_place_and_the_way_back_are_bounded(within):
 
 
 def test_a_tool_that_stands_yields_and_returns_gently(within):
-    z, force, state = np.array([0.0, 0.0, 1.0]), np.array([500.0, 0.0, 0.0]), ComplianceState()
+    z = np.array([0.0, 0.0, 1.0])
+    force = np.array([500.0, 0.0, 0.0])
+    state = ComplianceState()
     way = [np.linalg.norm(LAW.step(state, force, z, DT, gently=True)) for _ in range(200)]
     within("speed over its bound", max(np.diff(way)) / DT - LAW.gentle_speed, 1e-12)
     assert LAW.gentle_speed < LAW.speed
@@ -87,9 +91,10 @@ def test_a_tool_that_stands_yields_and_returns_gently(within):
     before = np.linalg.norm(state.offset_W)
     assert before - np.linalg.norm(LAW.release(state, DT)) == pytest.approx(LAW.release_speed * DT)
     # A speed below the gentle one holds in both cases.
-    slow, kept = LateralCompliance(speed=0.002), ComplianceState()
-    slow.step(kept, force, z, DT, gently=True)
-    assert np.linalg.norm(kept.offset_W) == pytest.approx(0.002 * DT)
+    slow = LateralCompliance(speed=0.002)
+    gentle = ComplianceState()
+    slow.step(gentle, force, z, DT, gently=True)
+    assert np.linalg.norm(gentle.offset_W) == pytest.approx(0.002 * DT)
 
 
 def test_the_loop_with_its_lags_is_stable_at_the_stiffness_of_the_mount():
@@ -98,7 +103,9 @@ def test_the_loop_with_its_lags_is_stable_at_the_stiffness_of_the_mount():
     """
 
     def largest(stiffness: float) -> tuple[float, float]:
-        state, z, dt = ComplianceState(), np.array([0.0, 0.0, 1.0]), 1e-3
+        state = ComplianceState()
+        z = np.array([0.0, 0.0, 1.0])
+        dt = 1e-3
         law = LateralCompliance(speed=10.0, limit=1.0, dead_band=0.0)
         w, x, v, felt, over = 60.0, 0.0, 0.0, 0.0, 0.0
         for step in range(4000):

@@ -43,19 +43,24 @@ def model(request: pytest.FixtureRequest) -> mujoco.MjModel:
 @pytest.fixture
 def arm(model: mujoco.MjModel) -> Any:
     """With slides as coordinates, and water drawn at random."""
-    own, rng = dynamics.ArmDynamics(model, passive=True), np.random.default_rng(5)
-    added, linear, quadratic, buoyancy, cob = own.of_bodies(own.parameters.numbers, *WATER)
+    dynamics_of_arm = dynamics.ArmDynamics(model, passive=True)
+    rng = np.random.default_rng(5)
+    added, linear, quadratic, buoyancy, cob = dynamics_of_arm.of_bodies(
+        dynamics_of_arm.parameters.numbers, *WATER
+    )
     for b in range(len(buoyancy)):
         G, D = rng.normal(size=(2, 6, 6))
-        added[b], linear[b] = (G @ G.T).ravel(), (D @ D.T + 0.3 * (D - D.T)).ravel()
-        quadratic[b], cob[b] = rng.uniform(0.0, 3.0, 6), rng.normal(size=3)
+        added[b] = (G @ G.T).ravel()
+        linear[b] = (D @ D.T + 0.3 * (D - D.T)).ravel()
+        quadratic[b] = rng.uniform(0.0, 3.0, 6)
+        cob[b] = rng.normal(size=3)
         buoyancy[b] = rng.uniform(0.5, 2.0)
-    return own
+    return dynamics_of_arm
 
 
 def without(arm: Any, *names: str) -> None:
-    for values in arm.of_bodies(arm.parameters.numbers, *names):
-        values[:] = 0.0
+    for numbers in arm.of_bodies(arm.parameters.numbers, *names):
+        numbers[:] = 0.0
 
 
 def drawn(rng: np.random.Generator) -> dict[str, Any]:
@@ -75,16 +80,18 @@ def test_dry_it_is_mujocos_inverse_dynamics(
     arm.parameters = arm.parameters._replace(stations=arm.parameters.stations[:0])
     model = copy(model)
     model.body_user[:] = 0.0  # no water, whichever callback another test has installed
-    data, vehicle, case = mujoco.MjData(model), Vehicle.of(model), drawn(rng)
+    data = mujoco.MjData(model)
+    vehicle = Vehicle.of(model)
+    case = drawn(rng)
     joints = [model.joint(name).id for name in arm.joint_names]
     at, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     q, qd, qdd = rng.uniform(-0.4, 0.4, (3, arm.n))
     R, nu, a = case["R_WB"], case["nu_B"], case["a_B"]
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, R.ravel())
-    own = vehicle.hull_qpos
+    hull_at = vehicle.hull_qpos
     first = int(model.jnt_dofadr[model.body_jntadr[vehicle.hull]])
-    data.qpos[own + 3 : own + 7], data.qpos[at] = quaternion, q
+    data.qpos[hull_at + 3 : hull_at + 7], data.qpos[at] = quaternion, q
     data.qvel[first : first + 3], data.qvel[first + 3 : first + 6], data.qvel[dof] = (
         R @ nu[:3],
         nu[3:],
@@ -115,14 +122,15 @@ def kinetic(arm: Any, q: Array, qd: Array, case: dict[str, Any]) -> float:
     )
     energy = 0.0
     for b, nu in enumerate(kept(arm.parameters.layout)[21 * nb : 27 * nb].reshape(nb, 6)):
-        v, w = nu[:3], nu[3:]
+        v = nu[:3]
+        w = nu[3:]
         energy += (
             0.5 * mass[b, 0] * v @ v
             + mass[b, 0] * v @ np.cross(w, com[b])
             + 0.5 * w @ inertia[b].reshape(3, 3) @ w
         )
-        own = np.concatenate([v + np.cross(w, origin[b]), w])
-        energy += 0.5 * own @ added[b].reshape(6, 6) @ own
+        twist = np.concatenate([v + np.cross(w, origin[b]), w])
+        energy += 0.5 * twist @ added[b].reshape(6, 6) @ twist
     return energy
 
 
@@ -141,7 +149,9 @@ def test_without_weight_and_drag_all_power_becomes_motion(
     for _ in range(3):
         case = drawn(rng) | {"v_current_W": np.zeros(3)}
         q, qd, qdd = rng.uniform(-0.4, 0.4, (3, arm.n))
-        h, nu, a = 1e-5, case["nu_B"], case["a_B"]
+        h = 1e-5
+        nu = case["nu_B"]
+        a = case["a_B"]
         rate = np.concatenate([a[:3] - np.cross(nu[3:], nu[:3]), a[3:]])  # of the components of nu
         ahead, behind = (
             kinetic(arm, q + s * h * qd, qd + s * h * qdd, case | {"nu_B": nu + s * h * rate})
@@ -169,10 +179,12 @@ def test_drag_takes_the_power_of_each_bodys_motion(arm: Any, rng: np.random.Gene
         lost = 0.0
         velocity = kept(arm.parameters.layout)[21 * nb : 27 * nb].reshape(nb, 6)
         for b, nu in enumerate(velocity):
-            own = np.concatenate([nu[:3] + np.cross(nu[3:], origin[b]), nu[3:]])
-            lost += own @ linear[b].reshape(6, 6) @ own + quadratic[b] @ np.abs(own) ** 3
+            twist = np.concatenate([nu[:3] + np.cross(nu[3:], origin[b]), nu[3:]])
+            lost += twist @ linear[b].reshape(6, 6) @ twist + quadratic[b] @ np.abs(twist) ** 3
         for row, *rest in arm.parameters.stations:
-            b, p, along = int(row), np.array(rest[:3]), np.array(rest[3:6])
+            b = int(row)
+            p = np.array(rest[:3])
+            along = np.array(rest[3:6])
             u = velocity[b, :3] + np.cross(velocity[b, 3:], p + origin[b])
             u_t = u @ along
             u_n = np.linalg.norm(u - u_t * along)
@@ -199,13 +211,15 @@ def test_at_rest_torques_are_slopes_of_weight_and_buoyancy(
         arm.parameters.layout.shape[1],
         arm.of_bodies(arm.parameters.numbers, "mass", "com", "buoyancy", "cob", "origin"),
     )
-    R, g = exp_so3(rng.normal(size=3)), np.array(model.opt.gravity)
+    R = exp_so3(rng.normal(size=3))
+    g = np.array(model.opt.gravity)
 
     def potential(q: Array) -> float:
         arm.inverse(q, 0.0 * q, 0.0 * q, **STILL | {"R_WB": R})
         turns = kept(arm.parameters.layout)[: 9 * nb].reshape(nb, 3, 3).copy()
         places = kept(arm.parameters.layout)[9 * nb : 12 * nb].reshape(nb, 3).copy()
-        energy, X = 0.0, []
+        energy = 0.0
+        X = []
         for b in range(nb):
             up = arm.parameters.layout[0, b]
             X.append((pose(R) if up < 0 else X[up]) @ pose(turns[b], places[b]))
@@ -231,13 +245,15 @@ def test_tip_kinematics_and_contact_are_virtual_work(
     X_WG = pose(data.site_xmat[vehicle.tip].reshape(3, 3), data.site_xpos[vehicle.tip])
     none = np.zeros(arm.n)
     rest, hull_rest = arm.inverse(q, none, none, **STILL)
-    X, J = np.empty((4, 4)), np.empty((6, arm.n))
+    X = np.empty((4, 4))
+    J = np.empty((6, arm.n))
     dynamics.tip_kinematics(arm.parameters, kept(arm.parameters.layout), X, J)
     np.testing.assert_allclose(X_WB @ X, X_WG, atol=1e-9)
     h = 1e-6
     for i, e in enumerate(h * np.eye(arm.n)):
         arm.inverse(q + e, none, none, **STILL)
-        moved, unused = np.empty((4, 4)), np.empty((6, arm.n))
+        moved = np.empty((4, 4))
+        unused = np.empty((6, arm.n))
         dynamics.tip_kinematics(arm.parameters, kept(arm.parameters.layout), moved, unused)
         np.testing.assert_allclose(J[:3, i], (moved[:3, 3] - X[:3, 3]) / h, atol=1e-5)
         turn = moved[:3, :3] @ X[:3, :3].T
@@ -248,7 +264,8 @@ def test_tip_kinematics_and_contact_are_virtual_work(
         )
         np.testing.assert_allclose(J[3:, i], angular, atol=1e-5)
     wrench_G = rng.normal(size=6)
-    f, m = X[:3, :3] @ wrench_G[:3], X[:3, :3] @ wrench_G[3:]
+    f = X[:3, :3] @ wrench_G[:3]
+    m = X[:3, :3] @ wrench_G[3:]
     tau, wrench_B = arm.inverse(q, none, none, **STILL | {"wrench_tip_G": wrench_G})
     np.testing.assert_allclose(tau - rest, -J.T @ np.concatenate([f, m]), atol=1e-9)
     np.testing.assert_allclose(wrench_B - hull_rest, [*f, *(m + np.cross(X[:3, 3], f))], atol=1e-9)
@@ -256,16 +273,16 @@ def test_tip_kinematics_and_contact_are_virtual_work(
 
 def test_stations_add_up_to_their_strip(model: mujoco.MjModel) -> None:
     """To its length times its coefficients, about its middle, in its direction."""
-    own = dynamics.ArmDynamics(model, water_error=0.1)
-    found = own.parameters.stations
-    assert len(found)
+    dynamics_of_arm = dynamics.ArmDynamics(model, water_error=0.1)
+    stations = dynamics_of_arm.parameters.stations
+    assert len(stations)
     first = 0
     hull = Vehicle.of(model).hull
     for body in range(hull + 1, model.nbody):
         if not hydrodynamics.carries(model.body_user[body]):
             continue
         for strip in hydrodynamics.unpack(model.body_user[body]).segments:
-            part = found[first : first + strip.stations]
+            part = stations[first : first + strip.stations]
             first += strip.stations
             length = np.linalg.norm(strip.end - strip.start)
             np.testing.assert_allclose(
@@ -277,4 +294,4 @@ def test_stations_add_up_to_their_strip(model: mujoco.MjModel) -> None:
             middle = np.average(part[:, 1:4], axis=0, weights=part[:, 7])
             np.testing.assert_allclose(middle, 0.5 * (strip.start + strip.end), atol=1e-12)
             assert len(set(part[:, 0])) == 1
-    assert first == len(found)
+    assert first == len(stations)

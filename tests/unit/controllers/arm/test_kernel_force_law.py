@@ -24,7 +24,8 @@ def leap(_memory, set_force, _felt, _servo_compliance, _dt):
 
 def test_displacement_is_the_law_s():
     law = KernelForceLaw(law=integrate, numbers=2)
-    state, k = law.init(), 0.0
+    state = law.init()
+    k = 0.0
     for felt in np.linspace(0.0, 80.0, 50):
         k += 1e-4 * (60.0 - felt) * DT
         assert law.step(state, 60.0, float(felt), 1e-5, DT) == pytest.approx(k, rel=1e-15)
@@ -44,7 +45,8 @@ def test_memory_is_zero_whenever_the_loop_closes():
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_displacement_is_limited_and_released_as_the_default_one(sign):
-    law, usual = KernelForceLaw(law=leap), ForceDisplacement()
+    law = KernelForceLaw(law=leap)
+    usual = ForceDisplacement()
     state = law.init()
     assert law.step(state, sign, 0.0, 1e-5, DT) == pytest.approx(sign * law.speed * DT)
     for _ in range(1000):

@@ -28,7 +28,8 @@ def pressed(loop, state, spring, set_force, dt=DT, servo=SERVO):
     The drives bear the set force at once, so the tool gives way by servo * (felt - set_force) from
     where it is displaced.
     """
-    felt, k = [], state.k
+    felt = []
+    k = state.k
     for force in set_force:
         felt.append((k + servo * force) / (1.0 / spring + servo))
         k = loop.step(state, force, felt[-1], servo, dt)
@@ -39,7 +40,9 @@ def test_force_on_a_spring_settles_as_the_equations_say(within):
     """Integral action alone on servo and surface in series: the error decays at 24 rad/s (servo +
     known) / (both).
     """
-    loop, spring, dt = ForceDisplacement(speed=10.0, prior=1e9), 3e4, 1e-5
+    loop = ForceDisplacement(speed=10.0, prior=1e9)
+    spring = 3e4
+    dt = 1e-5
     time = dt * np.arange(20000)
     felt = pressed(loop, ForceDisplacementState(), spring, np.full(len(time), 10.0), dt)
     rate = 24.0 * SERVO / (SERVO + 1.0 / spring)
@@ -71,7 +74,8 @@ def test_a_step_overshoots_little_on_any_surface_with_one_tuning(spring):
 
 def test_a_change_of_the_set_force_is_displaced_at_once_by_what_is_known_of_the_surface():
     """Beside what the error will still do, which in one step is little."""
-    loop, k = ForceDisplacement(), []
+    loop = ForceDisplacement()
+    k = []
     for change in (0.0, 0.5):
         state = ForceDisplacementState()
         felt = pressed(
@@ -97,13 +101,16 @@ def test_a_drifting_surface_at_a_steady_force_teaches_nothing():
 
 
 def test_speed_and_size_of_the_displacement_are_limited():
-    loop, state, rng = ForceDisplacement(), ForceDisplacementState(), np.random.default_rng(1)
+    loop = ForceDisplacement()
+    state = ForceDisplacementState()
+    rng = np.random.default_rng(1)
     last = furthest = 0.0
     for _ in range(5000):
         k = loop.step(state, 60.0, -20.0 * rng.standard_normal(), SERVO, DT)
         assert abs(k - last) <= loop.speed * DT * (1.0 + 1e-12)
         assert abs(k) <= loop.limit
-        last, furthest = k, max(furthest, k)
+        last = k
+        furthest = max(furthest, k)
     assert furthest == loop.limit
 
 
@@ -132,9 +139,9 @@ def test_release_goes_back_at_the_limited_speed_and_takes_up_again_without_a_bum
         loop.step(state, 60.0, 0.0, SERVO, DT)
     start = state.k
     assert start > 0.02
-    values = [loop.release(state, DT) for _ in range(100)]
-    assert np.diff([start, *values]) == pytest.approx(-loop.speed * DT, rel=1e-9)
-    assert loop.step(state, 20.0, 20.0, SERVO, DT) == pytest.approx(values[-1], abs=1e-15)
+    depths = [loop.release(state, DT) for _ in range(100)]
+    assert np.diff([start, *depths]) == pytest.approx(-loop.speed * DT, rel=1e-9)
+    assert loop.step(state, 20.0, 20.0, SERVO, DT) == pytest.approx(depths[-1], abs=1e-15)
     for _ in range(2000):
         loop.release(state, DT)
     assert state.k == 0.0
@@ -176,11 +183,12 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
     """As soft as it is under force control at first, and then linearly as stiff as ever, in
     `hardening_time`.
     """
-    own = models.load("uuv_puma").compile()
-    data, vehicle = mujoco.MjData(own), Vehicle.of(own)
+    model = models.load("uuv_puma").compile()
+    data, vehicle = mujoco.MjData(model), Vehicle.of(model)
     data.qpos[vehicle.qpos] = vehicle.q_ready
-    mujoco.mj_kinematics(own, data)
-    still, n = np.zeros(3), len(vehicle.joints)
+    mujoco.mj_kinematics(model, data)
+    still = np.zeros(3)
+    n = len(vehicle.joints)
     X_WG = pose(np.array(data.site_xmat[vehicle.tip]).reshape(3, 3), data.site_xpos[vehicle.tip])
     estimate = StateEstimate(
         time=0.0,
@@ -209,14 +217,15 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
         path_s=0.0,
     )
     tuning = ArmTuning()
-    controller = WorkController(own, tuning=tuning)
-    state, softness = controller.init(estimate), []
-    for asked in (
+    controller = WorkController(model, tuning=tuning)
+    state = controller.init(estimate)
+    softness = []
+    for setpoint in (
         press,
         *[replace(press, set_force=0.0, force_control=False)]
         * round(1.5 * tuning.hardening_time / DT),
     ):
-        state, _ = controller.step(state, estimate, asked)
+        state, _ = controller.step(state, estimate, setpoint)
         softness.append(float(state.softness[0]))
     share = DT * np.arange(len(softness)) / tuning.hardening_time
     within("softness", softness - tuning.normal_softness * np.clip(1.0 - share, 0.0, 1.0), 1e-12)

@@ -40,7 +40,8 @@ def test_both_parts_displace_along_the_whole_error(within):
 
 def test_steady_friction_drives_the_tool_to_the_limit():
     across = TangentialForceLoop(limit=0.01)
-    state, drag_W = across.init(), np.array([18.0, 0.0, -60.0])
+    state = across.init()
+    drag_W = np.array([18.0, 0.0, -60.0])
     offset = state.offset_W
     for _ in range(2000):
         offset = across.step(state, drag_W, np.array([0.0, 0.0, 1.0]), DT)
@@ -50,7 +51,8 @@ def test_steady_friction_drives_the_tool_to_the_limit():
 
 def test_limits_hold_and_release_goes_back_to_zero(within):
     law = PublishedForceLaw(limit=0.01, speed=0.05)
-    state, k = law.init(), [0.0]
+    state = law.init()
+    k = [0.0]
     for _ in range(200):
         k.append(law.step(state, 500.0, 0.0, 0.0, DT))
     assert max(k) == pytest.approx(0.01)

@@ -24,7 +24,9 @@ def motion(
 def total(
     arm: ArmDynamics, hull: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> np.ndarray:
-    R, nu, nudot = hull[:9].reshape(3, 3), hull[9:15], hull[15:21]
+    R = hull[:9].reshape(3, 3)
+    nu = hull[9:15]
+    nudot = hull[15:21]
     # `inverse` takes the acceleration of the origin, the block of numbers the rate of its
     # components.
     a = np.concatenate([nudot[:3] + np.cross(nu[3:], nu[:3]), nudot[3:]])
@@ -47,7 +49,8 @@ def dry_twin() -> ArmDynamics:
 @pytest.mark.seeds(0, 1)
 def test_terms_and_weight_make_the_whole(seed, within):
     rng = np.random.default_rng(seed)
-    arm, dry = ArmDynamics(models.load("uuv_puma").compile()), dry_twin()
+    arm = ArmDynamics(models.load("uuv_puma").compile())
+    dry = dry_twin()
     terms = WrenchTerms(arm)
     hull, q, qd, qdd = motion(rng, arm.n)
     still = np.zeros(arm.n)
@@ -64,7 +67,8 @@ def test_at_rest_in_still_water_there_is_neither(within):
     arm = ArmDynamics(models.load("uuv_puma").compile())
     terms = WrenchTerms(arm)
     hull, q, *_ = motion(np.random.default_rng(3), arm.n)
-    hull[9:], still = 0.0, np.zeros(arm.n)
+    hull[9:] = 0.0
+    still = np.zeros(arm.n)
     within("hydrodynamic at rest [N, N m]", terms.hydrodynamic(hull, q, still, still), 1e-12)
     within("dynamic at rest [N, N m]", terms.dynamic(hull, q, still, still), 1e-12)
 

@@ -17,8 +17,10 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import StateEstimate
 
 OWN = models.load("uuv_puma").compile()
-VEHICLE, ARM = Vehicle.of(OWN), ArmDynamics(OWN)
-N, STILL = VEHICLE.joints.size, np.zeros(3)
+VEHICLE = Vehicle.of(OWN)
+ARM = ArmDynamics(OWN)
+N = VEHICLE.joints.size
+STILL = np.zeros(3)
 BENT = np.array([0.4, -0.5, 0.9, 1.1, 0.0, 0.0])
 DRIVES = DriveState(tau=np.zeros(N), qd_wanted=np.zeros(N), current_W=STILL)
 
@@ -50,7 +52,8 @@ def felt(kind: type[TorqueSensors], estimate: StateEstimate, steps: int = 400) -
 def test_a_pure_force_is_found(within):
     rng = np.random.default_rng(3)
     for _ in range(10):
-        q, f_G = BENT + rng.uniform(-0.2, 0.2, N), rng.uniform(-80.0, 80.0, 3)
+        q = BENT + rng.uniform(-0.2, 0.2, N)
+        f_G = rng.uniform(-80.0, 80.0, 3)
         state = felt(ClosedFormForce, pressed(q, f_G))
         # measured 3e-12; the filter has come to rest
         within("force [N]", state.sensed.f_G - f_G, 1e-9)
@@ -85,7 +88,8 @@ def test_only_its_three_joints_count(within):
 
 def test_the_force_is_held_where_the_wrist_is_straight():
     estimator = ClosedFormForce(OWN, arm=ARM)
-    bent, straight = pressed(BENT, np.array([0.0, 0.0, -60.0])), BENT * [1, 1, 1, 0, 1, 1]
+    bent = pressed(BENT, np.array([0.0, 0.0, -60.0]))
+    straight = BENT * [1, 1, 1, 0, 1, 1]
     state = estimator.init(bent)
     for _ in range(400):
         estimator.sense(state, bent, DRIVES)
@@ -97,9 +101,12 @@ def test_the_force_is_held_where_the_wrist_is_straight():
 
 def test_its_sigma_is_that_of_its_own_errors(within):
     """Against the spread over drawn torques; larger than that of least squares."""
-    rng, f_G = np.random.default_rng(4), np.array([0.0, 0.0, -60.0])
-    estimator, estimate = ClosedFormForce(OWN, arm=ARM), pressed(BENT, f_G)
-    state, forces = felt(ClosedFormForce, estimate), []
+    rng = np.random.default_rng(4)
+    f_G = np.array([0.0, 0.0, -60.0])
+    estimator = ClosedFormForce(OWN, arm=ARM)
+    estimate = pressed(BENT, f_G)
+    state = felt(ClosedFormForce, estimate)
+    forces = []
     sigma_G = estimator._sigma_G(state, np.full(N, 0.25))
     for _ in range(300):
         drawn = replace(estimate, tau=estimate.tau + rng.normal(0.0, 0.5, N))

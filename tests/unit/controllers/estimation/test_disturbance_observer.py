@@ -28,10 +28,13 @@ class Basin:
     def __init__(self, current: Current, *, water_error: float = 0.0, noise: float = 0.0) -> None:
         self.model = hydrodynamics.compile(models.load(NAME))
         hydrodynamics.install()
-        self.data, self.current = mujoco.MjData(self.model), current
+        self.data = mujoco.MjData(self.model)
+        self.current = current
         self.hover = StationKeeping(self.model, water_error=water_error)
         self.state, self.hull = self.hover.init(), self.model.body("hull").id
-        self.rng, self.noise, self.flow = np.random.default_rng(5), noise, np.zeros(3)
+        self.rng = np.random.default_rng(5)
+        self.noise = noise
+        self.flow = np.zeros(3)
         self.slot = coefficients.world_row(self.model)[coefficients.LAYOUT.current_acceleration :][
             :3
         ]
@@ -48,12 +51,13 @@ class Basin:
         """Errors (k, 3) [m/s] of the current; `push_B(t)` is felt and fed forward, the force
         `hidden_W` and the moment `hidden_B` are not.
         """
-        errors, data = [], self.data
+        errors = []
+        data = self.data
         for i in range(round(seconds / DT)):
             t = DT * i
             R = data.xmat[self.hull].reshape(3, 3).copy() if data.time else np.eye(3)
             v_B = R.T @ data.qvel[:3] + self.noise * self.rng.standard_normal(3)
-            seen = StateEstimate(
+            measured = StateEstimate(
                 time=t,
                 X_WB=pose(R, data.qpos[:3]),
                 v_WB_B=v_B,
@@ -64,7 +68,7 @@ class Basin:
                 tau=NONE,
             )
             pushed = np.concatenate([push_B(t), NONE])
-            wrench = self.hover.step(self.state, seen, np.eye(4), NONE, pushed, DT)
+            wrench = self.hover.step(self.state, measured, np.eye(4), NONE, pushed, DT)
             for _ in range(round(DT / self.model.opt.timestep)):
                 self.flow, self.slot[:] = self.current.step()
                 self.model.opt.wind = self.flow
@@ -148,17 +152,17 @@ def test_a_hull_that_tumbles_freely_is_pushed_by_no_moment():
     """
     turning = np.diag([20.0, 60.0, 90.0])
     inertia = np.block([[150.0 * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), turning]])
-    observer, w, nothing = (
-        DisturbanceObserver(inertia, np.zeros(6), np.zeros(6)),
-        np.array([0.5, 0.4, 0.3]),
-        np.zeros(6),
-    )
-    state, told, spun = observer.init(), [], []
+    observer = DisturbanceObserver(inertia, np.zeros(6), np.zeros(6))
+    w = np.array([0.5, 0.4, 0.3])
+    nothing = np.zeros(6)
+    state = observer.init()
+    moments = []
+    spun = []
     for _ in range(500):
         observe(observer.hull, state, (np.eye(3), NONE, w), (nothing, nothing, nothing), DT)
-        told.append(state.moment_B.copy())
+        moments.append(state.moment_B.copy())
         spun.append(np.cross(w, turning @ w))
         for _ in range(20):
             w = w - DT / 20 * np.linalg.solve(turning, np.cross(w, turning @ w))
     assert np.abs(spun).max() > 5.0  # [N m]
-    assert np.abs(told).max() < 0.05 * np.abs(spun).max()
+    assert np.abs(moments).max() < 0.05 * np.abs(spun).max()

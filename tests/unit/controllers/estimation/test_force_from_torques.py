@@ -32,7 +32,9 @@ def paper_arm(q: Array) -> tuple[Array, Array]:
         return np.array([radius * np.cos(q[0]), radius * np.sin(q[0]), height])
 
     J = np.column_stack([np.imag(tip(q + 1e-30j * unit)) / 1e-30 for unit in np.eye(4)])
-    c, s, up = np.cos(q[0]), np.sin(q[0]), np.sum(q[1:])
+    c = np.cos(q[0])
+    s = np.sin(q[0])
+    up = np.sum(q[1:])
     x = np.array([np.cos(up) * c, np.cos(up) * s, np.sin(up)])
     z = np.array([-np.sin(up) * c, -np.sin(up) * s, np.cos(up)])
     return np.column_stack([x, [-s, c, 0.0], z]), J
@@ -41,9 +43,11 @@ def paper_arm(q: Array) -> tuple[Array, Array]:
 def test_closed_form_turns_the_transposed_jacobian_round(within):
     """[Konoplin 2022, eq. 5] in 2000 random poses."""
     rng = np.random.default_rng(1)
-    worst, tried = 0.0, 0
+    worst = 0.0
+    tried = 0
     while tried < 2000:
-        q, f_G = rng.uniform(-np.pi, np.pi, 4), rng.uniform(-100.0, 100.0, 3)
+        q = rng.uniform(-np.pi, np.pi, 4)
+        f_G = rng.uniform(-100.0, 100.0, 3)
         axes, J = paper_arm(q)
         tip_radius = np.dot(LENGTHS, np.cos(np.cumsum(q[1:])))
         if abs(np.sin(q[3])) < 0.05 or abs(tip_radius) < 0.05:
@@ -60,7 +64,8 @@ def test_closed_form_holds_on_the_default_arm(within):
     torques.
     """
     model = models.load("uuv_puma").compile()
-    data, tip = mujoco.MjData(model), model.site(TIP_SITE).id
+    data = mujoco.MjData(model)
+    tip = model.site(TIP_SITE).id
     rng = np.random.default_rng(2)
     dofs = [int(model.joint(f"joint{i}").dofadr[0]) for i in range(1, 7)]
     for _ in range(50):
@@ -71,7 +76,8 @@ def test_closed_form_holds_on_the_default_arm(within):
         J = np.zeros((3, model.nv))
         mujoco.mj_jacSite(model, data, J, None, tip)
         base = data.body("arm_base").xmat.reshape(3, 3)
-        axes, f_G = base @ paper_arm(q[:4])[0], rng.uniform(-100.0, 100.0, 3)
+        axes = base @ paper_arm(q[:4])[0]
+        f_G = rng.uniform(-100.0, 100.0, 3)
         tau_e = J[:, dofs].T @ axes @ f_G
         # measured 2e-12
         within("eq. (5) [N]", tip_force_closed_form(tau_e, q, LENGTHS) - f_G, 2e-11)
@@ -117,7 +123,8 @@ def test_least_squares_knows_where_the_closed_form_loses_its_grip():
 
 
 def test_covariance_grows_as_the_arm_stretches_and_stays_finite():
-    sigma, traces = np.full(4, 0.5), []
+    sigma = np.full(4, 0.5)
+    traces = []
     for bend in (1.0, 0.3, 0.1, 0.03, 0.0):
         J = paper_arm(np.array([0.2, 0.3, bend, bend]))[1]
         force, covariance = tip_force(np.full(4, 0.5), J, sigma)
@@ -130,15 +137,16 @@ def test_covariance_grows_as_the_arm_stretches_and_stays_finite():
 
 def test_covariance_is_what_repeated_measurements_show():
     rng = np.random.default_rng(3)
-    J, sigma = paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1], np.array([1.5, 2.0, 1.2, 0.6])
+    J = paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1]
+    sigma = np.array([1.5, 2.0, 1.2, 0.6])
     force = np.array([20.0, -30.0, 60.0])
     noisy = [
         tip_force(J.T @ force + sigma * rng.standard_normal(4), J, sigma)[0] for _ in range(4000)
     ]
     stated = tip_force(np.zeros(4), J, sigma)[1]
-    seen = np.cov(np.array(noisy).T)
+    covariance = np.cov(np.array(noisy).T)
     assert np.allclose(np.mean(noisy, axis=0), force, atol=4.0 * np.sqrt(np.diag(stated) / 4000))
-    assert np.abs(seen - stated).max() < 0.1 * np.abs(stated).max()  # 4.5 standard deviations
+    assert np.abs(covariance - stated).max() < 0.1 * np.abs(stated).max()  # 4.5 standard deviations
 
 
 def test_tare_is_a_mean():
@@ -150,16 +158,14 @@ def test_tare_is_a_mean():
 
 def test_covariance_of_torques_weighed_wrongly_is_what_repeated_measurements_show():
     rng = np.random.default_rng(4)
-    J, weighed, true = (
-        paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1],
-        np.full(4, 0.3),
-        np.array([1.5, 2.0, 0.2, 0.6]),
-    )
-    seen = np.cov(
+    J = paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1]
+    weighed = np.full(4, 0.3)
+    true = np.array([1.5, 2.0, 0.2, 0.6])
+    covariance = np.cov(
         np.array([tip_force(true * rng.standard_normal(4), J, weighed)[0] for _ in range(4000)]).T
     )
     stated = force_covariance(J, weighed, np.diag(true**2))
-    assert np.abs(seen - stated).max() < 0.1 * np.abs(stated).max()  # 4.5 standard deviations
+    assert np.abs(covariance - stated).max() < 0.1 * np.abs(stated).max()  # 4.5 standard deviations
     right = tip_force(np.zeros(4), J, true)[1]
     assert force_covariance(J, true, np.diag(true**2)) == pytest.approx(right, rel=1e-3)
     assert np.trace(right) < np.trace(stated)
@@ -168,7 +174,8 @@ def test_covariance_of_torques_weighed_wrongly_is_what_repeated_measurements_sho
 def test_the_compiled_sigma_is_that_of_the_covariance():
     rng = np.random.default_rng(5)
     for _ in range(20):
-        X_BG, J_B = np.eye(4), rng.standard_normal((6, 6))
+        X_BG = np.eye(4)
+        J_B = rng.standard_normal((6, 6))
         X_BG[:3, :3] = np.linalg.qr(rng.standard_normal((3, 3)))[0]
         weighed, variance = rng.uniform(0.1, 1.0, 6), rng.uniform(0.0, 1.0, 6)
         plain = force_covariance(X_BG[:3, :3].T @ J_B[:3], weighed, np.diag(variance))
@@ -183,31 +190,37 @@ def test_force_and_moment_are_found_as_far_as_the_joints_see_them(joints, within
     noise exact.
     """
     rng = np.random.default_rng([5, joints])
-    J, sigma, squared = rng.normal(size=(6, joints)), np.full(joints, 0.1), []
+    J = rng.normal(size=(6, joints))
+    sigma = np.full(joints, 0.1)
+    squared = []
     prior = np.repeat([50.0, 5.0], 3)
     wrenches = prior * rng.standard_normal((800, 6))
     for wrench in wrenches:
         tau_e = J.T @ wrench + sigma * rng.standard_normal(joints)
-        found = tip_wrench(tau_e, J, sigma, force_prior=50.0, moment_prior=5.0)
-        error = found.wrench - wrench
-        squared.append(float(error @ np.linalg.solve(found.covariance, error)))
+        estimate = tip_wrench(tau_e, J, sigma, force_prior=50.0, moment_prior=5.0)
+        error = estimate.wrench - wrench
+        squared.append(float(error @ np.linalg.solve(estimate.covariance, error)))
     assert np.mean(squared) == pytest.approx(6.0, abs=4.5 * np.sqrt(12.0 / 800))
     wrench = wrenches[-1]
-    found = tip_wrench(J.T @ wrench, J, sigma, force_prior=50.0, moment_prior=5.0)
-    assert np.all(found.seen >= 0.0)
+    estimate = tip_wrench(J.T @ wrench, J, sigma, force_prior=50.0, moment_prior=5.0)
+    assert np.all(estimate.seen >= 0.0)
     if joints >= 6:
-        assert found.seen.min() > 0.9
+        assert estimate.seen.min() > 0.9
         exact = tip_wrench(J.T @ wrench, J, 1e-6 * sigma)
         within("wrench", (exact.wrench - wrench) / prior, 1e-8)
     else:
-        unseen = J.T @ (prior * found.blind)
+        unseen = J.T @ (prior * estimate.blind)
         within("torque of what is not seen", unseen / np.linalg.norm(J.T * prior), 1e-6)
 
 
 def test_without_moment_a_small_prior_of_it_gives_the_force_alone(within):
     rng = np.random.default_rng(6)
-    J, sigma, tau_e = rng.normal(size=(6, 6)), rng.uniform(0.1, 1.0, 6), 20.0 * rng.normal(size=6)
+    J = rng.normal(size=(6, 6))
+    sigma = rng.uniform(0.1, 1.0, 6)
+    tau_e = 20.0 * rng.normal(size=6)
     force, covariance = tip_force(tau_e, J[:3], sigma)
-    found = tip_wrench(tau_e, J, sigma, moment_prior=1e-6)
-    within("force [N]", found.wrench[:3] - force, 1e-6)
-    within("covariance", (found.covariance[:3, :3] - covariance) / np.abs(covariance).max(), 1e-6)
+    estimate = tip_wrench(tau_e, J, sigma, moment_prior=1e-6)
+    within("force [N]", estimate.wrench[:3] - force, 1e-6)
+    within(
+        "covariance", (estimate.covariance[:3, :3] - covariance) / np.abs(covariance).max(), 1e-6
+    )

@@ -51,19 +51,19 @@ def numbers(result) -> Array:
 
 
 def test_without_noise_it_is_found(within):
-    result = identify_friction(*motion(np.random.default_rng(1), 0.0), ARMATURE)
+    friction = identify_friction(*motion(np.random.default_rng(1), 0.0), ARMATURE)
     # measured 7e-4: how fine the speed is searched
-    within("share", numbers(result) / TRUE - 1.0, 1e-2)
-    assert result.residual[0] < 1e-3
+    within("share", numbers(friction) / TRUE - 1.0, 1e-2)
+    assert friction.residual[0] < 1e-3
 
 
 def test_it_is_as_sure_as_it_says():
     """Normalised squared error of 30 repeats, 5 each: its mean is 5 with a deviation of 0.58."""
     squared = []
     for seed in range(30):
-        result = identify_friction(*motion(np.random.default_rng([2, seed]), 0.5), ARMATURE)
-        error = numbers(result) - TRUE
-        squared.append(float(error @ np.linalg.solve(result.covariance[0], error)))
+        friction = identify_friction(*motion(np.random.default_rng([2, seed]), 0.5), ARMATURE)
+        error = numbers(friction) - TRUE
+        squared.append(float(error @ np.linalg.solve(friction.covariance[0], error)))
     assert 2.4 < np.mean(squared) < 7.6  # 4.5 deviations
 
 
@@ -75,14 +75,14 @@ def test_a_gear_without_stiction_is_told_so():
     for seed in range(10):
         rng = np.random.default_rng([4, seed])
         qd = motion(rng, 0.0)[0]
-        result = identify_friction(
+        friction = identify_friction(
             qd, 0.0 * qd, 3.0 * qd + 0.01 * rng.standard_normal(qd.shape), 0.0 * qd, ARMATURE
         )
-        assert abs(result.viscous[0] - 3.0) < 5.0 * result.sigma("viscous")[0]
-        if np.isinf(result.sigma("stribeck_speed")[0]):
+        assert abs(friction.viscous[0] - 3.0) < 5.0 * friction.sigma("viscous")[0]
+        if np.isinf(friction.sigma("stribeck_speed")[0]):
             without += 1
-            assert result.dry.stiction[0] == result.dry.coulomb[0]
-            assert result.dry.stiction[0] < 5.0 * result.sigma("stiction")[0]
+            assert friction.dry.stiction[0] == friction.dry.coulomb[0]
+            assert friction.dry.stiction[0] < 5.0 * friction.sigma("stiction")[0]
     assert without >= 2  # measured 7
 
 
@@ -99,8 +99,8 @@ def test_sigma_holds_where_noise_is_a_share_of_the_reading():
         qd, qdd, motor, gear = motion(rng, 0.0)
         drag = 160.0 * np.abs(qd) * qd
         reading = drag * (1.0 + 0.1 * rng.standard_normal(drag.shape))
-        result = identify_friction(qd, qdd, motor - gear + drag, reading, ARMATURE)
-        squared.append((numbers(result) - TRUE) ** 2 / np.diag(result.covariance[0]))
+        friction = identify_friction(qd, qdd, motor - gear + drag, reading, ARMATURE)
+        squared.append((numbers(friction) - TRUE) ** 2 / np.diag(friction.covariance[0]))
     means = np.mean(squared, axis=0)  # measured 0.9 to 1.1
     assert np.all((means > 0.3) & (means < 2.0)), means
 
@@ -125,9 +125,10 @@ def test_gears_of_the_hovering_vehicle_are_identified():
     """
     spec = models.load("uuv_puma")
     plant = Plant(hydrodynamics.compile(spec), current=Current([0.1, 0.0, 0.0]))
-    own = spec.compile()
-    vehicle = Vehicle.of(own)
-    planner, record = FrictionMotion(vehicle, np.eye(4), slow=8.0, fast=3.0), Record()
+    model = spec.compile()
+    vehicle = Vehicle.of(model)
+    planner = FrictionMotion(vehicle, np.eye(4), slow=8.0, fast=3.0)
+    record = Record()
     parts = Parts(
         sensors=[
             proprioception.Encoders(),
@@ -139,26 +140,26 @@ def test_gears_of_the_hovering_vehicle_are_identified():
         estimator=Navigation(),
         finder=None,
         planner=planner,
-        controller=WorkController(own),
+        controller=WorkController(model),
     )
     begin, end = planner.recorded
     rollout(plant, parts, duration=end, rng=np.random.default_rng(3), observers=[record])
     rows = [row for row in record.rows if row[0] > begin]
     qd, gear, motor = (np.array([row[i] for row in rows]) for i in (1, 2, 3))
-    result = identify_friction(
+    friction = identify_friction(
         *over_steps(qd, plant.timestep), motor[1:], gear[1:], vehicle.armature
     )
     true = vehicle.dry_friction
     print(
         "coulomb",
-        result.dry.coulomb / true.coulomb,
+        friction.dry.coulomb / true.coulomb,
         "stiction",
-        result.dry.stiction / true.stiction,
+        friction.dry.stiction / true.stiction,
     )
-    print("viscous", result.viscous / vehicle.joint_damping, "speed", result.dry.stribeck_speed)
-    assert result.dry.coulomb == pytest.approx(true.coulomb, rel=0.01)
-    assert result.dry.stiction == pytest.approx(true.stiction, rel=0.05)
-    assert result.viscous == pytest.approx(vehicle.joint_damping, rel=0.04)
+    print("viscous", friction.viscous / vehicle.joint_damping, "speed", friction.dry.stribeck_speed)
+    assert friction.dry.coulomb == pytest.approx(true.coulomb, rel=0.01)
+    assert friction.dry.stiction == pytest.approx(true.stiction, rel=0.05)
+    assert friction.viscous == pytest.approx(vehicle.joint_damping, rel=0.04)
 
 
 def test_speed_and_acceleration_belong_to_the_steps(within):
@@ -186,7 +187,7 @@ def test_a_joint_that_hardly_moves_is_named():
     ],
 )
 def test_arrays_that_do_not_fit(at, value, said):
-    given = [np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2)), np.ones(2)]
-    given[at] = value
+    arguments = [np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2)), np.ones(2)]
+    arguments[at] = value
     with pytest.raises(ConfigurationError, match=said):
-        identify_friction(*given)
+        identify_friction(*arguments)

@@ -18,8 +18,10 @@ from uuv.sim.interfaces.messages import Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, pose
 
 OWN = models.load("uuv_puma").compile()
-VEHICLE, ARM = Vehicle.of(OWN), ArmDynamics(OWN)
-N, STILL = VEHICLE.joints.size, np.zeros(3)
+VEHICLE = Vehicle.of(OWN)
+ARM = ArmDynamics(OWN)
+N = VEHICLE.joints.size
+STILL = np.zeros(3)
 X_WB = pose(exp_so3([0.2, -0.1, 0.7]), [1.0, -2.0, -8.0])
 
 
@@ -33,8 +35,10 @@ def by_three_joints(memory, joints, torques, J_B, f_B, friction, dt):
 
 def pressed(rng: np.random.Generator) -> StateEstimate:
     """A resting arm under a force on its tip; its speeds are noise."""
-    q, f_G = VEHICLE.q_ready + rng.uniform(-0.2, 0.2, N), rng.uniform(-80.0, 80.0, 3)
-    rest, none = np.zeros(N), np.zeros(6)
+    q = VEHICLE.q_ready + rng.uniform(-0.2, 0.2, N)
+    f_G = rng.uniform(-80.0, 80.0, 3)
+    rest = np.zeros(N)
+    none = np.zeros(6)
     still = {"R_WB": X_WB[:3, :3], "nu_B": none, "a_B": none, "v_current_W": STILL}
     tau = ARM.inverse(q, rest, rest, wrench_tip_G=np.append(f_G, STILL), **still)[0]
     qd = 1e-3 * rng.standard_normal(N)
@@ -44,7 +48,8 @@ def pressed(rng: np.random.Generator) -> StateEstimate:
 
 
 def test_its_force_and_friction_are_those_of_the_function(rng, within):
-    estimator, estimate = KernelContact(OWN, by_three_joints, arm=ARM), pressed(rng)
+    estimator = KernelContact(OWN, by_three_joints, arm=ARM)
+    estimate = pressed(rng)
     usual = TorqueSensors(OWN, arm=ARM)
     drives = DriveState(tau=rng.standard_normal(N), qd_wanted=np.zeros(N), current_W=STILL)
     state, other = estimator.init(estimate), usual.init(estimate)
@@ -53,7 +58,8 @@ def test_its_force_and_friction_are_those_of_the_function(rng, within):
         estimator.sense(state, estimate, drives)
         usual.sense(other, estimate, drives)
         f_B = np.linalg.solve(other.sensed.J_B[:3, :3].T, (other.sensed.tau_e - other.bias)[:3])
-        f_W, f_G = X_WB[:3, :3] @ f_B, other.sensed.X_BG[:3, :3].T @ f_B
+        f_W = X_WB[:3, :3] @ f_B
+        f_G = other.sensed.X_BG[:3, :3].T @ f_B
         within("force [N]", state.estimate.force_W - f_W, 1e-10)
         within("normal force [N]", state.estimate.normal + f_G[2], 1e-10)
         friction = 0.002 * (step + 1) + estimate.qd + 0.01 * (drives.tau - estimate.tau)

@@ -92,16 +92,20 @@ def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_en
     half their product.
     """
     arm = ArmDynamics(spec.compile())
-    own = arm.parameters
-    n, nb = arm.n, own.layout.shape[1]
-    bare, work = own.numbers.copy(), workspace(own.layout)
+    record = arm.parameters
+    n = arm.n
+    nb = record.layout.shape[1]
+    bare = record.numbers.copy()
+    work = workspace(record.layout)
     bare[64 * nb : 106 * nb] = 0.0  # drag
     bare[113 * nb : 113 * nb + 3] = 0.0  # gravity
-    inert = own._replace(numbers=bare, stations=own.stations[:0])
-    qd, nu = rng.normal(size=n), rng.normal(size=6)
+    inert = record._replace(numbers=bare, stations=record.stations[:0])
+    qd = rng.normal(size=n)
+    nu = rng.normal(size=6)
 
     def inertial(q: Array, qd: Array, qdd: Array, nu: Array, nudot: Array) -> tuple[Array, Array]:
-        tau, wrench = np.empty(n), np.empty(6)
+        tau = np.empty(n)
+        wrench = np.empty(6)
         hull = np.concatenate([np.eye(3).ravel(), nu, nudot, np.zeros(3)])
         newton_euler(inert, JointMotion(q, qd, qdd), hull, np.zeros(6), work, tau, wrench)
         return tau, wrench
@@ -111,9 +115,11 @@ def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_en
         return 0.5 * float(qd @ p - nu @ wrench)
 
     for _ in range(10):
-        q, p, turning = rng.uniform(-1.0, 1.0, n), np.empty(n), np.empty(n)
+        q = rng.uniform(-1.0, 1.0, n)
+        p = np.empty(n)
+        turning = np.empty(n)
         inertial(q, qd, np.zeros(n), nu, np.zeros(6))
-        momentum(own, work, p, turning)
+        momentum(record, work, p, turning)
         expected = inertial(q, np.zeros(n), qd, np.zeros(6), nu)[0]
         # measured 1e-16 to 2e-15
         within("momentum", (p - expected) / np.abs(expected).max(), 2e-14)
@@ -152,17 +158,24 @@ def run(
     vehicle, data = Vehicle.of(model), mujoco.MjData(model)
     model.opt.wind = CURRENT
     observer = LoadObserver(model, period=step, time_constant=lag)
-    state, n = observer.init(), vehicle.joints.size
+    state = observer.init()
+    n = vehicle.joints.size
     swing = rng.uniform(0.5, 1.0, n) * 0.05 * np.minimum(vehicle.torque_limits, 60.0)
     beat, phase = rng.uniform(2.0, 6.0, n), rng.uniform(0.0, 6.0, n)
     data.qpos[vehicle.qpos] = vehicle.q_limits.mean(axis=1)
     data.qpos[3:7] = [0.9, 0.1, -0.2, 0.3]
     data.qvel[:6] = rng.normal(size=6) * 0.2
-    observed, true, speed, turn, tau = [], [], 0.0, 0.0, np.zeros(n)
-    tip_body, steps = int(model.site_bodyid[vehicle.tip]), round(seconds / step)
+    observed = []
+    true = []
+    speed = 0.0
+    turn = 0.0
+    tau = np.zeros(n)
+    tip_body = int(model.site_bodyid[vehicle.tip])
+    steps = round(seconds / step)
     for i in range(steps):
         mujoco.mj_step1(model, data)
-        R, qvel = data.xmat[vehicle.hull].reshape(3, 3), data.qvel
+        R = data.xmat[vehicle.hull].reshape(3, 3)
+        qvel = data.qvel
         nu_B = np.concatenate([R.T @ qvel[:3], qvel[3:6]])
         observed.append(
             observer.step(
@@ -190,20 +203,20 @@ def run(
         tau = swing * np.sin(beat * data.time + phase)
         data.ctrl[vehicle.actuators] = tau
         mujoco.mj_step2(model, data)
-        speed, turn = (
-            max(speed, np.abs(qvel[vehicle.dof]).max()),
-            max(turn, np.abs(qvel[3:6]).max()),
-        )
+        speed = max(speed, np.abs(qvel[vehicle.dof]).max())
+        turn = max(turn, np.abs(qvel[3:6]).max())
     return Run(observed=np.array(observed[1:]), true=np.array(true[:-1]), speed=speed, turn=turn)
 
 
 def lagged(true: Array, step: float, lag: float) -> Array:
     """Answer of a first-order lag to `true`, held over each step."""
-    kept, seen, now = np.exp(-step / lag), [], np.zeros(true.shape[1])
+    decay = np.exp(-step / lag)
+    filtered = []
+    output = np.zeros(true.shape[1])
     for row in true:
-        now = kept * now + (1.0 - kept) * row
-        seen.append(now)
-    return np.array(seen)
+        output = decay * output + (1.0 - decay) * row
+        filtered.append(output)
+    return np.array(filtered)
 
 
 def test_nothing_is_observed_in_free_motion_but_the_error_of_the_step(spec, rng):
@@ -232,9 +245,13 @@ def test_what_runs_on_within_a_step_costs_an_error_of_second_order(spec, rng):
     of the step, by 2.
     """
     model = hydrodynamics.compile(spec)
-    vehicle, arm = Vehicle.of(model), ArmDynamics(model)
-    n, viscous, drive = vehicle.joints.size, model.dof_damping[vehicle.dof], vehicle.armature
-    middle, swing = vehicle.q_limits.mean(axis=1), rng.uniform(0.1, 0.3, n)
+    vehicle = Vehicle.of(model)
+    arm = ArmDynamics(model)
+    n = vehicle.joints.size
+    viscous = model.dof_damping[vehicle.dof]
+    drive = vehicle.armature
+    middle = vehicle.q_limits.mean(axis=1)
+    swing = rng.uniform(0.1, 0.3, n)
     beat, phase = rng.uniform(3.0, 5.0, n), rng.uniform(0.0, 6.0, n)
     hull = {"R_WB": exp_so3(rng.normal(size=3)), "nu_B": np.zeros(6), "v_current_W": CURRENT}
     nodes, weights = np.polynomial.legendre.leggauss(4)
@@ -255,16 +272,18 @@ def test_what_runs_on_within_a_step_costs_an_error_of_second_order(spec, rng):
     worst = []
     for step in (0.004, 0.002):
         observer = LoadObserver(model, period=step, time_constant=LAG)
-        state, held, seen = observer.init(), np.zeros(n), 0.0
+        state = observer.init()
+        held = np.zeros(n)
+        largest = 0.0
         for k in range(round(0.4 / step)):
             q, qd, _ = at(k * step)
-            seen = max(seen, float(np.abs(observer.step(state, q, qd, held, **hull)).max()))
+            largest = max(largest, float(np.abs(observer.step(state, q, qd, held, **hull)).max()))
             parts = [
                 0.5 * w * needed((k + 0.5 + 0.5 * x) * step)
                 for x, w in zip(nodes, weights, strict=True)
             ]
             held = np.sum(parts, axis=0)
-        worst.append(seen)
+        worst.append(largest)
     assert worst[0] / worst[1] == pytest.approx(4.0, rel=0.2)
 
 
@@ -275,7 +294,8 @@ def test_a_push_is_seen_with_the_designed_lag(spec, rng):
     Measured: within 0.6 % of the greatest torque, the error of free motion included; with a lag 1.5
     times as long 14 %.
     """
-    push, seed = np.array([25.0, -25.0, 20.0]), int(rng.integers(2**31))
+    push = np.array([25.0, -25.0, 20.0])
+    seed = int(rng.integers(2**31))
     for lag in (0.012, 0.04):
         pushed = run(spec, np.random.default_rng(seed), step=0.001, seconds=0.6, push=push, lag=lag)
         free = run(
@@ -313,8 +333,12 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
     and 4.
     """
     model = puma(rng).compile()
-    vehicle, step, sigma = Vehicle.of(model), 0.002, 2e-4
-    q, n, at = vehicle.q_limits.mean(axis=1), vehicle.joints.size, ArmDynamics(model)
+    vehicle = Vehicle.of(model)
+    step = 0.002
+    sigma = 2e-4
+    q = vehicle.q_limits.mean(axis=1)
+    n = vehicle.joints.size
+    at = ArmDynamics(model)
     rest = {
         "R_WB": np.eye(3),
         "nu_B": np.zeros(6),
@@ -326,7 +350,8 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
     M = np.column_stack([at.inverse(q, np.zeros(n), u, **rest)[0] - static for u in np.eye(n)])
     M += np.diag(vehicle.armature)
     observer = LoadObserver(model, period=step, time_constant=LAG)
-    state, rows = observer.init(), []
+    state = observer.init()
+    rows = []
     for _ in range(6000):
         qd = sigma * rng.standard_normal(n)
         rows.append(
@@ -334,21 +359,22 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
                 state, q, qd, static, R_WB=np.eye(3), nu_B=np.zeros(6), v_current_W=np.zeros(3)
             )
         )
-    kept = np.exp(-step / LAG)
-    expected = (1.0 - kept) / step * sigma * np.sqrt(2.0 / (1.0 + kept)) * np.linalg.norm(M, axis=1)
-    seen = np.std(rows[500:], axis=0)
-    assert seen == pytest.approx(expected, rel=0.1)  # one sigma is 1 %; measured within 3 %
+    decay = np.exp(-step / LAG)
+    expected = (
+        (1.0 - decay) / step * sigma * np.sqrt(2.0 / (1.0 + decay)) * np.linalg.norm(M, axis=1)
+    )
+    spread = np.std(rows[500:], axis=0)
+    assert spread == pytest.approx(expected, rel=0.1)  # one sigma is 1 %; measured within 3 %
 
 
 def test_observed_torques_give_the_force_of_the_plain_least_squares(rng, within):
     X_WB, X_BG = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
-    J_B, tau_e, bias, tau = (
-        rng.normal(size=(6, 6)),
-        rng.normal(size=6),
-        rng.normal(size=6),
-        50.0 * rng.normal(size=6),
-    )
-    sensed, f_W = SensedArm.start(np.zeros(6), np.zeros(3)), np.empty(3)
+    J_B = rng.normal(size=(6, 6))
+    tau_e = rng.normal(size=6)
+    bias = rng.normal(size=6)
+    tau = 50.0 * rng.normal(size=6)
+    sensed = SensedArm.start(np.zeros(6), np.zeros(3))
+    f_W = np.empty(3)
     sensed.X_BG[:], sensed.J_B[:], sensed.tau_e[:] = X_BG, J_B, tau_e
     normal = force_from_external_torques(
         X_WB, tau, (bias, np.full(6, 0.1), 0.01), tuple(sensed), f_W

@@ -35,14 +35,16 @@ def torques(
     arm: ArmDynamics, numbers: Array, q: Array, qd: Array, qdd: Array, water: float = 1.0
 ) -> Array:
     """(n,) [N m] in still water under a hull at rest; `water` times what moving water adds."""
-    own, none = arm.parameters._replace(numbers=numbers), np.zeros(6)
-    tau = inverse_dynamics(tuple(own), (q, qd, qdd), LEVEL, none)[0]
+    record = arm.parameters._replace(numbers=numbers)
+    none = np.zeros(6)
+    tau = inverse_dynamics(tuple(record), (q, qd, qdd), LEVEL, none)[0]
     if water != 1.0:
-        nb = own.layout.shape[1]
-        dry, stations = numbers.copy(), own.stations.copy()
+        nb = record.layout.shape[1]
+        dry = numbers.copy()
+        stations = record.stations.copy()
         dry[28 * nb : 106 * nb] = 0.0
         stations[:, 7:] = 0.0
-        still = inverse_dynamics((own.layout, dry, stations), (q, qd, qdd), LEVEL, none)[0]
+        still = inverse_dynamics((record.layout, dry, stations), (q, qd, qdd), LEVEL, none)[0]
         tau = still + water * (tau - still)
     return tau
 
@@ -51,7 +53,8 @@ def way(arm: ArmDynamics, vehicle: Vehicle, share: float) -> tuple[Array, Array,
     """Angles, speeds and accelerations on the way from folded to ready, in 6 s."""
     change = np.asarray(vehicle.q_ready + 0.4 * np.arange(arm.n) - vehicle.q_home)
     smooth = share**2 * (3.0 - 2.0 * share)
-    speed, acceleration = 6.0 * share * (1.0 - share) / 6.0, (6.0 - 12.0 * share) / 36.0
+    speed = 6.0 * share * (1.0 - share) / 6.0
+    acceleration = (6.0 - 12.0 * share) / 36.0
     return vehicle.q_home + smooth * change, speed * change, acceleration * change
 
 
@@ -63,12 +66,11 @@ def weighed(
     """
     true = ArmDynamics(heavier(rng, spread))
     model = models.load("uuv_puma").compile()
-    arm, vehicle, weighing = (
-        ArmDynamics(model),
-        Vehicle.of(model),
-        PayloadIdentification(ArmDynamics(model)),
-    )
-    state, b = weighing.init(), rng.uniform(-bias, bias, arm.n)
+    arm = ArmDynamics(model)
+    vehicle = Vehicle.of(model)
+    weighing = PayloadIdentification(ArmDynamics(model))
+    state = weighing.init()
+    b = rng.uniform(-bias, bias, arm.n)
     for share in np.concatenate([np.zeros(50), np.linspace(0.0, 1.0, 300)]):
         q, qd, qdd = way(arm, vehicle, float(share))
         measured = torques(true, true.parameters.numbers, q, qd, qdd, water) + b
@@ -80,7 +82,8 @@ def weighed(
             torques(arm, arm.parameters.numbers, q, qd, qdd) - measured,
         )
     excess = weighing.excess(state)
-    at_work, rest = way(arm, vehicle, 1.0)[0], np.zeros(arm.n)
+    at_work = way(arm, vehicle, 1.0)[0]
+    rest = np.zeros(arm.n)
 
     def wrong(numbers: Array, q: Array) -> Array:
         return torques(arm, numbers, q, rest, rest) - torques(

@@ -13,7 +13,7 @@ from held_thrusters import HeldThrusters
 from uuv import models
 from uuv.controllers.hull.allocation import Allocation
 from uuv.controllers.hull.hull_control import HullControl
-from uuv.controllers.hull.thruster_lead import ThrusterLead
+from uuv.controllers.hull.thruster_lead import ThrusterLead, static_commands
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, LEAST, SLEW_RATE, TIME_CONSTANT, curves
@@ -151,7 +151,7 @@ def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, 
         nu_r_B = rng.normal(size=6) * [0.5, 0.5, 0.5, 0.2, 0.2, 0.2]
         wanted = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
         wanted[np.abs(wanted) < low] = 0.0
-        command = lead.static(wanted, nu_r_B)
+        command = static_commands(lead.propellers, wanted, nu_r_B)
         plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
         for _ in range(round(40.0 * vehicle.thruster_table[:, TIME_CONSTANT].max() / STEP)):
             plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))

@@ -24,7 +24,8 @@ def random_layout(rng: np.random.Generator) -> tuple[Array, Array, np.ndarray, A
         A = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, m))
     elif kind == 1:
         A = np.round(A)
-    low, high = -rng.uniform(1.0, 60.0, m), rng.uniform(1.0, 60.0, m)
+    low = -rng.uniform(1.0, 60.0, m)
+    high = rng.uniform(1.0, 60.0, m)
     if rng.random() < 0.3:
         low = -high
     dead = rng.random(m) < 0.15
@@ -39,7 +40,8 @@ def stationarity(A: Array, b: Array, above: Array, low: Array, high: Array, x: A
     lies on: zero at the minimum of |A x - b| within bounds and `above` x, and there only, for the
     problem is convex.
     """
-    live, close = high > low, 1e-9 * (high - low)
+    live = high > low
+    close = 1e-9 * (high - low)
     eye = np.eye(len(x))
     pull = np.hstack(
         [above.T, -above.T, -eye[:, live & (x - low <= close)], eye[:, live & (high - x <= close)]]
@@ -119,23 +121,26 @@ def test_a_level_below_changes_nothing_above(rng, within):
         solve_levels(A, b, starts, effort, low, high, first)
         level = int(rng.integers(1, len(starts)))
         other, wish = A.copy(), b.copy()
-        other[starts[level] :], wish[starts[level] :] = (
-            rng.normal(size=(6 - starts[level], len(low))),
-            40.0,
-        )
+        other[starts[level] :] = rng.normal(size=(6 - starts[level], len(low)))
+        wish[starts[level] :] = 40.0
         solve_levels(other, wish, starts, effort, low, high, second)
-        kept = A[: starts[level]] @ (first - second)
-        within("levels above", kept / (np.abs(A).sum() * 60.0), 1e-12)
+        change = A[: starts[level]] @ (first - second)
+        within("levels above", change / (np.abs(A).sum() * 60.0), 1e-12)
 
 
 def test_the_answer_changes_continuously_with_what_is_wanted(rng, within):
     """Along a line of wishes, looked at ever closer where the thrusts change most: a jump would
     stay a jump.
     """
-    A, starts = rng.normal(size=(6, 8)), np.array([0, 2, 5, 6])
-    low, high, effort = -rng.uniform(10.0, 60.0, 8), rng.uniform(10.0, 60.0, 8), np.ones(8)
+    A = rng.normal(size=(6, 8))
+    starts = np.array([0, 2, 5, 6])
+    low = -rng.uniform(10.0, 60.0, 8)
+    high = rng.uniform(10.0, 60.0, 8)
+    effort = np.ones(8)
     start, end = rng.normal(size=(2, 6)) * 150.0
-    change, left, right = np.inf, 0.0, 1.0
+    change = np.inf
+    left = 0.0
+    right = 1.0
     for _ in range(5):
         shares = np.linspace(left, right, 201)
         xs = np.zeros((len(shares), 8))
@@ -143,8 +148,10 @@ def test_the_answer_changes_continuously_with_what_is_wanted(rng, within):
             solve_levels(A, start + s * (end - start), starts, effort, low, high, x)
         changes = np.abs(np.diff(xs, axis=0)).max(axis=1)
         i = int(changes.argmax())
-        change, width = float(changes[i]), shares[1] - shares[0]
-        left, right = max(shares[i] - width, 0.0), min(shares[i + 1] + width, 1.0)
+        change = float(changes[i])
+        width = shares[1] - shares[0]
+        left = max(shares[i] - width, 0.0)
+        right = min(shares[i + 1] + width, 1.0)
     within("change within 3e-10 of the line [N]", change, 5e-3)  # of 303 lines 5.2e-5 at most
 
 

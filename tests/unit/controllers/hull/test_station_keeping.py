@@ -48,10 +48,13 @@ def run(
     inertia.
     """
     hover, allocation, B = parts
-    state, X, nu, errors = hover.init(), start.copy(), np.zeros(6), []
+    state = hover.init()
+    X = start.copy()
+    nu = np.zeros(6)
+    errors = []
     for _ in range(round(seconds / DT)):
-        wanted = hover.step(state, estimate(X, nu), np.eye(4), np.zeros(3), NONE, DT)
-        thrust = allocation.thrust(wanted)
+        wrench = hover.step(state, estimate(X, nu), np.eye(4), np.zeros(3), NONE, DT)
+        thrust = allocation.thrust(wrench)
         if told:
             state.given_B[:] = B @ thrust
         R = X[:3, :3]
@@ -66,10 +69,10 @@ def run(
 def test_a_long_way_overshoots_less_when_the_loop_knows_what_was_withheld(parts):
     """4 m aside asks for ten times the thrust there is."""
     start = pose(p=[-4.0, 4.0, 0.0])
-    told, untold = (run(parts, start, 60.0, told=told) for told in (True, False))
-    overshoot, wound_up = (np.array([e[:, 0].max(), -e[:, 1].min()]) for e in (told, untold))
+    informed, untold = (run(parts, start, 60.0, told=is_told) for is_told in (True, False))
+    overshoot, wound_up = (np.array([e[:, 0].max(), -e[:, 1].min()]) for e in (informed, untold))
     assert np.all(overshoot < 0.6 * wound_up), (overshoot, wound_up)
-    assert np.abs(told[-1]).max() < 0.02
+    assert np.abs(informed[-1]).max() < 0.02
 
 
 @pytest.mark.parametrize("axis", range(6))
@@ -94,15 +97,15 @@ def test_feedback_is_proportional_in_hull_axes_wherever_the_hull_is_to_stand(par
     """
     hover, _, _ = parts
     for _ in range(20):
-        wanted = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-1.0, 1.0, 3))
+        X_set = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-1.0, 1.0, 3))
         error, nu, turning_W = (
             rng.uniform(-0.3, 0.3, 6),
             rng.uniform(-0.2, 0.2, 6),
             rng.uniform(-0.2, 0.2, 3),
         )
-        X = wanted @ pose(exp_so3(error[3:]))
+        X = X_set @ pose(exp_so3(error[3:]))
         X[:3, 3] += X[:3, :3] @ error[:3]
-        wrench = hover.step(hover.init(), estimate(X, nu), wanted, np.zeros(3), NONE, DT, turning_W)
+        wrench = hover.step(hover.init(), estimate(X, nu), X_set, np.zeros(3), NONE, DT, turning_W)
         rate = nu - np.concatenate([np.zeros(3), X[:3, :3].T @ turning_W])
         acceleration = np.linalg.solve(hover.inertia, wrench + hover.static_wrench(X[:3, :3]))
         within("acceleration [m/s^2, rad/s^2]", acceleration + 1.6**2 * error + 3.2 * rate, 1e-12)
@@ -111,15 +114,12 @@ def test_feedback_is_proportional_in_hull_axes_wherever_the_hull_is_to_stand(par
 @pytest.mark.parametrize("name", ["uuv_puma", "bluerov2_heavy_wu2018", "bluerov2_heavy_benzon2022"])
 def test_the_hull_weighs_and_floats_at_its_centres(name, rng, within):
     model = models.load(name).compile()
-    hull, R_WB = Vehicle.of(model).hull, exp_so3(rng.uniform(-1.0, 1.0, 3))
-    water, up = (
-        coefficients.unpack(model.body_user[hull]),
-        R_WB.T @ [0.0, 0.0, -model.opt.gravity[2]],
-    )
-    floats, weighs = (
-        coefficients.water_density(model) * water.volume * up,
-        -model.body_mass[hull] * up,
-    )
+    hull = Vehicle.of(model).hull
+    R_WB = exp_so3(rng.uniform(-1.0, 1.0, 3))
+    water = coefficients.unpack(model.body_user[hull])
+    up = R_WB.T @ [0.0, 0.0, -model.opt.gravity[2]]
+    floats = coefficients.water_density(model) * water.volume * up
+    weighs = -model.body_mass[hull] * up
     moment = np.cross(water.center_of_buoyancy, floats) + np.cross(model.body_ipos[hull], weighs)
     within(
         "wrench [N, N m]",
@@ -141,16 +141,19 @@ def test_the_force_that_is_held_tells_the_current(current_W, within):
     model = hydrodynamics.compile(spec)
     hydrodynamics.install()
     model.opt.wind = current_W
-    data, hover, hull = mujoco.MjData(model), StationKeeping(model), model.body("hull").id
+    data = mujoco.MjData(model)
+    hover = StationKeeping(model)
+    hull = model.body("hull").id
     wanted_W = pose(exp_so3([0.0, 0.0, 0.7]))
     data.qpos[3:7] = quat_wxyz_from_rotation(wanted_W[:3, :3])
-    state, seen = hover.init(), estimate(wanted_W, NONE)
+    state = hover.init()
+    measured = estimate(wanted_W, NONE)
     for _ in range(round(60.0 / DT)):
         R = data.xmat[hull].reshape(3, 3).copy() if data.time else wanted_W[:3, :3]
-        seen = estimate(
+        measured = estimate(
             pose(R, data.qpos[:3]), np.concatenate([R.T @ data.qvel[:3], data.qvel[3:6]])
         )
-        wrench_B = hover.step(state, seen, wanted_W, np.zeros(3), NONE, DT)
+        wrench_B = hover.step(state, measured, wanted_W, np.zeros(3), NONE, DT)
         data.qfrc_applied[:] = 0.0
         mujoco.mj_applyFT(
             model, data, R @ wrench_B[:3], R @ wrench_B[3:], data.qpos[:3], hull, data.qfrc_applied

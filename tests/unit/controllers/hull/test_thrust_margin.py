@@ -52,7 +52,9 @@ def drag(model: mujoco.MjModel, q: Array, current_W: ArrayLike = (0.0, 0.0, 0.0)
     """Passive force (6,) on the free joint of a vehicle at rest in a current, by the plant's
     callback.
     """
-    moved, data, vehicle = copy(model), mujoco.MjData(model), Vehicle.of(model)
+    moved = copy(model)
+    data = mujoco.MjData(model)
+    vehicle = Vehicle.of(model)
     moved.opt.wind[:] = current_W
     data.qpos[3:7] = [1.0, 0.0, 0.0, 0.0]
     data.qpos[vehicle.qpos] = q

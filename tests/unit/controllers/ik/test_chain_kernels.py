@@ -33,7 +33,8 @@ def test_forward_is_the_product_of_exponentials_and_its_jacobian_the_derivative(
     for kinds in ("rporrr", "oprpo", "rrrrrrr"):
         it = plain(drawn_chain(rng, kinds))
         q = drawn_q(it.chain, rng)
-        X, J = np.empty((4, 4)), np.empty((6, it.chain.n))
+        X = np.empty((4, 4))
+        J = np.empty((6, it.chain.n))
         kernels.forward(it.table, q, it.work, X, J)
         np.testing.assert_allclose(X, by_exponentials(it.chain, q), atol=1e-13)  # measured 1e-15
         h = 1e-5
@@ -122,7 +123,8 @@ def test_what_a_solver_is_given_is_judged(rng: np.random.Generator) -> None:
     assert begin(q0=np.zeros(4)) == kernels.BAD_START
     assert begin(q0=np.array([0, 0, 0, 0, math.nan])) == kernels.BAD_START
     # As far from the first joint as the arm can reach, a little less, a little more.
-    base, reach = it.chain.points[0], it.table[0, kernels.REACH] / SCALE
+    base = it.chain.points[0]
+    reach = it.table[0, kernels.REACH] / SCALE
     for share, code in ((0.999, kernels.CONVERGED), (1.001, kernels.OUT_OF_REACH)):
         for axis in (*np.eye(3), *-np.eye(3)):
             assert begin(X=pose(p=base + share * reach * axis)) == code
@@ -259,15 +261,17 @@ def test_errors_and_results_are_in_their_units(rng: np.random.Generator) -> None
 def test_a_change_of_orientation_is_the_sign_of_a_determinant(
     n: int, rng: np.random.Generator
 ) -> None:
-    work, past, normal = np.zeros((n, kernels.WORK)), np.zeros((n, kernels.PAST)), np.zeros((6, 8))
-    seen = set()
+    work = np.zeros((n, kernels.WORK))
+    past = np.zeros((n, kernels.PAST))
+    normal = np.zeros((6, 8))
+    signs = set()
     for _ in range(40):
         past[:, :6], work[:, :6] = J, J_new = rng.normal(size=(2, n, 6))
         product = J.T @ J_new if n >= 6 else J @ J_new.T
         over = kernels.turned_over(work, past, normal, n)
         assert over == (np.linalg.det(product) < 0.0)
-        seen.add(over)
-    assert seen == {True, False}
+        signs.add(over)
+    assert signs == {True, False}
     work[0, :6] = work[1, :6] if n < 6 else 0.0
     work[:, 5] = 0.0  # singular: cannot be told
     past[:, 5] = 0.0
@@ -285,7 +289,7 @@ def test_a_branch_is_left_where_the_determinant_of_the_jacobian_changes_sign(
         kernels.forward(it.table, q, it.work.copy(), X, J)
         return float(np.sign(np.linalg.det(J)))
 
-    seen = []
+    branches_left = []
     for _ in range(12):
         start, end = rng.uniform(-1.5, 1.5, (2, 6))
         end = start + 0.5 * (end - start)
@@ -296,9 +300,9 @@ def test_a_branch_is_left_where_the_determinant_of_the_jacobian_changes_sign(
         assert left == (len(signs) > 1)
         # near enough not to be asked
         assert not kernels.branch_left(it.table, end, 2.0, it.work, it.past, it.normal)
-        seen.append(left)
-    assert True in seen
-    assert False in seen
+        branches_left.append(left)
+    assert True in branches_left
+    assert False in branches_left
 
 
 def test_how_far_a_slide_moves_counts_in_scaled_length() -> None:

@@ -54,7 +54,7 @@ def test_single_precision_reaches_what_the_dissertation_says(
     targets = reachable(chain, 60, 2)
     solved = 0
     for target in targets:
-        result = solve(
+        solution = solve(
             chain,
             target,
             HOME,
@@ -63,25 +63,25 @@ def test_single_precision_reaches_what_the_dissertation_says(
             method=method,
             options=IkOptions(precision="single"),
         )
-        X = chain.forward(result.q)
+        X = chain.forward(solution.q)
         position = np.linalg.norm(X[:3, 3] - target[:3, 3])
         turn = np.linalg.norm(log_so3(X[:3, :3].T @ target[:3, :3]))
         np.testing.assert_allclose(
-            [result.position_error, result.orientation_error], [position, turn], atol=1e-12
+            [solution.position_error, solution.orientation_error], [position, turn], atol=1e-12
         )
-        assert result.converged == bool(position <= 1e-5 and turn <= 2 * ARC_SECOND)
-        assert np.all((result.q >= chain.limits[:, 0]) & (result.q <= chain.limits[:, 1]))
-        np.testing.assert_array_equal(result.q, result.q.astype(np.float32))
-        solved += result.converged
+        assert solution.converged == bool(position <= 1e-5 and turn <= 2 * ARC_SECOND)
+        assert np.all((solution.q >= chain.limits[:, 0]) & (solution.q <= chain.limits[:, 1]))
+        np.testing.assert_array_equal(solution.q, solution.q.astype(np.float32))
+        solved += solution.converged
     assert solved >= least * 60
 
 
 def test_single_precision_says_where_it_ends() -> None:
     chain = Chain.from_dh(PUMA)
     options = IkOptions(precision="single", max_restarts=2)
-    result = solve(chain, reachable(chain, 1, 3)[0], HOME, 1e-9, 1e-9, options=options)
-    assert not result.converged
-    assert result.position_error < 1e-5
+    solution = solve(chain, reachable(chain, 1, 3)[0], HOME, 1e-9, 1e-9, options=options)
+    assert not solution.converged
+    assert solution.position_error < 1e-5
     assert solve(chain, reachable(chain, 1, 3)[0], HOME, 1e-9, 1e-9).converged
 
 
@@ -90,18 +90,19 @@ def test_single_precision_is_single_throughout() -> None:
     memory = Chain.from_dh(PUMA).single().copy()
     views = chain_kernels.partition.py_func(memory, 6)
     table, goal, _, work, _, q = views
-    goal[:], q[:] = np.eye(4)[:, :3], HOME
-    one = np.float32(1.0)
+    goal[:] = np.eye(4)[:, :3]
+    q[:] = HOME
+    unit = np.float32(1.0)
     chain_kernels.trace(table, q, work)
-    tip = (one,) * 12
+    tip = (unit,) * 12
     chain_kernels.turn_left(goal, tip)
-    damped_descent.damped_step(views, True, one, tip, (one,) * 6, None)
-    weights = pose_parts.Weights(one, one, one)
-    damped_descent.damped_step(views, True, one, tip, (one,) * 6, weights)
+    damped_descent.damped_step(views, True, unit, tip, (unit,) * 6, None)
+    weights = pose_parts.Weights(unit, unit, unit)
+    damped_descent.damped_step(views, True, unit, tip, (unit,) * 6, weights)
     pose_parts.parts_error(table, goal, tip, weights)
-    sweeps.sweep(table, goal, one, chain_kernels.WITHIN, q, work)
-    paper_stages.place(table, goal, one, q, work)
-    paper_stages.align(table, (one,) * 3, (one,) * 3, one, q, work)
+    sweeps.sweep(table, goal, unit, chain_kernels.WITHIN, q, work)
+    paper_stages.place(table, goal, unit, q, work)
+    paper_stages.align(table, (unit,) * 3, (unit,) * 3, unit, q, work)
     for loop in (
         chain_kernels.trace,
         chain_kernels.turn_left,
@@ -123,31 +124,31 @@ def test_goals_of_the_history(method: Method) -> None:
     """F_R, F_alpha1 and F_alpha2 of every iteration, by [Danilov 2021]."""
     chain = Chain.from_dh(PUMA)
     target = reachable(chain, 1, 5)[0]
-    result = solve(
+    solution = solve(
         chain, target, HOME, method=method, options=IkOptions(history=True, stage_axes="joint")
     )
-    assert result.history is not None
-    assert result.goals is not None
-    assert result.goals.shape == (result.iterations + 1, 3)
-    for q, goals in zip(result.history, result.goals, strict=True):
+    assert solution.history is not None
+    assert solution.goals is not None
+    assert solution.goals.shape == (solution.iterations + 1, 3)
+    for q, goals in zip(solution.history, solution.goals, strict=True):
         X = chain.forward(q)
         np.testing.assert_allclose(goals[0], np.linalg.norm(X[:3, 3] - target[:3, 3]), atol=1e-12)
-        axis, wanted = X[:3, 2], target[:3, 2]  # E_z: the last joint's axis, here the tip's z
-        angle = np.arctan2(np.linalg.norm(np.cross(axis, wanted)), axis @ wanted)
+        axis, axis_goal = X[:3, 2], target[:3, 2]  # E_z: the last joint's axis, here the tip's z
+        angle = np.arctan2(np.linalg.norm(np.cross(axis, axis_goal)), axis @ axis_goal)
         np.testing.assert_allclose(goals[2], angle, atol=1e-9)
-    assert result.converged
-    assert np.all(result.goals[-1] <= [1e-4, 1e-3, 1e-3])
-    assert result.goals[0].max() > 0.1
+    assert solution.converged
+    assert np.all(solution.goals[-1] <= [1e-4, 1e-3, 1e-3])
+    assert solution.goals[0].max() > 0.1
 
 
 def test_the_stages_have_their_own_tolerances() -> None:
     chain = Chain.from_dh(PUMA)
     counts = np.zeros(2)
     for target in reachable(chain, 40, 6):
-        given = IkOptions(stage_tolerances=(0.3, 1e-3), history=True, stage_axes="joint")
-        loose = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
-        given = IkOptions(stage_tolerances=(1e-3, 1e-3), stage_axes="joint")
-        tight = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
+        options = IkOptions(stage_tolerances=(0.3, 1e-3), history=True, stage_axes="joint")
+        loose = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=options)
+        options = IkOptions(stage_tolerances=(1e-3, 1e-3), stage_axes="joint")
+        tight = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=options)
         if loose.converged:
             assert loose.goals is not None
             assert np.all(loose.goals[-1] <= [1e-3, 0.3, 1e-3])
@@ -185,9 +186,11 @@ def test_targets_made_from_joint_values_on_limits_are_solved(
     limits = np.radians(np.tile([-150.0, 150.0], (len(arm_there.joint_types), 1)))
     chain = Chain.from_arm(replace(arm_there, limits=limits))
     q = limits[np.arange(chain.n), rng.integers(0, 2, (100, chain.n))]
-    found = solve_many(chain, np.array([chain.forward(row) for row in q]), np.resize(HOME, chain.n))
-    assert found.converged.all()
-    assert np.abs(found.q).max() <= np.radians(150.0)
+    solutions = solve_many(
+        chain, np.array([chain.forward(row) for row in q]), np.resize(HOME, chain.n)
+    )
+    assert solutions.converged.all()
+    assert np.abs(solutions.q).max() <= np.radians(150.0)
 
 
 def test_random_chains_with_pantograph_links_are_solved(rng) -> None:
@@ -210,13 +213,13 @@ def test_random_chains_with_pantograph_links_are_solved(rng) -> None:
         chain = Chain.from_dh(dh, types, limits=limits)
         q = rng.uniform(limits[:, 0], limits[:, 1])
         target = chain.forward(q)
-        result = solve(chain, target, np.clip(q + rng.uniform(-0.3, 0.3, n), *limits.T))
-        assert np.all((result.q >= limits[:, 0]) & (result.q <= limits[:, 1]))
-        reached = chain.forward(result.q)
-        if result.converged:
+        solution = solve(chain, target, np.clip(q + rng.uniform(-0.3, 0.3, n), *limits.T))
+        assert np.all((solution.q >= limits[:, 0]) & (solution.q <= limits[:, 1]))
+        reached = chain.forward(solution.q)
+        if solution.converged:
             assert np.linalg.norm(reached[:3, 3] - target[:3, 3]) <= 1e-4 + 1e-12
             assert np.linalg.norm(log_so3(reached[:3, :3].T @ target[:3, :3])) <= 1e-3 + 1e-9
-        missed += not result.converged
+        missed += not solution.converged
     assert missed <= 3  # none of 3000 (100 seeds)
 
 
@@ -255,8 +258,8 @@ def test_unreachable_directions_give_the_nearest_pose() -> None:
     q = np.array([0.3, 0.9, -0.4])
     target = chain.forward(q)
     target[:3, :3] = target[:3, :3] @ exp_so3([0.2, 0.0, 0.0])
-    result = solve(chain, target, q + 0.2, options=IkOptions(max_restarts=5))
-    assert not result.converged
-    assert "nearest" in result.cause
-    assert result.position_error < 1e-4
-    assert abs(result.orientation_error - 0.2) < 1e-4
+    solution = solve(chain, target, q + 0.2, options=IkOptions(max_restarts=5))
+    assert not solution.converged
+    assert "nearest" in solution.cause
+    assert solution.position_error < 1e-4
+    assert abs(solution.orientation_error - 0.2) < 1e-4

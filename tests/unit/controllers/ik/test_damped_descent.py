@@ -21,7 +21,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 def jacobian(it: Plain, q: Array) -> Array:
     """Jacobian (6, n) in scaled lengths."""
-    X, J = np.empty((4, 4)), np.empty((6, it.chain.n))
+    X = np.empty((4, 4))
+    J = np.empty((6, it.chain.n))
     kernels.forward(it.table, q, it.work.copy(), X, J)
     return np.vstack([SCALE * J[:3], J[3:]])
 
@@ -39,7 +40,8 @@ def test_a_step_solves_the_damped_normal_equations(rng: np.random.Generator) -> 
     for kinds in ("rrrrrr", "rporro", "rrrpr", "rrrrrrrr"):
         it = plain(drawn_chain(rng, kinds))
         for damping in (1e-3, 0.5):
-            q, error = drawn_q(it.chain, rng), rng.normal(size=6)
+            q = drawn_q(it.chain, rng)
+            error = rng.normal(size=6)
             J = jacobian(it, q)
             expected = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
             # measured 1e-13
@@ -53,7 +55,8 @@ def test_a_joint_at_a_limit_does_not_step_beyond_it(rng: np.random.Generator) ->
             q = drawn_q(it.chain, rng)
             q[joint] = it.chain.limits[joint, side]
             J = jacobian(it, q)
-            outwards, inwards = sign * J[:, joint], -sign * J[:, joint]
+            outwards = sign * J[:, joint]
+            inwards = -sign * J[:, joint]
             dq = step(it, q, outwards, 0.1)
             assert dq[joint] == 0.0
             rest = np.delete(J, joint, axis=1)
@@ -82,7 +85,8 @@ def test_a_step_is_cut_to_the_longest_and_kept_within_limits(rng: np.random.Gene
         (kernels.WITHIN, [low + 0.1, second, slide]),
         (kernels.THROUGH, [beyond[0], 3.0, slide]),
     ):
-        it.work[:, kernels.STEP], it.q[:] = beyond, 0.0
+        it.work[:, kernels.STEP] = beyond
+        it.q[:] = 0.0
         descent.take_step(it.table, 99.0, 9.0, mode, it.work, it.q)
         np.testing.assert_allclose(it.q, expected)
 
@@ -186,10 +190,11 @@ def solve(
     it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool = False, **changed: float
 ) -> tuple:
     tolerances = {"p": 1e-6, "r": 1e-5} | changed
-    out, solver = np.full(it.chain.n, np.nan), descent.solve_keep if keep else descent.solve_hybrid
+    out = np.full(it.chain.n, np.nan)
+    solver = descent.solve_keep if keep else descent.solve_hybrid
     trail = np.full((600, it.chain.n), np.nan)
     with np.errstate(over="ignore"):
-        found = solver(
+        solution = solver(
             it.memory,
             X,
             q0,
@@ -198,7 +203,7 @@ def solve(
             trail,
             out,
         )
-    return *found, out, trail
+    return *solution, out, trail
 
 
 @pytest.mark.parametrize("keep", [False, True])

@@ -46,8 +46,8 @@ HULL_ARM = """
 def dh_forward(dh: np.ndarray, types: str, q: Array, tool: Array | None = None) -> Array:
     """Product of textbook DH matrices."""
     X = np.eye(4)
-    for (theta, d, a, alpha), kind, value in zip(dh, types, q, strict=True):
-        turn, lift = (theta, d + value) if kind == "p" else (theta + value, d)
+    for (theta, d, a, alpha), kind, coordinate in zip(dh, types, q, strict=True):
+        turn, lift = (theta, d + coordinate) if kind == "p" else (theta + coordinate, d)
         c, s, ca, sa = np.cos(turn), np.sin(turn), np.cos(alpha), np.sin(alpha)
         X = X @ np.array(
             [
@@ -61,7 +61,7 @@ def dh_forward(dh: np.ndarray, types: str, q: Array, tool: Array | None = None) 
             X[:3, :3] = (
                 X[:3, :3]
                 @ exp_so3([-alpha, 0, 0])
-                @ exp_so3([0, 0, -value])
+                @ exp_so3([0, 0, -coordinate])
                 @ exp_so3([alpha, 0, 0])
             )
     return X if tool is None else X @ tool
@@ -80,13 +80,14 @@ def test_what_is_found_by_default_is_within_a_tenth_of_a_millimetre_and_a_millir
     """And mostly no more than that is asked: the tolerances are those of the signature, not some
     others.
     """
-    arm, worst = ARMS["puma560"], np.zeros(2)
+    arm = ARMS["puma560"]
+    worst = np.zeros(2)
     chain = Chain.from_arm(arm)
     for _ in range(150):
         q, start = rng.uniform(-1.0, 1.0, (2, chain.n))
-        result = solve(chain, chain.forward(q), start, method=method)
-        if result.converged:
-            worst = np.maximum(worst, [result.position_error, result.orientation_error])
+        solution = solve(chain, chain.forward(q), start, method=method)
+        if solution.converged:
+            worst = np.maximum(worst, [solution.position_error, solution.orientation_error])
     print("worst", worst)
     assert np.all(worst <= [1e-4, 1e-3])
     assert np.any(worst > 0.1 * np.array([1e-4, 1e-3]))
@@ -111,7 +112,8 @@ def arm_case(
     name: str, degrees: float, count: int, rng: np.random.Generator
 ) -> tuple[Chain, Array, list[Array], Array]:
     """A known arm with even limits, joint values within them, their poses, and a home."""
-    arm, n = ARMS[name], ARMS[name].n
+    arm = ARMS[name]
+    n = ARMS[name].n
     dh, types, tool = arm.dh, arm.joint_types, arm.X_n_flange
     limits = np.array(
         [
@@ -120,11 +122,9 @@ def arm_case(
         ]
     )
     q = rng.uniform(limits[:, 0], limits[:, 1], size=(count, n))
-    chain, home = (
-        Chain.from_dh(dh, types, limits=limits, tool=tool),
-        np.clip(HOME[:n], limits[:, 0], limits[:, 1]),
-    )
-    return chain, q, [dh_forward(dh, types, values, tool) for values in q], home
+    chain = Chain.from_dh(dh, types, limits=limits, tool=tool)
+    home = np.clip(HOME[:n], limits[:, 0], limits[:, 1])
+    return chain, q, [dh_forward(dh, types, angles, tool) for angles in q], home
 
 
 def hull_arm() -> mujoco.MjModel:
@@ -180,13 +180,12 @@ def test_vectors_and_dh_describe_the_same_arm(rng: np.random.Generator) -> None:
 def test_jacobian_is_the_derivative_of_forward(rng: np.random.Generator) -> None:
     dh, types, _ = random_dh(rng, 7, "rpo")
     chain = Chain.from_dh(dh, types)
-    q, step = rng.uniform(-2, 2, 7), 1e-6
+    q = rng.uniform(-2, 2, 7)
+    step = 1e-6
     J = chain.jacobian(q)
     for i in range(7):
-        ahead, behind = (
-            chain.forward(q + step * np.eye(7)[i]),
-            chain.forward(q - step * np.eye(7)[i]),
-        )
+        ahead = chain.forward(q + step * np.eye(7)[i])
+        behind = chain.forward(q - step * np.eye(7)[i])
         linear = (ahead[:3, 3] - behind[:3, 3]) / (2 * step)
         angular = log_so3(ahead[:3, :3] @ behind[:3, :3].T) / (2 * step)
         np.testing.assert_allclose(J[:, i], [*linear, *angular], atol=1e-8)  # measured 3e-10
@@ -202,21 +201,21 @@ def test_errors_are_those_of_the_answer_and_limits_hold(
         chain = Chain.from_dh(dh, types, limits=limits)
         for _ in range(20):
             target = dh_forward(dh, types, rng.uniform(limits[:, 0], limits[:, 1]))
-            result = solve(
+            solution = solve(
                 chain,
                 target,
                 rng.uniform(-4, 4, n),
                 method=method,
                 options=IkOptions(max_iterations=1000),
             )
-            position, orientation = errors_between(dh_forward(dh, types, result.q), target)
-            assert abs(position - result.position_error) < 1e-12
+            position, orientation = errors_between(dh_forward(dh, types, solution.q), target)
+            assert abs(position - solution.position_error) < 1e-12
             # log_so3 loses digits near zero
-            assert abs(orientation - result.orientation_error) < 1e-7
-            assert np.all((limits[:, 0] <= result.q) & (result.q <= limits[:, 1]))
-            assert result.converged == (position <= 1e-4 and orientation <= 1e-3)
-            assert result.converged == result.cause.startswith("converged")
-            converged += result.converged
+            assert abs(orientation - solution.orientation_error) < 1e-7
+            assert np.all((limits[:, 0] <= solution.q) & (solution.q <= limits[:, 1]))
+            assert solution.converged == (position <= 1e-4 and orientation <= 1e-3)
+            assert solution.converged == solution.cause.startswith("converged")
+            converged += solution.converged
     # of 60; 60 seeds gave 60, and 52 to 60
     assert converged >= {"hybrid": 55, "jacobian_free": 40, "plain": 0}[method]
 
@@ -236,7 +235,7 @@ def test_solve_rate_of_the_other_methods(method: Method, least: float) -> None:
     dh = ARMS["puma560"].dh
     chain, q, _, home = arm_case("puma560", 150.0, 200, np.random.default_rng(7))
     free = Chain.from_dh(dh)
-    solved = [solve(free, chain.forward(values), home, method=method).converged for values in q]
+    solved = [solve(free, chain.forward(angles), home, method=method).converged for angles in q]
     assert np.mean(solved) >= least
 
 
@@ -245,11 +244,11 @@ def test_keep_follows_the_branch(name: str) -> None:
     """From within 5 degrees of an answer, `keep` gives an answer near it, for the limits too."""
     rng = np.random.default_rng(3)
     chain, q, targets, _ = arm_case(name, 150.0, 200, rng)
-    for values, target in zip(q, targets, strict=True):
-        result = solve(chain, target, values + rng.uniform(-0.087, 0.087, chain.n), branch="keep")
-        assert result.converged
-        assert result.restarts == 0
-        assert np.abs(result.q - values).max() < 0.6  # measured 0.3, by the redundant arms
+    for angles, target in zip(q, targets, strict=True):
+        solution = solve(chain, target, angles + rng.uniform(-0.087, 0.087, chain.n), branch="keep")
+        assert solution.converged
+        assert solution.restarts == 0
+        assert np.abs(solution.q - angles).max() < 0.6  # measured 0.3, by the redundant arms
 
 
 def test_keep_says_when_the_branch_is_lost() -> None:
@@ -257,17 +256,15 @@ def test_keep_says_when_the_branch_is_lost() -> None:
     over unsaid.
     """
     chain = Chain.from_dh(ARMS["puma560"].dh)
-    elbow_down, elbow_up = (
-        np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]),
-        np.array([0.3, 0.4, 2.6, 0.2, 0.9, 0.1]),
-    )
+    elbow_down = np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1])
+    elbow_up = np.array([0.3, 0.4, 2.6, 0.2, 0.9, 0.1])
     crossed = 0
     for blend in np.linspace(0.0, 1.0, 21):
         target = chain.forward(elbow_down + blend * (elbow_up - elbow_down))
-        result = solve(chain, target, elbow_down, branch="keep")
-        sign = np.linalg.det(chain.jacobian(result.q)) * np.linalg.det(chain.jacobian(elbow_down))
-        assert not (result.converged and sign < 0)
-        crossed += "branch" in result.cause
+        solution = solve(chain, target, elbow_down, branch="keep")
+        sign = np.linalg.det(chain.jacobian(solution.q)) * np.linalg.det(chain.jacobian(elbow_down))
+        assert not (solution.converged and sign < 0)
+        crossed += "branch" in solution.cause
         assert solve(chain, target, elbow_down).converged
     print(f"{crossed} of 21 lost their branch")
 
@@ -279,11 +276,11 @@ def test_tracking_through_a_wrist_singularity() -> None:
     chain = Chain.from_dh(ARMS["puma560"].dh)
     q = np.array([0.2, 0.5, 0.7, 0.4, 0.35, 0.1])
     for s in np.linspace(0.0, 1.0, 501):
-        wanted = np.array([0.2 + 0.2 * s, 0.5, 0.7, 0.4, 0.35 - 0.7 * s, 0.1])
-        result = solve(chain, chain.forward(wanted), q, branch="keep")
-        assert result.converged
-        assert np.abs(result.q - q).max() < 0.2  # no fast turn of the wrist
-        q = result.q
+        q_goal = np.array([0.2 + 0.2 * s, 0.5, 0.7, 0.4, 0.35 - 0.7 * s, 0.1])
+        solution = solve(chain, chain.forward(q_goal), q, branch="keep")
+        assert solution.converged
+        assert np.abs(solution.q - q).max() < 0.2  # no fast turn of the wrist
+        q = solution.q
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -311,17 +308,18 @@ def test_solve_many_gives_what_solve_gives(method: Method, branch: Branch) -> No
         batch = solve_many(chain, targets, starts, method=method, branch=branch, options=options)
         assert len(batch) == 150
         for i, target in enumerate(targets):
-            start, many = starts if branch == "free" else starts[i], batch[i]
-            one = solve(chain, target, start, method=method, branch=branch, options=options)
-            assert one.q.tobytes() == many.q.tobytes()
-            assert (one.converged, one.iterations, one.cause, one.restarts) == (
+            start = starts if branch == "free" else starts[i]
+            many = batch[i]
+            single = solve(chain, target, start, method=method, branch=branch, options=options)
+            assert single.q.tobytes() == many.q.tobytes()
+            assert (single.converged, single.iterations, single.cause, single.restarts) == (
                 many.converged,
                 many.iterations,
                 many.cause,
                 many.restarts,
             )
-            assert one.position_error == many.position_error
-            assert one.orientation_error == many.orientation_error
+            assert single.position_error == many.position_error
+            assert single.orientation_error == many.orientation_error
 
 
 def test_solve_many_names_the_bad_row() -> None:
@@ -343,38 +341,39 @@ def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Br
     """A planar 2R arm of 1 m, reached for along x at 3 m: straight out, and said so."""
     chain = Chain.from_dh([(0, 0, 0.6, 0), (0, 0, 0.4, 0)], limits=[(-2, 2), (-2, 2)])
     options = IkOptions(max_iterations=300)
-    result = solve(
+    solution = solve(
         chain, pose(p=[3.0, 0.0, 0.0]), [0.5, 0.5], method=method, branch=branch, options=options
     )
-    assert not result.converged
-    assert "farther away" in result.cause
-    np.testing.assert_allclose(result.q, 0.0, atol=1e-3)
-    assert abs(result.position_error - 2.0) < 1e-6
+    assert not solution.converged
+    assert "farther away" in solution.cause
+    np.testing.assert_allclose(solution.q, 0.0, atol=1e-3)
+    assert abs(solution.position_error - 2.0) < 1e-6
 
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("far", [False, True])
 def test_history_leads_from_the_start_to_the_answer(method: Method, far: bool) -> None:
     chain, q, targets, home = arm_case("puma560", 150.0, 5, np.random.default_rng(9))
-    for values, target in zip(q, targets, strict=True):
-        start = home if far else values + 0.05
-        wanted = target + np.array([[0, 0, 0, 3.0], *np.zeros((3, 4))]) if far else target
-        result = solve(
-            chain, wanted, start, method=method, options=IkOptions(max_iterations=200, history=True)
+    for angles, target in zip(q, targets, strict=True):
+        start = home if far else angles + 0.05
+        X_goal = target + np.array([[0, 0, 0, 3.0], *np.zeros((3, 4))]) if far else target
+        solution = solve(
+            chain, X_goal, start, method=method, options=IkOptions(max_iterations=200, history=True)
         )
-        assert result.history is not None
-        assert result.history.shape == (result.iterations + 1, 6)
-        np.testing.assert_array_equal(result.history[0], np.clip(start, *chain.limits.T))
-        np.testing.assert_array_equal(result.history[-1], result.q)
+        assert solution.history is not None
+        assert solution.history.shape == (solution.iterations + 1, 6)
+        np.testing.assert_array_equal(solution.history[0], np.clip(start, *chain.limits.T))
+        np.testing.assert_array_equal(solution.history[-1], solution.q)
         assert (
             solve(
-                chain, wanted, start, method=method, options=IkOptions(max_iterations=200)
+                chain, X_goal, start, method=method, options=IkOptions(max_iterations=200)
             ).history
             is None
         )
         if not far:
             distances = [
-                np.linalg.norm(chain.forward(row)[:3, 3] - target[:3, 3]) for row in result.history
+                np.linalg.norm(chain.forward(row)[:3, 3] - target[:3, 3])
+                for row in solution.history
             ]
             assert distances[-1] < distances[0]
 
@@ -382,10 +381,10 @@ def test_history_leads_from_the_start_to_the_answer(method: Method, far: bool) -
 def test_a_pose_that_limits_forbid_is_not_claimed() -> None:
     chain = Chain.from_dh(ARMS["puma560"].dh, limits=np.tile([-0.5, 0.5], (6, 1)))
     target = Chain.from_dh(ARMS["puma560"].dh).forward([2.5, 0.3, 0.2, 0.1, 0.4, 0.2])
-    result = solve(chain, target, np.zeros(6))
-    assert not result.converged
-    assert "nearest" in result.cause
-    assert np.all(np.abs(result.q) <= 0.5)
+    solution = solve(chain, target, np.zeros(6))
+    assert not solution.converged
+    assert "nearest" in solution.cause
+    assert np.all(np.abs(solution.q) <= 0.5)
 
 
 def test_one_slide_takes_one_sweep() -> None:
@@ -393,9 +392,9 @@ def test_one_slide_takes_one_sweep() -> None:
     chain = Chain.from_vectors([[0.0, 0.0, 0.2]], [[1.0, 0.0, 0.0]], [0], [[-1.0], [1.0]])
     target = chain.forward([0.37])
     for method in METHODS:
-        result = solve(chain, target, [-0.5], method=method)
-        assert result.converged
-        assert abs(result.q[0] - 0.37) < 1e-4
+        solution = solve(chain, target, [-0.5], method=method)
+        assert solution.converged
+        assert abs(solution.q[0] - 0.37) < 1e-4
 
 
 def test_a_pantograph_link_keeps_what_it_carries_parallel() -> None:
@@ -407,9 +406,9 @@ def test_a_pantograph_link_keeps_what_it_carries_parallel() -> None:
     both = pair.forward([q[0], q[1], -q[1], q[2], q[3]])
     np.testing.assert_allclose(chain.forward(q), both, atol=1e-14)
     for method in METHODS:
-        result = solve(chain, both, q + 0.1, method=method)
-        assert result.converged
-        np.testing.assert_allclose(result.q, q, atol=1e-2)
+        solution = solve(chain, both, q + 0.1, method=method)
+        assert solution.converged
+        np.testing.assert_allclose(solution.q, q, atol=1e-2)
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def test_the_position_stage_brings_the_tip_as_near_as_each_joint_can(
             assert lower <= it.q[joint] <= upper
             continue
         grid = [
-            np.where(np.arange(n) == joint, value, q) for value in np.linspace(lower, upper, 40)
+            np.where(np.arange(n) == joint, angle, q) for angle in np.linspace(lower, upper, 40)
         ]
         assert left <= min(it.errors(tried)[0] for tried in grid) + 1e-12
 
@@ -80,13 +80,13 @@ def test_the_position_stage_goes_base_to_tip_and_ends_when_near(
     it = plain(drawn_chain(rng, kinds))
     it.aim(by_exponentials(it.chain, drawn_q(it.chain, rng)))
     start = drawn_q(it.chain, rng)
-    one, whole = start.copy(), start.copy()
+    alone, whole = start.copy(), start.copy()
     for joint in range(it.chain.n):
-        only(it, joint, one)
-        stages.place(it.table, it.goal, 0.0, one, it.work)
+        only(it, joint, alone)
+        stages.place(it.table, it.goal, 0.0, alone, it.work)
     it.table[kernels.HEAD :, kernels.LOWER : kernels.UPPER + 1] = it.chain.limits
     left = stages.place(it.table, it.goal, 0.0, whole, it.work)
-    np.testing.assert_allclose(whole, one, atol=1e-9)
+    np.testing.assert_allclose(whole, alone, atol=1e-9)
     assert left == pytest.approx(it.errors(whole)[0], rel=1e-6)
     assert left < it.errors(start)[0]
     still = start.copy()
@@ -100,26 +100,27 @@ def test_the_axis_stage_turns_hinges_alone_tip_to_base(
     kinds: str, rng: np.random.Generator
 ) -> None:
     it = plain(drawn_chain(rng, kinds))
-    n, hinges = it.chain.n, np.array([kind == "r" for kind in kinds])
+    n = it.chain.n
+    hinges = np.array([kind == "r" for kind in kinds])
     u, t = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     start = drawn_q(it.chain, rng)
-    one = start.copy()
+    turned = start.copy()
     for joint in reversed(range(n)):
-        before = one.copy()
-        only(it, joint, one)
-        angle = stages.align(it.table, u, t, 0.0, one, it.work)
-        assert angle == pytest.approx(between(last_frame(it, one) @ u, t), abs=1e-9)
+        before = turned.copy()
+        only(it, joint, turned)
+        angle = stages.align(it.table, u, t, 0.0, turned, it.work)
+        assert angle == pytest.approx(between(last_frame(it, turned) @ u, t), abs=1e-9)
         assert angle <= between(last_frame(it, before) @ u, t) + 1e-12
         lower, upper = it.chain.limits[joint]
-        if hinges[joint] and lower < one[joint] < upper:
+        if hinges[joint] and lower < turned[joint] < upper:
             grid = [
-                np.where(np.arange(n) == joint, value, one)
-                for value in np.linspace(lower, upper, 40)
+                np.where(np.arange(n) == joint, angle, turned)
+                for angle in np.linspace(lower, upper, 40)
             ]
             assert angle <= min(between(last_frame(it, tried) @ u, t) for tried in grid) + 1e-12
     it.table[kernels.HEAD :, kernels.LOWER : kernels.UPPER + 1] = it.chain.limits
     stages.align(it.table, u, t, 0.0, whole := start.copy(), it.work)
-    np.testing.assert_allclose(whole, one, atol=1e-9)
+    np.testing.assert_allclose(whole, turned, atol=1e-9)
     np.testing.assert_array_equal(whole[~hinges], start[~hinges])
     stages.align(it.table, u, t, 3.2, still := start.copy(), it.work)  # near enough
     np.testing.assert_array_equal(still, start)
@@ -168,19 +169,21 @@ def test_goal_functions_are_distances_and_angles(rng: np.random.Generator) -> No
     u, v = (a / np.linalg.norm(a) for a in rng.normal(size=(2, 3)))
     p2, angle_1, angle_2, chord2 = stages.three_goals(it.table, it.goal, u, v, q, it.work)
     np.testing.assert_allclose([p2, chord2], it.errors(q), rtol=1e-9)
-    R, wanted = last_frame(it, q), it.goal[1:].T
-    assert angle_1 == pytest.approx(between(R @ u, wanted @ u))
-    assert angle_2 == pytest.approx(between(R @ v, wanted @ v))
+    R = last_frame(it, q)
+    R_goal = it.goal[1:].T
+    assert angle_1 == pytest.approx(between(R @ u, R_goal @ u))
+    assert angle_2 == pytest.approx(between(R @ v, R_goal @ v))
 
 
 def solve(
     it: Plain, X: Array, q0: Array, limit: int, changed: dict[str, float] | None = None
 ) -> tuple:
     tol = {"p": 1e-3, "r": 1e-2, "one": 1e-2, "two": 1e-2} | (changed or {})
-    out, trail = np.full(it.chain.n, np.nan), np.full((200, it.chain.n), np.nan)
+    out = np.full(it.chain.n, np.nan)
+    trail = np.full((200, it.chain.n), np.nan)
     how = settings(tol["p"], tol["r"], limit, axes=(tol["one"], tol["two"]))
-    found = stages.solve_plain(it.memory, X, q0, how, trail, out)
-    return *found, out, trail
+    solution = stages.solve_plain(it.memory, X, q0, how, trail, out)
+    return *solution, out, trail
 
 
 def test_the_solver_says_how_it_ended(rng: np.random.Generator) -> None:

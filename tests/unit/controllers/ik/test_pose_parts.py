@@ -35,9 +35,9 @@ def by_matrices(X: Array, target: Array) -> tuple[float, float, float]:
     """Distance, angle between the z axes, and turn about z that is left once the shortest rotation
     aligned them.
     """
-    z, wanted = X[:3, 2], target[:3, 2]
-    tilt = math.atan2(float(np.linalg.norm(np.cross(z, wanted))), float(z @ wanted))
-    axis = np.cross(z, wanted)
+    z, axis_goal = X[:3, 2], target[:3, 2]
+    tilt = math.atan2(float(np.linalg.norm(np.cross(z, axis_goal))), float(z @ axis_goal))
+    axis = np.cross(z, axis_goal)
     aligned = exp_so3(tilt * axis / np.linalg.norm(axis)) @ X[:3, :3]
     turn = Rotation.from_matrix(aligned.T @ target[:3, :3]).magnitude()
     return float(np.linalg.norm(X[:3, 3] - target[:3, 3])), tilt, float(turn)
@@ -46,7 +46,8 @@ def by_matrices(X: Array, target: Array) -> tuple[float, float, float]:
 def test_the_parts_are_distance_tilt_and_turn(rng: np.random.Generator) -> None:
     for _ in range(20):
         it = plain(drawn_chain(rng, "rporrr"))
-        q, target = drawn_q(it.chain, rng), drawn_pose(rng)
+        q = drawn_q(it.chain, rng)
+        target = drawn_pose(rng)
         it.aim(target)
         error, error2, left = at(it, q)
         distance, tilt, turn = by_matrices(by_exponentials(it.chain, q), target)
@@ -62,7 +63,8 @@ def test_the_parts_are_distance_tilt_and_turn(rng: np.random.Generator) -> None:
 
 def test_parts_without_weight_leave_no_error(rng: np.random.Generator) -> None:
     it = plain(drawn_chain(rng, "rrrrrr"))
-    q, target = drawn_q(it.chain, rng), drawn_pose(rng)
+    q = drawn_q(it.chain, rng)
+    target = drawn_pose(rng)
     it.aim(target)
     z = by_exponentials(it.chain, q)[:3, 2]
     error, error2, left = at(it, q, parts.Weights(0.5, 0.0, 0.0))
@@ -111,13 +113,13 @@ def test_weighted_columns_are_the_slopes_of_the_weighted_error(rng: np.random.Ge
 
 def test_weights_are_in_proportion_to_the_tolerances() -> None:
     it = plain(drawn_chain(np.random.default_rng(3), "rrrrrr"))
-    given = kernels.Settings(kernels.HYBRID, 0.02, math.inf, 1.0, 1.0, 9, 9, False, False)
-    near = parts.squared_parts(it.table, given, parts.PartTolerances(0.002, math.inf))
+    settings = kernels.Settings(kernels.HYBRID, 0.02, math.inf, 1.0, 1.0, 9, 9, False, False)
+    near = parts.squared_parts(it.table, settings, parts.PartTolerances(0.002, math.inf))
     weights = parts.weights_of(it.table, near)
     assert weights.axis == 1.0
     assert weights.position == pytest.approx(0.002 / (SCALE * 0.02), rel=1e-5)
     assert weights.turn == 0.0
-    near = parts.squared_parts(it.table, given, parts.PartTolerances(1e-9, math.pi))
+    near = parts.squared_parts(it.table, settings, parts.PartTolerances(1e-9, math.pi))
     assert (near.turn2, parts.weights_of(it.table, near).position) == (math.inf, parts.LIGHTEST)
 
 

@@ -64,9 +64,9 @@ def judged(chain: Chain, q: Array, target: Array) -> dict[str, float]:
     turn about it.
     """
     X = chain.forward(q)
-    z, wanted = X[:3, 2], target[:3, 2]
-    axis = np.cross(z, wanted)
-    tilt = math.atan2(float(np.linalg.norm(axis)), float(z @ wanted))
+    z, axis_goal = X[:3, 2], target[:3, 2]
+    axis = np.cross(z, axis_goal)
+    tilt = math.atan2(float(np.linalg.norm(axis)), float(z @ axis_goal))
     aligned = exp_so3(tilt * axis / max(np.linalg.norm(axis), 1e-300)) @ X[:3, :3]
     return {
         "position_tolerance": float(np.linalg.norm(X[:3, 3] - target[:3, 3])),
@@ -80,11 +80,11 @@ def judged(chain: Chain, q: Array, target: Array) -> dict[str, float]:
 
 def claimed(kind: str) -> dict[str, float]:
     """Tolerances of a kind of target, those that count alone."""
-    given = {"position_tolerance": 1e-4, "orientation_tolerance": 1e-3} | KINDS[kind]
-    if "axis_tolerance" in given or "turn_tolerance" in given:
-        whole = given.pop("orientation_tolerance")
-        given = {"axis_tolerance": whole, "turn_tolerance": whole} | given
-    return {name: value for name, value in given.items() if value < INF}
+    tolerances = {"position_tolerance": 1e-4, "orientation_tolerance": 1e-3} | KINDS[kind]
+    if "axis_tolerance" in tolerances or "turn_tolerance" in tolerances:
+        whole = tolerances.pop("orientation_tolerance")
+        tolerances = {"axis_tolerance": whole, "turn_tolerance": whole} | tolerances
+    return {name: tolerance for name, tolerance in tolerances.items() if tolerance < INF}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -106,11 +106,11 @@ def test_every_target_that_is_reachable_is_found(
         targets[:, :3, :3] = targets[:, :3, :3] @ exp_so3([0.2, -0.15, 0.2])
     start = drawn(chain, rng)
 
-    found = solve_many(chain, targets, start, **untyped(KINDS[kind]))
+    solutions = solve_many(chain, targets, start, **untyped(KINDS[kind]))
 
-    assert found.converged.all()
+    assert solutions.converged.all()
     for target, q, axis, turn in zip(
-        targets, found.q, found.axis_error, found.turn_error, strict=True
+        targets, solutions.q, solutions.axis_error, solutions.turn_error, strict=True
     ):
         assert np.all((q >= chain.limits[:, 0]) & (q <= chain.limits[:, 1]))
         errors = judged(chain, q, target)
@@ -130,19 +130,19 @@ def test_no_claim_is_false(kind: str, branch: str, rng: np.random.Generator) -> 
     for chain in (CHAINS["URDF of 3"], CHAINS["drawn 5"]):
         for _ in range(30):
             target = pose(Rotation.random(random_state=rng).as_matrix(), rng.uniform(-0.2, 0.2, 3))
-            result = solve(
+            solution = solve(
                 chain, target, drawn(chain, rng), branch=untyped(branch), **untyped(KINDS[kind])
             )
-            errors = judged(chain, result.q, target)
+            errors = judged(chain, solution.q, target)
             within = all(
                 errors[name] <= tolerance + 1e-9 for name, tolerance in claimed(kind).items()
             )
-            assert within or not result.converged
-            assert result.position_error == pytest.approx(errors["position_tolerance"], abs=1e-9)
-            assert result.orientation_error == pytest.approx(
+            assert within or not solution.converged
+            assert solution.position_error == pytest.approx(errors["position_tolerance"], abs=1e-9)
+            assert solution.orientation_error == pytest.approx(
                 errors["orientation_tolerance"], abs=1e-6
             )
-            met += result.converged
+            met += solution.converged
     assert met < 60 or "position" not in kind
 
 
@@ -153,25 +153,29 @@ def test_one_at_a_time_equals_many(rng: np.random.Generator) -> None:
     for kind in KINDS.values():
         many = solve_many(chain, targets, start, **untyped(kind), options=IkOptions(threads=2))
         for i, target in enumerate(targets):
-            one = solve(chain, target, start, **untyped(kind))
-            np.testing.assert_array_equal(one.q, many.q[i])
-            assert (one.axis_error, one.turn_error) == (many[i].axis_error, many[i].turn_error)
+            single = solve(chain, target, start, **untyped(kind))
+            np.testing.assert_array_equal(single.q, many.q[i])
+            assert (single.axis_error, single.turn_error) == (
+                many[i].axis_error,
+                many[i].turn_error,
+            )
     whole = solve(chain, targets[0], start)
     assert math.isnan(whole.axis_error)
     for branch in ("free", "keep"):  # the first call and those after it go the same way
-        results = [
+        solutions = [
             solve(chain, targets[0], start, orientation_tolerance=0.5, branch=untyped(branch))
             for _ in range(3)
         ]
-        np.testing.assert_array_equal(results[0].q, results[1].q)
-        np.testing.assert_array_equal(results[1].q, results[2].q)
-        assert not math.isnan(results[2].axis_error)
+        np.testing.assert_array_equal(solutions[0].q, solutions[1].q)
+        np.testing.assert_array_equal(solutions[1].q, solutions[2].q)
+        assert not math.isnan(solutions[2].axis_error)
     assert np.isnan(solve_many(chain, targets, start).turn_error).all()
 
 
 def test_history_and_single_precision(rng: np.random.Generator) -> None:
     chain = CHAINS["drawn 5"]
-    target, start = chain.forward(drawn(chain, rng)), drawn(chain, rng)
+    target = chain.forward(drawn(chain, rng))
+    start = drawn(chain, rng)
     traced = solve(chain, target, start, turn_tolerance=INF, options=IkOptions(history=True))
     plain = solve(chain, target, start, turn_tolerance=INF)
     assert traced.history is not None
@@ -203,7 +207,7 @@ def test_a_stretched_arm_trades_one_error_for_the_other(
     are there.
     """
     chain = CHAINS["UR5"]
-    found = []
+    solutions = []
     for _ in range(30):
         q = rng.uniform(-3.0, 3.0, 6)
         q[2] = rng.uniform(-0.02, 0.02)  # the elbow
@@ -212,10 +216,12 @@ def test_a_stretched_arm_trades_one_error_for_the_other(
         tilt = rng.normal(size=3)
         tilt *= 0.9e-3 / np.linalg.norm(tilt)
         target = pose(X[:3, :3] @ exp_so3(tilt), X[:3, 3] + 0.9e-4 * outwards)
-        found.append(solve(chain, target, q + rng.uniform(-0.05, 0.05, 6), branch=untyped(branch)))
-        assert not found[-1].converged or found[-1].position_error <= 1e-4
-        assert not found[-1].converged or found[-1].orientation_error <= 1e-3
-    assert sum(result.converged for result in found) >= 29
+        solutions.append(
+            solve(chain, target, q + rng.uniform(-0.05, 0.05, 6), branch=untyped(branch))
+        )
+        assert not solutions[-1].converged or solutions[-1].position_error <= 1e-4
+        assert not solutions[-1].converged or solutions[-1].orientation_error <= 1e-3
+    assert sum(solution.converged for solution in solutions) >= 29
 
 
 @pytest.mark.parametrize(

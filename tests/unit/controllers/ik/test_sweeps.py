@@ -40,7 +40,9 @@ def only(it: Plain, joint: int, q: Array) -> None:
 
 def test_a_vector_is_turned_about_an_axis(rng: np.random.Generator) -> None:
     for _ in range(10):
-        v, axis, angle = rng.normal(size=3), rng.normal(size=3), rng.uniform(-3, 3)
+        v = rng.normal(size=3)
+        axis = rng.normal(size=3)
+        angle = rng.uniform(-3, 3)
         axis /= np.linalg.norm(axis)
         turned = sweeps.turn(*v, *axis, math.cos(angle), math.sin(angle))
         np.testing.assert_allclose(turned, exp_so3(angle * axis) @ v, atol=1e-13)
@@ -64,8 +66,8 @@ def test_each_joint_takes_the_exact_minimiser_within_its_limits(
         assert lower <= it.q[joint] <= upper
         grid = np.linspace(lower, upper, 40)
         tried = [
-            objective(it, np.where(np.arange(it.chain.n) == joint, value, q), weight)
-            for value in grid
+            objective(it, np.where(np.arange(it.chain.n) == joint, angle, q), weight)
+            for angle in grid
         ]
         # The nearer limit need not be the better one: then the step is at least no worse than none.
         bound = objective(it, q, weight) if it.q[joint] in (lower, upper) else min(tried)
@@ -79,13 +81,13 @@ def test_a_sweep_carries_its_tip_along(kinds: str, rng: np.random.Generator) -> 
     it.aim(by_exponentials(it.chain, drawn_q(it.chain, rng)))
     start = drawn_q(it.chain, rng)
     for mode in (kernels.ALONG, kernels.WITHIN):
-        one, whole = start.copy(), start.copy()
+        alone, whole = start.copy(), start.copy()
         for joint in reversed(range(it.chain.n)):
-            only(it, joint, one)
-            sweeps.sweep(it.table, it.goal, 0.1, mode, one, it.work)
+            only(it, joint, alone)
+            sweeps.sweep(it.table, it.goal, 0.1, mode, alone, it.work)
         it.table[kernels.HEAD :, kernels.LOWER : kernels.UPPER + 1] = it.chain.limits
         sweeps.sweep(it.table, it.goal, 0.1, mode, whole, it.work)
-        np.testing.assert_allclose(whole, one, atol=1e-9)
+        np.testing.assert_allclose(whole, alone, atol=1e-9)
     sweeps.sweep(it.table, it.goal, 0.1, kernels.THROUGH, whole := start.copy(), it.work)
     assert objective(it, whole, 0.1) <= objective(it, start, 0.1) + 1e-12
     slides = np.array([kind == "p" for kind in kinds])
@@ -107,9 +109,12 @@ def test_limits_are_kept_jumped_or_passed() -> None:
 
 
 def test_mixing_is_least_squares(rng: np.random.Generator) -> None:
-    n, depth = 8, sweeps.DEPTH
+    n = 8
+    depth = sweeps.DEPTH
     for count in (1, 2, depth):
-        past, normal, q = rng.normal(size=(n, kernels.PAST)), np.full((6, 8), np.nan), np.empty(n)
+        past = rng.normal(size=(n, kernels.PAST))
+        normal = np.full((6, 8), np.nan)
+        q = np.empty(n)
         turns = past[:, sweeps.TURNS : sweeps.TURNS + count]
         steps = past[:, sweeps.STEPS : sweeps.STEPS + count]
         y = np.linalg.lstsq(turns, past[:, sweeps.RESIDUAL], rcond=None)[0]
@@ -119,7 +124,8 @@ def test_mixing_is_least_squares(rng: np.random.Generator) -> None:
 
 
 def test_mixing_takes_dependent_differences(rng: np.random.Generator) -> None:
-    past, q = rng.normal(size=(6, kernels.PAST)), np.empty(6)
+    past = rng.normal(size=(6, kernels.PAST))
+    q = np.empty(6)
     past[:, sweeps.TURNS + 1] = past[:, sweeps.TURNS]
     past[:, sweeps.STEPS + 1] = past[:, sweeps.STEPS]
     sweeps.mix(1, past, np.zeros((6, 8)), q)
@@ -134,10 +140,10 @@ def test_mixing_takes_dependent_differences(rng: np.random.Generator) -> None:
 def run(it: Plain, start: Array, mode: int, limit: int, best2: float = math.inf) -> tuple:
     trail = np.full((400, it.chain.n), np.nan)
     it.q[:] = start
-    found = sweeps.accelerate(
+    minimum = sweeps.accelerate(
         it.views, 0.03, kernels.Near(1e-12, 1e-12), limit, mode, best2, trail, 1
     )
-    return *found, trail
+    return *minimum, trail
 
 
 @pytest.mark.parametrize("mode", [kernels.ALONG, kernels.WITHIN, kernels.THROUGH])
@@ -171,11 +177,12 @@ def solve(
     it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool, **changed: float
 ) -> tuple:
     tolerances = {"p": 1e-5, "r": 1e-4} | changed
-    out, trail = np.full(it.chain.n, np.nan), np.empty((0, it.chain.n))
+    out = np.full(it.chain.n, np.nan)
+    trail = np.empty((0, it.chain.n))
     with np.errstate(over="ignore"):
         how = settings(tolerances["p"], tolerances["r"], limit, restarts, keep)
-        found = sweeps.solve_jacobian_free(it.memory, X, q0, how, trail, out)
-    return *found, out
+        solution = sweeps.solve_jacobian_free(it.memory, X, q0, how, trail, out)
+    return *solution, out
 
 
 @pytest.mark.parametrize("keep", [False, True])

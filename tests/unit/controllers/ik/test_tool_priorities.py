@@ -35,13 +35,18 @@ def by_pseudo_inverses(J: Array, z: Array, twist: Array, posture: Array) -> tupl
         (across @ J[3:], across @ twist[3:]),
         (z[None] @ J[3:], z[None] @ twist[3:]),
     )
-    rates, free, least = np.zeros(len(posture)), np.eye(len(posture)), np.inf
-    for A, wanted in tasks[: 3 if len(posture) >= FULL else 2]:
-        left, values, right = np.linalg.svd(A @ free, full_matrices=False)
-        least = min(least, float(values.min(where=values > 1e-6, initial=np.inf)))
-        values = np.divide(1.0, values, out=np.zeros_like(values), where=values > 1e-6)
-        inverse_of = (right.T * values) @ left.T
-        rates, free = rates + inverse_of @ (wanted - A @ rates), free - inverse_of @ (A @ free)
+    rates = np.zeros(len(posture))
+    free = np.eye(len(posture))
+    least = np.inf
+    for A, b in tasks[: 3 if len(posture) >= FULL else 2]:
+        left, singular_values, right = np.linalg.svd(A @ free, full_matrices=False)
+        least = min(least, float(singular_values.min(where=singular_values > 1e-6, initial=np.inf)))
+        singular_values = np.divide(
+            1.0, singular_values, out=np.zeros_like(singular_values), where=singular_values > 1e-6
+        )
+        inverse_of = (right.T * singular_values) @ left.T
+        rates = rates + inverse_of @ (b - A @ rates)
+        free = free - inverse_of @ (A @ free)
     return rates + free @ posture, least
 
 
@@ -49,7 +54,9 @@ def by_pseudo_inverses(J: Array, z: Array, twist: Array, posture: Array) -> tupl
 def test_the_rates_are_those_of_pseudo_inverses(rng, within, n):
     off = []
     for _ in range(50):
-        J, twist, posture = rng.normal(size=(6, n)), rng.normal(size=6), rng.normal(size=n)
+        J = rng.normal(size=(6, n))
+        twist = rng.normal(size=6)
+        posture = rng.normal(size=n)
         z = rng.normal(size=3)
         z /= np.linalg.norm(z)
         rates = np.empty(n)
@@ -62,7 +69,9 @@ def test_the_rates_are_those_of_pseudo_inverses(rng, within, n):
 
 
 def test_a_joint_that_is_held_does_not_move_and_the_position_is_kept(rng):
-    J, twist, rates = rng.normal(size=(6, 7)), rng.normal(size=6), np.empty(7)
+    J = rng.normal(size=(6, 7))
+    twist = rng.normal(size=6)
+    rates = np.empty(7)
     held = np.zeros(7, dtype=bool)
     held[2] = True
     prioritised(J, np.array([0.0, 0.0, 1.0]), twist, DAMPING, np.zeros(7), held, rates)
@@ -75,11 +84,12 @@ def test_arms_of_six_and_seven_joints_meet_the_whole_pose(rng, within, name):
     """Targets within 0.3 rad of the start; a few lie behind a limit."""
     chain = Chain.from_arm(published_arms.load(name))
     low, high = np.clip(chain.limits, -3.0, 3.0).T
-    met, off = 0, 0.0
+    met = 0
+    off = 0.0
     for _ in range(40):
         q = low + (0.2 + 0.6 * rng.random(chain.n)) * (high - low)
         X = chain.forward(q)
-        found = solve(
+        solution = solve(
             chain,
             X,
             np.clip(q + rng.uniform(-0.3, 0.3, chain.n), low, high),
@@ -87,13 +97,13 @@ def test_arms_of_six_and_seven_joints_meet_the_whole_pose(rng, within, name):
             1e-5,
             "priority",
         )
-        met += found.converged
-        if found.converged:
-            there = inverse(chain.forward(found.q)) @ X
+        met += solution.converged
+        if solution.converged:
+            X_error = inverse(chain.forward(solution.q)) @ X
             off = max(
                 off,
-                float(np.linalg.norm(there[:3, 3])),
-                float(np.linalg.norm(log_so3(there[:3, :3]))),
+                float(np.linalg.norm(X_error[:3, 3])),
+                float(np.linalg.norm(log_so3(X_error[:3, :3]))),
             )
     assert met >= 36
     within("whole pose, turn about the axis included [m, rad]", off, 1e-5)
@@ -109,8 +119,8 @@ def test_four_joints_meet_the_position_and_lean_the_least(rng, within, four):
             [rng.uniform(-1, 1), rng.uniform(0.9, 2.0), rng.uniform(0.9, 1.7), rng.uniform(-1, 1)]
         )
         X = four.forward(q) @ pose(exp_so3(0.3 * rng.normal(size=3)), 0.03 * rng.normal(size=3))
-        found = solve(four, X, q, 1e-6, np.pi, "priority")
-        assert found.position_error < 1e-6
+        solution = solve(four, X, q, 1e-6, np.pi, "priority")
+        assert solution.position_error < 1e-6
 
         def lean(q: Array, X: Array = X) -> float:
             return float(np.arccos(np.clip(four.forward(q)[:3, 2] @ X[:3, 2], -1.0, 1.0)))
@@ -123,9 +133,9 @@ def test_four_joints_meet_the_position_and_lean_the_least(rng, within, four):
             bounds=four.limits,
             options={"ftol": 1e-10, "maxiter": 300},
         )
-        assert found.orientation_error == pytest.approx(lean(found.q), abs=1e-6)
+        assert solution.orientation_error == pytest.approx(lean(solution.q), abs=1e-6)
         if least.success:
-            worse.append(found.orientation_error - lean(least.x))
+            worse.append(solution.orientation_error - lean(least.x))
     assert len(worse) >= 6
     within("lean above the least one [rad]", max(worse), 2e-4)
 
@@ -137,8 +147,8 @@ def test_a_place_out_of_reach_is_approached_as_far_as_it_goes(within, four):
     q = np.array([0.0, 1.6, 2.4, 0.0])
     X = four.forward(q)
     far = pose(X[:3, :3], 3.0 * X[:3, 3])
-    found = solve(four, far, q, 1e-6, 0.5, "priority")
-    assert not found.converged
+    solution = solve(four, far, q, 1e-6, 0.5, "priority")
+    assert not solution.converged
 
     def distance(q: Array) -> float:
         return float(np.linalg.norm(four.forward(q)[:3, 3] - far[:3, 3]))
@@ -147,7 +157,7 @@ def test_a_place_out_of_reach_is_approached_as_far_as_it_goes(within, four):
         minimize(distance, start, bounds=four.limits, method="L-BFGS-B").fun
         for start in (q, np.array([0.0, 1.0, 3.0, 0.0]), np.array([0.0, 2.0, 3.4, 0.0]))
     )
-    within("distance beyond the nearest place [m]", found.position_error - nearest, 1e-4)
+    within("distance beyond the nearest place [m]", solution.position_error - nearest, 1e-4)
 
 
 def test_a_seventh_joint_keeps_the_others_off_their_limits(rng):
@@ -157,11 +167,14 @@ def test_a_seventh_joint_keeps_the_others_off_their_limits(rng):
     inside = 0
     for _ in range(20):
         q = low + (0.25 + 0.5 * rng.random(7)) * (high - low)
-        X, near = chain.forward(q), q.copy()
+        X = chain.forward(q)
+        near = q.copy()
         near[2] = high[2] - 0.05
-        found = solve(chain, X, near, 1e-6, 1e-5, "priority", options=IkOptions(max_iterations=400))
-        if found.converged:
+        solution = solve(
+            chain, X, near, 1e-6, 1e-5, "priority", options=IkOptions(max_iterations=400)
+        )
+        if solution.converged:
             inside += bool(
-                np.all(found.q > low + 0.9 * zone) and np.all(found.q < high - 0.9 * zone)
+                np.all(solution.q > low + 0.9 * zone) and np.all(solution.q < high - 0.9 * zone)
             )
     assert inside >= 12

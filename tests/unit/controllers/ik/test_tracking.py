@@ -153,10 +153,8 @@ def test_far_from_singular_configurations_passing_changes_nothing(method: Method
         "position_tolerance": 1e-5,
         "orientation_tolerance": 1e-4,
     }
-    passed, plain = (
-        track(chain, poses, q0, **options),
-        track(chain, poses, q0, passing="off", **options),
-    )
+    passed = track(chain, poses, q0, **options)
+    plain = track(chain, poses, q0, passing="off", **options)
     assert set(passed.way) == {"none"}
     assert np.all(passed.converged)
     np.testing.assert_array_equal(passed.q, plain.q)
@@ -169,14 +167,14 @@ def test_a_tracker_keeps_no_state_of_its_own() -> None:
     chain = Chain.from_dh(PUMA)
     q0, poses = through_the_wrist_lock(chain, 0.02)
     tracker = Tracker(chain, PERIOD)
-    one = two = tracker.init(q0)
+    first = two = tracker.init(q0)
     for i in range(200):
-        one, _ = tracker.step(one, poses[i])
+        first, _ = tracker.step(first, poses[i])
         if i % 2:
             two, _ = tracker.step(two, poses[i])
     alone = track(chain, poses[:200], q0, PERIOD)
-    np.testing.assert_array_equal(one.q, alone.q[-1])
-    assert not np.array_equal(one.q, two.q)
+    np.testing.assert_array_equal(first.q, alone.q[-1])
+    assert not np.array_equal(first.q, two.q)
 
 
 @pytest.mark.parametrize("method", ["jacobian_free", "plain"])
@@ -186,15 +184,16 @@ def test_a_solver_called_by_address_has_the_bits_of_solve(method: Method) -> Non
     for _ in range(20):
         q0 = rng.uniform(-2.0, 2.0, chain.n)
         X = np.ascontiguousarray(chain.forward(q0 + rng.uniform(-0.05, 0.05, chain.n)))
-        q, errors = np.empty(chain.n), np.empty(2)
+        q = np.empty(chain.n)
+        errors = np.empty(2)
         code = solve_at(
             solver_address(method), chain.memory(), X, q0, (1e-6, 1e-5), 4000, q, errors
         )
         most = IkOptions(max_iterations=4000)
-        result = solve(chain, X, q0, 1e-6, 1e-5, method=method, branch="keep", options=most)
-        assert (code == 0) == result.converged
-        assert np.array_equal(q, result.q)
-        assert (errors[0], errors[1]) == (result.position_error, result.orientation_error)
+        solution = solve(chain, X, q0, 1e-6, 1e-5, method=method, branch="keep", options=most)
+        assert (code == 0) == solution.converged
+        assert np.array_equal(q, solution.q)
+        assert (errors[0], errors[1]) == (solution.position_error, solution.orientation_error)
 
 
 def test_tracking_keeps_joint_limits() -> None:
@@ -202,9 +201,9 @@ def test_tracking_keeps_joint_limits() -> None:
     limits[4] = 0.2, 2.8  # the wrist may not straighten
     chain = Chain.from_dh(PUMA, limits=limits)
     q0, poses = through_the_wrist_lock(Chain.from_dh(PUMA), 0.02)
-    result = track(chain, poses, q0, PERIOD)
-    assert np.all((result.q >= limits[:, 0]) & (result.q <= limits[:, 1]))
-    assert not result.converged[-1]
+    tracked = track(chain, poses, q0, PERIOD)
+    assert np.all((tracked.q >= limits[:, 0]) & (tracked.q <= limits[:, 1]))
+    assert not tracked.converged[-1]
 
 
 @pytest.mark.parametrize(
@@ -234,11 +233,11 @@ def test_bad_tracking_is_refused(change: dict[str, object], names: str) -> None:
 def test_tolerances_that_differ_very_much_are_tracked() -> None:
     chain = Chain.from_dh(PUMA, limits=np.tile([-3, 3], (6, 1)))
     q0, poses = through_the_wrist_lock(chain, 0.02)
-    result = track(
+    tracked = track(
         chain, poses[:3], q0, PERIOD, position_tolerance=1e-3, orientation_tolerance=1e-7
     )
-    assert result.converged.all()
-    assert result.orientation_error.max() <= 1e-7
+    assert tracked.converged.all()
+    assert tracked.orientation_error.max() <= 1e-7
 
 
 def test_keep_refuses_answers_beyond_a_singular_configuration_of_seven_joints() -> None:
@@ -251,18 +250,18 @@ def test_keep_refuses_answers_beyond_a_singular_configuration_of_seven_joints() 
     lost = 0
     for near in np.linspace(0.0, 0.2, 5):
         target = chain.forward(mirrored + near)
-        result = solve(chain, target, q0, branch="keep")
-        if result.converged:
-            assert result.q[3] * q0[3] > 0.0
-        lost += "singular" in result.cause
+        solution = solve(chain, target, q0, branch="keep")
+        if solution.converged:
+            assert solution.q[3] * q0[3] > 0.0
+        lost += "singular" in solution.cause
         assert solve(chain, target, q0).converged
     print(f"{lost} of 5 lost their branch")
     # far, but on the branch: the arm's self-motion and the joints about it
     for shift in (0.7, 0.9):
         moved = q0 + shift * np.array([1.0, 0.0, 0.0, 0.1, 0.0, 0.1, 1.0])
-        result = solve(chain, chain.forward(moved), q0, branch="keep")
-        assert result.converged
-        assert result.cause == "converged"
+        solution = solve(chain, chain.forward(moved), q0, branch="keep")
+        assert solution.converged
+        assert solution.cause == "converged"
 
 
 @pytest.mark.parametrize("count", [3, 6])
@@ -272,21 +271,20 @@ def test_keep_tells_elbow_up_from_elbow_down(count: int) -> None:
     """
     if count == 3:
         chain = Chain.from_dh([(0, 0, 0.5, 0), (0, 0, 0.4, 0), (0, 0, 0.2, 0)])
-        down, up = np.array([0.2, 1.0, 0.3]), np.array([1.2, -0.9, 0.4])
+        down = np.array([0.2, 1.0, 0.3])
+        up = np.array([1.2, -0.9, 0.4])
     else:
         chain = Chain.from_dh(PUMA)
-        down, up = (
-            np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]),
-            np.array([0.3, 0.5, 2.7, 0.2, 0.9, 0.1]),
-        )
+        down = np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1])
+        up = np.array([0.3, 0.5, 2.7, 0.2, 0.9, 0.1])
     for blend in np.linspace(0.0, 1.0, 21):
-        result = solve(chain, chain.forward(down + blend * (up - down)), down, branch="keep")
-        assert result.restarts == 0
-        if result.converged:
+        solution = solve(chain, chain.forward(down + blend * (up - down)), down, branch="keep")
+        assert solution.restarts == 0
+        if solution.converged:
             square = [
                 chain.jacobian(q)[[0, 1, 5]] if count == 3 else chain.jacobian(q)
-                for q in (down, result.q)
+                for q in (down, solution.q)
             ]
             assert np.linalg.det(square[0]) * np.linalg.det(square[1]) > 0.0
         else:
-            assert "converged" not in result.cause
+            assert "converged" not in solution.cause

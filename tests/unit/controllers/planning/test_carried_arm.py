@@ -46,11 +46,14 @@ def on_barrel(name: str) -> tuple[ToolPath, Array]:
     """Middle half of a path on a barrel, and the barrel's points; no level hull can follow half a
     turn about it.
     """
-    target, X_WT = barrel(), pose(exp_so3([0.0, 0.0, 0.7]), [0.4, 0.2, -2.0])
-    line, R = target.path(name), X_WT[:3, :3]
+    target = barrel()
+    X_WT = pose(exp_so3([0.0, 0.0, 0.7]), [0.4, 0.2, -2.0])
+    line = target.path(name)
+    R = X_WT[:3, :3]
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line.p, axis=0), axis=1))])
-    p, seen = transform_points(X_WT, line.p), np.ones(len(s), dtype=bool)
-    path = ToolPath(s=s, p=p, z=line.a @ R.T, x=line.b @ R.T, on_scan=seen)
+    p = transform_points(X_WT, line.p)
+    on_scan = np.ones(len(s), dtype=bool)
+    path = ToolPath(s=s, p=p, z=line.a @ R.T, x=line.b @ R.T, on_scan=on_scan)
     return middle_part(path, 0.5), transform_points(X_WT, target.vertices)
 
 
@@ -71,13 +74,14 @@ def test_hull_and_arm_are_one_chain(rng, within):
 
 def test_the_arm_puts_the_tool_on_the_path_everywhere(work, within):
     path, _, placement = work
-    q, off = placement.q_start, []
+    q = placement.q_start
+    off = []
     for share in np.linspace(0.0, 1.0, 41):
         X_WG = tool_pose(path, share * float(path.s[-1]), placement.roll)[0]
-        found = posture_for(CHAIN, inverse(placement.hull_at(share) @ VEHICLE.X_BA) @ X_WG, q)
-        q = found.q
-        off.append(found.position_error)
-        assert found.orientation_error < TILT
+        posture = posture_for(CHAIN, inverse(placement.hull_at(share) @ VEHICLE.X_BA) @ X_WG, q)
+        q = posture.q
+        off.append(posture.position_error)
+        assert posture.orientation_error < TILT
         assert np.all((q > VEHICLE.q_limits[:, 0]) & (q < VEHICLE.q_limits[:, 1]))
     within("tool off the path [m]", max(off), 1e-6)
 
@@ -111,10 +115,10 @@ def test_hull_and_arm_of_four_joints_meet_position_and_axis_of_poses_near_by(rng
     off, moved = [], []
     for _ in range(40):
         q = low + (0.2 + 0.6 * rng.random(4)) * (high - low)
-        there = np.concatenate([rng.uniform(-1.0, 1.0, 3), [rng.uniform(-1.0, 1.0)], q])
+        configuration = np.concatenate([rng.uniform(-1.0, 1.0, 3), [rng.uniform(-1.0, 1.0)], q])
         start = np.concatenate([np.zeros(HULL_JOINTS), VEHICLE.q_ready])
-        found = solve(whole, whole.forward(there), start, 1e-5, 1e-3, "priority")
-        off.append(not found.converged)
-        moved.append(float(np.linalg.norm(found.q[:3])))
+        solution = solve(whole, whole.forward(configuration), start, 1e-5, 1e-3, "priority")
+        off.append(not solution.converged)
+        moved.append(float(np.linalg.norm(solution.q[:3])))
     assert np.mean(off) <= 0.1
     assert np.median(moved) < 2.0

@@ -57,11 +57,12 @@ def pings(ground: Seabed, beams: DvlBeams, count: int, seed: int = 0) -> list[Dv
     hull = model.body("hull").id
     data.xpos[hull], data.xmat[hull] = X_WB[:3, 3], X_WB[:3, :3].ravel()
     sensor = DvlRanges.on(model, "hull", P_BD, beams)
-    state, seen = sensor.init(np.random.default_rng(seed)), []
+    state = sensor.init(np.random.default_rng(seed))
+    measured = []
     for i in range(count):
         state, measurement = sensor.step(state, data)
-        seen.append(replace(measurement, time=0.1 * i))
-    return seen
+        measured.append(replace(measurement, time=0.1 * i))
+    return measured
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,11 @@ class Still:
 def estimate(ground: Seabed, beams: DvlBeams, count: int = 10, seed: int = 0) -> StateEstimate:
     """After `count` pings over `ground`."""
     below = GroundPlaneEstimator(untyped(Still()))
-    state, told = below.init([]), ESTIMATE
+    state = below.init([])
+    estimated = ESTIMATE
     for ping in pings(ground, beams, count, seed):
-        state, told = below.step(state, [ping])
-    return told
+        state, estimated = below.step(state, [ping])
+    return estimated
 
 
 def level(X: Array) -> Array:
@@ -102,14 +104,14 @@ def test_ranges_end_on_the_ground(within):
 def test_the_plane_of_a_slope_is_found_exactly_without_noise(within):
     ground = slope(0.2, -0.1)
     for dead in ((), (2,)):  # four beams, and three
-        found = estimate(ground, replace(NO_NOISE, dead=dead)).ground
-        assert found is not None
-        assert found.beams == 4 - len(dead)
-        assert found.silent == dead
+        plane = estimate(ground, replace(NO_NOISE, dead=dead)).ground
+        assert plane is not None
+        assert plane.beams == 4 - len(dead)
+        assert plane.silent == dead
         true = np.array([-0.2, 0.1, 1.0])
-        within("normal", found.normal_W - true / np.linalg.norm(true), 1e-5)
-        within("point [m]", found.p_W[2] - ground.height(found.p_W), 1e-4)
-        within("scatter [m]", found.scatter, 1e-4)
+        within("normal", plane.normal_W - true / np.linalg.norm(true), 1e-5)
+        within("point [m]", plane.p_W[2] - ground.height(plane.p_W), 1e-4)
+        within("scatter [m]", plane.scatter, 1e-4)
 
 
 def test_noise_and_dropouts_average_out(within, rng):
@@ -117,12 +119,12 @@ def test_noise_and_dropouts_average_out(within, rng):
     slope: 7 sigma.
     """
     ground = slope(0.1, 0.15)
-    found = estimate(ground, DvlBeams(dropouts=0.1), seed=int(rng.integers(2**31))).ground
-    assert found is not None
-    assert found.beams == 4
-    within("height [m]", found.p_W[2] - ground.height(found.p_W), 0.08)
+    plane = estimate(ground, DvlBeams(dropouts=0.1), seed=int(rng.integers(2**31))).ground
+    assert plane is not None
+    assert plane.beams == 4
+    within("height [m]", plane.p_W[2] - ground.height(plane.p_W), 0.08)
     true = np.array([-0.1, -0.15, 1.0])
-    cosine = found.normal_W @ true / np.linalg.norm(true)
+    cosine = plane.normal_W @ true / np.linalg.norm(true)
     within("angle [deg]", np.degrees(np.arccos(min(1.0, cosine))), 5.0)
 
 

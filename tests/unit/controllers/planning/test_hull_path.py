@@ -29,9 +29,9 @@ NEAREST = CLEARANCE - 0.08
 
 @pytest.fixture(scope="module")
 def passing() -> HullPath:
-    own = models.load("uuv_puma_side").compile()
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
-    return HullPath(Vehicle.of(own), chain, HULL_BOX, transform_points(X_WT, pile().vertices))
+    model = models.load("uuv_puma_side").compile()
+    chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    return HullPath(Vehicle.of(model), chain, HULL_BOX, transform_points(X_WT, pile().vertices))
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +45,10 @@ def nearest(site: mujoco.MjModel, poses: list[Array]) -> float:
     mujoco.mj_resetDataKeyframe(site, data, 0)
     hull = site.body(HULL_BODY).id
     felt = [g for g in range(site.ngeom) if site.geom_contype[g] or site.geom_conaffinity[g]]
-    own = [g for g in felt if site.body_rootid[site.geom_bodyid[g]] == hull]
-    there = [g for g in felt if site.geom(g).name.startswith("target")]
-    assert own
-    assert there
+    hull_geoms = [g for g in felt if site.body_rootid[site.geom_bodyid[g]] == hull]
+    object_geoms = [g for g in felt if site.geom(g).name.startswith("target")]
+    assert hull_geoms
+    assert object_geoms
     gap = np.inf
     for start, end in pairwise(poses):
         turn = np.arctan2(*(start[:3, :3].T @ end[:3, :3])[[1, 0], 0])
@@ -61,7 +61,11 @@ def nearest(site: mujoco.MjModel, poses: list[Array]) -> float:
             mujoco.mj_kinematics(site, data)
             gap = min(
                 gap,
-                *(mujoco.mj_geomDistance(site, data, a, b, 1.0, None) for a in own for b in there),
+                *(
+                    mujoco.mj_geomDistance(site, data, a, b, 1.0, None)
+                    for a in hull_geoms
+                    for b in object_geoms
+                ),
             )
     return gap
 
@@ -82,7 +86,8 @@ def test_straight_where_there_is_room(passing):
 def test_goes_around_what_the_folded_arm_would_strike(passing, site, seed):
     rng = np.random.default_rng(seed)
     for _ in range(3):
-        bearing, turn = rng.uniform(-np.pi, np.pi), rng.choice([-1.0, 1.0]) * rng.uniform(1.2, 2.0)
+        bearing = rng.uniform(-np.pi, np.pi)
+        turn = rng.choice([-1.0, 1.0]) * rng.uniform(1.2, 2.0)
         X_from = beside(bearing, bearing + np.pi, rng.uniform(1.9, 2.2))
         X_to = beside(bearing + turn, bearing + turn + np.pi / 2.0, rng.uniform(1.9, 2.2))
         way = passing.way(X_from, X_to)
@@ -90,3 +95,17 @@ def test_goes_around_what_the_folded_arm_would_strike(passing, site, seed):
         straight = passing.least_gap([X_from, X_to])
         assert (len(way) == 1) == (straight >= CLEARANCE), seed
         assert nearest(site, [X_from, *way]) > NEAREST, seed
+
+
+def test_a_clearance_is_kept_where_the_gap_is_as_large(passing, rng):
+    """The sooner answer is that of the gap, to its last bit."""
+    answers = set()
+    for _ in range(40):
+        bearing, heading = rng.uniform(-np.pi, np.pi, 2)
+        X_WB = beside(bearing, heading, rng.uniform(1.2, 2.2))
+        gap = passing.gap(X_WB)
+        for clearance in (gap, np.nextafter(gap, np.inf), rng.uniform(0.0, 0.6)):
+            kept = passing.keeps(X_WB, clearance)
+            assert kept == (gap >= clearance)
+            answers.add((kept, clearance == gap))
+    assert answers == {(True, True), (True, False), (False, False)}

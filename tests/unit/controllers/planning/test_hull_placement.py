@@ -88,7 +88,8 @@ def test_tool_pose_and_its_change_along_an_arc(within):
             within("orthonormal", X[:3, :3].T @ X[:3, :3] - np.eye(3), 1e-14)
             radius = np.linalg.norm((inverse(X_WT) @ X)[1:3, 3])
             within("on the barrel [m]", radius - 0.3, 1.1e-5)  # the sagitta of 5 mm chords
-            outward, axle = -X[:3, 2], X_WT[:3, 0]
+            outward = -X[:3, 2]
+            axle = X_WT[:3, 0]
             # half the angle of a chord
             within("change of place", tangent - np.cross(axle, outward), 9e-3)
             within("change of axes [rad/m]", turn - axle / 0.3, 1e-3)  # measured 7e-5
@@ -155,13 +156,14 @@ def test_whole_path_is_worked_from_the_placement(vehicle_name, target, name, X_W
     off = tool_pose(path, 0.0, placement.roll)[0]
     off[:3, 3] -= STANDOFF * off[:3, 2]
     reached(placement.q_start, off)
-    X_AW, q = inverse(placement.X_WB @ vehicle.X_BA), placement.q_start
+    X_AW = inverse(placement.X_WB @ vehicle.X_BA)
+    q = placement.q_start
     for s in np.linspace(0.0, path.s[-1], 60):
         X_WG = tool_pose(path, float(s), placement.roll)[0]
-        result = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep")
-        assert result.converged
-        assert np.abs(result.q - q).max() < 0.5  # one branch all along: no joint turns over
-        q = result.q
+        solution = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep")
+        assert solution.converged
+        assert np.abs(solution.q - q).max() < 0.5  # one branch all along: no joint turns over
+        q = solution.q
         assert np.all(q > vehicle.q_limits[:, 0])
         assert np.all(q < vehicle.q_limits[:, 1])
         reached(q, X_WG)
@@ -176,9 +178,11 @@ def most_used(
     """Largest share of a thruster along the path, pressed with 90 N and dragged back by
     friction.
     """
-    own = models.load(vehicle_name).compile()
-    vehicle, chain = Vehicle.of(own), Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
-    q, used = placement.q_start, []
+    model = models.load(vehicle_name).compile()
+    vehicle = Vehicle.of(model)
+    chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    q = placement.q_start
+    used = []
     for s in np.linspace(0.0, path.s[-1], 40):
         X_WG, tangent, _ = tool_pose(path, float(s), placement.roll)
         X_WB = placement.hull_at(float(s / path.s[-1]))
@@ -193,13 +197,17 @@ def test_hull_stands_where_its_thrusters_can_bear_the_push():
     can.
     """
     name = "uuv_puma_side"
-    own, target = models.load(name).compile(), pile()
-    path, holding = tool_path(target, "vertical", X_WP), ThrustMargin.of(own)
-    free = found(own, target, path, X_WT=X_WP)[1]
-    kept = found(own, target, path, X_WT=X_WP, holding=holding)[1]
-    of_free, of_kept = (most_used(name, path, placement, holding) for placement in (free, kept))
+    model = models.load(name).compile()
+    target = pile()
+    path = tool_path(target, "vertical", X_WP)
+    holding = ThrustMargin.of(model)
+    free = found(model, target, path, X_WT=X_WP)[1]
+    placement_held = found(model, target, path, X_WT=X_WP, holding=holding)[1]
+    of_free, of_kept = (
+        most_used(name, path, placement, holding) for placement in (free, placement_held)
+    )
     assert of_kept < of_free - 0.2  # measured 0.52 against 0.92 with the finer search of a job
-    assert kept.margin <= (1.0 - of_kept) / 0.4 + 0.02  # 15 poses were looked at, here 40
+    assert placement_held.margin <= (1.0 - of_kept) / 0.4 + 0.02  # 15 poses were looked at, here 40
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +232,8 @@ def on_barrel(path: ToolPath) -> Target:
 
 def test_a_current_turns_the_hull_only_where_it_must_and_is_refused_where_nothing_helps(standing):
     path = tool_path(standing.model, "longitudinal")
-    target, still = on_barrel(path), standing.holding.without_friction()
+    target = on_barrel(path)
+    still = standing.holding.without_friction()
     calm = standing(target, path)[0]
     weak = standing(target, path, 0.2 * calm.X_WB[:3, 1])[0]
     assert np.array_equal(weak.X_WB, calm.X_WB)
@@ -288,17 +297,16 @@ def margins(own: mujoco.MjModel, force: float = 90.0, clearance: float = 0.06) -
 
 def track(own: mujoco.MjModel, *postures: Array) -> ToolTrack:
     """Tool poses of joint angles, from a hull at the origin."""
-    chain, X_BA = (
-        Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]),
-        Vehicle.of(own).X_BA,
-    )
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    X_BA = Vehicle.of(own).X_BA
     return ToolTrack(
         poses=[X_BA @ chain.kinematics(q)[0] for q in postures], gone=np.zeros((len(postures), 3))
     )
 
 
 def test_what_ends_a_path_is_named_with_its_joint(own):
-    ready, vehicle = Vehicle.of(own).q_ready, Vehicle.of(own)
+    ready = Vehicle.of(own).q_ready
+    vehicle = Vehicle.of(own)
     near, nearer = ready.copy(), ready.copy()
     near[4], nearer[4] = vehicle.q_limits[4, 1] - [0.4, 0.01]
     turned = ready.copy()
@@ -311,11 +319,11 @@ def test_what_ends_a_path_is_named_with_its_joint(own):
         (margins(own), beyond, 0, "the arm is too short"),
         (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the push"),
     )
-    for arm, way, at, said in cases:
+    for arm, way, at, words in cases:
         dropped = arm.along(way, np.eye(4), 0.0)
         assert isinstance(dropped, Dropped)
         assert (dropped.at, dropped.reached) == (at, at / len(way.poses))
-        assert said in arm.said(dropped)
+        assert words in arm.said(dropped)
     assert isinstance(margins(own).along(track(own, ready), np.eye(4), 0.0), Worked)
 
 
@@ -323,16 +331,17 @@ def test_hull_keeps_off_the_seabed():
     """Low on the pile: what is left of the places is over the seabed, and where none is left that
     is said.
     """
-    own, target = models.load("uuv_puma_side").compile(), pile({"low": vertical(0.2, height=-0.8)})
+    model = models.load("uuv_puma_side").compile()
+    target = pile({"low": vertical(0.2, height=-0.8)})
     path = tool_path(target, "low", X_WP)
     middle = 0.5 * (path.p[0, 2] + path.p[-1, 2])
-    free = found(own, target, path, X_WT=X_WP)[1]
+    free = found(model, target, path, X_WT=X_WP)[1]
     # what it took is now too low by 10 cm
     floor = free.X_WB[2, 3] + HULL_BOX[0, 2] - COARSE.clearance + 0.1
-    kept = found(own, target, path, X_WT=X_WP, floor=floor)[1]
-    assert kept.X_WB[2, 3] + HULL_BOX[0, 2] >= floor + COARSE.clearance
+    raised = found(model, target, path, X_WT=X_WP, floor=floor)[1]
+    assert raised.X_WB[2, 3] + HULL_BOX[0, 2] >= floor + COARSE.clearance
     with pytest.raises(ReachError, match="out of reach"):
-        found(own, target, path, X_WT=X_WP, floor=middle + 2.0)
+        found(model, target, path, X_WT=X_WP, floor=middle + 2.0)
 
 
 def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within):
@@ -350,22 +359,24 @@ def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within
         on_scan=np.ones(len(s), dtype=bool),
     )
     plate = np.array([[x, y, z] for x in (-1.6, 1.6) for y in (-0.2, 0.2) for z in (-0.02, 0.0)])
-    chain, vehicle = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own)
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    vehicle = Vehicle.of(own)
     around = Surroundings(obstacle=plate, hull_box=HULL_BOX)
     options = {"around": around, "force": 90.0, "standoff": STANDOFF, "search": COARSE}
     with pytest.raises(ReachError, match="out of reach"):
         place_hull(vehicle, chain, path, **options)
     placement = place_hull(vehicle, chain, path, travel=1.0, **options)
     within("travel [m]", placement.travel_W - [3.0, 0.0, 0.0], 1e-12)
-    q, angles = placement.q_start, []
+    q = placement.q_start
+    angles = []
     for share in np.linspace(0.0, 1.0, 9):
         X_AG = (
             inverse(placement.hull_at(share) @ vehicle.X_BA)
             @ tool_pose(path, 3.0 * share, placement.roll)[0]
         )
-        result = solve(chain, X_AG, q, 1e-6, 1e-5, branch="keep")
-        assert result.converged
-        q = result.q
+        solution = solve(chain, X_AG, q, 1e-6, 1e-5, branch="keep")
+        assert solution.converged
+        q = solution.q
         angles.append(q)
     within("joint angles [rad]", np.ptp(angles, axis=0), 1e-5)
 
@@ -402,11 +413,9 @@ def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
     for chain in (hinges, sliding):
         slides = np.array([kind == "p" for kind in chain.joint_types])
         for q in rng.uniform(-3.0, 3.0, (20, chain.n)):
-            X_AW, planes, gone = (
-                pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)),
-                rng.normal(size=(9, 4)),
-                q[:3],
-            )
+            X_AW = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3))
+            planes = rng.normal(size=(9, 4))
+            gone = q[:3]
             centres = hull_path.joint_centres_kernel(slides, chain.axes, chain.points, q)[
                 2 : chain.n - 2
             ]
@@ -418,10 +427,11 @@ def test_a_tool_turned_by_half_is_not_chosen_by_rounding(rng):
     """A round tool's margins are equal but for rounding: an object 10 um aside does not turn it
     over.
     """
-    own, target = models.load("uuv_puma_side").compile(), pile({"ring": ring(np.radians(40.0))})
+    model = models.load("uuv_puma_side").compile()
+    target = pile({"ring": ring(np.radians(40.0))})
     rolls = set()
     for _ in range(3):
         X_moved = X_WP @ pose(exp_so3(1e-5 * rng.standard_normal(3)), 1e-5 * rng.standard_normal(3))
         path = tool_path(target, "ring", X_moved)
-        rolls.add(found(own, target, path, PlacementSearch(), X_WT=X_moved)[1].roll)
+        rolls.add(found(model, target, path, PlacementSearch(), X_WT=X_moved)[1].roll)
     assert len(rolls) == 1

@@ -23,7 +23,8 @@ def target(sigma: float, free: Array | None = None) -> Target:
     without rotation.
     """
     p = np.column_stack([np.linspace(-0.1, 0.1, N), np.zeros((N, 2))])
-    z, x = np.tile([0.0, 0.0, -1.0], (N, 1)), np.tile([1.0, 0.0, 0.0], (N, 1))
+    z = np.tile([0.0, 0.0, -1.0], (N, 1))
+    x = np.tile([1.0, 0.0, 0.0], (N, 1))
     path = ToolPath(s=np.linspace(0.0, 0.2, N), p=p, z=z, x=x, on_scan=np.ones(N, dtype=bool))
     none = np.zeros((0, 6)) if free is None else free
     matrix = np.diag([sigma**2] * 3 + [0.0] * 3)
@@ -49,9 +50,9 @@ def estimate(sigma: float) -> StateEstimate:
 def chance(
     of_hull: float, of_object: float, duration: float = ONCE, tolerance: float = 3e-3
 ) -> float:
-    told = promise(estimate(of_hull), target(of_object), tolerance, duration)
-    assert told is not None
-    return told.chance
+    promised = promise(estimate(of_hull), target(of_object), tolerance, duration)
+    assert promised is not None
+    return promised.chance
 
 
 def within(sigma: float, tolerance: float = 3e-3) -> float:
@@ -69,12 +70,14 @@ def test_one_error_of_either_kind_has_the_normal_chance_on_both_axes():
 def test_a_longer_work_has_more_errors_of_the_hull_and_one_of_the_object():
     """Against a hundred thousand simulated works."""
     rng = np.random.default_rng(0)
-    of_hull, of_object, looks = 0.9e-3, 0.7e-3, 20
+    of_hull = 0.9e-3
+    of_object = 0.7e-3
+    looks = 20
     errors = of_object * rng.standard_normal((100_000, 1)) + of_hull * rng.standard_normal(
         (100_000, looks)
     )
-    kept = float(np.mean(np.abs(errors).max(axis=1) < 3e-3)) ** 2
-    assert chance(of_hull, of_object, looks * ONCE) == pytest.approx(kept, abs=6e-3)
+    probability = float(np.mean(np.abs(errors).max(axis=1) < 3e-3)) ** 2
+    assert chance(of_hull, of_object, looks * ONCE) == pytest.approx(probability, abs=6e-3)
     assert chance(0.0, 2e-3, looks * ONCE) == pytest.approx(chance(0.0, 2e-3), rel=1e-9)
 
 
@@ -87,9 +90,9 @@ def test_the_chance_falls_with_each_error_and_rises_with_the_tolerance():
 
 def test_a_direction_in_which_the_object_can_slide_is_left_out():
     along = np.array([[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
-    told = promise(estimate(2e-3), target(0.0, along), 3e-3, ONCE)
-    assert told is not None
-    assert told.chance == pytest.approx(within(2e-3), rel=1e-9)
+    promised = promise(estimate(2e-3), target(0.0, along), 3e-3, ONCE)
+    assert promised is not None
+    assert promised.chance == pytest.approx(within(2e-3), rel=1e-9)
 
 
 def test_nothing_is_promised_without_a_covariance():
@@ -98,8 +101,10 @@ def test_nothing_is_promised_without_a_covariance():
 
 
 def test_it_is_said_with_its_figures():
-    told = Promise(chance=0.973, tolerance=3e-3, navigation_sigma=6e-4, object_sigma=1.24e-3)
-    assert str(told) == ("path error < 3 mm: probability 97.3% (sigma: hull 0.6 mm, object 1.2 mm)")
+    promised = Promise(chance=0.973, tolerance=3e-3, navigation_sigma=6e-4, object_sigma=1.24e-3)
+    assert str(promised) == (
+        "path error < 3 mm: probability 97.3% (sigma: hull 0.6 mm, object 1.2 mm)"
+    )
 
 
 @pytest.mark.parametrize(

@@ -69,12 +69,12 @@ def test_all_of_the_path_is_reached_and_the_hull_is_clear(own, within, yaw):
     vehicle, chain = own
     turn = exp_so3([0.0, 0.0, yaw])
     path = straight(turn @ [0.55, -0.15, 0.0], turn @ [0.55, 0.15, 0.0])
-    found = choose(own, path, grid(), pose(turn, [0.0, 0.0, 3.0]))
-    at = found.placement
+    height = choose(own, path, grid(), pose(turn, [0.0, 0.0, 3.0]))
+    at = height.placement
     within("heading is kept", at.X_WB[:3, :3] - turn, 1e-12)
-    within("gap [m]", found.hull_gap - (at.X_WB[2, 3] - 0.4), 1e-9)
-    assert found.hull_gap >= HeightSearch().clearance
-    within("shear [Pa]", found.shear - jet_shear(1.0, found.jet_height), 1e-12)
+    within("gap [m]", height.hull_gap - (at.X_WB[2, 3] - 0.4), 1e-9)
+    assert height.hull_gap >= HeightSearch().clearance
+    within("shear [Pa]", height.shear - jet_shear(1.0, height.jet_height), 1e-12)
     q = at.q_start
     X_WA = at.X_WB @ vehicle.X_BA
     first = tool_pose(path, 0.0, at.roll)[0]
@@ -82,9 +82,9 @@ def test_all_of_the_path_is_reached_and_the_hull_is_clear(own, within, yaw):
     within("stand-off [m]", (X_WA @ chain.kinematics(q)[0])[:3, 3] - first[:3, 3], 2e-4)
     for s in np.linspace(0.0, path.s[-1], 25):
         X_WG = tool_pose(path, s, at.roll)[0]
-        result = solve(chain, inverse(X_WA) @ X_WG, q, branch="keep")
-        assert result.converged
-        q = result.q
+        solution = solve(chain, inverse(X_WA) @ X_WG, q, branch="keep")
+        assert solution.converged
+        q = solution.q
         within("tip [m]", (X_WA @ chain.kinematics(q)[0])[:3, 3] - X_WG[:3, 3], 2e-4)
         assert np.all(q > vehicle.q_limits[:, 0])
         assert np.all(q < vehicle.q_limits[:, 1])
@@ -94,9 +94,9 @@ def test_it_goes_no_lower_than_it_must(own):
     """The first height with room from above: 4 cm higher there is none."""
     path = core([0.5, 0.1, 0.0], 0.12)
     search = HeightSearch(roomy=0.2, margin=0.2, jet=0.1)
-    found = choose(own, path, grid(), pose(p=[0.0, 0.0, 3.0]), search)
+    height = choose(own, path, grid(), pose(p=[0.0, 0.0, 3.0]), search)
     higher = HeightSearch(
-        roomy=0.2, margin=0.2, jet=0.1, clearance=found.hull_gap + 0.5 * search.step, asides=(0.0,)
+        roomy=0.2, margin=0.2, jet=0.1, clearance=height.hull_gap + 0.5 * search.step, asides=(0.0,)
     )
     with pytest.raises(ReachError, match="m clear of the ground"):
         choose(own, path, grid(), pose(p=[0.0, 0.0, 3.0]), higher)
@@ -107,8 +107,8 @@ def test_a_rock_under_the_hull_is_kept_clear_of(own):
     ground = grid()
     rock = np.linalg.norm(ground[:, :2] - [-0.6, 0.0], axis=1) < 0.15
     ground[rock, 2] = 0.9
-    found = choose(own, path, ground, pose(p=[0.0, 0.0, 3.0]))
-    X = found.placement.X_WB
+    height = choose(own, path, ground, pose(p=[0.0, 0.0, 3.0]))
+    X = height.placement.X_WB
     p_B = (ground - X[:3, 3]) @ X[:3, :3]
     beside = np.maximum(0.0, np.maximum(HULL_BOX[0] - p_B, p_B - HULL_BOX[1]))
     assert np.linalg.norm(beside, axis=1).min() >= HeightSearch().clearance - 1e-9
@@ -151,9 +151,9 @@ def test_seeded_seabeds_are_kept_clear_of(own, kind):
     ground = seabed(kind, np.random.default_rng(5), step=0.05, half=2.0)
     points = ground.mesh()[0]
     path = core([0.5, 0.0, float(ground.height([[0.5, 0.0]])[0])], 0.1)
-    found = choose(own, path, points, pose(p=[0.0, 0.0, 3.0]))
-    X = found.placement.X_WB
+    height = choose(own, path, points, pose(p=[0.0, 0.0, 3.0]))
+    X = height.placement.X_WB
     p_B = (points - X[:3, 3]) @ X[:3, :3]
     beside = np.maximum(0.0, np.maximum(HULL_BOX[0] - p_B, p_B - HULL_BOX[1]))
     assert np.linalg.norm(beside, axis=1).min() >= HeightSearch().clearance - 1e-9
-    assert found.placement.margin >= HeightSearch().margin
+    assert height.placement.margin >= HeightSearch().margin

@@ -133,7 +133,9 @@ def bent(radius: float) -> ToolPath:
 
 
 def test_bend_is_taken_as_slowly_as_the_acceleration_asks(within):
-    path, speed, bend = bent(0.05), 0.1, 0.05
+    path = bent(0.05)
+    speed = 0.1
+    bend = 0.05
     law = progress_along(path, 0.0, float(path.s[-1]), speed=speed, ramp=1.0, bend=bend)
     assert isinstance(law, SpeedLaw)
     middle = float(path.s[-1]) / 2.0

@@ -31,6 +31,7 @@ from uuv.sim.interfaces.messages import (
     StateEstimate,
     WorkState,
 )
+from uuv.sim.interfaces.records import reference_record, take_reference
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 MODEL = models.load("uuv_puma").compile()
@@ -96,10 +97,11 @@ def stages(
 def held_by(reference: Reference, *commands: Command) -> HeldHull:
     """What holds the hull after `commands`."""
     held, seen, thrust = HeldHull.start(M), commanded(N, M), curves(VEHICLE.thruster_table)
-    held.refer(reference)
+    wanted = reference_record(N)
+    take_reference(wanted, reference)
     for command in commands:
         seen.thrusters[:], seen.f_W[:] = command.thrusters, command.contact.force_W
-        follow(thrust, SAFETY.balance_time, seen, command.time, held)
+        follow(thrust, SAFETY.balance_time, seen, wanted, command.time, held)
     return held
 
 

@@ -11,15 +11,25 @@ import pytest
 from at_rest import at_rest
 from uuv import models
 from uuv.controllers.hull.station_keeping import hull_inertia
-from uuv.controllers.hull.thruster_lead import ThrusterLead
-from uuv.controllers.safety.fault_detection import FaultDetection, FaultDetectionState
+from uuv.controllers.hull.thruster_lead import ThrusterLead, static_commands
+from uuv.controllers.safety import sensor_checks
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper, SafetyWrapperState
+from uuv.controllers.safety.sensor_checks import SensorCheck, SensorFinding
 from uuv.controllers.tuning import FaultLimits
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
 from uuv.models.water.thruster_curves import thrust_at, thrust_in_flow
 from uuv.models.water.thrusters import INFLOW_LOSS, curves, inflow_levers
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
+from uuv.sim.interfaces.messages import (
+    Command,
+    Fault,
+    FaultKind,
+    HullLoad,
+    Reference,
+    StateEstimate,
+    WorkState,
+)
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 DT = 0.002
@@ -27,6 +37,58 @@ MODEL = models.load("uuv_puma").compile()
 VEHICLE = Vehicle.of(MODEL)
 N, M = len(VEHICLE.joints), len(VEHICLE.thruster_names)
 COMMAND = np.array([0.7, -0.75, 0.65, 0.8, 0.7, -0.75])  # of the thrusters
+
+
+REFERENCE = Reference(
+    time=0.0,
+    state=WorkState.WORK,
+    X_WB=pose(exp_so3([0.3, -0.2, 0.9]), [1.0, 2.0, -8.0]),
+    v_WB_W=np.zeros(3),
+    X_WG=None,
+    v_WG_W=np.zeros(3),
+    w_WG_W=np.zeros(3),
+    q=np.zeros(N),
+    qd=np.zeros(N),
+    set_force=0.0,
+    force_control=False,
+    tare=False,
+    scan=False,
+    path_s=0.0,
+)
+
+
+class Watch:
+    """Fault detection in its safety wrapper, around a controller whose commands are given."""
+
+    period = DT
+
+    def __init__(self, limits: FaultLimits | None = None) -> None:
+        self._wrapper = SafetyWrapper(self, MODEL, limits=limits)
+        self._state: SafetyWrapperState | None = None
+        self._command: Command | None = None
+
+    def init(self, estimate: StateEstimate) -> None:
+        """No state."""
+
+    def step(
+        self, state: None, estimate: StateEstimate, reference: Reference
+    ) -> tuple[None, Command]:
+        """The command that is given."""
+        assert self._command is not None
+        return None, self._command
+
+    def take(self, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
+        """All faults after one more sample, and the command that followed from it."""
+        self._command = command
+        self._state = self._state or self._wrapper.init(estimate)
+        return self._wrapper.step(self._state, estimate, REFERENCE)[1].faults
+
+    @property
+    def missing(self) -> Array:
+        """Wrench (6,) [N, N m] that is missing on the hull."""
+        assert self._state is not None
+        assert self._state.health is not None
+        return self._state.health.hull.missing
 
 
 @dataclass
@@ -43,11 +105,8 @@ class Rig:
     command: Array = field(default_factory=COMMAND.copy)  # of the thrusters
 
     def run(self, duration: float) -> tuple[Fault, ...]:
-        health, rng = (
-            FaultDetection(MODEL, period=DT, limits=self.limits),
-            np.random.default_rng(self.seed),
-        )
-        state: Any = None
+        watch = Watch(self.limits)
+        rng = np.random.default_rng(self.seed)
         thrust = np.array(
             [
                 thrust_at(c, u)
@@ -86,9 +145,7 @@ class Rig:
             command = Command(
                 time=t, joint_torque=motor, thrusters=self.command, scan=False, hull_load=load
             )
-            if state is None:
-                state = health.init(estimate)
-            faults = health.step(state, estimate, command)
+            faults = watch.take(estimate, command)
         return faults
 
 
@@ -203,14 +260,6 @@ def in_flow(thruster: int, command: float, nu_r_B: Array) -> float:
     )
 
 
-def judge_hull(
-    health: FaultDetection, state: FaultDetectionState, estimate: StateEstimate, command: Command
-) -> None:
-    """Balance of the hull alone."""
-    balance = health.balance(state, estimate, command.hull_load)
-    health.judge(state, estimate, command.thrusters, suspect=False, balance=balance)
-
-
 def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any):
     """What the controller asks for on top, so that a current takes nothing, is not a thrust that is
     missing.
@@ -221,18 +270,18 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
         rng.uniform(-0.2, 0.2, 3),
     )
     X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
-    asked = ThrusterLead(VEHICLE).static(thrust, np.concatenate([-X_WB[:3, :3].T @ current, w]))
+    nu_r_B = np.concatenate([-X_WB[:3, :3].T @ current, w])
+    asked = static_commands(ThrusterLead(VEHICLE).propellers, thrust, nu_r_B)
 
     def missing(commands: Array, arm_wrench_B: Array) -> Array:
-        health = FaultDetection(MODEL, period=DT)
-        state = health.init(at_rest(X_WB=X_WB, w_WB_B=w))
-        for t in np.arange(0.02, 3.0, 0.02):
+        watch = Watch()
+        for t in np.arange(0.0, 3.0, 0.02):
             load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=current)
             command = Command(
                 time=t, joint_torque=np.zeros(N), thrusters=commands, scan=False, hull_load=load
             )
-            judge_hull(health, state, at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
-        return state.hull.missing
+            watch.take(at_rest(time=float(t), X_WB=X_WB, w_WB_B=w), command)
+        return watch.missing
 
     drag = missing(np.zeros(M), np.zeros(6))
     within("missing [N, N m]", missing(asked, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
@@ -244,14 +293,13 @@ def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, wi
     """
     X_WB, current_W = pose(exp_so3(rng.uniform(-1.0, 1.0, 3))), rng.uniform(-0.4, 0.4, 3)
     v, w, arm_B = rng.uniform(-0.5, 0.5, 3), rng.uniform(-0.3, 0.3, 3), rng.uniform(-20.0, 20.0, 6)
-    health = FaultDetection(MODEL, period=DT)
-    state = health.init(at_rest(X_WB=X_WB, v_WB_B=v, w_WB_B=w))
-    for t in np.arange(0.02, 6.0, 0.02):
+    watch = Watch()
+    for t in np.arange(0.0, 6.0, 0.02):
         load = HullLoad(arm_wrench_B=arm_B, current_W=current_W)
         command = Command(
             time=t, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False, hull_load=load
         )
-        judge_hull(health, state, at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
+        watch.take(at_rest(time=float(t), X_WB=X_WB, v_WB_B=v, w_WB_B=w), command)
 
     water = hydrodynamics.unpack(MODEL.body_user[VEHICLE.hull])
     nu, flow = np.concatenate([v, w]), np.concatenate([X_WB[:3, :3].T @ current_W, np.zeros(3)])
@@ -264,7 +312,7 @@ def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, wi
     thrust = np.array([in_flow(i, 0.0, nu_r) for i in range(M)])
     wanted = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
     assert np.linalg.norm(turned) > 1.0
-    within("missing [N, N m]", state.hull.missing - wanted, 1e-5)
+    within("missing [N, N m]", watch.missing - wanted, 1e-5)
 
 
 @pytest.mark.parametrize("thruster", range(M))
@@ -323,41 +371,21 @@ def test_a_push_on_the_hull_is_no_lost_thruster(axis: int):
 
 
 def test_old_vision_is_a_fault_until_it_is_new_again():
-    health = FaultDetection(MODEL, period=DT)
-    zero, six = np.zeros(3), np.zeros(N)
-    command = Command(time=0.0, joint_torque=six, thrusters=np.zeros(M), scan=False)
+    watch = Watch()
+    command = Command(time=0.0, joint_torque=np.zeros(N), thrusters=np.zeros(M), scan=False)
 
-    def look(age: float) -> list[FaultKind]:
-        estimate = StateEstimate(
-            time=1.0,
-            X_WB=np.eye(4),
-            v_WB_B=zero,
-            w_WB_B=zero,
-            a_WB_B=zero,
-            q=six,
-            qd=six,
-            tau=six,
-            vision_age=age,
-        )
-        return [fault.kind for fault in health.step(state, estimate, command)]
+    def look(k: int, age: float) -> list[FaultKind]:
+        estimate = at_rest(time=k * DT, vision_age=age)
+        return [fault.kind for fault in watch.take(estimate, command)]
 
-    state = health.init(
-        StateEstimate(
-            time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six
-        )
-    )
-    assert [look(age) for age in (0.3, 1.1, 2.0, 0.2)] == [
-        [],
-        [FaultKind.VISION],
-        [FaultKind.VISION],
-        [],
-    ]
-    assert look(float("nan")) == []
+    ages = (0.3, 1.1, 2.0, 0.2, float("nan"))
+    seen = [look(k, age) for k, age in enumerate(ages)]
+    assert seen == [[], [FaultKind.VISION], [FaultKind.VISION], [], []]
 
 
 def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
-    health, ages = FaultDetection(MODEL, period=DT), (np.nan, np.inf, 0.5, 1.5)
-    state, told = health.init(at_rest()), []
+    watch, ages = Watch(), (np.nan, np.inf, 0.5, 1.5)
+    told = []
     for k, age in enumerate(ages):
         load = HullLoad(arm_wrench_B=np.zeros(6))
         command = Command(
@@ -367,7 +395,7 @@ def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
             scan=False,
             hull_load=load,
         )
-        told.append(health.step(state, at_rest(time=float(k), imu_jump_age=age), command))
+        told.append(watch.take(at_rest(time=float(k), imu_jump_age=age), command))
     assert told[:2] == [(), ()]
     (fault,) = told[2]
     assert (fault.kind, fault.part, fault.time) == (FaultKind.IMU, "accelerometer", 1.5)
@@ -379,3 +407,32 @@ def test_limits_are_positive():
         FaultLimits(torque_time=0.0)
     with pytest.raises(ConfigurationError, match="lever"):
         FaultLimits(lever=float("nan"))
+
+
+@pytest.mark.parametrize("field", ["position_sigma", "gyro_off_B", "attitude_off_B"])
+@pytest.mark.parametrize("axis", range(3))
+def test_an_entry_of_any_row_makes_the_tick_ask_for_faults(monkeypatch, field: str, axis: int):
+    """A row of one's own, quiet at 0.5, that finds a fault whenever it is asked."""
+    own = SensorCheck(
+        FaultKind.IMU,
+        lambda now: iter([SensorFinding("asked", -1, now.time, "")]),
+        lambda record: record.position_sigma,
+        quiet=0.5,
+    )
+    monkeypatch.setattr(sensor_checks, "SENSOR_CHECKS", (own, *sensor_checks.SENSOR_CHECKS[1:]))
+    watch, found = Watch(), []
+    for k in range(3):
+        load = HullLoad(arm_wrench_B=np.zeros(6))
+        command = Command(
+            time=0.02 * k,
+            joint_torque=np.zeros(N),
+            thrusters=np.zeros(M),
+            scan=False,
+            hull_load=load,
+        )
+        entries = {"position_sigma": np.full(3, 0.5), "gyro_off_B": np.zeros(3)}
+        entries["attitude_off_B"] = np.zeros(3)
+        entries[field][axis] += 0.1 if k == 2 else 0.0
+        faults = watch.take(at_rest(time=0.02 * k, **entries), command)
+        found.append([fault.part for fault in faults if fault.kind is FaultKind.IMU])
+    assert found == [[], [], ["asked"]]

@@ -42,8 +42,8 @@ def test_a_gear_passes_the_motor_less_rotor_and_viscous_friction():
     q = np.cumsum(DT * qd, axis=0)
     motor = np.tile([7.0, -5.0], (20, 1))
     tau = motor - MODEL.armature * rate - MODEL.damping * qd
-    found = stepped(q, qd, tau, motor)
-    assert found.excess == pytest.approx([0.0, 0.0], abs=1e-9)
+    residuals = stepped(q, qd, tau, motor)
+    assert residuals.excess == pytest.approx([0.0, 0.0], abs=1e-9)
     assert stepped(q, qd, np.add(tau, [0.0, 1.5]), motor).excess == pytest.approx(
         [0.0, 1.5], abs=1e-9
     )

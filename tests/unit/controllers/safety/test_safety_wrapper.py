@@ -24,6 +24,7 @@ from uuv.sim.interfaces.messages import (
     StateEstimate,
     WorkState,
 )
+from uuv.sim.interfaces.records import reference_record
 from uuv.sim.interfaces.spatial import Array
 
 DT = 0.002
@@ -113,7 +114,8 @@ def departing() -> Array:
     command = Inner().step(0, estimate(0), REFERENCE)[1]
     held, seen = HeldHull.start(M), commanded(N, M)
     seen.thrusters[:] = command.thrusters
-    follow(curves(VEHICLE.thruster_table), SAFETY.balance_time, seen, 0.0, held)
+    thrust = curves(VEHICLE.thruster_table)
+    follow(thrust, SAFETY.balance_time, seen, reference_record(N), 0.0, held)
     return departure.stages(held, estimate(0), ())[0].thrusters
 
 

@@ -11,8 +11,10 @@ from uuv.sim.interfaces.spatial import exp_so3
 
 def sound() -> StateEstimate:
     X_WB = np.eye(4)
-    X_WB[:3, :3], X_WB[:3, 3] = exp_so3([0.3, -0.2, 0.9]), [1.0, 2.0, -8.0]
-    three, six = np.full(3, 0.01), np.zeros(6)
+    X_WB[:3, :3] = exp_so3([0.3, -0.2, 0.9])
+    X_WB[:3, 3] = [1.0, 2.0, -8.0]
+    three = np.full(3, 0.01)
+    six = np.zeros(6)
     return StateEstimate(
         time=12.0, X_WB=X_WB, v_WB_B=three, w_WB_B=three, a_WB_B=three, q=six, qd=six, tau=six
     )

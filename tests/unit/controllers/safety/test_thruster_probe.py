@@ -29,10 +29,15 @@ def probed(
         wanted: [-] command of the controller.
         inflow: [m/s] along the thrust.
     """
-    curve, lag, loss = curves(TABLE), TABLE[:, [TIME_CONSTANT, SLEW_RATE]], TABLE[:, INFLOW_LOSS]
+    curve = curves(TABLE)
+    lag = TABLE[:, [TIME_CONSTANT, SLEW_RATE]]
+    loss = TABLE[:, INFLOW_LOSS]
     probe = ThrusterProbe(curve, lag, loss, LIMITS)
     still = np.full(len(TABLE), wanted)
-    state, speed, sent, filtered = probe.begin(SWAY, 0.0, still, still), wanted, wanted, 0.0
+    state = probe.begin(SWAY, 0.0, still, still)
+    speed = wanted
+    sent = wanted
+    filtered = 0.0
     rng = np.random.default_rng(4)
     filtered = -lost * thrust_in_flow(curve[SWAY], loss[SWAY], inflow, wanted)
     for step in range(1, 1000):

@@ -22,7 +22,8 @@ PATH_T = np.linspace([-0.3, 0.0, 0.3], [0.3, 0.1, 0.3], 40)
 
 
 def found(X_WT: Array, *, path: bool = True) -> Target:
-    s, turned = np.linspace(0.0, 0.6, 40), np.ones((40, 1)) * X_WT[:3, 2]
+    s = np.linspace(0.0, 0.6, 40)
+    turned = np.ones((40, 1)) * X_WT[:3, 2]
     on = ToolPath(
         s=s,
         p=transform_points(X_WT, PATH_T),
@@ -49,10 +50,10 @@ def off(rng: np.random.Generator, move: float, turn: float) -> Array:
 
 
 def test_mean_of_one_is_that_one(within):
-    one = fuse_poses([found(TRUE)])
-    within("pose", one.X_WT - TRUE, 1e-13)
-    assert one.path is not None
-    within("path [m]", one.path.p - transform_points(TRUE, PATH_T), 1e-13)
+    single = fuse_poses([found(TRUE)])
+    within("pose", single.X_WT - TRUE, 1e-13)
+    assert single.path is not None
+    within("path [m]", single.path.p - transform_points(TRUE, PATH_T), 1e-13)
 
 
 def test_errors_shrink_by_the_root_of_the_number(rng, within):
@@ -106,7 +107,8 @@ def stated(rng: np.random.Generator, deviation: Array, error: Array | None = Non
     drawn = deviation * rng.normal(size=6) if error is None else error
     R = exp_so3(drawn[3:] / 0.5)
     X_WT = pose(R @ TRUE[:3, :3], center + drawn[:3] + R @ (TRUE[:3, 3] - center))
-    free, matrix = np.zeros((0, 6)), np.diag(deviation**2)
+    free = np.zeros((0, 6))
+    matrix = np.diag(deviation**2)
     doubt = PoseCovariance(
         matrix=matrix, free=free, center=center + drawn[:3], radius=0.5, size_sigma=1.0
     )
@@ -117,12 +119,14 @@ def test_better_finds_weigh_more_and_the_covariance_is_right(rng):
     """Two views, each of which is loose along another direction: the mean is good along both; NEES
     6.
     """
-    loose, squares, errors = np.full(6, 1e-3), [], []
-    one, other = np.array(loose), np.array(loose)
-    one[0], other[1] = 10e-3, 10e-3
+    loose = np.full(6, 1e-3)
+    squares = []
+    errors = []
+    first, other = np.array(loose), np.array(loose)
+    first[0], other[1] = 10e-3, 10e-3
     for _ in range(300):
-        finds = [stated(rng, one), stated(rng, other)]
-        mean = fuse_poses(finds)
+        targets = [stated(rng, first), stated(rng, other)]
+        mean = fuse_poses(targets)
         assert mean.covariance is not None
         squares.append(mean.covariance.normalised_error(mean.X_WT, TRUE))
         errors.append(mean.covariance.twist(mean.X_WT, TRUE)[:2])
@@ -132,7 +136,8 @@ def test_better_finds_weigh_more_and_the_covariance_is_right(rng):
 
 def test_outlier_is_told_by_its_normalised_distance(rng):
     """10 mm off is nothing for a loose find, and an outlier among sharp ones."""
-    sharp, off = np.full(6, 1e-3), np.array([10e-3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    sharp = np.full(6, 1e-3)
+    off = np.array([10e-3, 0.0, 0.0, 0.0, 0.0, 0.0])
     good = [stated(rng, sharp) for _ in range(4)]
     mean = fuse_poses([*good, stated(rng, sharp, off)])
     assert np.linalg.norm(mean.X_WT[:3, 3] - TRUE[:3, 3]) < 3e-3
@@ -146,8 +151,10 @@ def looked(targets: list[Target], views: int = 3) -> tuple[Held, list[str]]:
     """Run ScanTarget over the targets of successive views, two looks each; what the phases share,
     and the events.
     """
-    phase, events = ScanTarget(ScanLimits(views=views, finds=2, interval=0.0)), []
-    held, time = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0)), 0.0
+    phase = ScanTarget(ScanLimits(views=views, finds=2, interval=0.0))
+    events = []
+    held = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0))
+    time = 0.0
     at = at_rest()
     state = phase.enter(held, Context(time, 0.01, at, None, None))
     for target in targets:
@@ -162,8 +169,8 @@ def looked(targets: list[Target], views: int = 3) -> tuple[Held, list[str]]:
 def test_a_loose_find_asks_for_another_view_and_both_count(rng):
     loose, other = np.full(6, 1e-3), np.full(6, 1e-3)
     loose[0], other[1] = 20e-3, 20e-3
-    wanted = pose(p=[0.5, 0.5, 0.0])
-    first = [replace(stated(rng, loose), next_X_WB=wanted) for _ in range(2)]
+    X_next = pose(p=[0.5, 0.5, 0.0])
+    first = [replace(stated(rng, loose), next_X_WB=X_next) for _ in range(2)]
     held, events = looked([*first, stated(rng, other), stated(rng, other)])
     assert events == [PhaseEvent.REFUSED, PhaseEvent.DONE]
     assert held.target is not None
@@ -172,12 +179,12 @@ def test_a_loose_find_asks_for_another_view_and_both_count(rng):
     alone, events = looked(first, views=1)  # no other view may be taken: what there is has to do
     assert events == [PhaseEvent.DONE]
     assert alone.target is not None
-    assert alone.next_X_WB is wanted
+    assert alone.next_X_WB is X_next
 
 
 def test_a_loose_find_is_kept_where_the_other_view_shows_nothing(rng):
-    wanted = pose(p=[0.5, 0.5, 0.0])
-    loose = replace(stated(rng, np.full(6, 10e-3)), next_X_WB=wanted)
+    X_next = pose(p=[0.5, 0.5, 0.0])
+    loose = replace(stated(rng, np.full(6, 10e-3)), next_X_WB=X_next)
     nothing = replace(loose, accepted=False, path=None, reason="hidden")
     held, events = looked([loose, loose, nothing], views=2)
     assert events == [PhaseEvent.REFUSED, PhaseEvent.DONE]
@@ -190,22 +197,25 @@ def test_the_error_of_the_hull_shrinks_with_time_but_that_of_its_attitude_does_n
     """Finds with registration of 0.1 mm, hull position of 2 mm and attitude of 1 mrad; 0.03, 2.4
     and 240 s apart.
     """
-    own, place, angle, lever = 1e-4, 2e-3, 1e-3, np.array([1.0, 0.0, -0.5])
-    base = stated(rng, np.full(6, own), np.zeros(6))
+    sigma = 1e-4
+    offset = 2e-3
+    angle = 1e-3
+    lever = np.array([1.0, 0.0, -0.5])
+    base = stated(rng, np.full(6, sigma), np.zeros(6))
     assert base.covariance is not None
     at = base.covariance.center - lever
-    of_hull = base.covariance.of_carrier(at, np.full(3, place), angle)
+    of_hull = base.covariance.of_carrier(at, np.full(3, offset), angle)
     turned = base.covariance.of_carrier(at, np.zeros(3), angle)
     find = replace(base, covariance=base.covariance.plus(of_hull), hull_covariance=of_hull)
-    told = {}
+    variances = {}
     for apart in (0.03, NAVIGATION_TIME, 100.0 * NAVIGATION_TIME):
         mean = fuse_poses([replace(find, time=k * apart) for k in range(6)])
         assert mean.covariance is not None
-        told[apart] = np.diag(mean.covariance.matrix - turned)[:3]
+        variances[apart] = np.diag(mean.covariance.matrix - turned)[:3]
     # one correlation time apart
     alike = np.exp(-np.abs(np.subtract.outer(np.arange(6), np.arange(6))))
-    for apart, share in zip(told, (1.0, alike.mean(), 1.0 / 6.0), strict=True):
-        assert np.sqrt(told[apart]) == pytest.approx(place * np.sqrt(share), rel=0.05)
+    for apart, share in zip(variances, (1.0, alike.mean(), 1.0 / 6.0), strict=True):
+        assert np.sqrt(variances[apart]) == pytest.approx(offset * np.sqrt(share), rel=0.05)
 
 
 def tared(
@@ -214,32 +224,34 @@ def tared(
     """Run the tare with a chance of `chances[k]` k seconds after it; when it was done [s], and the
     abort if any.
     """
-    zero, began = np.zeros(3), 3.5
+    zero = np.zeros(3)
+    began = 3.5
     at = at_rest()
-    now = {"time": 0.0}
+    clock = {"time": 0.0}
 
     def told(*_: object) -> Promise:
-        chance = chances[min(int(now["time"] - began), len(chances) - 1)]
-        return Promise(chance=chance, tolerance=3e-3, navigation_sigma=1e-3, object_sigma=1e-3)
+        probability = chances[min(int(clock["time"] - began), len(chances) - 1)]
+        return Promise(chance=probability, tolerance=3e-3, navigation_sigma=1e-3, object_sigma=1e-3)
 
     monkeypatch.setattr(surface_work, "promise", told)
-    place = Placement(
+    placement = Placement(
         X_WB=np.eye(4), travel_W=zero, roll=0.0, q_start=zero, margin=1.0, reached=1.0
     )
     target = found(TRUE)
     assert target.path is not None
     held = Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(0), target=target)
-    held.line = ToolLine(target.path, place, -0.1)
+    held.line = ToolLine(target.path, placement, -0.1)
     phase = CertainPlace(TareSensors(), limits, 0.02)
     state = phase.enter(held, Context(0.0, 0.01, at, None, None))
     for k in range(1, 6000):
-        now["time"] = 0.01 * k
-        outcome = phase.step(state, held, Context(now["time"], 0.01, at, None, None))
+        clock["time"] = 0.01 * k
+        outcome = phase.step(state, held, Context(clock["time"], 0.01, at, None, None))
         assert (
-            phase.setpoint(state, held, Context(now["time"], 0.01, at, None, None)).X_WG is not None
+            phase.setpoint(state, held, Context(clock["time"], 0.01, at, None, None)).X_WG
+            is not None
         )
         if outcome is not None:
-            return held, now["time"], outcome if isinstance(outcome, Abort) else None
+            return held, clock["time"], outcome if isinstance(outcome, Abort) else None
     raise AssertionError("it never ended")
 
 

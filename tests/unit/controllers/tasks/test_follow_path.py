@@ -19,7 +19,8 @@ X_WT = pose(exp_so3([0.3, -0.2, 1.1]), [1.0, 2.0, -3.0])
 
 def held() -> Held:
     """Before a straight path, askew in W; the hull travels 0.3 m along y."""
-    s, ones = np.linspace(0.0, LENGTH, 25), np.ones((25, 1))
+    s = np.linspace(0.0, LENGTH, 25)
+    ones = np.ones((25, 1))
     R = X_WT[:3, :3]
     path = ToolPath(
         s=s,
@@ -40,15 +41,17 @@ def followed(*pauses: tuple[float, float]) -> np.ndarray:
     """Rows (N, 4) of time [s], place [m], commanded speed [m/s] and force [N]; paused from and to
     each pair [s].
     """
-    here, phase, rows = held(), FollowPath(LIMITS, (FORCE,), rate=200.0), []
+    here = held()
+    phase = FollowPath(LIMITS, (FORCE,), rate=200.0)
+    rows = []
     state = phase.enter(here, Context(0.0, PERIOD, at_rest(), None, None))
     for tick in range(4000):
         time = tick * PERIOD
         paused = any(begin <= time < end for begin, end in pauses)
-        now = Context(time, PERIOD, at_rest(time=time), None, None, paused=paused)
-        if phase.step(state, here, now) is PhaseEvent.DONE:
+        context_of = Context(time, PERIOD, at_rest(time=time), None, None, paused=paused)
+        if phase.step(state, here, context_of) is PhaseEvent.DONE:
             return np.array(rows)
-        speed = np.linalg.norm(phase.setpoint(state, here, now).v_WG_W)
+        speed = np.linalg.norm(phase.setpoint(state, here, context_of).v_WG_W)
         rows.append((time, here.s, speed, here.set_force))
     raise AssertionError("the path has no end")
 
@@ -70,12 +73,12 @@ def test_a_pause_delays_the_end_by_its_own_time():
 
 
 def test_the_tool_stands_through_a_pause_at_less_force_and_its_speed_is_that_of_its_place():
-    time, place, speed, force = followed((2.0, 5.0)).T
+    time, position, speed, force = followed((2.0, 5.0)).T
     still = (time >= 2.0 + LIMITS.pace_time + PERIOD) & (time < 5.0)
-    assert np.ptp(place[still]) == pytest.approx(0.0, abs=1e-12)
+    assert np.ptp(position[still]) == pytest.approx(0.0, abs=1e-12)
     assert speed[still].max() == 0.0
     assert np.all(force[still] == 0.5 * FORCE)
     assert force[0] == force[-1] == FORCE
-    assert place[-1] == pytest.approx(LENGTH)
+    assert position[-1] == pytest.approx(LENGTH)
     # a period of the ramps
-    assert np.gradient(place, time)[1:-1] == pytest.approx(speed[1:-1], abs=1e-3)
+    assert np.gradient(position, time)[1:-1] == pytest.approx(speed[1:-1], abs=1e-3)

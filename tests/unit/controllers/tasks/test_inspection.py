@@ -35,7 +35,8 @@ from uuv.sim.interfaces.messages import StateEstimate, Target, WorkState
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 OWN = uuv_puma.build().compile()
-VEHICLE, CHAIN = Vehicle.of(OWN), Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+VEHICLE = Vehicle.of(OWN)
+CHAIN = Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
 X_WT = pose(exp_so3([0.06, -0.04, 0.7]), [0.3, -0.2, -3.0])
 TILT = np.radians(60.0)
 X_BC = pose(
@@ -71,27 +72,27 @@ def way_around(name: str = "barrel", job: InspectionJob = JOB) -> tuple[Orbit, T
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_camera_keeps_its_distance_and_looks_at_the_object(within, name):
-    found, target = way_around(name)
+    way, target = way_around(name)
     level = np.cos(TILT) * JOB.distance
-    within("distance [m]", to_outline(found.p_WC, target) - level, 0.01)  # the spline's 2 mm RMS
+    within("distance [m]", to_outline(way.p_WC, target) - level, 0.01)  # the spline's 2 mm RMS
     heights = transform_points(X_WT, target.vertices)[:, 2]
-    above = found.p_WC[:, 2] - 0.5 * (heights.min() + heights.max())
+    above = way.p_WC[:, 2] - 0.5 * (heights.min() + heights.max())
     within("height [m]", above - np.sin(TILT) * JOB.distance, 1e-9)
     # Along its axis for the distance it comes to the outline; where the spline rounds a corner, 2.5
     # deg beside it.
-    ahead = np.column_stack([np.cos(found.yaw), np.sin(found.yaw)])
-    within("off the outline [m]", to_outline(found.p_WC[:, :2] + level * ahead, target), 0.06)
+    ahead = np.column_stack([np.cos(way.yaw), np.sin(way.yaw)])
+    within("off the outline [m]", to_outline(way.p_WC[:, :2] + level * ahead, target), 0.06)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_it_is_closed_and_goes_once_around(within, name):
-    found, target = way_around(name)
-    within("ends apart [m]", found.p_WB[-1] - found.p_WB[0], 1e-12)
-    within("turns", (found.yaw[-1] - found.yaw[0]) / (2.0 * np.pi) - 1.0, 1e-9)
+    way, target = way_around(name)
+    within("ends apart [m]", way.p_WB[-1] - way.p_WB[0], 1e-12)
+    within("turns", (way.yaw[-1] - way.yaw[0]) / (2.0 * np.pi) - 1.0, 1e-9)
     middle = transform_points(X_WT, target.center[None])[0]
-    bearing = np.unwrap(np.arctan2(*(found.p_WC - middle)[:, 1::-1].T))
+    bearing = np.unwrap(np.arctan2(*(way.p_WC - middle)[:, 1::-1].T))
     within("times around", (bearing[-1] - bearing[0]) / (2.0 * np.pi) - 1.0, 1e-9)
-    hull_to_camera = found.p_WC - found.p_WB
+    hull_to_camera = way.p_WC - way.p_WB
     within("lever [m]", np.linalg.norm(hull_to_camera, axis=1) - np.linalg.norm(X_BC[:3, 3]), 1e-12)
 
 
@@ -120,22 +121,24 @@ def test_carrying_over_keeps_the_line(within, rng):
     # The spline is fitted in other axes of the ground: its own 2 mm, not more.
     shares = np.linspace(0.0, 1.0, 50)
     ways = [
-        np.column_stack([np.interp(shares, each.s / each.s[-1], column) for column in points.T])
-        for each, points in ((first, transform_points(turn, first.p_WC)), (moved, moved.p_WC))
+        np.column_stack(
+            [np.interp(shares, orbit_of.s / orbit_of.s[-1], column) for column in points.T]
+        )
+        for orbit_of, points in ((first, transform_points(turn, first.p_WC)), (moved, moved.p_WC))
     ]
     within("apart [m]", ways[0] - ways[1], 0.03)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_motion_is_bounded(name):
-    found, _ = way_around(name)
-    pace = found.pace(JOB)
+    way, _ = way_around(name)
+    pace = way.pace(JOB)
     time = np.arange(0.0, pace.duration, 0.05)
     s = np.array([pace.at(t)[0] for t in time])
-    p = np.column_stack([np.interp(s, found.s, column) for column in found.p_WB.T])
+    p = np.column_stack([np.interp(s, way.s, column) for column in way.p_WB.T])
     v = np.gradient(p, time, axis=0)
     fastest = float(np.linalg.norm(v, axis=1).max())
-    turn = np.gradient(np.interp(s, found.s, found.yaw), time)
+    turn = np.gradient(np.interp(s, way.s, way.yaw), time)
     shares = fastest / JOB.speed, float(np.abs(turn).max()) / JOB.turn_rate
     assert 0.4 < max(shares) < 1.02
     # The samples' own kinks are averaged over 0.5 s.
@@ -156,13 +159,15 @@ class Script(Told):
 
     def run(self, lag: float = 0.0) -> "Script":
         target = targets.named("barrel")
-        found = orbit(target, X_WT, self.job, X_BC=X_BC, near_W=np.array([2.0, 0.0, -2.0]))
-        X_WB_scan = found.at(0.0)[0] @ pose(p=[-0.1, 0.0, 0.1])
-        own = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=BOX, X_BC=X_BC)
+        way = orbit(target, X_WT, self.job, X_BC=X_BC, near_W=np.array([2.0, 0.0, -2.0]))
+        X_WB_scan = way.at(0.0)[0] @ pose(p=[-0.1, 0.0, 0.1])
+        work_vehicle = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=BOX, X_BC=X_BC)
         planner = Inspection(
-            own, target, self.job, X_WB_scan=X_WB_scan, floor=self.floor, period=0.05
+            work_vehicle, target, self.job, X_WB_scan=X_WB_scan, floor=self.floor, period=0.05
         )
-        X_WB, state, seen = X_WB_scan, None, None
+        X_WB = X_WB_scan
+        state = None
+        target_seen = None
         for tick in range(8000):
             estimate = StateEstimate(
                 time=0.05 * tick,
@@ -175,12 +180,12 @@ class Script(Told):
                 tau=np.zeros(6),
             )
             state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, seen, None)
+            state, reference = planner.step(state, estimate, target_seen, None)
             self.references.append(reference)
             X_WB = np.array(reference.X_WB)
             X_WB[0, 3] -= lag
             if reference.scan:
-                seen = Target(
+                target_seen = Target(
                     time=0.05 * tick,
                     X_WT=X_WT,
                     accepted=not self.refusal,
@@ -247,7 +252,14 @@ def test_what_cannot_be_is_refused():
         orbit(targets.named("barrel"), X_WT, JOB, X_BC=down, near_W=ZERO)
 
 
-@pytest.mark.parametrize("name", ["barrel", "manifold", "valve"])
+ANOTHER = pytest.mark.long(
+    guarded_by="tests/unit/controllers/tasks/test_inspection.py::test_levels_cover_what_can_be_seen_and_keep_clear"
+)
+
+
+@pytest.mark.parametrize(
+    "name", ["valve", *(pytest.param(name, marks=ANOTHER) for name in ("barrel", "manifold"))]
+)
 def test_levels_cover_what_can_be_seen_and_keep_clear(name, within):
     """95 % of what is visible from the allowed places, a grid that the choice of levels does not
     use.
@@ -262,26 +274,26 @@ def test_levels_cover_what_can_be_seen_and_keep_clear(name, within):
     assert orbits[0] is first
     samples = SurfaceSamples(target.vertices, target.triangles)
     X_WC = np.array(
-        [each.at(s)[0] @ X_BC for each in orbits for s in np.arange(0.0, each.s[-1], 0.15)]
+        [level.at(s)[0] @ X_BC for level in orbits for s in np.arange(0.0, level.s[-1], 0.15)]
     )
     once = np.array([first.at(s)[0] @ X_BC for s in np.arange(0.0, first.s[-1], 0.15)])
     allowed = allowed_cameras(vertices, X_BC, keep)
-    seen, alone, visible = (
-        samples.seen(inverse(X_WT) @ each, view) for each in (X_WC, once, allowed)
+    in_view, alone, visible = (
+        samples.seen(inverse(X_WT) @ X_cameras, view) for X_cameras in (X_WC, once, allowed)
     )
-    assert seen.sum() > alone.sum()
-    assert seen.sum() >= 0.95 * (seen | visible).sum()
+    assert in_view.sum() > alone.sum()
+    assert in_view.sum() >= 0.95 * (in_view | visible).sum()
     judge = MujocoVisibility(target.vertices, target.triangles, X_WT)
     seen_j, alone_j, visible_j = (
-        judge.seen(each, view.half_view, view.far) for each in (X_WC, once, allowed)
+        judge.seen(X_cameras, view.half_view, view.far) for X_cameras in (X_WC, once, allowed)
     )
     assert seen_j.sum() >= 0.95 * (seen_j | visible_j).sum()
-    pairs = ((seen, seen_j), (alone, alone_j), (seen | visible, seen_j | visible_j))
+    pairs = ((in_view, seen_j), (alone, alone_j), (in_view | visible, seen_j | visible_j))
     # Each has samples of its own: a share scatters by 0.7 % (4000) and 1 % (2000).
     within("shares of the surface", [ours.mean() - theirs.mean() for ours, theirs in pairs], 0.02)
-    covered = seen.sum() / (seen | visible).sum(), seen_j.sum() / (seen_j | visible_j).sum()
+    covered = in_view.sum() / (in_view | visible).sum(), seen_j.sum() / (seen_j | visible_j).sum()
     within("coverage", covered[0] - covered[1], 0.01)
     assert (
-        keep.short(each.at(s)[0] for each in orbits[1:] for s in np.arange(0.0, each.s[-1], 0.1))
+        keep.short(level.at(s)[0] for level in orbits[1:] for s in np.arange(0.0, level.s[-1], 0.1))
         is None
     )

@@ -48,8 +48,12 @@ def seen(
     sigma: float = np.inf,
 ) -> Context:
     contact = ContactEstimate(normal=felt, sigma_G=np.array([1.0, 1.0, sigma]))
-    told: dict[str, Any] = {"joint_torque": np.zeros(6), "thrusters": np.zeros(6), "scan": False}
-    command = Command(time=time, contact=contact, faults=tuple(faults), **told)
+    fields_of: dict[str, Any] = {
+        "joint_torque": np.zeros(6),
+        "thrusters": np.zeros(6),
+        "scan": False,
+    }
+    command = Command(time=time, contact=contact, faults=tuple(faults), **fields_of)
     return Context(time, STEP, estimate(time, X_WB), None, command)
 
 
@@ -96,26 +100,27 @@ def broken_off(
 )
 def test_a_force_beyond_its_bound_ends_the_work_in_its_time(within, beyond, after, code):
     assert broken_off(WorkState.WORK, within, 4.0 * after + 1.0) is None
-    found = broken_off(WorkState.WORK, beyond, 4.0 * after + 1.0)
-    assert found is not None
-    assert after < found[0] < after + 2.5 * STEP
-    assert found[1].code is code
+    broken = broken_off(WorkState.WORK, beyond, 4.0 * after + 1.0)
+    assert broken is not None
+    assert after < broken[0] < after + 2.5 * STEP
+    assert broken[1].code is code
     assert broken_off(WorkState.RETREAT, beyond, 4.0 * after + 1.0) is None
 
 
 def test_work_ends_where_the_force_is_not_felt():
     assert broken_off(WorkState.WORK, 60.0, 3.0, 0.9 * JOB.contact.sigma) is None
-    found = broken_off(WorkState.WORK, 60.0, 3.0, 1.1 * JOB.contact.sigma)
-    assert found is not None
-    assert JOB.contact.lost_time < found[0] < JOB.contact.lost_time + 2.5 * STEP
-    assert found[1].code is AbortCode.FORCE_NOT_FELT
-    assert "standard deviation 22 N" in found[1].reason
+    broken = broken_off(WorkState.WORK, 60.0, 3.0, 1.1 * JOB.contact.sigma)
+    assert broken is not None
+    assert JOB.contact.lost_time < broken[0] < JOB.contact.lost_time + 2.5 * STEP
+    assert broken[1].code is AbortCode.FORCE_NOT_FELT
+    assert "standard deviation 22 N" in broken[1].reason
     assert broken_off(WorkState.CLOSE_IN, 0.0, 3.0, 1.1 * JOB.contact.sigma) is None
 
 
 def test_a_hull_that_does_not_become_quiet_is_waited_for_so_long_and_no_longer():
     limits = RestLimits()
-    phase, moving = Settle(limits), held()
+    phase = Settle(limits)
+    moving = held()
     moving.X_WB = pose(p=[1.1 * limits.error, 0.0, 0.0])
     state = phase.enter(moving, seen(0.0))
     ticks = range(round(2.0 * limits.within / STEP))
@@ -180,10 +185,10 @@ def fault(kind: FaultKind, part: str = "", time: float = 0.0, figures: str = "")
 )
 def test_the_hardest_reaction_counts_with_its_figures(faults, reaction, said):
     monitors = fault_monitors(blind_time=5.0)
-    found, cause = watch(
+    reaction_of, cause = watch(
         monitors, [0.0] * len(monitors), WorkState.WORK, held(), seen(10.0, faults=faults)
     )
-    assert found is reaction
+    assert reaction_of is reaction
     assert (None if cause is None else cause.reason) == said
     hull = (
         *monitors,
@@ -219,7 +224,8 @@ def tilted(limit: float) -> Monitor:
 
 @pytest.mark.parametrize(("tilt", "seconds"), [(0.19, None), (0.21, 0.52)])
 def test_a_monitor_of_ones_own(tilt, seconds):
-    monitors, false_at = [tilted(0.2)], [0.0]
+    monitors = [tilted(0.2)]
+    false_at = [0.0]
     X_WB = pose(exp_so3([tilt, 0.0, 0.0]), np.zeros(3))
     hits = [
         tick * STEP
@@ -259,9 +265,11 @@ def test_an_object_that_moves_across_the_tool_ends_the_work_and_along_it_does_no
         X_WB=np.eye(4), travel_W=np.zeros(3), roll=0.0, q_start=np.zeros(6), margin=1.0, reached=1.0
     )
     state = replace(held(), line=ToolLine(path, placement, 0.0))
-    now = replace(seen(1.0, 60.0), estimate=replace(estimate(1.0), object_moved_W=np.array(moved)))
+    moment = replace(
+        seen(1.0, 60.0), estimate=replace(estimate(1.0), object_moved_W=np.array(moved))
+    )
     monitors = surface_monitors(JOB)
-    reaction, cause = watch(monitors, [0.0] * len(monitors), WorkState.WORK, state, now)
+    reaction, cause = watch(monitors, [0.0] * len(monitors), WorkState.WORK, state, moment)
     assert reaction is (Reaction.RETREAT if broken else Reaction.GO_ON)
     assert (cause is not None and cause.code is AbortCode.OBJECT_MOVES) is broken
 

@@ -33,10 +33,8 @@ from uuv.sim.interfaces.spatial import Array, pose, readonly
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[0.0, 0.0, 2.5]), pose(p=[0.1, 0.0, 1.6])
 OWN = uuv_puma.build("sampler").compile()
-VEHICLE, CHAIN = (
-    Vehicle.of(OWN),
-    Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad", "mount_x", "mount_y"]),
-)
+VEHICLE = Vehicle.of(OWN)
+CHAIN = Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad", "mount_x", "mount_y"])
 FLAT = Seabed(
     kind="flat", heights=np.zeros((3, 3)), half=2.0, center_W=np.zeros(3), rocks=np.zeros((0, 3))
 )
@@ -57,7 +55,8 @@ CORE = core_path(
 def profile() -> ToolPath:
     """Along y over a gentle hump, square to it."""
     y = np.linspace(-0.15, 0.15, 80)
-    z, slope = 0.1 * (0.0225 - y**2), -0.2 * y
+    z = 0.1 * (0.0225 - y**2)
+    slope = -0.2 * y
     p = np.column_stack([np.full(80, 0.5), y, z])
     x = np.column_stack([np.zeros(80), np.ones(80), slope]) / np.sqrt(1.0 + slope**2)[:, None]
     down = np.column_stack([np.zeros(80), slope, -np.ones(80)]) / np.sqrt(1.0 + slope**2)[:, None]
@@ -83,17 +82,15 @@ class Script(Told):
     forces: list[float] = field(default_factory=list)
 
     def run(self, seconds: float = 150.0) -> "Script":
-        own = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=np.zeros((2, 3)))
-        planner = SeabedWork(own, self.job, X_WB_scan=SCAN_POSE, period=PERIOD)
-        X_WB, state, command, seen, scanning, zero, k = (
-            SCAN_POSE,
-            None,
-            None,
-            None,
-            False,
-            np.zeros(3),
-            0.0,
-        )
+        work_vehicle = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=np.zeros((2, 3)))
+        planner = SeabedWork(work_vehicle, self.job, X_WB_scan=SCAN_POSE, period=PERIOD)
+        X_WB = SCAN_POSE
+        state = None
+        command = None
+        target = None
+        scanning = False
+        zero = np.zeros(3)
+        k = 0.0
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD
             estimate = StateEstimate(
@@ -107,13 +104,13 @@ class Script(Told):
                 tau=np.zeros(6),
             )
             state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, seen, command)
+            state, reference = planner.step(state, estimate, target, command)
             self.references.append(reference)
             X_WB = np.array(reference.X_WB)
             if reference.state is WorkState.INSERT:
                 X_WB[0, 3] += self.drift
             if reference.scan and not scanning:
-                seen = Target(
+                target = Target(
                     time=time,
                     X_WT=np.eye(4),
                     accepted=not self.refusal,
@@ -124,7 +121,8 @@ class Script(Told):
                     ground=np.zeros((4, 3)),
                 )
             scanning = reference.scan
-            f_W, normal = zero, 0.0
+            f_W = zero
+            normal = 0.0
             if reference.X_WG is not None:
                 z = reference.X_WG[:3, 2]
                 f_W = self.world.step(reference.X_WG[:3, 3] + k * z, z).copy()
@@ -158,11 +156,11 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
     """The choice of the height has its own tests: here every path is within reach from
     WORK_POSE.
     """
-    asked = []
+    paths = []
 
     def choose(own: WorkVehicle, path: ToolPath, **_: object) -> WorkHeight:
-        asked.append(path)
-        place = Placement(
+        paths.append(path)
+        placement = Placement(
             X_WB=WORK_POSE,
             travel_W=np.zeros(3),
             roll=0.4,
@@ -170,10 +168,10 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
             margin=1.0,
             reached=1.0,
         )
-        return WorkHeight(placement=place, aside=0.0, hull_gap=1.0, jet_height=1.0, shear=0.0)
+        return WorkHeight(placement=placement, aside=0.0, hull_gap=1.0, jet_height=1.0, shear=0.0)
 
     monkeypatch.setattr(seabed_work, "choose_height", choose)
-    return asked
+    return paths
 
 
 def test_a_core_goes_where_the_soil_bears_the_push(within):

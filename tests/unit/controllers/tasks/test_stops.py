@@ -56,23 +56,25 @@ def follow(
     """Messages, and (time, pace, standing) of every period, of a tool that slows down as
     `FollowPath` does.
     """
-    said, trace, pace = [], [], 1.0
+    messages = []
+    trace = []
+    pace = 1.0
     for k in range(round(seconds / PERIOD)):
         time = k * PERIOD
-        now = context(time, paused=paused(time), across=across)
-        stopping = stops.step(pace, DOWN, steady=not ramped(time), now=now) or now.paused
+        instant = context(time, paused=paused(time), across=across)
+        stopping = stops.step(pace, DOWN, steady=not ramped(time), now=instant) or instant.paused
         change = PERIOD / FollowLimits().pace_time
         pace = max(0.0, pace - change) if stopping else min(1.0, pace + change)
         if stops.said is not None:
-            said.append(stops.said)
+            messages.append(stops.said)
         trace.append((time, pace, stops.standing))
-    return said, trace
+    return messages, trace
 
 
 def test_each_stop_says_when_it_began_and_that_nothing_has_moved_since():
     limits = StopLimits(every=2.0, lasting=0.5, settle=0.3)
-    said, trace = follow(Stops(limits), 10.0)
-    begins, ends = said[0::2], said[1::2]
+    messages, trace = follow(Stops(limits), 10.0)
+    begins, ends = messages[0::2], messages[1::2]
     assert len(begins) == len(ends) == 3
     for begin, end in zip(begins, ends, strict=True):
         assert begin.time == begin.since == end.since
@@ -92,19 +94,19 @@ def test_each_stop_says_when_it_began_and_that_nothing_has_moved_since():
 
 def test_a_pause_calls_a_stop_off():
     """The force is reduced in a pause: nothing tells whether it still holds the tool."""
-    said, _ = follow(Stops(StopLimits(every=1.0)), 6.0, paused=lambda time: 2.0 <= time < 2.5)
+    messages, _ = follow(Stops(StopLimits(every=1.0)), 6.0, paused=lambda time: 2.0 <= time < 2.5)
     # begun, called off, and begun anew
-    assert [m.time == m.since for m in said[:2]] == [True, True]
-    assert said[1].time > 2.5 + 1.0
-    assert said[2].since == said[1].since
+    assert [m.time == m.since for m in messages[:2]] == [True, True]
+    assert messages[1].time > 2.5 + 1.0
+    assert messages[2].since == messages[1].since
 
 
 @pytest.mark.parametrize("across", [10.0, np.nan])
 def test_a_tool_that_friction_may_not_hold_says_nothing_and_goes_on(across):
     """With 10 N across 60 N along, or where the force across is not known."""
     limits = StopLimits(every=1.0)
-    said, trace = follow(Stops(limits), 8.0, across=across)
-    assert said == []
+    messages, trace = follow(Stops(limits), 8.0, across=across)
+    assert messages == []
     assert sum(time for time, pace, _ in trace if pace == 1.0) > 0.0
     still = [time for time, pace, _ in trace if pace == 0.0]
     assert len(still) * PERIOD < 3.0 * (limits.patience + 2.0 * PERIOD)
@@ -114,9 +116,9 @@ def test_a_force_that_changes_makes_it_wait():
     """The pad's spring gives way meanwhile, which the arm's joints would tell as a motion of the
     hull.
     """
-    said, _ = follow(Stops(StopLimits(every=1.0)), 4.0, ramped=lambda time: time <= 2.2)
-    assert said[0].time > 2.2
-    assert [m.time == m.since for m in said[:2]] == [True, False]
+    messages, _ = follow(Stops(StopLimits(every=1.0)), 4.0, ramped=lambda time: time <= 2.2)
+    assert messages[0].time > 2.2
+    assert [m.time == m.since for m in messages[:2]] == [True, False]
 
 
 def test_it_stops_only_where_navigation_is_poor():

@@ -40,7 +40,7 @@ from uuv.sim.interfaces.messages import (
 )
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
-PERIOD, FINE = 0.02, 0.01  # [s] enough for most that is asked here; that of jobs
+PERIOD, FINE = 0.04, 0.01  # [s] enough for most that is asked here; that of jobs
 SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])
 WORK_POSE = pose(p=[-0.6, 0.0, 0.3])
 JOURNEY = [
@@ -119,9 +119,9 @@ class Script(Told):
     period: float = PERIOD  # [s] of the planner
 
     def run(self, seconds: float = 120.0) -> "Script":
-        own = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
-        chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
-        vehicle = Vehicle.of(own)
+        model = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
+        chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+        vehicle = Vehicle.of(model)
         planner = SurfaceWork(
             WorkVehicle(vehicle=vehicle, chain=chain, hull_box=np.zeros((2, 3))),
             barrel(),
@@ -130,10 +130,17 @@ class Script(Told):
             period=self.period,
             holding=self.holding,
         )
-        X_WB, state, command, seen, scanning = SCAN_POSE, None, None, None, False
-        looks, finds, faults = iter(self.looks), iter(self.finds), ()
+        X_WB = SCAN_POSE
+        state = None
+        command = None
+        target_seen = None
+        scanning = False
+        looks = iter(self.looks)
+        offsets = iter(self.finds)
+        faults = ()
         for tick in range(round(seconds / self.period)):
-            time, zero = tick * self.period, np.zeros(3)
+            time = tick * self.period
+            zero = np.zeros(3)
             estimate = StateEstimate(
                 time=time,
                 X_WB=X_WB,
@@ -145,16 +152,18 @@ class Script(Told):
                 tau=np.zeros(6),
             )
             state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, seen, command)
+            state, reference = planner.step(state, estimate, target_seen, command)
             self.references.append(reference)
             X_WB = self._moved(X_WB, reference.X_WB)
             if reference.scan and not scanning and (accepted := next(looks, None)) is not None:
-                seen = target(time, accepted, next(finds) if accepted else 0.0)
-                if self.hollow is not None and seen.path is not None:
-                    s, (first, last) = seen.path.s, self.hollow
-                    seen = replace(
-                        seen,
-                        path=replace(seen.path, fits=(s < first) | (s > last), note="a hollow"),
+                target_seen = target(time, accepted, next(offsets) if accepted else 0.0)
+                if self.hollow is not None and target_seen.path is not None:
+                    s, (first, last) = target_seen.path.s, self.hollow
+                    target_seen = replace(
+                        target_seen,
+                        path=replace(
+                            target_seen.path, fits=(s < first) | (s > last), note="a hollow"
+                        ),
                     )
             scanning = reference.scan
             if self.dead is not None and not faults and self.dead_from(reference):
@@ -195,11 +204,11 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
 
     The paths asked for.
     """
-    asked: list[ToolPath] = []
+    paths: list[ToolPath] = []
 
     def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
         del chain, options
-        asked.append(path)
+        paths.append(path)
         return Placement(
             X_WB=WORK_POSE,
             travel_W=np.zeros(3),
@@ -210,7 +219,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
         )
 
     monkeypatch.setattr(hull_placement, "place_hull", place)
-    return asked
+    return paths
 
 
 @pytest.fixture(scope="module")
@@ -479,9 +488,9 @@ def test_another_view_when_the_first_shows_nothing():
 def test_mean_of_several_finds_is_worked(looks, finds, mean):
     script = Script(looks=looks, finds=finds).run()
     assert script.states == [*JOURNEY, WorkState.DONE]
-    asked = [r.time for r in script.references if r.scan]
-    assert len(asked) == 6
-    assert np.diff(asked) == pytest.approx(np.full(5, script.job.arrival.scan.interval), abs=0.05)
+    times = [r.time for r in script.references if r.scan]
+    assert len(times) == 6
+    assert np.diff(times) == pytest.approx(np.full(5, script.job.arrival.scan.interval), abs=0.05)
     worked = np.array([tip(r)[0] for r in script.of(WorkState.WORK)])
     assert worked[0] == pytest.approx(mean, abs=1e-4)
 
@@ -514,11 +523,11 @@ def test_finds_that_are_not_repeated_ask_for_another_view():
 def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_hold_at_all_refused(
     bears, monkeypatch
 ):
-    asked: list[float] = []
+    drags: list[float] = []
     arm_alone = hull_placement.place_hull
 
     def place(*args: Any, holding: ThrustMargin, **options: Any) -> Placement:
-        asked.append(holding.drag)
+        drags.append(holding.drag)
         if holding.drag or not bears:
             raise ReachError("out of reach")
         return arm_alone(*args, **options)
@@ -526,8 +535,8 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
     monkeypatch.setattr(hull_placement, "place_hull", place)
     script = Script(holding=ThrustMargin.of(models.load("uuv_puma").compile())).run()
     assert script.end.state is (WorkState.DONE if bears else WorkState.ABORT)
-    assert asked[0] == 0.6
-    assert asked[-1] == 0.0
+    assert drags[0] == 0.6
+    assert drags[-1] == 0.0
     assert ("thrusters may not hold" in script.end.note) == bears
 
 
@@ -658,7 +667,8 @@ def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_
     assert len(rising) > 100
     away = np.array([tip(r)[2] for r in back])  # the surface is at 0, the tool looks down
     assert np.diff(away).min() >= 0.0
-    limits, standoff = script.job.escape, script.job.approach.standoff
+    limits = script.job.escape
+    standoff = script.job.approach.standoff
     assert away[0] >= standoff
     assert away[-1] == pytest.approx(standoff + limits.draw + limits.free, abs=0.01)
     turns = np.array(
@@ -760,7 +770,8 @@ def test_hull_is_waited_for_on_its_way():
     """One that makes 5 cm/s where 25 are asked for, against a current: it arrives, and its
     reference stays near it.
     """
-    slow, free = Script(fastest=0.05).run(), Script().run()
+    slow = Script(fastest=0.05).run()
+    free = Script().run()
     assert slow.states == free.states == [*JOURNEY, WorkState.DONE]
     longer = len(slow.of(WorkState.CLOSE_IN)) - len(free.of(WorkState.CLOSE_IN))
     assert 3.0 < longer * PERIOD < 20.0
@@ -802,7 +813,7 @@ def test_a_hollow_is_passed_at_the_stand_off(within):
     """Lifted before it, pressed again behind it; no stretch is left out, and the path is worked to
     its end.
     """
-    script = Script(hollow=(0.05, 0.07)).run()
+    script = Script(hollow=(0.05, 0.07), period=0.02).run()
     again = [
         WorkState.CLOSE_IN,
         WorkState.APPROACH,
@@ -821,7 +832,7 @@ def test_a_hollow_is_passed_at_the_stand_off(within):
     ]
     assert len(moved) > 50
     standoff = script.job.approach.standoff
-    within("height of the tool [m]", min(place[2] for place in moved) - standoff, 1e-9)
+    within("height of the tool [m]", min(p_tool[2] for p_tool in moved) - standoff, 1e-9)
     assert "a hollow" in {reference.note for reference in script.references}
 
 

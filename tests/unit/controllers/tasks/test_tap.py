@@ -35,7 +35,8 @@ JOB = SurfaceTaskConfig(forces=(30.0,))
 
 
 def target(time: float) -> Target:
-    s, ones = np.linspace(0.0, 0.12, 41), np.ones((41, 1))
+    s = np.linspace(0.0, 0.12, 41)
+    ones = np.ones((41, 1))
     path = ToolPath(
         s=s,
         p=s[:, None] * [1.0, 0.0, 0.0],
@@ -58,8 +59,8 @@ class World(Told):
         model = models.load("uuv_puma").compile()
         vehicle = Vehicle.of(model)
         chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
-        own = WorkVehicle(vehicle=vehicle, chain=chain, hull_box=np.zeros((2, 3)))
-        place = Placement(
+        work_vehicle = WorkVehicle(vehicle=vehicle, chain=chain, hull_box=np.zeros((2, 3)))
+        placement = Placement(
             X_WB=pose(p=[-0.6, 0.0, 0.3]),
             travel_W=np.zeros(3) if travel is None else travel,
             roll=0.0,
@@ -68,21 +69,19 @@ class World(Told):
             reached=1,
         )
         site = WorkSite(
-            own=own,
+            own=work_vehicle,
             X_WB_scan=pose(p=[-1.0, 0.2, 0.5]),
-            stand=lambda _, path, _current: (place, path, 1.0),
+            stand=lambda _, path, _current: (placement, path, 1.0),
         )
         planner = tap(site, JOB, tuple(HEIGHTS), lambda _: self.tip, hold=2.0)
-        X_WB, seen, command, state, zero, joints = (
-            site.X_WB_scan,
-            None,
-            None,
-            None,
-            np.zeros(3),
-            np.zeros(6),
-        )
+        X_WB = site.X_WB_scan
+        target_seen = None
+        command = None
+        state = None
+        zero = np.zeros(3)
+        joints = np.zeros(6)
         for tick in range(20_000):
-            now: dict[str, Any] = {"time": tick * PERIOD}
+            clock: dict[str, Any] = {"time": tick * PERIOD}
             still = {
                 "v_WB_B": zero,
                 "w_WB_B": zero,
@@ -91,20 +90,22 @@ class World(Told):
                 "qd": joints,
                 "tau": joints,
             }
-            estimate = StateEstimate(X_WB=X_WB, **still, **now)
+            estimate = StateEstimate(X_WB=X_WB, **still, **clock)
             state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, seen, command)
+            state, reference = planner.step(state, estimate, target_seen, command)
             self.references.append(reference)
-            self.state, X_WB, felt = state, reference.X_WB, 0.0
-            seen = target(now["time"]) if reference.scan else seen
+            self.state = state
+            X_WB = reference.X_WB
+            felt = 0.0
+            target_seen = target(clock["time"]) if reference.scan else target_seen
             if reference.X_WG is not None:
                 self.tip = reference.X_WG[:3, 3]
                 nearest = min(HEIGHTS, key=lambda s: abs(s - float(self.tip[0])))
                 felt = STIFFNESS * max(0.0, HEIGHTS[nearest] - float(self.tip[2]))
             if reference.force_control:
                 felt = reference.set_force if self.tip[0] < fails_at else 170.0
-            told = {"joint_torque": joints, "thrusters": joints, "scan": reference.scan}
-            command = Command(contact=ContactEstimate(normal=felt), **told, **now)
+            fields_of = {"joint_torque": joints, "thrusters": joints, "scan": reference.scan}
+            command = Command(contact=ContactEstimate(normal=felt), **fields_of, **clock)
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
         return self
@@ -140,14 +141,16 @@ def test_the_hull_travels_along_from_point_to_point(within):
     world = World().run(travel=travel)
     held = [reference.X_WB[:3, 3] for reference in world.of(WorkState.WORK)]
     for s in HEIGHTS:
-        there = np.array([-0.6, 0.0, 0.3]) + s / 0.12 * travel
-        within("hull at a point [m]", min(float(np.linalg.norm(p - there)) for p in held), 1e-9)
-    moving = [each for each in world.of(WorkState.CLOSE_IN) if each.X_WG is not None]
-    for now, then in pairwise(moving):
-        step = then.X_WB[:3, 3] - now.X_WB[:3, 3]
-        if now.state is then.state and np.linalg.norm(step) < 1e-2:
+        p_hull = np.array([-0.6, 0.0, 0.3]) + s / 0.12 * travel
+        within("hull at a point [m]", min(float(np.linalg.norm(p - p_hull)) for p in held), 1e-9)
+    moving = [reference for reference in world.of(WorkState.CLOSE_IN) if reference.X_WG is not None]
+    for earlier, later in pairwise(moving):
+        step = later.X_WB[:3, 3] - earlier.X_WB[:3, 3]
+        if earlier.state is later.state and np.linalg.norm(step) < 1e-2:
             within(
-                "speed of the hull [m/s]", step / PERIOD - 0.5 * (now.v_WB_W + then.v_WB_W), 2e-4
+                "speed of the hull [m/s]",
+                step / PERIOD - 0.5 * (earlier.v_WB_W + later.v_WB_W),
+                2e-4,
             )
 
 

@@ -24,7 +24,7 @@ def row(run: int, *faults: str, **more):
 def test_the_draw_takes_every_job_of_every_vehicle_within_its_seas():
     drawn = [draw(7, i) for i in range(25)]
     assert {(case.vehicle, case.job) for case in drawn} == {
-        (each.name, job) for each in WORKERS for job in each.jobs
+        (worker.name, job) for worker in WORKERS for job in worker.jobs
     }
 
     speeds, waves = (
@@ -68,5 +68,7 @@ def test_a_gyro_or_an_attitude_that_is_named_fails_the_study_and_another_fault_i
 def test_navigation_does_without_the_check_where_it_is_left_out():
     scenario = jobs.clean_barrel(quick=True, seed=4)
     without = replace(scenario, control=replace(scenario.control, without=("gyro-check",)))
-    estimators = [untyped(assemble(each).parts.estimator) for each in (scenario, without)]
+    estimators = [
+        untyped(assemble(loop_scenario).parts.estimator) for loop_scenario in (scenario, without)
+    ]
     assert [estimator.check_gyro for estimator in estimators] == [True, False]

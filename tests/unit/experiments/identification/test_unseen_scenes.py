@@ -30,9 +30,9 @@ from experiments.identification.unseen.scenes import (
     present,
     wrong,
 )
-from experiments.identification.unseen.study import UnseenTrial, run
-from uuv.clouds.object_scenes import FOCAL
-from uuv.clouds.placing import pinhole, resting_attitude
+from experiments.identification.unseen.unseen import UnseenTrial, unseen
+from uuv.clouds.frames import FOCAL, pinhole
+from uuv.clouds.placing import resting_attitude
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.perception.clouds.scan import SensorModel
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -286,6 +286,6 @@ def test_in_a_heap_the_object_is_found_that_others_resemble_more(member: int):
     """A frame and a union, 2000 and 3500 pixels among four others: none of the likeliest starts
     leads there.
     """
-    row = run(UnseenTrial(piled(990001, 10 + member), "place"))
-    assert row["found"]
-    assert row["decision"] == "accept", row["reason"]
+    row = unseen(UnseenTrial(**vars(piled(990001, 10 + member)), known="place"))
+    assert row.found
+    assert row.decision == "accept", row.reason

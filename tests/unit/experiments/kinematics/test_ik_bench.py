@@ -119,9 +119,9 @@ def test_angles_of_peers_are_turned_into_uneven_limits(
     task = fellows.SolverTask(arm=arm, limits=np.tile(np.radians(limits), (6, 1)), bar=(1e-4, 1e-3))
     q = np.random.default_rng(3).uniform(*task.limits.T, size=(200, 6))
     turned = q + 2.0 * np.pi * np.random.default_rng(4).integers(-2, 3, q.shape)
-    found = fellows.folded(turned, task)
-    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * q), atol=1e-12)
-    assert np.all((found >= task.limits[:, 0] - 1e-12) & (found <= task.limits[:, 1] + 1e-12))
+    angles = fellows.folded(turned, task)
+    np.testing.assert_allclose(np.exp(1j * angles), np.exp(1j * q), atol=1e-12)
+    assert np.all((angles >= task.limits[:, 0] - 1e-12) & (angles <= task.limits[:, 1] + 1e-12))
     assert np.all(np.isfinite(fellows._nearest(turned[:1], task, q[0])))
 
 
@@ -134,8 +134,8 @@ def test_a_urdf_says_every_rotation(fellows: ModuleType, pitch: float) -> None:
             @ exp_so3([roll, 0.0, 0.0])
         )
         r, p, y = fellows.roll_pitch_yaw(R)
-        found = exp_so3([0.0, 0.0, y]) @ exp_so3([0.0, p, 0.0]) @ exp_so3([r, 0.0, 0.0])
-        np.testing.assert_allclose(found, R, atol=1e-8)
+        R_urdf = exp_so3([0.0, 0.0, y]) @ exp_so3([0.0, p, 0.0]) @ exp_so3([r, 0.0, 0.0])
+        np.testing.assert_allclose(R_urdf, R, atol=1e-8)
 
 
 def test_an_arm_can_be_raced_within_its_own_limits(bench: ModuleType) -> None:

@@ -17,7 +17,7 @@ def row_of(arm: str, ratio: float, start: str = "cold") -> dict:
         "bar": "A",
         "targets": 100,
         "solved": {"hybrid": 100, "TRAC-IK": 95},
-        "median": {name: 1e-5 * value for name, value in solvers.items()},
+        "median": {name: 1e-5 * duration for name, duration in solvers.items()},
         "ratio": solvers,
         "ratio_sigma": {"hybrid": 0.0, "TRAC-IK": 0.1},
         "kernel": {"hybrid": 4e-6},

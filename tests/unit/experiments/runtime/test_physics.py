@@ -16,7 +16,7 @@ def test_a_slow_water_is_not_accepted():
     times = {"bare": 1e-5, "exact": 1.5e-5, "ellipsoid fluid": 6e-5, "numpy callback": 2e-4}
     row = {"table": "vehicle", "integrator": "implicitfast", "shape": "serial", "link_count": 6}
     row |= {"steps": 10, "rounds": 1, "step": times | {"numpy callback, drag only": 2e-4}}
-    row["ratio"] = {name: value / 1e-5 for name, value in row["step"].items()}
+    row["ratio"] = {name: duration / 1e-5 for name, duration in row["step"].items()}
 
     summary = step_cost.summary([row])
     assert summary.failed == []

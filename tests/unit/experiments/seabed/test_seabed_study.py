@@ -66,7 +66,7 @@ def test_page_of_the_speed_has_a_line_for_each_triangulation():
         "error": {"ours": 0.012, "Poisson": 0.03},
         "missed": {"ours": 0.0, "Poisson": 0.02},
     }
-    many = {name: {"ours": values["ours"]} for name, values in few.items()}
+    many = {name: {"ours": medians["ours"]} for name, medians in few.items()}
     rows = [
         {"points": 20_000, "seed": 3, "path_time": 0.1, "lacking": "", **few},
         {"points": 50_000, "seed": 3, "path_time": 0.25, "lacking": "no open3d", **many},

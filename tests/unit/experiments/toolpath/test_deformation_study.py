@@ -11,7 +11,7 @@ ONE = {"size": 0.008, "noise": 0.002, "regions": 2, "error": 0.004, "both": 60, 
 
 def deformed(seed: int, both: int) -> dict[str, Any]:
     """A dented pile whose map of three frames has `both` of 100 pixels at the default size."""
-    few = {name: [value] * 4 for name, value in ONE.items()}
+    few = {name: [figure] * 4 for name, figure in ONE.items()}
     many = few | {"both": [both, 60, 50, 40], "either": [100, 80, 80, 0]}
     case = {"object": "dented pile", "looks": 3, "seed": seed}
     maps = {name: {"1": few[name], "3": many[name]} for name in ONE}

@@ -30,7 +30,7 @@ def row(seed: int, figures: dict[str, Any]) -> dict[str, Any]:
     """A row of a fouled pile with one path."""
     case = {"object": "fouled pile", "looks": 4, "exact": False, "judged": True, "seed": seed}
     pose = {"accepted": True, "reason": "", "position_error": 0.001, "angle_error": 0.01}
-    return {**case, **pose, **{name: {"ring": value} for name, value in figures.items()}}
+    return {**case, **pose, **{name: {"ring": figure} for name, figure in figures.items()}}
 
 
 def test_page_tells_refused_and_unseen_paths_and_draws_the_seen_ones():

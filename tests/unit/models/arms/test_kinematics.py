@@ -14,7 +14,8 @@ kinematics, tip_places = uncompiled("uuv.models.arms.kinematics", "uuv.models.ar
 def test_frames_are_products_of_elementary_moves(rng: np.random.Generator) -> None:
     table, slides, X_base, *_ = drawn_arm(rng)
     q = rng.normal(size=len(table))
-    R, o = X_base[:3, :3].copy(), X_base[:3, 3].copy()
+    R = X_base[:3, :3].copy()
+    o = X_base[:3, 3].copy()
     expected = link_frames(table, slides, X_base, q)
     for k, row in enumerate(table):
         axes = np.empty((4, 3))
@@ -30,7 +31,8 @@ def test_frames_are_products_of_elementary_moves(rng: np.random.Generator) -> No
 
 def test_tips_and_their_derivatives(rng: np.random.Generator) -> None:
     table, slides, X_base, X_flange, tcp = drawn_arm(rng)
-    n, q = len(table), rng.normal(size=(3, len(table)))
+    n = len(table)
+    q = rng.normal(size=(3, len(table)))
 
     def tips(table: Array, tcp: Array) -> Array:
         return np.array(
@@ -49,6 +51,7 @@ def test_tips_and_their_derivatives(rng: np.random.Generator) -> None:
     h = 1e-6
     for i in range(5 * n + 3):
         e = h * np.eye(5 * n + 3)[i]
-        rows, point = e[: 5 * n].reshape(n, 5), e[5 * n :]
+        rows = e[: 5 * n].reshape(n, 5)
+        point = e[5 * n :]
         slope = (tips(table + rows, tcp + point) - tips(table - rows, tcp - point)) / (2 * h)
         np.testing.assert_allclose(J[:, i], slope, atol=1e-8)

@@ -103,7 +103,8 @@ def stretched(name: str, origin: int, frame: int, level: bool) -> float:
     axis where `level`.
     """
     arm = published_arms.load(name)
-    limits, rng = np.clip(arm.limits, -np.pi, np.pi), np.random.default_rng(3)
+    limits = np.clip(arm.limits, -np.pi, np.pi)
+    rng = np.random.default_rng(3)
 
     def near(q: Array) -> float:
         points = arm.joint_frames(q)[:, :3, 3]

@@ -52,7 +52,9 @@ def test_derivatives(within):
     rng = np.random.default_rng(1)
     nominal = SerialArm.from_dh(UR10E, "rrrprr")
     arm = nominal.with_table(nominal.table + 0.1 * rng.standard_normal(nominal.table.shape))
-    q, tcp, h = rng.uniform(-1, 1, (4, 6)), rng.uniform(-0.2, 0.2, 3), 1e-6
+    q = rng.uniform(-1, 1, (4, 6))
+    tcp = rng.uniform(-0.2, 0.2, 3)
+    h = 1e-6
     _, J = arm.tips_and_jacobian(q, tcp)
     for i in range(arm.table.size + 3):
         step = np.zeros(arm.table.size + 3)
@@ -68,7 +70,8 @@ def test_table_without_beta_is_the_same_arm(within):
     rng = np.random.default_rng(2)
     arm = tilted(rng)
     assert np.abs(arm.table[1:3, 4]).min() > 1e-3
-    q, tcp = rng.uniform(-3, 3, (20, 6)), OFF_AXIS
+    q = rng.uniform(-3, 3, (20, 6))
+    tcp = OFF_AXIS
     within("tips by plain DH", tips_here(arm.dh, q, tcp) - arm.tips(q, tcp), 2e-13)  # 2e-14
 
 
@@ -87,15 +90,16 @@ def test_every_description_is_the_same_arm(rng, types, within):
     """Joint frames, the chain of the inverse kinematics, and a tip taken into the flange; with beta
     and a base.
     """
-    arm, tcp = random_arm(rng, types), rng.uniform(-0.2, 0.2, 3)
+    arm = random_arm(rng, types)
+    tcp = rng.uniform(-0.2, 0.2, 3)
     q = rng.uniform(-1, 1, (10, arm.n))
     flanges = arm.flange(q)
     chain = Chain.from_arm(arm)
     assert (chain.joint_types, chain.names) == (types, arm.joint_names)
     np.testing.assert_array_equal(chain.limits, arm.limits)
-    for values, X in zip(q, flanges, strict=True):
-        within("flange by joint frames [m, 1]", arm.joint_frames(values)[-1] - X, 1e-14)  # 9e-16
-        within("flange by the chain [m, 1]", chain.forward(values) - X, 2e-14)  # 2e-15
+    for angles, X in zip(q, flanges, strict=True):
+        within("flange by joint frames [m, 1]", arm.joint_frames(angles)[-1] - X, 1e-14)  # 9e-16
+        within("flange by the chain [m, 1]", chain.forward(angles) - X, 2e-14)  # 2e-15
     within("tips [m]", arm.with_tip(tcp).flange(q)[:, :3, 3] - arm.tips(q, tcp), 5e-15)  # 4e-16
     axes, points, _ = arm.axes()
     frames = arm.joint_frames(np.zeros(arm.n))[:-1]

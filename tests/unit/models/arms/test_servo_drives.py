@@ -22,7 +22,8 @@ def test_tip_is_that_of_the_chain(rng: np.random.Generator) -> None:
     # axes of the chain's tip
     X_tip = tip_pose(model, np.zeros(8))[:3, :3].T @ chain.forward(np.zeros(8))[:3, :3]
     for q in rng.uniform(-1.0, 1.0, (5, 8)):
-        X, expected = tip_pose(model, q), chain.forward(q)
+        X = tip_pose(model, q)
+        expected = chain.forward(q)
         np.testing.assert_allclose(X[:3, 3], expected[:3, 3], atol=1e-12)
         np.testing.assert_allclose(X[:3, :3] @ X_tip, expected[:3, :3], atol=1e-12)
 
@@ -34,11 +35,11 @@ def test_each_drive_rests_beside_its_angle_by_the_weight_over_its_stiffness(
     model = servo_model(SERVO_ARM, servo, UP)
     data = mujoco.MjData(model)
     for q in rng.uniform(-1.0, 1.0, (5, 8)):
-        data.qpos[:] = found = rest(model, q)
+        data.qpos[:] = q_rest = rest(model, q)
         mujoco.mj_forward(model, data)
         weight = data.qfrc_bias  # [N m] at rest
-        np.testing.assert_allclose(found - q, -weight / servo.stiffness, atol=1e-5)
-        assert np.abs(found - q).max() > 0.01
+        np.testing.assert_allclose(q_rest - q, -weight / servo.stiffness, atol=1e-5)
+        assert np.abs(q_rest - q).max() > 0.01
 
 
 def test_stiffer_drives_come_closer() -> None:

@@ -89,10 +89,10 @@ def test_a_chain_from_urdf_is_the_robot(tmp_path: Path) -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_a_robot_from_urdf_is_solved(method: Method) -> None:
     chain = Chain.from_urdf(CRANE.format(multiplier=-1), "pad", "hook")
-    wanted = np.array([0.4, 0.5, 0.3, -0.7])
-    result = solve(chain, crane_tip(*wanted), wanted + 0.05, method=method)
-    assert result.converged
-    np.testing.assert_allclose(result.q, wanted, atol=5e-3)
+    q_goal = np.array([0.4, 0.5, 0.3, -0.7])
+    solution = solve(chain, crane_tip(*q_goal), q_goal + 0.05, method=method)
+    assert solution.converged
+    np.testing.assert_allclose(solution.q, q_goal, atol=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -144,12 +144,13 @@ def test_the_serial_arm_is_the_chain(within) -> None:
     robot = urdf_files.parse(text.encode(), "crane")
     assert robot.root == "pad"
     rng = np.random.default_rng(9)
-    for base, tip, found in (
+    for base, tip, branch in (
         ("pad", "hook", robot.chain()),
         ("turret", "flange", robot.chain("turret", "flange")),
     ):
-        assert (found.base, found.tip) == (base, tip)
-        arm, chain = found.arm(), Chain.from_urdf(text, base, tip)
+        assert (branch.base, branch.tip) == (base, tip)
+        arm = branch.arm()
+        chain = Chain.from_urdf(text, base, tip)
         assert (arm.joint_types, arm.joint_names) == (chain.joint_types, chain.names)
         np.testing.assert_array_equal(arm.limits, chain.limits)
         for q in rng.uniform(-1, 1, (5, arm.n)):

@@ -28,7 +28,7 @@ def test_the_mapping_of_the_page_is_read(root: Path, tmp_path: Path) -> None:
         "elbow": 10.0,
         "roll": 2.0,
     }
-    assert [each.thruster.forward for each in parts.thrusters] == pytest.approx([51.44, 50.0])
+    assert [part.thruster.forward for part in parts.thrusters] == pytest.approx([51.44, 50.0])
 
 
 def test_the_urdf_arm_of_the_page_hovers(
@@ -41,7 +41,7 @@ def test_the_urdf_arm_of_the_page_hovers(
     assert "keyframe home: none given" in capsys.readouterr().out
     check = names["check"]
     assert all(verdict.promised for verdict in check.jobs)
-    assert not [each for each in check.findings if each.level == "fault"]
+    assert not [finding for finding in check.findings if finding.level == "fault"]
     assert names["links"] == [
         "arm_base",
         "arm_shoulder",

@@ -18,6 +18,7 @@ from uuv.models.completing.mounting import mount_arm
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.files.notes import computed
 from uuv.models.files.parts_file import PartPlace, read_parts
+from uuv.models.files.urdf import parse
 from uuv.models.naming import CAMERA_SITE, HOME_KEY, READY_KEY, TIP_SITE, TOOL_GEOM
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import thrusters
@@ -100,13 +101,13 @@ def stepped(model: mujoco.MjModel) -> mujoco.MjData:
     """State after half a second under constant thrust and torque."""
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(READY_KEY).id)
-    for name, value in {
+    for name, command in {
         "thruster_ahead": 10.0,
         "thruster_up_port": 2.0,
         "lift": 1.0,
         "bend": -0.5,
     }.items():
-        data.actuator(name).ctrl = value
+        data.actuator(name).ctrl = command
     mujoco.mj_step(model, data, nstep=250)
     return data
 
@@ -140,9 +141,10 @@ def test_a_urdf_with_a_mapping_moves_as_the_mjcf_does(tmp_path: Path, within) ->
 
 
 def test_what_a_file_leaves_out_is_said(tmp_path: Path) -> None:
-    said = computed(vehicle_spec(written(tmp_path, ".urdf", URDF)))
-    assert "not_there.dae" in said["note_1"]
-    assert set(said) == {"note_1", HOME_KEY, READY_KEY}
+    notes = computed(vehicle_spec(written(tmp_path, ".urdf", URDF)))
+    assert "not_there.dae" in notes["note_1"]
+    assert "rotor inertia of light joints" in notes["note_2"]
+    assert set(notes) == {"note_1", "note_2", HOME_KEY, READY_KEY}
 
 
 def test_a_mapping_can_lock_a_joint_and_replace_a_servo(tmp_path: Path) -> None:
@@ -205,7 +207,7 @@ def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
     macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
     macro = macro.replace("</robot>", '<xacro:property name="m" value="3"/></robot>')
     with pytest.raises(ConfigurationError, match="it is xacro, convert it first"):
-        vehicle_spec(written(tmp_path, ".urdf", macro))
+        parse(macro)
 
 
 ROS = """<robot name="rov"><link name="world"/>
@@ -220,20 +222,21 @@ ROS = """<robot name="rov"><link name="world"/>
 def test_a_root_of_ros_floats_with_the_mass_that_is_fixed_to_it(tmp_path: Path, within) -> None:
     (tmp_path / "rov.urdf").write_text(ROS, encoding="utf-8")
     spec = vehicle_spec(tmp_path / "rov.urdf")
-    model, said = spec.compile(), computed(spec)
-    assert said["note_1"] == "link world left out: base floats"
-    assert "it takes that of 'heavy'" in said["note_2"]
+    model = spec.compile()
+    notes = computed(spec)
+    assert notes["note_1"] == "link world left out: base floats"
+    assert "it takes that of 'heavy'" in notes["note_2"]
     joint, inertial = (
         Rotation.from_euler("xyz", angles) for angles in ([0.4, -0.3, 1.2], [-0.2, 0.5, 0.3])
     )
-    place = np.array([0.2, -0.1, 0.3]) + joint.apply([0.1, 0.0, -0.2])
+    p_com = np.array([0.2, -0.1, 0.3]) + joint.apply([0.1, 0.0, -0.2])
     R = (joint * inertial).as_matrix()
     tensor = R @ np.array([[3.0, 0.1, -0.2], [0.1, 2.0, 0.3], [-0.2, 0.3, 1.5]]) @ R.T
     axes = np.empty(9)
     mujoco.mju_quat2Mat(axes, model.body_iquat[1])
     axes = axes.reshape(3, 3)
     assert model.body_mass[1] == 30.0
-    within("centre of mass [m]", model.body_ipos[1] - place, 1e-12)
+    within("centre of mass [m]", model.body_ipos[1] - p_com, 1e-12)
     within("inertia [kg m^2]", axes * model.body_inertia[1] @ axes.T - tensor, 1e-12)
 
 
@@ -374,23 +377,23 @@ def test_computed_postures_are_clear_and_better_conditioned_than_those_by_hand(n
     for key in list(spec.keys):
         spec.delete(key)
     assert len(complete(spec)) == 2
-    found = Vehicle.of(spec.compile())
+    vehicle = Vehicle.of(spec.compile())
     again = models.load(name)
     for key in list(again.keys):
         again.delete(key)
     complete(again)
     # the same every time
-    np.testing.assert_array_equal(found.q_home, Vehicle.of(again.compile()).q_home)
-    low, high = found.q_limits.T
-    for q in (found.q_home, found.q_ready):
+    np.testing.assert_array_equal(vehicle.q_home, Vehicle.of(again.compile()).q_home)
+    low, high = vehicle.q_limits.T
+    for q in (vehicle.q_home, vehicle.q_ready):
         assert np.all((low <= q) & (q <= high))
         assert search.is_clear(q)
-    assert search.view_blocked(found.q_home) == 0.0
-    assert search.singular_value(found.q_ready) > search.singular_value(theirs[READY_KEY])
+    assert search.view_blocked(vehicle.q_home) == 0.0
+    assert search.singular_value(vehicle.q_ready) > search.singular_value(theirs[READY_KEY])
 
 
 def test_an_arm_that_cannot_be_read_is_told_by_who_needs_it(tmp_path: Path) -> None:
-    endless = MJCF.replace(' range="-2.4 2.4"', "")
+    endless = MJCF.replace(' range="-2.4 2.4"', ' type="slide"')
     spec = vehicle_spec(written(tmp_path, ".xml", endless))
     assert not computed(spec)
     with pytest.raises(ConfigurationError, match="joint 'bend' of the arm must have a range"):
@@ -434,3 +437,18 @@ def test_an_arm_of_a_urdf_is_mounted_on_another_hull(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="no 'arm_base'"):
         mount_arm(spec, tmp_path / "arm.urdf", p=[0, 0, 0], tip="lower")
     assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM) < 0
+
+
+def test_a_hull_that_is_ballasted_folds_its_arm_whatever_it_would_list(tmp_path: Path) -> None:
+    """Ballast levels the hull with the arm at home, so a list there is no reason to stretch it."""
+    heavy = URDF.replace('<mass value="0.4"/>', '<mass value="6"/>')
+    heavy = heavy.replace('<mass value="0.3"/>', '<mass value="6"/>')
+    spread = {}
+    for parts in (PARTS, PARTS + "trim: 0.05\n"):
+        folder = tmp_path / str(len(parts))
+        folder.mkdir()
+        model = vehicle_spec(written(folder, ".urdf", heavy, parts)).compile()
+        search = PostureSearch(model, trimmed=True)
+        home = np.array(model.key(HOME_KEY).qpos)[search.vehicle.qpos]
+        spread[parts] = search._spread(home)
+    assert spread[PARTS + "trim: 0.05\n"] < spread[PARTS] - 0.002  # [m] 0.1814, 0.1847

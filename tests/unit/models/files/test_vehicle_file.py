@@ -48,9 +48,12 @@ def test_a_file_is_read_under_its_own_names(tmp_path: Path) -> None:
     assert (vehicle.bare, vehicle.trim, list(vehicle.spec.actuators)) == (True, 0.04, [])
     assert list(hydrodynamics.attached(vehicle.spec)) == ["base"]
 
-    model = mapped(vehicle).compile()
-    assert [model.joint(j).name for j in range(model.njnt)] == ["hull", "lift"]
-    assert model.nu == 0  # no arm by the contract: the mapping names none
+    spec = mapped(vehicle)
+    model = spec.compile()
+    # no arm by the contract: the mapping names none, and nothing drives a joint
+    assert [model.joint(j).name for j in range(model.njnt)] == ["hull"]
+    assert "joints held at 0, which nothing drives: lift" in computed(spec).values()
+    assert model.nu == 0
 
 
 def test_what_cannot_be_a_vehicle_is_named(tmp_path: Path) -> None:
@@ -66,11 +69,11 @@ def test_what_cannot_be_a_vehicle_is_named(tmp_path: Path) -> None:
     water = tmp_path / "rov.water.yaml"
     water.write_text("bodies: {base: {sphere: {radius: 0.2}}}")
     assert hydrodynamics.attached(read(file, water=water).spec)
-    for own in ("uuv_puma", read(file).spec):
+    for source in ("uuv_puma", read(file).spec):
         with pytest.raises(
             ConfigurationError, match="has its own water, so a water file is refused"
         ):
-            read(own, water=water)
+            read(source, water=water)
 
 
 def test_a_function_and_a_spec_go_the_way_of_a_file(tmp_path: Path, monkeypatch) -> None:
@@ -127,9 +130,9 @@ def test_an_arm_whose_root_hangs_on_the_world_of_ros_is_mounted(tmp_path: Path) 
         'link="base"/></joint>'
     )
     rov = models.load("bluerov2_heavy")
-    place = {"p": [0.2, 0.0, -0.15], "rpy": [np.pi, 0.0, 0.0]}
+    mounting = {"p": [0.2, 0.0, -0.15], "rpy": [np.pi, 0.0, 0.0]}
     links = mount_arm(
-        rov, urdf(tmp_path, world, BASE, ARM), **place, tip="link", tip_p=[0.0, 0.0, 0.1]
+        rov, urdf(tmp_path, world, BASE, ARM), **mounting, tip="link", tip_p=[0.0, 0.0, 0.1]
     )
     assert links == ["arm_base", "arm_link"]
     assert rov.compile().actuator("arm_lift").ctrlrange.tolist() == [-7.0, 7.0]

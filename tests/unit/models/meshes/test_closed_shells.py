@@ -21,7 +21,8 @@ from uuv.sim.interfaces.spatial import exp_so3
 
 @pytest.mark.parametrize("sides", [3, 5, 24])
 def test_a_profile_turned_about_x_is_a_stack_of_frustums(sides: int) -> None:
-    x, r = np.array([-0.2, -0.1, 0.3, 0.7, 0.9]), np.array([0.0, 0.3, 0.5, 0.2, 0.0])
+    x = np.array([-0.2, -0.1, 0.3, 0.7, 0.9])
+    r = np.array([0.0, 0.3, 0.5, 0.2, 0.0])
     vertices, triangles = revolve(np.column_stack([x, r]), sides)
     area = 0.5 * sides * np.sin(2.0 * np.pi / sides)  # of the polygon in a unit circle
     expected = area * np.sum(np.diff(x) * (r[1:] ** 2 + r[1:] * r[:-1] + r[:-1] ** 2)) / 3.0

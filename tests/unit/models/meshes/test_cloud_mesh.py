@@ -44,17 +44,17 @@ def test_a_box_gets_its_faces_and_edges_back(
 ) -> None:
     solid = box(SIZE * scale, np.zeros(3))
     points, normals = sampled(*solid, 4000, rng)
-    made = mesh_of_cloud(points, normals if given else None)
-    assert not made.is_open
-    assert not len(made.border)
-    distance = off(made, *solid, rng)
-    assert np.quantile(distance, 0.95) < 0.1 * made.spacing
+    mesh = mesh_of_cloud(points, normals if given else None)
+    assert not mesh.is_open
+    assert not len(mesh.border)
+    distance = off(mesh, *solid, rng)
+    assert np.quantile(distance, 0.95) < 0.1 * mesh.spacing
     # Without sharpening no vertex lies on an edge, and the box is as much smaller as the points lie
     # apart.
-    across = np.ptp(made.vertices, axis=0)
-    within("extent [spacings]", (across - SIZE * scale) / made.spacing, 0.2 if given else 1.0)
+    across = np.ptp(mesh.vertices, axis=0)
+    within("extent [spacings]", (across - SIZE * scale) / mesh.spacing, 0.2 if given else 1.0)
     rays = rng.normal(size=(2000, 3))
-    out = RayScene(made.vertices, made.triangles).cast(np.zeros(3), rays)
+    out = RayScene(mesh.vertices, mesh.triangles).cast(np.zeros(3), rays)
     assert np.isfinite(out["t"]).mean() > 0.99  # closed but for cracks
     outward = np.einsum("ni,ni->n", out["normal"], rays) > 0.0
     assert outward[np.isfinite(out["t"])].mean() > 0.97
@@ -63,10 +63,10 @@ def test_a_box_gets_its_faces_and_edges_back(
 def test_the_sides_of_a_plate_stay_apart(rng: np.random.Generator) -> None:
     thin = box([0.5, 0.4, 0.004], np.zeros(3))  # the points lie 9 mm apart
     points, normals = sampled(*thin, 5000, rng)
-    made = mesh_of_cloud(points, normals)
-    hit = RayScene(made.vertices, made.triangles).distance([0.05, 0.02, 1.0], [[0.0, 0.0, -1.0]])
+    mesh = mesh_of_cloud(points, normals)
+    hit = RayScene(mesh.vertices, mesh.triangles).distance([0.05, 0.02, 1.0], [[0.0, 0.0, -1.0]])
     assert hit[0] == pytest.approx(0.998, abs=1e-4)
-    distance = off(made, *thin, rng)
+    distance = off(mesh, *thin, rng)
     assert np.median(distance) < 1e-6
     assert np.quantile(distance, 0.95) < 2.5e-3  # at the rim, where hardly a point lies
 
@@ -75,19 +75,19 @@ def test_the_sides_of_a_plate_stay_apart(rng: np.random.Generator) -> None:
 def test_a_scan_from_one_side_stays_open(rng: np.random.Generator, given: bool) -> None:
     points, normals = sampled(*sphere(3), 8000, rng)
     half = points[:, 2] > 0.0
-    made = mesh_of_cloud(points[half], normals[half] if given else None)
-    assert made.is_open
-    assert "open" in made.note
-    assert np.quantile(np.abs(made.border[:, 2]), 0.9) < 4.0 * made.spacing
-    assert len(made.border) > 0.3 * 2.0 * np.pi / made.spacing
-    scene = OneSidedScene(made.vertices, made.triangles)
+    mesh = mesh_of_cloud(points[half], normals[half] if given else None)
+    assert mesh.is_open
+    assert "open" in mesh.note
+    assert np.quantile(np.abs(mesh.border[:, 2]), 0.9) < 4.0 * mesh.spacing
+    assert len(mesh.border) > 0.3 * 2.0 * np.pi / mesh.spacing
+    scene = OneSidedScene(mesh.vertices, mesh.triangles)
     assert scene.distance([0.0, 0.0, 3.0], [[0.0, 0.0, -1.0]])[0] == pytest.approx(2.0, abs=0.02)
     # from behind nothing is known
     assert np.isinf(scene.distance([0.0, 0.0, -3.0], [[0.0, 0.0, 1.0]])[0])
     # Nothing spans the open side.
     flat = np.column_stack([rng.uniform(-0.6, 0.6, (500, 2)), np.full(500, -2.0)])
     assert (
-        RayScene(made.vertices, made.triangles).distance(flat, [[0.0, 0.0, 1.0]] * 500) > 2.3
+        RayScene(mesh.vertices, mesh.triangles).distance(flat, [[0.0, 0.0, 1.0]] * 500) > 2.3
     ).mean() > 0.99
 
 
@@ -95,41 +95,42 @@ def test_normals_of_either_sign_are_turned_outward(rng: np.random.Generator) -> 
     points, normals = sampled(*sphere(3), 8000, rng)
     half = points[:, 2] > 0.0
     points, normals = points[half], normals[half]
-    for given, said in (
+    for normals_read, words in (
         (-normals, "turned over"),
         (normals * rng.choice([-1.0, 1.0], (len(normals), 1)), "mixed signs"),
     ):
-        made = mesh_of_cloud(points, given)
-        assert said in made.note
-        scene = OneSidedScene(made.vertices, made.triangles)
+        mesh = mesh_of_cloud(points, normals_read)
+        assert words in mesh.note
+        scene = OneSidedScene(mesh.vertices, mesh.triangles)
         assert np.isfinite(scene.distance([0.0, 0.0, 3.0], [[0.0, 0.0, -1.0]])[0])
 
 
 def test_noise_and_numbers_of_points_are_averaged(rng: np.random.Generator) -> None:
     points, _ = sampled(*sphere(3), 12_000, rng)
-    made = mesh_of_cloud(points * (1.0 + 0.04 * rng.normal(size=(len(points), 1))))
-    assert "averaged to" in made.note
-    assert np.median(np.abs(np.linalg.norm(made.vertices, axis=1) - 1.0)) < 0.03
+    mesh = mesh_of_cloud(points * (1.0 + 0.04 * rng.normal(size=(len(points), 1))))
+    assert "averaged to" in mesh.note
+    assert np.median(np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1.0)) < 0.03
 
 
 def test_the_symmetry_of_a_cloud_is_that_of_its_object(rng: np.random.Generator) -> None:
     solid = box([0.5, 0.3, 0.3], np.zeros(3))
-    made = mesh_of_cloud(*sampled(*solid, 5000, rng))
-    found = mesh_symmetry(made.vertices, made.triangles, np.random.default_rng(0), made.spacing)
-    assert len(found.rotations) == 8
-    assert np.linalg.norm(found.center) < 0.003
+    mesh = mesh_of_cloud(*sampled(*solid, 5000, rng))
+    symmetry = mesh_symmetry(mesh.vertices, mesh.triangles, np.random.default_rng(0), mesh.spacing)
+    assert len(symmetry.rotations) == 8
+    assert np.linalg.norm(symmetry.center) < 0.003
 
 
 def test_the_same_points_give_the_same_mesh(rng: np.random.Generator) -> None:
     points, _ = sampled(*box(SIZE, np.zeros(3)), 2000, rng)
-    one, other = mesh_of_cloud(points), mesh_of_cloud(points[rng.permutation(len(points))])
-    assert np.array_equal(one.vertices, other.vertices)
-    assert np.array_equal(one.triangles, other.triangles)
+    first = mesh_of_cloud(points)
+    other = mesh_of_cloud(points[rng.permutation(len(points))])
+    assert np.array_equal(first.vertices, other.vertices)
+    assert np.array_equal(first.triangles, other.triangles)
 
 
 def test_what_is_no_model_is_refused_in_a_line(rng: np.random.Generator) -> None:
     points = rng.uniform(size=(300, 3))
-    for given, words in (
+    for arguments, words in (
         ((points[:50],), f"at least {FEWEST} distinct points, got 50"),
         ((np.ones((300, 3)),), "distinct points, got 1"),
         ((np.linspace(0.0, 1.0, 300)[:, None] * np.ones(3),), "form no surface"),
@@ -138,7 +139,7 @@ def test_what_is_no_model_is_refused_in_a_line(rng: np.random.Generator) -> None
         ((1e200 * points,), "must lie within"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            TargetModel.from_cloud(*untyped(given))
+            TargetModel.from_cloud(*untyped(arguments))
 
 
 def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:
@@ -157,12 +158,12 @@ def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:
     np.savetxt(tmp_path / "a.xyz", np.delete(rows, 7, axis=0), fmt="%.17g")
     np.savetxt(tmp_path / "bare.xyz", points[8:], fmt="%.17g", delimiter=",")
     for name in ("a.pcd", "a.ply", "a.xyz"):
-        found = read_surfels(tmp_path / name)
-        kept = np.isfinite(found.points).all(axis=1)
-        assert kept.sum() == 1999
-        assert np.array_equal(found.points[kept], np.delete(points, 7, axis=0))
-        assert found.normals is not None
-        assert np.array_equal(found.normals[kept], np.delete(normals, 7, axis=0))
+        surfels = read_surfels(tmp_path / name)
+        finite = np.isfinite(surfels.points).all(axis=1)
+        assert finite.sum() == 1999
+        assert np.array_equal(surfels.points[finite], np.delete(points, 7, axis=0))
+        assert surfels.normals is not None
+        assert np.array_equal(surfels.normals[finite], np.delete(normals, 7, axis=0))
         target = TargetModel.from_file(tmp_path / name)
         assert target.cloud is not None
         assert "normals given" in target.cloud.note
@@ -180,12 +181,12 @@ def test_where_the_origin_lies_changes_nothing(rng: np.random.Generator) -> None
     points = sampled(*box(SIZE, np.zeros(3)), 3000, rng)[0].round(4)
     near = mesh_of_cloud(points)
     for far in (np.array([20.0, -15.0, 0.0]), np.array([5.12e3, 5.403e4, 200.0])):
-        made = mesh_of_cloud(points + far)
-        assert abs(len(made.triangles) - len(near.triangles)) < 0.01 * len(near.triangles)
-        assert made.spacing == pytest.approx(near.spacing, rel=1e-6)
+        mesh = mesh_of_cloud(points + far)
+        assert abs(len(mesh.triangles) - len(near.triangles)) < 0.01 * len(near.triangles)
+        assert mesh.spacing == pytest.approx(near.spacing, rel=1e-6)
         np.testing.assert_allclose(
-            np.ptp(made.vertices, axis=0), np.ptp(near.vertices, axis=0), atol=1e-3
+            np.ptp(mesh.vertices, axis=0), np.ptp(near.vertices, axis=0), atol=1e-3
         )
         np.testing.assert_allclose(
-            made.vertices.mean(axis=0) - far, near.vertices.mean(axis=0), atol=1e-3
+            mesh.vertices.mean(axis=0) - far, near.vertices.mean(axis=0), atol=1e-3
         )

@@ -57,10 +57,10 @@ def test_duplicates_and_what_no_face_uses_are_left_out(rng: np.random.Generator)
     corners = rng.normal(size=(4, 3))
     vertices = np.vstack([corners, corners[:2], [[9.0, 9.0, 9.0]]])
     triangles = np.array([[0, 1, 2], [4, 5, 3], [0, 4, 2], [1, 2, 5], [2, 0, 4]])
-    found, faces = mesh_files._tidied(vertices, triangles)
-    assert len(found) == 4
+    unique, faces = mesh_files._tidied(vertices, triangles)
+    assert len(unique) == 4
     assert len(faces) == 2
-    np.testing.assert_allclose(found[faces], vertices[triangles[:2]])
+    np.testing.assert_allclose(unique[faces], vertices[triangles[:2]])
 
 
 def test_text_that_is_not_utf_8_is_read(tmp_path, monkeypatch):

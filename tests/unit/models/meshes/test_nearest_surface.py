@@ -23,7 +23,8 @@ def mesh(rng: np.random.Generator, stretch: Array) -> tuple[Array, np.ndarray]:
 
 def test_the_nearest_point_of_a_triangle(rng: np.random.Generator) -> None:
     for _ in range(60):
-        corner, p = rng.normal(size=(3, 3)), 1.5 * rng.normal(size=3)
+        corner = rng.normal(size=(3, 3))
+        p = 1.5 * rng.normal(size=3)
         *weights, square = nearest._on_triangle(*p, corner)
         assert min(weights) >= 0.0
         assert sum(weights) == pytest.approx(1.0)
@@ -63,7 +64,9 @@ def test_a_tree_halves_each_box_across_its_longest_side(rng: np.random.Generator
     corners = vertices[triangles]
     order, boxes, spans = nearest._tree(corners)
     assert sorted(order) == list(range(len(triangles)))
-    middles, leaves, waiting = corners[order].mean(axis=1), [], [(0, 0, len(order))]
+    middles = corners[order].mean(axis=1)
+    leaves = []
+    waiting = [(0, 0, len(order))]
     while waiting:
         box, first, end = waiting.pop()
         inside = corners[order[first:end]].reshape(-1, 3)
@@ -73,7 +76,8 @@ def test_a_tree_halves_each_box_across_its_longest_side(rng: np.random.Generator
             assert end - first <= nearest._LEAF
             leaves.append((first, end))
             continue
-        half, side = (first + end) // 2, int(np.argmax(np.ptp(middles[first:end], axis=0)))
+        half = (first + end) // 2
+        side = int(np.argmax(np.ptp(middles[first:end], axis=0)))
         assert middles[first:half, side].max() <= middles[half:end, side].min()
         waiting += [(spans[box, 0], first, half), (spans[box, 1], half, end)]
     assert len(spans) == 2 * len(leaves) - 1
@@ -83,11 +87,11 @@ def test_the_nearest_of_all_triangles_is_found(rng: np.random.Generator) -> None
     vertices, triangles = mesh(rng, np.array([1.0, 0.4, 0.2]))
     surface = nearest.NearestSurface.of(vertices, triangles)
     points = rng.uniform(-1.2, 1.2, (25, 3))
-    found = surface.query(points)
+    closest = surface.query(points)
     for i, p in enumerate(points):
         squares = [nearest._on_triangle(*p, vertices[t])[3] for t in triangles]
-        assert found.distance[i] == pytest.approx(np.sqrt(min(squares)), abs=1e-12)
-        assert squares[found.triangle[i]] == pytest.approx(min(squares), abs=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(found.point - points, axis=1), found.distance)
-    at = np.einsum("nk,nkj->nj", found.weights, vertices[triangles[found.triangle]])
-    np.testing.assert_allclose(at, found.point, atol=1e-12)
+        assert closest.distance[i] == pytest.approx(np.sqrt(min(squares)), abs=1e-12)
+        assert squares[closest.triangle[i]] == pytest.approx(min(squares), abs=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(closest.point - points, axis=1), closest.distance)
+    at = np.einsum("nk,nkj->nj", closest.weights, vertices[triangles[closest.triangle]])
+    np.testing.assert_allclose(at, closest.point, atol=1e-12)

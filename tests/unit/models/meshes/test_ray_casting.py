@@ -56,7 +56,8 @@ def test_no_ray_slips_through_an_edge(rng, within):
     corners = vertices[triangles]
     aims = np.concatenate([vertices, 0.5 * (corners[:, 0] + corners[:, 1])])
     aims = aims[np.abs(aims[:, :2]).max(axis=1) < 0.99]
-    R, eye = exp_so3(rng.normal(size=3)), np.array([0.3, -0.2, -2.0])
+    R = exp_so3(rng.normal(size=3))
+    eye = np.array([0.3, -0.2, -2.0])
     t = RayScene(vertices @ R.T, triangles).cast(R @ eye, (aims - eye) @ R.T)["t"]
     assert np.isinf(t).mean() < 0.01
     within("t", t[np.isfinite(t)] - 1.0, 1e-5)
@@ -106,14 +107,14 @@ def test_nearest_point_of_a_sphere_and_of_a_box(rng, within):
     # its facets
     within("ball [m]", NearestSurface.of(ball, triangles).query(points).distance - away, 3e-3)
     half = np.array([0.2, 0.15, 0.1])
-    found = NearestSurface.of(*box(2.0 * half, np.zeros(3))).query(points)
+    nearest = NearestSurface.of(*box(2.0 * half, np.zeros(3))).query(points)
     over = np.abs(points) - half
     away = np.abs(np.linalg.norm(np.maximum(over, 0.0), axis=1) + np.minimum(over.max(axis=1), 0.0))
-    within("box [m]", found.distance - away, 1e-12)
-    within("weights", found.weights.sum(axis=1) - 1.0, 1e-12)
+    within("box [m]", nearest.distance - away, 1e-12)
+    within("weights", nearest.weights.sum(axis=1) - 1.0, 1e-12)
     within(
         "distance of the point [m]",
-        np.linalg.norm(points - found.point, axis=1) - found.distance,
+        np.linalg.norm(points - nearest.point, axis=1) - nearest.distance,
         1e-12,
     )
 
@@ -123,14 +124,15 @@ def test_nearest_point_agrees_with_every_triangle_alone(rng, within):
     corners = rng.normal(size=(80, 3, 3))
     corners[::8, 2] = 0.3 * corners[::8, 0] + 0.7 * corners[::8, 1]
     corners[::16, 1:] = corners[::16, :1]
-    soup, triangles = corners.reshape(-1, 3), np.arange(240).reshape(-1, 3)
+    soup = corners.reshape(-1, 3)
+    triangles = np.arange(240).reshape(-1, 3)
     points = rng.normal(size=(200, 3)) * 2.0
     alone = [
         NearestSurface.of(soup, triangles[k : k + 1]).query(points).distance for k in range(80)
     ]
-    found = NearestSurface.of(soup, triangles).query(points)
-    within("distance [m]", found.distance - np.min(alone, axis=0), 1e-12)
-    assert np.array_equal(found.distance, np.array(alone)[found.triangle, np.arange(200)])
+    nearest = NearestSurface.of(soup, triangles).query(points)
+    within("distance [m]", nearest.distance - np.min(alone, axis=0), 1e-12)
+    assert np.array_equal(nearest.distance, np.array(alone)[nearest.triangle, np.arange(200)])
 
 
 def test_rays_need_no_open3d():
@@ -155,7 +157,8 @@ def test_the_package_that_is_missing_is_named(monkeypatch):
 
 def test_a_mesh_far_from_its_origin_is_hit_where_it_is(rng, within):
     """Single precision alone resolves 0.5 mm at 10 km."""
-    size, far = np.array([0.4, 0.3, 0.2]), np.array([6e3, -8e3, 40.0])
+    size = np.array([0.4, 0.3, 0.2])
+    far = np.array([6e3, -8e3, 40.0])
     solid, faces = box(size, np.zeros(3))
     starts = rng.normal(size=(500, 3))
     ways = 0.1 * rng.normal(size=(500, 3)) - starts

@@ -36,7 +36,7 @@ def colours(rng: np.random.Generator, count: int) -> Array:
 def written(
     file: Path, rows: Array, head: str = "", delimiter: str = " ", point: str = "."
 ) -> Path:
-    lines = [delimiter.join(f"{value:.6g}".replace(".", point) for value in row) for row in rows]
+    lines = [delimiter.join(f"{number:.6g}".replace(".", point) for number in row) for row in rows]
     file.write_text("\n".join([*([head] if head else []), *lines]) + "\n")
     return file
 
@@ -76,18 +76,18 @@ def test_columns_that_are_no_normals_are_left_out_and_said(
         "s": (shades / 255.0).round(4),
         "i": rng.uniform(0.0, 1.0, (len(points), 1)),
     }
-    rows = np.column_stack([points, *(parts[each] for each in more)])
+    rows = np.column_stack([points, *(parts[name] for name in more)])
     file = written(tmp_path / "scan.xyz", rows, head, delimiter, point)
 
     check_surfels(file)
-    found = read_surfels(file)
+    surfels = read_surfels(file)
 
-    assert found.normals is None
-    np.testing.assert_allclose(found.points, points, rtol=1e-5)
-    assert note in "; ".join(found.notes)
-    assert bool(found.notes) == bool(note)
-    np.testing.assert_array_equal(read_cloud(file), found.points)
-    assert load_cloud(file).notes == found.notes
+    assert surfels.normals is None
+    np.testing.assert_allclose(surfels.points, points, rtol=1e-5)
+    assert note in "; ".join(surfels.notes)
+    assert bool(surfels.notes) == bool(note)
+    np.testing.assert_array_equal(read_cloud(file), surfels.points)
+    assert load_cloud(file).notes == surfels.notes
 
 
 @pytest.mark.parametrize(
@@ -114,21 +114,21 @@ def test_normals_are_found_by_name_or_by_their_length(
         "c": colours(rng, len(points)),
         "i": rng.uniform(0.0, 9.0, (len(points), 1)),
     }
-    found = read_surfels(
-        written(tmp_path / "a.txt", np.column_stack([parts[each] for each in order]), head)
+    surfels = read_surfels(
+        written(tmp_path / "a.txt", np.column_stack([parts[name] for name in order]), head)
     )
-    assert found.normals is not None
-    np.testing.assert_allclose(found.points, points, rtol=1e-5)
-    np.testing.assert_allclose(found.normals, normals, atol=1e-6)
+    assert surfels.normals is not None
+    np.testing.assert_allclose(surfels.points, points, rtol=1e-5)
+    np.testing.assert_allclose(surfels.normals, normals, atol=1e-6)
 
 
 def test_normals_of_any_length_have_negative_components(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
     points, normals = surface(rng)
-    found = read_surfels(written(tmp_path / "a.xyz", np.column_stack([points, 100.0 * normals])))
-    assert found.normals is not None
-    np.testing.assert_allclose(found.normals, 100.0 * normals, atol=1e-3)
+    surfels = read_surfels(written(tmp_path / "a.xyz", np.column_stack([points, 100.0 * normals])))
+    assert surfels.normals is not None
+    np.testing.assert_allclose(surfels.normals, 100.0 * normals, atol=1e-3)
 
 
 def test_colours_do_not_make_a_model_grow(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -166,10 +166,8 @@ def test_normals_of_which_none_is_usable_are_taken_as_none(
     value: float, rng: np.random.Generator
 ) -> None:
     points, normals = surface(rng)
-    model, plain = (
-        TargetModel.from_cloud(points, np.full_like(normals, value)),
-        TargetModel.from_cloud(points),
-    )
+    model = TargetModel.from_cloud(points, np.full_like(normals, value))
+    plain = TargetModel.from_cloud(points)
     np.testing.assert_array_equal(model.vertices, plain.vertices)
     assert model.cloud is not None
     assert "its normals are all zero or not finite, and taken as none" in model.cloud.note

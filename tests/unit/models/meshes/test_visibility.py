@@ -23,7 +23,7 @@ def test_each_sample_is_seen_as_by_another_ray_caster(name, rng, within):
     judge = judge.at(
         samples.points @ X_WT[:3, :3].T + X_WT[:3, 3], samples.normals @ X_WT[:3, :3].T
     )
-    other, seen = [], []
+    other, shares = [], []
     for way in rng.normal(size=(40, 3)):
         way /= np.linalg.norm(way)
         aim = target.center + rng.normal(scale=0.2, size=3)
@@ -31,6 +31,6 @@ def test_each_sample_is_seen_as_by_another_ray_caster(name, rng, within):
         ours = samples.seen(X_TC[None], VIEW)
         theirs = judge.seen((X_WT @ X_TC)[None], VIEW.half_view, VIEW.far)
         other.append((ours != theirs).mean())
-        seen.append(theirs.mean())
+        shares.append(theirs.mean())
     within("judged otherwise, share of samples", other, 1e-3)
-    assert 0.05 < np.mean(seen) < 0.5
+    assert 0.05 < np.mean(shares) < 0.5

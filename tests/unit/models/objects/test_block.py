@@ -13,19 +13,19 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 @pytest.mark.parametrize("radius", [0.005, 0.02, 0.1])
 def test_block_is_closed_and_as_large_as_a_rounded_box(radius):
-    made = block(radius)
+    solid = block(radius)
     a, b, c = np.array(SIZE) - 2.0 * radius
     whole = a * b * c + 2.0 * radius * (a * b + b * c + c * a) + np.pi * radius**2 * (a + b + c)
     whole += 4.0 / 3.0 * np.pi * radius**3
-    assert open_edges(made.triangles) == 0
-    assert volume(made.vertices, made.triangles) == pytest.approx(whole, rel=1e-3)
+    assert open_edges(solid.triangles) == 0
+    assert volume(solid.vertices, solid.triangles) == pytest.approx(whole, rel=1e-3)
 
 
 @pytest.mark.parametrize("radius", [0.005, 0.05])
 def test_edge_path_lies_on_the_block_normal_to_it(radius):
-    made, path = block(radius), over_edge(radius)
-    found, normal = Surface.of(made.vertices, made.triangles).closest(path.p)
-    assert np.linalg.norm(found - path.p, axis=1).max() < 2e-3 * radius + 1e-6  # facets
+    solid, path = block(radius), over_edge(radius)
+    p_surface, normal = Surface.of(solid.vertices, solid.triangles).closest(path.p)
+    assert np.linalg.norm(p_surface - path.p, axis=1).max() < 2e-3 * radius + 1e-6  # facets
     assert np.einsum("ij,ij->i", normal, -path.a).min() > np.cos(np.radians(4.0))
     assert np.abs(np.sum(path.a * path.b, axis=1)).max() < 1e-12
     assert path.a[0].tolist() == [0.0, 0.0, -1.0]
@@ -34,7 +34,9 @@ def test_edge_path_lies_on_the_block_normal_to_it(radius):
 
 @pytest.mark.parametrize("corner", np.radians([30.0, 90.0, -120.0]))
 def test_corner_on_the_barrel_is_straight_on_the_unrolled_shell(corner):
-    path, length, radius = around_corner(corner, 0.2), 0.2, 0.5 * BARREL_DIAMETER
+    path = around_corner(corner, 0.2)
+    length = 0.2
+    radius = 0.5 * BARREL_DIAMETER
     assert np.linalg.norm(path.p[:, 1:], axis=1) == pytest.approx(radius)
     flat = np.column_stack([path.p[:, 0], radius * np.arctan2(path.p[:, 1], path.p[:, 2])])
     np.testing.assert_allclose(

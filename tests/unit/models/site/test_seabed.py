@@ -19,8 +19,8 @@ def test_an_inclined_plane_has_its_height_everywhere(rng: np.random.Generator) -
     ground = seabed(0.3 * x[None, :] - 0.1 * x[:, None])
     assert ground.step == 0.5
     at = rng.uniform(-2.0, 2.0, (200, 2))
-    found = ground.height(at + MIDDLE[:2])
-    np.testing.assert_allclose(found, -3.0 + 0.3 * at[:, 0] - 0.1 * at[:, 1], atol=1e-12)
+    height = ground.height(at + MIDDLE[:2])
+    np.testing.assert_allclose(height, -3.0 + 0.3 * at[:, 0] - 0.1 * at[:, 1], atol=1e-12)
     corners = np.array([[-2.0, -2.0], [2.0, 2.0], [-2.0, 2.0], [2.0, -2.0]]) + MIDDLE[:2]
     assert np.isfinite(ground.height(corners)).all()
     assert np.isnan(ground.height(corners + np.sign(corners - MIDDLE[:2]) * 1e-6)).all()
@@ -32,8 +32,8 @@ def test_nodes_keep_their_heights(rng: np.random.Generator) -> None:
     ground = seabed(heights)
     grid = np.linspace(-2.0, 2.0, 5)
     x, y = np.meshgrid(grid + 1.0, grid - 2.0)
-    found = ground.height(np.column_stack([x.ravel(), y.ravel()])).reshape(5, 5)
-    np.testing.assert_allclose(found, heights - 3.0, atol=1e-12)
+    height_of = ground.height(np.column_stack([x.ravel(), y.ravel()])).reshape(5, 5)
+    np.testing.assert_allclose(height_of, heights - 3.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(3, 4), (4, 3), (1, 1), (3,), (3, 3, 3)])

@@ -40,13 +40,13 @@ def test_a_nest_holds_a_ball_by_three_orthogonal_contacts() -> None:
 
 def test_a_pin_alone_is_felt() -> None:
     spec = models.load("uuv_puma")
-    place = spec.site(TIP_SITE).pos.copy()
+    p_tip = spec.site(TIP_SITE).pos.copy()
     weight = spec.copy().compile().body_mass.sum()
     touch_rig.add_pin(spec)
     model = spec.compile()
     assert model.body_mass.sum() == pytest.approx(weight)
     pin = model.geom(TOOL_GEOM)
-    np.testing.assert_allclose(pin.pos, place)
+    np.testing.assert_allclose(pin.pos, p_tip)
     assert pin.size[0] == touch_rig.BALL
     link = model.site(TIP_SITE).bodyid[0]
     near = [
@@ -66,7 +66,8 @@ def test_a_pin_alone_is_felt() -> None:
 def test_a_tool_displaces_its_own_volume_and_ends_at_the_tip(tool) -> None:
     spec = models.load("uuv_puma")
     pad = spec.body(PAD_BODY)
-    place, axis = pad.pos.copy(), np.array(pad.joints[0].axis)
+    p_pad = pad.pos.copy()
+    axis = np.array(pad.joints[0].axis)
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, pad.quat)
     along = R.reshape(3, 3) @ axis
@@ -79,7 +80,7 @@ def test_a_tool_displaces_its_own_volume_and_ends_at_the_tip(tool) -> None:
     np.testing.assert_allclose(
         water.center_of_buoyancy / np.linalg.norm(water.center_of_buoyancy), axis, atol=1e-12
     )
-    np.testing.assert_allclose(spec.site(TIP_SITE).pos, place + tool.length * along, atol=1e-12)
+    np.testing.assert_allclose(spec.site(TIP_SITE).pos, p_pad + tool.length * along, atol=1e-12)
     model = spec.compile()
     body = model.body(PAD_BODY)
     assert body.mass[0] == pytest.approx(tool.mass)
@@ -158,7 +159,8 @@ def tip_of(spec: mujoco.MjSpec) -> tuple[np.ndarray, np.ndarray]:
 
 def support(model: mujoco.MjModel, geom: int, R: np.ndarray) -> float:
     """How far [m] a geom, turned by R, reaches along z from its middle."""
-    size, kinds = model.geom_size[geom], mujoco.mjtGeom
+    size = model.geom_size[geom]
+    kinds = mujoco.mjtGeom
     match kinds(int(model.geom_type[geom])):
         case kinds.mjGEOM_SPHERE:
             return float(size[0])

@@ -13,7 +13,8 @@ from uuv.sim.interfaces.spatial import Array
 
 def extents(model: mujoco.MjModel, geom: int) -> Array:
     """Half sizes (3,) [m] of a geom along its body's axes."""
-    R, size = np.empty(9), model.geom_size[geom]
+    R = np.empty(9)
+    size = model.geom_size[geom]
     mujoco.mju_quat2Mat(R, model.geom_quat[geom])
     R = R.reshape(3, 3)
     if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
@@ -55,10 +56,12 @@ def test_colours_are_colours_and_quaternions_are_units(name: str) -> None:
     spec = models.load(name)
     drawn = [*spec.geoms, *spec.sites, *spec.materials]
     assert len(drawn) > 4
-    for one in drawn:
-        assert np.all((np.array(one.rgba) >= 0.0) & (np.array(one.rgba) <= 1.0)), one.name
-    for one in (*spec.geoms, *spec.sites, *spec.bodies):
-        assert np.linalg.norm(one.quat) == pytest.approx(1.0, abs=1e-6), one.name
+    for element in drawn:
+        assert np.all((np.array(element.rgba) >= 0.0) & (np.array(element.rgba) <= 1.0)), (
+            element.name
+        )
+    for element in (*spec.geoms, *spec.sites, *spec.bodies):
+        assert np.linalg.norm(element.quat) == pytest.approx(1.0, abs=1e-6), element.name
 
 
 @pytest.mark.parametrize("name", ["bluerov2_heavy_benzon2022", "bluerov2_heavy_alpha5"])

@@ -9,7 +9,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
 (curves,) = uncompiled("uuv.models.water.thruster_curves")
-AHEAD, ASTERN, BAND = (3.0, 20.0, 17.0), (2.0, 24.0), 0.1
+AHEAD = (3.0, 20.0, 17.0)
+ASTERN = (2.0, 24.0)
+BAND = 0.1
 TABLES = [
     ([-1.0, -0.6, -0.1, 0.05, 0.4, 1.0], [-30.0, -12.0, 0.0, 0.0, 9.0, 40.0]),
     ([-1.0, 0.0, 0.3, 1.0], [-20.0, 0.0, 19.0, 20.0]),
@@ -25,8 +27,8 @@ def test_a_polynomial_counts_from_the_end_of_the_dead_band() -> None:
     row = curves.pack_polynomial(curves.POLYNOMIAL, AHEAD, ASTERN, BAND, 0.0)
     for command in np.linspace(-1.0, 1.0, 81):
         r = max(abs(command) - BAND, 0.0) / (1.0 - BAND)
-        own = AHEAD if command > 0.0 else ASTERN
-        expected = np.sign(command) * np.polyval([*own[::-1], 0.0], r)
+        coefficients = AHEAD if command > 0.0 else ASTERN
+        expected = np.sign(command) * np.polyval([*coefficients[::-1], 0.0], r)
         assert curves.reach_at(row, command) == pytest.approx(r, abs=1e-15)
         assert curves.thrust_at(row, command) == pytest.approx(expected, abs=1e-12)
 
@@ -48,8 +50,8 @@ def test_a_dead_band_may_be_uneven() -> None:
 def test_a_table_is_the_monotone_cubic(command: list[float], thrust: list[float]) -> None:
     row = curves.pack_table(command, thrust, 0.0)
     at = np.linspace(-1.0, 1.0, 101)
-    found = [curves.thrust_at(row, c) for c in at]
-    np.testing.assert_allclose(found, cubic(command, thrust, at), atol=1e-11)
+    thrusts = [curves.thrust_at(row, c) for c in at]
+    np.testing.assert_allclose(thrusts, cubic(command, thrust, at), atol=1e-11)
     slopes = PchipInterpolator(command, thrust).derivative()(command)
     np.testing.assert_allclose(
         curves._slopes(np.array(command), np.array(thrust)), slopes, atol=1e-11
@@ -76,7 +78,8 @@ def test_end_slopes_of_a_table_do_not_overshoot(rng: np.random.Generator) -> Non
     ],
 )
 def test_the_inverse_gives_the_command_back(row: Array) -> None:
-    most, least = curves.thrust_at(row, 1.0), curves.thrust_at(row, -1.0)
+    most = curves.thrust_at(row, 1.0)
+    least = curves.thrust_at(row, -1.0)
     for thrust in np.linspace(least, most, 41):
         command = curves.command_for(row, thrust)
         assert -1.0 <= command <= 1.0
@@ -93,10 +96,10 @@ def test_the_inverse_gives_the_command_back(row: Array) -> None:
 def test_below_the_least_thrust_a_propeller_stands_or_turns_as_slowly_as_it_can() -> None:
     row = curves.pack_polynomial(curves.QUADRATIC, (0.0, 40.0), (0.0, 30.0), BAND, 2.0)
     for sign in (1.0, -1.0):
-        for wanted, given in ((0.9, 0.0), (1.1, 2.0), (1.99, 2.0), (2.0, 2.0), (2.1, 2.1)):
-            assert curves.thrust_at(row, curves.command_for(row, sign * wanted)) == pytest.approx(
-                sign * given
-            )
+        for asked_thrust, expected in ((0.9, 0.0), (1.1, 2.0), (1.99, 2.0), (2.0, 2.0), (2.1, 2.1)):
+            assert curves.thrust_at(
+                row, curves.command_for(row, sign * asked_thrust)
+            ) == pytest.approx(sign * expected)
     just = BAND + (1.0 - BAND) * np.sqrt(2.0 / 40.0)
     assert curves.thrust_at(row, just + 1e-4) > 2.0
     assert curves.thrust_at(row, just - 1e-4) == 0.0
@@ -105,7 +108,9 @@ def test_below_the_least_thrust_a_propeller_stands_or_turns_as_slowly_as_it_can(
 def test_newtons_method_stays_within_its_bracket(rng: np.random.Generator) -> None:
     """On a rising cubic with a slope of zero at its root's side, from any start."""
     for _ in range(20):
-        root, low, high = rng.uniform(0.1, 0.9), 0.0, 1.0
+        root = rng.uniform(0.1, 0.9)
+        low = 0.0
+        high = 1.0
         x = rng.uniform(0.0, 1.0)
         for _ in range(100):
             low, high, x, done = curves._closer(

@@ -212,15 +212,14 @@ def test_visual_meshes_are_not_needed_for_collision_geoms(tmp_path: Path):
     file = tmp_path / "r.urdf"
     there, gone = (
         f'<visual><geometry><mesh filename="package://p/x.{e}"/></geometry></visual>'
-        for e in ("dae", "stl")
+        for e in ("osg", "stl")
     )
     file.write_text(urdf(there + gone + BOX.format("collision")))
     with pytest.raises(ConfigurationError, match=r"x.stl': there is no such file"):
         read_model(file)
     spec, notes = read_model(file, visual=False)
-    assert notes[0].startswith(
-        "2 visual meshes left out: not there, or of no format that MuJoCo reads"
-    )
+    assert notes[0].startswith("meshes left out, not found or not of .stl")
+    assert notes[0].endswith(": x.osg, x.stl")
     assert 1e3 * wet(spec, geoms="collision", panels=FAST).bodies["arm"].volume == pytest.approx(
         4.0, rel=1e-5
     )
@@ -253,13 +252,12 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path, capsule: Path, with_
         "<visual><geometry><mesh "
         'filename="package://robot_description/meshes/capsule.stl"/></geometry></visual>'
     )
-    dae = '<visual><geometry><mesh filename="x.dae"/></geometry></visual>'
+    osg = '<visual><geometry><mesh filename="x.osg"/></geometry></visual>'
     file = package / "urdf" / "r.urdf"
-    file.write_text(urdf(shape + dae + BOX.format("collision")))
+    file.write_text(urdf(shape + osg + BOX.format("collision")))
     spec, notes = read_model(file)
-    assert notes == [
-        "1 visual meshes left out: MuJoCo does not read .dae; collision geoms stand for them"
-    ]
+    assert len(notes) == 1
+    assert notes[0].endswith(": x.osg")
     made = wet(spec, panels=FAST)
     (tmp_path / "out").mkdir()
     written = write_model(made, tmp_path / "out" / "r.wet.xml", with_sidecar=with_sidecar)
@@ -308,8 +306,8 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
         ),
         (
             "r.urdf",
-            urdf('<collision><geometry><mesh filename="x.dae"/></geometry></collision>'),
-            "MuJoCo reads .stl, .obj, .msh; convert it",
+            urdf('<collision><geometry><mesh filename="x.osg"/></geometry></collision>'),
+            "link 'arm': mesh 'x.osg': what is read is .stl, .obj, .msh, .dae",
         ),
         (
             "r.urdf",

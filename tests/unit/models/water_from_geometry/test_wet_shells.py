@@ -20,10 +20,10 @@ def volume(corners: Array) -> float:
 
 def test_a_closed_mesh_stays_as_it_is():
     vertices, triangles = primitive("capsule", CAPSULE)
-    found = shells_of(vertices, triangles)
-    assert (found.said, found.doubt) == ("1 closed shell", 0.0)
-    assert len(found.corners) == len(triangles)
-    assert abs(volume(found.corners) / VOLUME - 1.0) < 1e-3  # lines at 160
+    shells = shells_of(vertices, triangles)
+    assert (shells.said, shells.doubt) == ("1 closed shell", 0.0)
+    assert len(shells.corners) == len(triangles)
+    assert abs(volume(shells.corners) / VOLUME - 1.0) < 1e-3  # lines at 160
 
 
 def test_triangles_turned_at_random_are_turned_outward(rng):
@@ -31,21 +31,21 @@ def test_triangles_turned_at_random_are_turned_outward(rng):
     wrong = rng.random(len(triangles)) < 0.4
     mixed = np.where(wrong[:, None], triangles[:, ::-1], triangles)
     soup = vertices[mixed].reshape(-1, 3)  # not even joined, as STL has them
-    found = shells_of(soup, np.arange(len(soup)).reshape(-1, 3))
-    assert found.said.startswith("1 closed shell")
-    assert abs(volume(found.corners) / VOLUME - 1.0) < 1e-3
+    shells = shells_of(soup, np.arange(len(soup)).reshape(-1, 3))
+    assert shells.said.startswith("1 closed shell")
+    assert abs(volume(shells.corners) / VOLUME - 1.0) < 1e-3
 
 
 def test_a_hole_is_bridged_and_doubted():
     vertices, triangles = primitive("capsule", CAPSULE)
     middles = vertices[triangles].mean(axis=1)
     hole = ~((middles[:, 0] > 0.07) & (np.abs(middles[:, 2]) < 0.05))  # a slot along its side
-    found = shells_of(vertices, triangles[hole])
-    assert found.said == "1 open surface closed by the winding number"
-    error = abs(volume(found.corners) - VOLUME)
+    shells = shells_of(vertices, triangles[hole])
+    assert shells.said == "1 open surface closed by the winding number"
+    error = abs(volume(shells.corners) - VOLUME)
     assert error < 0.04 * VOLUME  # measured 2.7 %
-    assert error < found.doubt < 0.1 * VOLUME
-    surface = union_surface(found.corners, volume(found.corners), 800)
+    assert error < shells.doubt < 0.1 * VOLUME
+    surface = union_surface(shells.corners, volume(shells.corners), 800)
     assert open_edges(surface.triangles) == 0
 
 
@@ -54,9 +54,9 @@ def test_six_loose_squares_are_a_box():
     soup = np.vstack([vertices[face] * (1.0 - 1e-3 * k) for k, face in enumerate(triangles[::2])])
     other = np.vstack([vertices[face] * (1.0 - 1e-3 * k) for k, face in enumerate(triangles[1::2])])
     both = np.vstack([soup, other])
-    found = shells_of(both, np.arange(len(both)).reshape(-1, 3))
-    assert "closed by the winding number" in found.said
-    assert volume(found.corners) == pytest.approx(0.2 * 0.4 * 0.1, rel=0.05)  # measured 1 %
+    shells = shells_of(both, np.arange(len(both)).reshape(-1, 3))
+    assert "closed by the winding number" in shells.said
+    assert volume(shells.corners) == pytest.approx(0.2 * 0.4 * 0.1, rel=0.05)  # measured 1 %
 
 
 def test_a_bent_sheet_is_its_hull_and_a_flat_one_nothing():
@@ -64,9 +64,9 @@ def test_a_bent_sheet_is_its_hull_and_a_flat_one_nothing():
         [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0.02], [1, 0, 0.02]], dtype=np.float64
     )
     sheet = np.array([[0, 1, 2], [0, 2, 3], [0, 5, 1], [0, 4, 5]])
-    found = shells_of(bend, sheet)
-    assert found.said == "1 open surface without an inside, as convex hulls"
-    assert found.doubt == pytest.approx(0.01, rel=1e-6)  # all of the hull
+    shells = shells_of(bend, sheet)
+    assert shells.said == "1 open surface without an inside, as convex hulls"
+    assert shells.doubt == pytest.approx(0.01, rel=1e-6)  # all of the hull
     flat = shells_of(bend[:4], sheet[:2])
     assert (len(flat.corners), flat.said) == (0, "1 flat surface left out")
     assert shells_of(np.zeros((3, 3)), np.array([[0, 1, 2]])).said == "no surface"
@@ -74,13 +74,15 @@ def test_a_bent_sheet_is_its_hull_and_a_flat_one_nothing():
 
 def test_many_parts_count_once(rng):
     vertices, triangles = primitive("box", np.array([0.2, 0.15, 0.05]))
-    meshes, faces, first = [vertices], [triangles], len(vertices)
-    for place in rng.uniform(-0.1, 0.1, (20, 3)) * [1.0, 1.0, 0.2]:
+    meshes = [vertices]
+    faces = [triangles]
+    first = len(vertices)
+    for p_part in rng.uniform(-0.1, 0.1, (20, 3)) * [1.0, 1.0, 0.2]:
         small, corners = primitive("box", np.array([0.02, 0.02, 0.01]))
-        meshes.append(small + place)
+        meshes.append(small + p_part)
         faces.append(corners + first)
         first += len(small)
-    found = shells_of(np.vstack(meshes), np.vstack(faces))
-    assert found.said == "21 closed shells"
+    shells = shells_of(np.vstack(meshes), np.vstack(faces))
+    assert shells.said == "21 closed shells"
     # all lie within the first
-    assert volume(found.corners) == pytest.approx(0.4 * 0.3 * 0.1, rel=1e-6)
+    assert volume(shells.corners) == pytest.approx(0.4 * 0.3 * 0.1, rel=1e-6)

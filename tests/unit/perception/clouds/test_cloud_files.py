@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from test_point_files import pcd
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.meshes.mesh_files import read_mesh
 from uuv.models.meshes.ply_files import read_ply, write_ply
 from uuv.models.objects import targets
@@ -35,11 +36,11 @@ def save(path, points: np.ndarray) -> str:
 @pytest.mark.parametrize("ending", ["ply", "pcd", "xyz"])
 def test_formats_bad_rows_and_duplicates(tmp_path, ending: str, within):
     rows = np.vstack([POINTS, POINTS[:50], np.zeros((7, 3)), np.full((9, 3), np.nan)])
-    found = load_cloud(save(tmp_path / f"scan.{ending}", rows))
-    order = [np.lexsort(np.round(p, 4).T) for p in (found.points, POINTS)]
+    scan = load_cloud(save(tmp_path / f"scan.{ending}", rows))
+    order = [np.lexsort(np.round(p, 4).T) for p in (scan.points, POINTS)]
     # PCD keeps single precision
-    within("points [m]", found.points[order[0]] - POINTS[order[1]], 1e-5)
-    assert [note.split()[0] for note in found.notes] == ["9", "7", "50"]
+    within("points [m]", scan.points[order[0]] - POINTS[order[1]], 1e-5)
+    assert [note.split()[0] for note in scan.notes] == ["9", "7", "50"]
 
 
 def test_millimetres_are_detected_and_said(tmp_path, within):
@@ -98,7 +99,7 @@ def test_awkward_meshes(tmp_path, within):
     rock = targets.named("rock")
     V, F = np.array(rock.vertices), np.array(rock.triangles)
     n = len(V)
-    view = seen_from(np.array([0.3, -0.6, 1.0]))
+    view = camera_pose(np.array([0.3, -0.6, 1.0]))
     scan = Scan.from_depth(look(rock, view, np.random.default_rng(0)))
     cases = {
         "fin and doubled faces": (
@@ -115,8 +116,8 @@ def test_awkward_meshes(tmp_path, within):
     for name, (vertices, faces) in cases.items():
         write_ply(tmp_path / "awkward.ply", vertices, faces)
         target = TargetModel.from_file(tmp_path / "awkward.ply")
-        found = identify(scan, target, view[:3, 3], view[:3, :3])
-        position, angle = rock.symmetry.error(found.X_sensor_target, view)
+        identification = identify(scan, target, view[:3, 3], view[:3, :3])
+        position, angle = rock.symmetry.error(identification.X_sensor_target, view)
         within(f"{name}: position [m]", position, 0.01)
         within(f"{name}: angle [rad]", angle, 0.1)
 
@@ -146,15 +147,15 @@ def test_ply_of_many_kinds(tmp_path):
     text += "".join(f"1 {len(face)} {' '.join(map(str, face))}\n" for face in faces) + "0 1\n"
     for form, order in (("ascii", ""), ("binary_little_endian", "<"), ("binary_big_endian", ">")):
         if order:
-            data = b"".join(struct.pack(order + "3fB", *corner, 9) for corner in corners)
-            data += b"".join(
+            content = b"".join(struct.pack(order + "3fB", *corner, 9) for corner in corners)
+            content += b"".join(
                 struct.pack(f"{order}BB{len(face)}i", 1, len(face), *face) for face in faces
             )
-            data += struct.pack(order + "2i", 0, 1)
+            content += struct.pack(order + "2i", 0, 1)
         else:
-            data = text.encode()
+            content = text.encode()
         file = tmp_path / f"{form}.ply"
-        file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data)
+        file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + content)
         points, triangles = read_ply(file.read_bytes())
         assert points.tolist() == [list(corner) for corner in corners], form
         assert triangles.tolist() == [
@@ -167,7 +168,7 @@ def test_ply_of_many_kinds(tmp_path):
         ], form
         assert len(TargetModel.from_file(file).triangles) == 6
         for left in (20, 40):  # the faces, or some vertices too
-            file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data[:-left])
+            file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + content[:-left])
             with pytest.raises(ConfigurationError, match="cut short"):
                 TargetModel.from_file(file)
 
@@ -209,9 +210,9 @@ def test_binary_ply_with_an_index_that_is_not_finite():
         .replace("ascii", "binary_little_endian")
         .replace("char int", "char float")
     )
-    data = np.zeros(9, "<f4").tobytes() + struct.pack("<B3f", 3, 0.0, 1.0, np.nan)
+    content = np.zeros(9, "<f4").tobytes() + struct.pack("<B3f", 3, 0.0, 1.0, np.nan)
     with pytest.raises(ValueError, match="not finite"):
-        read_ply(head.encode() + data)
+        read_ply(head.encode() + content)
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.off", "a.stl"])

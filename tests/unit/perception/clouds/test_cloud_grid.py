@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.meshes.ply_files import write_ply
 from uuv.models.objects.targets import Symmetry, TargetModel, barrel
 from uuv.perception.clouds.cloud_files import load_cloud
@@ -261,7 +262,7 @@ DOORS = "tests/unit/perception/clouds/test_cloud_grid.py::test_every_door_finds_
 def test_every_door_finds_the_same_pose(tmp_path, floor: bool, within):
     """As nearest points of cells the same clouds lay 8 mm before the frame."""
     target = barrel()
-    surface, X_ST = ModelSurface.of(target), seen_from(np.array([0.1, -0.9, 0.75]))
+    surface, X_ST = ModelSurface.of(target), camera_pose(np.array([0.1, -0.9, 0.75]))
     rng = np.random.default_rng(5)
     scan = Scan.from_depth(look(target, X_ST, rng, floor=floor))
     coarse = X_ST[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ X_ST[:3, :3]
@@ -294,7 +295,7 @@ def test_thinned_scatter_does_not_stand_before_its_surface(within):
     """The barrel's frame with every point moved along its own ray's surroundings: no lattice is
     left.
     """
-    target, X_ST = barrel(), seen_from(np.array([0.1, -0.9, 0.75]))
+    target, X_ST = barrel(), camera_pose(np.array([0.1, -0.9, 0.75]))
     surface, rng = ModelSurface.of(target), np.random.default_rng(5)
     scan = Scan.from_depth(look(target, X_ST, rng))
     points = listed(scan) + rng.normal(

@@ -41,7 +41,8 @@ def test_the_three_kinds_of_pcd(tmp_path):
     points = np.random.default_rng(0).normal(size=(500, 3)).astype("<f4")
     points[7] = np.nan
     rows = np.zeros(500, dtype=[("p", "<f4", 3), ("rgb", "<u4")])
-    rows["p"], rows["rgb"] = points, 7
+    rows["p"] = points
+    rows["rgb"] = 7
     lines = "".join(f"{x!r} {y!r} {z!r} 7\n" for x, y, z in points.astype(float).tolist())
     plain = points.T.tobytes() + rows["rgb"].tobytes()
     packed = b"".join(

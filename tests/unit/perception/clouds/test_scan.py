@@ -31,9 +31,9 @@ def test_axes_of_least_spread_are_those_of_the_covariance(rng: np.random.Generat
     near = np.array([rng.permutation(60)[:12] for _ in range(25)])
     axes = scans._least_axes.py_func(points, near)
     for axis, rows in zip(axes, near, strict=True):
-        values, vectors = np.linalg.eigh(np.cov(points[rows].T))
+        eigenvalues, vectors = np.linalg.eigh(np.cov(points[rows].T))
         assert abs(axis @ vectors[:, 0]) == pytest.approx(1.0, abs=1e-9)
-        assert values[0] < values[1]
+        assert eigenvalues[0] < eigenvalues[1]
 
 
 def test_points_of_no_spread_or_the_same_in_all_directions_have_an_axis() -> None:
@@ -57,13 +57,13 @@ def test_the_largest_plane_is_found_among_others(rng: np.random.Generator) -> No
     normal = exp_so3([0.3, -0.2, 0.0])[:, 2]
     plane = flat_cloud(rng, normal, 1e-3, 150)
     others = np.array([0.0, 0.0, 1.5]) + rng.uniform(-0.4, 0.4, (80, 3)) * [1.0, 1.0, 0.5]
-    found = scans._largest_plane(np.vstack([plane, others]), sensor, rng)
-    assert found is not None
-    assert abs(found.normal @ normal) == pytest.approx(1.0, abs=1e-3)
-    assert abs((found.center - [0.0, 0.0, 2.0]) @ normal) < 2e-3
-    assert found.inliers[:150].all()
-    off = np.abs((np.vstack([plane, others]) - found.center) @ found.normal)
-    assert np.all(off[~found.inliers] > 3.0e-3)
+    plane_found = scans._largest_plane(np.vstack([plane, others]), sensor, rng)
+    assert plane_found is not None
+    assert abs(plane_found.normal @ normal) == pytest.approx(1.0, abs=1e-3)
+    assert abs((plane_found.center - [0.0, 0.0, 2.0]) @ normal) < 2e-3
+    assert plane_found.inliers[:150].all()
+    off = np.abs((np.vstack([plane, others]) - plane_found.center) @ plane_found.normal)
+    assert np.all(off[~plane_found.inliers] > 3.0e-3)
     assert scans._largest_plane(plane[:2], sensor, rng) is None
     assert scans._largest_plane(np.tile(plane[:1], (9, 1)), sensor, rng) is None
     line = np.column_stack([np.linspace(0, 1, 9), np.zeros(9), np.ones(9)])
@@ -71,12 +71,13 @@ def test_the_largest_plane_is_found_among_others(rng: np.random.Generator) -> No
 
 
 def test_nearness_to_any_centre_is_that_of_the_nearest(rng: np.random.Generator) -> None:
-    points, centers = rng.uniform(-1, 1, (8, 9, 3)), rng.uniform(-1, 1, (5, 3))
+    points = rng.uniform(-1, 1, (8, 9, 3))
+    centers = rng.uniform(-1, 1, (5, 3))
     points[2, 3] = np.nan
     distance = np.linalg.norm(points[:, :, None] - centers, axis=-1).min(axis=-1)
     for reach in (0.3, 0.6):
-        found = scans.near_any.py_func(points, centers, reach)
-        np.testing.assert_array_equal(found, distance <= reach)
+        near = scans.near_any.py_func(points, centers, reach)
+        np.testing.assert_array_equal(near, distance <= reach)
     assert not scans.near_any.py_func(points, np.zeros((0, 3)), 1.0).any()
 
 
@@ -94,13 +95,13 @@ def test_rays_meet_a_scan_as_they_meet_its_whole_triangulated_surface(
         scan = Scan.of_grid(depth, tangents, tangents)
         way = exp_so3(rng.uniform(-0.6, 0.6, 3))[:, 2]
         starts = rng.uniform(-0.6, 0.6, (400, 3)) * [1.0, 1.0, 0.1]
-        found = distances_along(scan, starts, way)
+        ranges = distances_along(scan, starts, way)
         whole = RayScene(*triangulate(scan, np.isfinite(depth))).distance(
             starts, np.broadcast_to(way, starts.shape)
         )
-        assert found is not None
+        assert ranges is not None
         assert 0 < np.isfinite(whole).sum() < len(starts)
-        np.testing.assert_array_equal(found, whole)
+        np.testing.assert_array_equal(ranges, whole)
     assert (
         distances_along(
             Scan.of_grid(np.full((60, 60), np.nan), tangents, tangents),

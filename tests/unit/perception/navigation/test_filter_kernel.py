@@ -20,7 +20,10 @@ class Case:
     def __init__(self, layout: tuple[int, int, int, int], rng: np.random.Generator) -> None:
         self.memory = np.zeros(1, kernel.FILTER)
         self.f = self.memory[0]
-        self.layout, self.n, self.x, self.P = self.f.layout, layout[0], self.f.x, self.f.P
+        self.layout = self.f.layout
+        self.n = layout[0]
+        self.x = self.f.x
+        self.P = self.f.P
         self.layout[:], self.f.walks[:] = layout, WALKS
         self.x[: self.n] = rng.normal(size=self.n)
         G = rng.normal(size=(self.n, self.n))
@@ -55,21 +58,31 @@ def case(request: pytest.FixtureRequest, rng: np.random.Generator) -> Case:
 
 
 def test_propagation_is_f_p_f_transposed_and_noise(case: Case) -> None:
-    n, dt, wander = case.n, case.row[kernel.DT], case.layout[2]
-    F, I3 = np.eye(n), np.eye(3)
-    F[:3, 3:6], F[:3, 6:9], F[3:6, 6:9] = dt * I3, -0.5 * dt**2 * case.R, -dt * case.R
+    n = case.n
+    dt = case.row[kernel.DT]
+    wander = case.layout[2]
+    F = np.eye(n)
+    I3 = np.eye(3)
+    F[:3, 3:6] = dt * I3
+    F[:3, 6:9] = -0.5 * dt**2 * case.R
+    F[3:6, 6:9] = -dt * case.R
     Q = np.zeros((n, n))
     v = np.diag([0.02, 0.02, 0.05])
-    Q[:3, :3], Q[:3, 3:6], Q[3:6, :3], Q[3:6, 3:6] = 0.25 * dt**2 * v, 0.5 * dt * v, 0.5 * dt * v, v
+    Q[:3, :3] = 0.25 * dt**2 * v
+    Q[:3, 3:6] = 0.5 * dt * v
+    Q[3:6, :3] = 0.5 * dt * v
+    Q[3:6, 3:6] = v
     Q[6:9, 6:9] = (WALKS[0] * dt + 0.4) * I3
     if wander >= 0:
-        kept = np.exp(-dt / WALKS[2])
-        F[wander : wander + 3, wander : wander + 3] = kept * I3
-        Q[wander : wander + 3, wander : wander + 3] = WALKS[1] * (1.0 - kept**2) * I3
+        decay = np.exp(-dt / WALKS[2])
+        F[wander : wander + 3, wander : wander + 3] = decay * I3
+        Q[wander : wander + 3, wander : wander + 3] = WALKS[1] * (1.0 - decay**2) * I3
     gravity = np.zeros(n)
     force = case.R @ case.row[kernel.FORCE : kernel.ATTITUDE] - [0.0, 0.0, GRAVITY]
-    gravity[:3], gravity[3:6] = 0.5 * dt**2 * force, dt * force
-    x, P = F @ case.x[:n] + gravity, F @ case.P[:n, :n] @ F.T + Q
+    gravity[:3] = 0.5 * dt**2 * force
+    gravity[3:6] = dt * force
+    x = F @ case.x[:n] + gravity
+    P = F @ case.P[:n, :n] @ F.T + Q
     kernel.propagate(case.f, case.row)
     np.testing.assert_allclose(case.x[:n], x, atol=1e-12)
     np.testing.assert_allclose(case.P[:n, :n], P, atol=1e-12)
@@ -77,8 +90,10 @@ def test_propagation_is_f_p_f_transposed_and_noise(case: Case) -> None:
 
 @pytest.mark.parametrize("kind", [kernel.VISION, kernel.DVL])
 def test_a_fix_is_taken_by_the_kalman_gain(case: Case, kind: int) -> None:
-    n, H = case.n, case.measured(kind)
-    x, P = case.x[:n].copy(), case.P[:n, :n].copy()
+    n = case.n
+    H = case.measured(kind)
+    x = case.x[:n].copy()
+    P = case.P[:n, :n].copy()
     innovation, cross, S = kernel.compare(kind, case.fix, case.row, case.layout, case.x, case.P)
     expected = case.fix[kernel.VALUE : kernel.VALUE + 3] - H @ x
     covariance = H @ P @ H.T + case.fix[kernel.VARIANCE] * np.eye(3)
@@ -109,7 +124,8 @@ def test_an_inverse_of_any_matrix_is_one(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize("size", [0.0, 1e-6, 9e-5, 1.1e-4, 0.3, 2.0])
 def test_a_turn_about_its_own_axes(size: float, rng: np.random.Generator) -> None:
-    R, axis = exp_so3(rng.normal(size=3)), rng.normal(size=3)
+    R = exp_so3(rng.normal(size=3))
+    axis = rng.normal(size=3)
     angle = size * axis / np.linalg.norm(axis)
     expected = R @ exp_so3(angle)
     attitude.rotate(R, angle)
@@ -131,10 +147,12 @@ def test_attitude_is_a_kalman_filter_of_angle_and_bias(rng: np.random.Generator)
     dt = 0.01
     G = rng.normal(size=(2, 2))
     P = 0.02 * (G @ G.T + 0.2 * np.eye(2))
-    R, w, bias = exp_so3(rng.normal(size=3)), rng.normal(size=3), rng.normal(size=3)
+    R = exp_so3(rng.normal(size=3))
+    w = rng.normal(size=3)
+    bias = rng.normal(size=3)
     error = rng.uniform(-2e-3, 2e-3, 3)
     moved = R @ exp_so3(dt * (w - bias))
-    found, found_bias, gyro = turned(
+    R_filtered, found_bias, gyro = turned(
         R, moved @ exp_so3(error), w, bias, np.array([P[0, 0], P[0, 1], P[1, 1]])
     )
     F = np.array([[1.0, -dt], [0.0, 1.0]])
@@ -142,12 +160,13 @@ def test_attitude_is_a_kalman_filter_of_angle_and_bias(rng: np.random.Generator)
     K = P[:, 0] / (P[0, 0] + 0.3)
     P = P - np.outer(K, P[0])
     np.testing.assert_allclose(gyro, [P[0, 0], P[0, 1], P[1, 1]], rtol=1e-9)
-    np.testing.assert_allclose(log_so3(moved.T @ found), K[0] * error, atol=1e-8)
+    np.testing.assert_allclose(log_so3(moved.T @ R_filtered), K[0] * error, atol=1e-8)
     np.testing.assert_allclose(found_bias, bias + K[1] * error, atol=1e-8)
 
 
 def test_a_wild_attitude_reading_turns_by_little_and_to_its_side(rng: np.random.Generator) -> None:
-    gyro, none = np.array([0.1, 0.05, 0.2]), np.zeros(3)
+    gyro = np.array([0.1, 0.05, 0.2])
+    none = np.zeros(3)
     for axis in np.vstack([np.eye(3), -np.eye(3)]):
         R = exp_so3(rng.normal(size=3))
         wild, wild_bias, _ = turned(R, R @ exp_so3(1.0 * axis), none, none, gyro)
@@ -164,13 +183,22 @@ def test_a_replay_is_the_filter_run_again_with_the_late_fix(
     case: Case, rng: np.random.Generator
 ) -> None:
     """Around the end of the ring, with fixes of both kinds on the way."""
-    f, n, last = case.f, case.n, kernel.HISTORY - 1
-    f.past_x[:], f.past_P[:], f.past_fix[:] = np.nan, np.nan, 1.0
-    f.head, f.interval, f.acceleration, f.attitude, f.tilt = last - 2, np.inf, 2.0, 1e-4, 4.0
+    f = case.f
+    n = case.n
+    last = kernel.HISTORY - 1
+    f.past_x[:] = np.nan
+    f.past_P[:] = np.nan
+    f.past_fix[:] = 1.0
+    f.head = last - 2
+    f.interval = np.inf
+    f.acceleration = 2.0
+    f.attitude = 1e-4
+    f.tilt = 4.0
     f.gyro[:] = 0.01, 0.0, 0.01
     states = {}
     for step, head in enumerate((last - 1, last, 0, 1)):
-        force, w = rng.normal(size=3), 0.1 * rng.normal(size=3)
+        force = rng.normal(size=3)
+        w = 0.1 * rng.normal(size=3)
         assert kernel.advance(f, 0.05, force, w, case.R.copy(), 0.0)
         assert f.head == head
         row = f.past_input[head]
@@ -205,9 +233,9 @@ def test_a_sample_that_is_not_finite_changes_nothing(case: Case) -> None:
     case.f.interval = 0.05
     before = case.memory.copy()
     for spoilt in range(3):
-        given = [np.ones(3), np.ones(3), np.eye(3)]
-        given[spoilt] = given[spoilt] * np.nan
-        assert not kernel.advance(case.f, 0.05, *given, 0.0)
+        sample = [np.ones(3), np.ones(3), np.eye(3)]
+        sample[spoilt] = sample[spoilt] * np.nan
+        assert not kernel.advance(case.f, 0.05, *sample, 0.0)
         assert case.memory.tobytes() == before.tobytes()
 
 
@@ -220,13 +248,16 @@ def smooth(
     """Output `dt` after the last one and `lag` ahead of the filter; `held` and `a_B` are changed in
     place.
     """
-    f, out = case.f, estimate_record(2)
-    f.release[:], f.smooth, f.time, f.clock, f.given = RELEASE, 0.1, -lag, 0.0, -dt
-    f.force[:], f.w_B[:], f.rate_bias[:] = (
-        [0.1, 0.2, 9.9],
-        0.0 if w is None else w,
-        [0.01, -0.02, 0.03],
-    )
+    f = case.f
+    out = estimate_record(2)
+    f.release[:] = RELEASE
+    f.smooth = 0.1
+    f.time = -lag
+    f.clock = 0.0
+    f.given = -dt
+    f.force[:] = [0.1, 0.2, 9.9]
+    f.w_B[:] = 0.0 if w is None else w
+    f.rate_bias[:] = [0.01, -0.02, 0.03]
     f.held[:], f.a_B[:] = held, a_B
     kernel.put_out(case.memory, joint_record(2), out)
     held[:], a_B[:] = f.held, f.a_B
@@ -236,11 +267,12 @@ def smooth(
 def test_output_leads_the_filter_by_its_lag_and_leaves_out_what_is_held(
     case: Case, rng: np.random.Generator
 ) -> None:
-    held, w = 0.01 * rng.normal(size=(2, 3)), rng.normal(size=3)
-    kept = held.copy()
+    held = 0.01 * rng.normal(size=(2, 3))
+    w = rng.normal(size=3)
+    unchanged = held.copy()
     out = smooth(case, 0.0, 0.07, held, np.zeros(3), w)
     X = out.X_WB
-    np.testing.assert_array_equal(held, kept)  # no time has passed
+    np.testing.assert_array_equal(held, unchanged)  # no time has passed
     rate = w - [0.01, -0.02, 0.03]
     v_W = case.x[3:6] - held[1]
     np.testing.assert_allclose(X[:3, 3], case.x[:3] - held[0] + 0.07 * v_W)
@@ -259,8 +291,8 @@ def test_what_is_held_is_released_as_by_a_damped_spring(case: Case) -> None:
     for scale, frequency in ((1.0, None), (0.0, RELEASE[1]), (1e6, RELEASE[2])):
         for i in range(3):
             case.P[i, 3 + i] = scale * (1.0 + i)
-        own = RELEASE[0] * scale * 6.0 / np.trace(case.P[:3, :3])
-        expected = np.clip(own, RELEASE[1], RELEASE[2]) if frequency is None else frequency
+        frequency_of = RELEASE[0] * scale * 6.0 / np.trace(case.P[:3, :3])
+        expected = np.clip(frequency_of, RELEASE[1], RELEASE[2]) if frequency is None else frequency
         for far in (0.02, 0.4):
             held = np.array([[far, 0.0, 0.0], [0.1, 0.2, 0.0]])
             smooth(case, 1e-3, 0.0, held, np.zeros(3))
@@ -280,6 +312,6 @@ def test_acceleration_follows_by_its_time_constant(case: Case) -> None:
     fresh = np.array([0.1, 0.2, 9.9]) - case.x[6:9] - GRAVITY * case.R[2]
     for dt, share in ((0.02, 0.2), (0.05, 0.5), (0.3, 1.0)):
         a_B = np.array([1.0, -1.0, 2.0])
-        given = smooth(case, dt, 0.0, np.zeros((2, 3)), a_B).a_WB_B
+        acceleration = smooth(case, dt, 0.0, np.zeros((2, 3)), a_B).a_WB_B
         np.testing.assert_allclose(a_B, (1.0 - share) * np.array([1.0, -1.0, 2.0]) + share * fresh)
-        np.testing.assert_array_equal(given, a_B)
+        np.testing.assert_array_equal(acceleration, a_B)

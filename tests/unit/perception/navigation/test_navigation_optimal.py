@@ -39,14 +39,17 @@ def transition(R: Array, dt: float, navigation: Navigation) -> tuple[Array, Arra
     the model alone.
     """
     eye, F = np.eye(3), np.eye(15)
-    F[:3, 3:6], F[:3, 6:9], F[3:6, 6:9] = dt * eye, -0.5 * dt**2 * R, -dt * R
-    kept = np.exp(-dt / CAMERA.wander_time)
-    F[12:, 12:] = kept * eye
+    F[:3, 3:6] = dt * eye
+    F[:3, 6:9] = -0.5 * dt**2 * R
+    F[3:6, 6:9] = -dt * R
+    decay = np.exp(-dt / CAMERA.wander_time)
+    F[12:, 12:] = decay * eye
     G = np.zeros((15, 3))
-    G[:3], G[3:6] = 0.5 * dt**2 * eye, dt * eye
+    G[:3] = 0.5 * dt**2 * eye
+    G[3:6] = dt * eye
     Q = STILL.acceleration**2 * G @ G.T
     Q[6:9, 6:9] = navigation.bias_walk**2 * dt * eye
-    Q[12:, 12:] = CAMERA.wander**2 * (1.0 - kept**2) * eye
+    Q[12:, 12:] = CAMERA.wander**2 * (1.0 - decay**2) * eye
     return F, Q
 
 
@@ -75,33 +78,40 @@ def test_late_fixes_give_what_all_information_at_once_gives(within, in_order):
     fixes: list[tuple[int, str, Array]] = []
     for k in range(1, ticks):
         if k % 7 == 0:
-            value = first.p_WB + 0.05 * rng.standard_normal(3)
+            measured = first.p_WB + 0.05 * rng.standard_normal(3)
             late = 12 if in_order else int(rng.integers(2, 20))
-            message = VisionMeasurement(time=k * STEP, p_WB=value, noise=CAMERA)
+            message = VisionMeasurement(time=k * STEP, p_WB=measured, noise=CAMERA)
         elif k % 5 == 0:
-            value, late = 0.1 * rng.standard_normal(3), int(rng.integers(0, 3))
-            message = DvlMeasurement(time=k * STEP, v_WB_B=value, noise=LOG)
+            measured = 0.1 * rng.standard_normal(3)
+            late = int(rng.integers(0, 3))
+            message = DvlMeasurement(time=k * STEP, v_WB_B=measured, noise=LOG)
         else:
             continue
         if k + late <= ticks:
             arriving.setdefault(k + late, []).append(message)
-            fixes.append((k, type(message).__name__, value))
+            fixes.append((k, type(message).__name__, measured))
     state = navigation.init([imu(0), first, log, *body()])
     for k in range(1, ticks + 1):
         state, _ = navigation.step(state, [*arriving.get(k, []), imu(k)])
     assert sum(watch.refused for watch in state.fixes.watches) == 0
 
     # Prior of every step, and transitions between them.
-    eye, R0 = np.eye(3), attitude[0]
-    mean, C = np.zeros(15), np.zeros((15, 15))
-    mean[:3], mean[3:6] = first.p_WB, R0 @ log.v_WB_B
+    eye = np.eye(3)
+    R0 = attitude[0]
+    mean = np.zeros(15)
+    C = np.zeros((15, 15))
+    mean[:3] = first.p_WB
+    mean[3:6] = R0 @ log.v_WB_B
     for at, variance in ((9, LOG.bias**2), (12, CAMERA.wander**2), (6, STILL.acceleration_bias**2)):
         C[at : at + 3, at : at + 3] = variance * eye
     C[:3, :3] = (CAMERA.white**2 + CAMERA.wander**2) * eye
     C[:3, 12:] = C[12:, :3] = -(CAMERA.wander**2) * eye
     C[3:6, 3:6] = (LOG.white**2 + LOG.bias**2) * eye
-    C[3:6, 9:12], C[9:12, 3:6] = -(LOG.bias**2) * R0, -(LOG.bias**2) * R0.T
-    means, covariances, steps = [mean], [C], [np.eye(15)]
+    C[3:6, 9:12] = -(LOG.bias**2) * R0
+    C[9:12, 3:6] = -(LOG.bias**2) * R0.T
+    means = [mean]
+    covariances = [C]
+    steps = [np.eye(15)]
     for k in range(1, ticks + 1):
         F, Q = transition(attitude[k], STEP, navigation)
         known = attitude[k] @ force[k] - UP
@@ -126,11 +136,14 @@ def test_late_fixes_give_what_all_information_at_once_gives(within, in_order):
         if kind == "VisionMeasurement":
             h[:, :3], h[:, 12:] = eye, eye
         else:
-            h[:, 3:6], h[:, 9:12] = attitude[k].T, eye
+            h[:, 3:6] = attitude[k].T
+            h[:, 9:12] = eye
         H.append(h)
         R.append((CAMERA.white if kind == "VisionMeasurement" else LOG.white) ** 2 * eye)
     size = 3 * len(fixes)
-    S, cross, residual = np.zeros((size, size)), np.zeros((15, size)), np.zeros(size)
+    S = np.zeros((size, size))
+    cross = np.zeros((15, size))
+    residual = np.zeros(size)
     order = sorted(range(len(fixes)), key=lambda i: fixes[i][0])
     for a, i in enumerate(order):
         rows = slice(3 * a, 3 * a + 3)
@@ -169,7 +182,10 @@ def test_covariance_settles_at_the_solution_of_the_riccati_equation(within):
         attitude=0.0,
         attitude_bias=0,
     )
-    every, dt, vision, dvl = 10, STEP, 2e-3, 3e-3
+    every = 10
+    dt = STEP
+    vision = 2e-3
+    dvl = 3e-3
 
     def imu(k: int) -> ImuMeasurement:
         return ImuMeasurement(
@@ -194,9 +210,11 @@ def test_covariance_settles_at_the_solution_of_the_riccati_equation(within):
     F = np.array([[1.0, dt, -0.5 * dt**2], [0.0, 1.0, -dt], [0.0, 0.0, 1.0]])
     G = np.array([0.5 * dt**2, dt, 0.0])
     Q = noise.acceleration**2 * np.outer(G, G) + np.diag([0.0, 0.0, navigation.bias_walk**2 * dt])
-    whole, lifted = np.eye(3), np.zeros((3, 3))
+    whole = np.eye(3)
+    lifted = np.zeros((3, 3))
     for _ in range(every):
-        whole, lifted = F @ whole, F @ lifted @ F.T + Q
+        whole = F @ whole
+        lifted = F @ lifted @ F.T + Q
     H = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     P = solve_discrete_are(whole.T, H.T, lifted, np.diag([vision**2, dvl**2]))
     ours = F @ state.P[np.ix_([0, 3, 6], [0, 3, 6])] @ F.T + Q

@@ -51,14 +51,15 @@ def test_an_object_at_rest_is_never_said_to_move():
 @pytest.mark.parametrize(("way", "within_s"), [(0.005, 2.5), (0.02, 0.5)])
 def test_a_push_is_found_within_seconds(way, within_s):
     """Measured over 20 pushes: 5 mm after 0.7 to 1.6 s, 2 cm after 0.1 to 0.3 s."""
-    rng, at = np.random.default_rng(8), 20.0
+    rng = np.random.default_rng(8)
+    at = 20.0
     for _ in range(20):
         watch = ObjectWatch()
-        found = watched(
+        time = watched(
             watch, lambda t: still(t) + np.array([0.0, way if t > at else 0.0, 0.0]), 40.0, rng
         )
-        assert found is not None
-        assert at < found < at + within_s
+        assert time is not None
+        assert at < time < at + within_s
         assert watch.moved_W[0] == watch.moved_W[2] == 0.0
         assert 0.1 * way < watch.moved_W[1] < 1.2 * way
 
@@ -67,9 +68,9 @@ def test_a_swing_is_found_within_its_first_period():
     """Measured for twelve phases: after 3.4 to 7.8 s."""
     rng = np.random.default_rng(9)
     for phase in np.linspace(0.0, 2.0 * np.pi, 12):
-        found = watched(ObjectWatch(), partial(swinging, phase=phase), 20.0, rng)
-        assert found is not None
-        assert found < 10.0
+        time = watched(ObjectWatch(), partial(swinging, phase=phase), 20.0, rng)
+        assert time is not None
+        assert time < 10.0
 
 
 def test_a_track_that_breaks_off_begins_anew_and_pictures_before_it_do_not_count():
@@ -87,7 +88,8 @@ def test_a_track_that_breaks_off_begins_anew_and_pictures_before_it_do_not_count
 def test_errors_that_grow_with_the_way_raise_no_alarm():
     """A wrong arm parts track and vision by 0.2 mm/s, and 6 mm in all."""
     rng = np.random.default_rng(10)
-    watch, drift = ObjectWatch(), np.array([2e-4, -2e-4, 0.0])
+    watch = ObjectWatch()
+    drift = np.array([2e-4, -2e-4, 0.0])
     watch.begin(0.0)
     for k in range(1, 300):
         watch.take(k / RATE, k / RATE * drift + 1e-3 * rng.standard_normal(3), 1e-3)
@@ -101,21 +103,17 @@ def test_what_the_track_states_of_itself_counts():
     alarms = {True: 0, False: 0}
     for seed in range(20):
         for stated in alarms:
-            rng, watch, walk, variance = (
-                np.random.default_rng(seed),
-                ObjectWatch(),
-                np.zeros(3),
-                np.zeros(3),
-            )
+            rng = np.random.default_rng(seed)
+            watch = ObjectWatch()
+            walk = np.zeros(3)
+            variance = np.zeros(3)
             watch.begin(0.0)
             for k in range(1, 600):
                 if k % 10 == 0:
-                    walk[0], variance = (
-                        walk[0] + 1e-3 * rng.standard_normal(),
-                        variance + np.array([1e-6, 0.0, 0.0]),
-                    )
-                place = walk + 1e-4 * rng.standard_normal(3)
-                watch.take(k / RATE, place, 1e-4, variance if stated else None)
+                    walk[0] = walk[0] + 1e-3 * rng.standard_normal()
+                    variance = variance + np.array([1e-6, 0.0, 0.0])
+                p_object = walk + 1e-4 * rng.standard_normal(3)
+                watch.take(k / RATE, p_object, 1e-4, variance if stated else None)
                 if watch.moved_W.any():
                     alarms[stated] += 1
                     break

@@ -52,8 +52,8 @@ class Sway:
 
     def found(self) -> int:
         """Ticks from the onset to the first finding; -1: none."""
-        told = [bool(e.gyro_off_B.any() or e.attitude_off_B.any()) for e in self.estimates]
-        return told.index(True) - ONSET if True in told else -1
+        off = [bool(e.gyro_off_B.any() or e.attitude_off_B.any()) for e in self.estimates]
+        return off.index(True) - ONSET if True in off else -1
 
     def attitude_error(self) -> Array:
         """Angles (N,) [rad] of the attitude estimated from the true one, from the onset on."""
@@ -71,9 +71,12 @@ def sway(
 ) -> Sway:
     """A hull that sways by `size` [rad/s] at 0.2 Hz, with its messages spoilt from ONSET on."""
     rng = np.random.default_rng(seed)
-    sensor, navigation = imu.init(rng), Navigation()
-    R, phase = exp_so3(rng.standard_normal(3)), rng.uniform(0.0, 2.0 * np.pi, 3)
-    state, done = None, Sway([], [], [])
+    sensor = imu.init(rng)
+    navigation = Navigation()
+    R = exp_so3(rng.standard_normal(3))
+    phase = rng.uniform(0.0, 2.0 * np.pi, 3)
+    state = None
+    done = Sway([], [], [])
     for tick in range(-1, ticks):
         time = tick * STEP
         w = size * np.sin(2.0 * np.pi * 0.2 * time + phase)
@@ -106,11 +109,11 @@ def turned(axis: int, jump: float = 0.0, rate: float = 0.0) -> Spoil:
 
 def frozen(name: str) -> Spoil:
     """A field that stays as it is."""
-    kept: list[Array] = []
+    frozen_field: list[Array] = []
 
     def spoil(m: ImuMeasurement, _: float) -> ImuMeasurement:
-        kept.append(getattr(m, name))
-        return replace(m, **{name: kept[0]})
+        frozen_field.append(getattr(m, name))
+        return replace(m, **{name: frozen_field[0]})
 
     return spoil
 

@@ -36,7 +36,8 @@ class Motion:
 
     def truth(self, tick: int) -> Truth:
         truth = Truth()
-        truth.time, truth.R_WB = tick * STEP, self.R_WB[tick]
+        truth.time = tick * STEP
+        truth.R_WB = self.R_WB[tick]
         truth.w_WB_B, truth.acceleration = self.w_B[tick], self.a_W[tick]
         truth.q, truth.qd, truth.qdd, truth.tau_drive, truth.tau_friction = self.joints[:, tick]
         truth.armature, truth.joint_damping = np.full(6, 0.5), np.full(6, 3.0)
@@ -59,7 +60,8 @@ class Ship:
 
     def __init__(self, motion: Motion, seed: int) -> None:
         streams = np.random.default_rng(seed).spawn(len(SENSORS))
-        self.motion, self.navigation = motion, Navigation()
+        self.motion = motion
+        self.navigation = Navigation()
         self.sensors = [s.init(stream) for s, stream in zip(SENSORS, streams, strict=True)]
         vision = VisionMeasurement(time=0.0, p_WB=np.zeros(3))
         self.state: NavigationState = self.navigation.init(
@@ -89,13 +91,13 @@ def flat(e: StateEstimate) -> Array:
 def test_stages_give_what_the_loop_of_objects_gives(rng: np.random.Generator) -> None:
     """Bit by bit, the filter's whole memory included; at ticks with fixes both go by objects."""
     motion = Motion(rng)
-    one, other = Ship(motion, 3), Ship(motion, 3)
+    first, other = Ship(motion, 3), Ship(motion, 3)
     state = other.state
     sample, joints, estimate = state.sample, state.joints, state.estimate
     encoders, torque, imu = (sensor.record for sensor in other.sensors)
     armature, damping = np.full(6, 0.5), np.full(6, 3.0)
     for tick in range(TICKS):
-        expected = flat(one.step(tick))
+        expected = flat(first.step(tick))
         if tick % FIXES == 0:
             np.testing.assert_array_equal(flat(other.step(tick)), expected)
             assert all(sensor.ready() >= FIXES for sensor in other.sensors)
@@ -109,8 +111,8 @@ def test_stages_give_what_the_loop_of_objects_gives(rng: np.random.Generator) ->
         take_sample(state.memory, tuple(sample))
         put_out(state.memory, tuple(joints), tuple(estimate))
         np.testing.assert_array_equal(flat(state_estimate(estimate)), expected)
-    assert state.memory.tobytes() == one.state.memory.tobytes()
-    for watch, twin in zip(state.fixes.watches, one.state.fixes.watches, strict=True):
+    assert state.memory.tobytes() == first.state.memory.tobytes()
+    for watch, twin in zip(state.fixes.watches, first.state.fixes.watches, strict=True):
         assert (watch.refused, watch.scale) == (twin.refused, twin.scale)
 
 
@@ -124,7 +126,8 @@ def test_noise_is_the_stream_in_blocks_that_are_refilled_in_place(sensor: Any, c
     that.
     """
     motion = Motion(np.random.default_rng(1))
-    truth, state = motion.truth(0), sensor.init(np.random.default_rng(5))
+    truth = motion.truth(0)
+    state = sensor.init(np.random.default_rng(5))
     twin = np.random.default_rng(5)
     sensor.init(twin)  # draws the biases
     drawn = state.record["drawn"][0]
@@ -140,7 +143,8 @@ def test_noise_is_the_stream_in_blocks_that_are_refilled_in_place(sensor: Any, c
 
 def test_encoder_noise_comes_from_the_stream_in_order() -> None:
     sensor = proprioception.Encoders(rate_noise=1.0)
-    state, truth = sensor.init(np.random.default_rng(2)), Motion(np.random.default_rng(1)).truth(0)
+    state = sensor.init(np.random.default_rng(2))
+    truth = Motion(np.random.default_rng(1)).truth(0)
     twin = np.random.default_rng(2)
     sensor.init(twin)
     count = 8192 // 6

@@ -46,7 +46,8 @@ def cruising(time: float) -> tuple[Array, Array, Array]:
 
 def swaying(time: float) -> tuple[Array, Array, Array]:
     """A slow hover: 5 cm, 12 s."""
-    w, size = 2.0 * np.pi / 12.0, np.array([0.05, 0.03, 0.02])
+    w = 2.0 * np.pi / 12.0
+    size = np.array([0.05, 0.03, 0.02])
     return size * np.sin(w * time), size * w * np.cos(w * time), -size * w**2 * np.sin(w * time)
 
 
@@ -72,7 +73,8 @@ def run(
 
     DVL and vision: 10 Hz.
     """
-    rng, filter_ = np.random.default_rng(seed), Navigation()
+    rng = np.random.default_rng(seed)
+    filter_ = Navigation()
     bias = np.zeros(3) if bias_W is None else bias_W
 
     def imu(time: float) -> ImuMeasurement:
@@ -96,7 +98,8 @@ def run(
     # the first measurements take the vehicle as resting; here it may not be
     state.x[3:6] = motion(0.0)[1]
     believed, true, velocity = [], [], []
-    delay, every = round(late / STEP), round(0.1 / STEP)
+    delay = round(late / STEP)
+    every = round(0.1 / STEP)
     for tick in range(1, round(seconds / STEP)):
         time = tick * STEP
         measurements: list[Measurement] = [imu(time)]
@@ -136,8 +139,14 @@ def test_lateness_does_not_spoil_the_correction_of_a_wrong_start(within):
     within("share left after a minute", error[-1], 1e-2)
 
 
-def test_hovering_is_known_to_a_millimetre(within):
-    believed, velocity, true, _ = run(swaying, 90.0, bias_W=BIAS_W)
+@pytest.fixture(scope="module")
+def hovered():
+    """What is believed and true in 90 s of a slow hover; see `run`."""
+    return run(swaying, 90.0, bias_W=BIAS_W)
+
+
+def test_hovering_is_known_to_a_millimetre(hovered, within):
+    believed, velocity, true, _ = hovered
     late = slice(round(45.0 / STEP), None)
     error = np.linalg.norm((believed - true)[late], axis=1)
     within("place, RMS [m]", np.sqrt(np.mean(error**2)), 2e-3)  # measured 1.1e-3
@@ -146,16 +155,16 @@ def test_hovering_is_known_to_a_millimetre(within):
     within("velocity, RMS [m/s]", np.sqrt(np.mean(error**2)), 4e-3)  # measured 1.1e-3
 
 
-def test_output_is_smooth(within):
+def test_output_is_smooth(hovered, within):
     """On a pad of 3e4 N/m a jump of 0.03 mm is 1 N; a raw picture would jump by 2 mm."""
-    believed, _, true, _ = run(swaying, 90.0, bias_W=BIAS_W)
+    believed, _, true, _ = hovered
     jumps = np.diff(believed - true, axis=0)[round(30.0 / STEP) :]
     within("largest step beside the motion [m]", jumps, 4e-5)  # measured 4e-6
 
 
-def test_place_and_velocity_handed_on_belong_together(within):
+def test_place_and_velocity_handed_on_belong_together(hovered, within):
     """One is the derivative of the other, through every correction; and neither jumps."""
-    believed, velocity, _, _ = run(swaying, 30.0, bias_W=BIAS_W)
+    believed, velocity, _, _ = hovered
     late = slice(round(10.0 / STEP), None)
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     error = (np.diff(believed, axis=0) / STEP - middle)[late]
@@ -166,7 +175,8 @@ def test_place_and_velocity_handed_on_belong_together(within):
 def test_the_output_loses_nothing_of_the_corrections(within):
     """What is held back is handed on: filter and output agree once the pictures stop."""
     *_, state = run(resting, 30.0)
-    filter_, start = Navigation(), float(state.memory["time"][0])
+    filter_ = Navigation()
+    start = float(state.memory["time"][0])
     assert np.abs(state.memory["held"][0, 0]).max() > 1e-5
     state, estimate = filter_.step(state, [])
     rng = np.random.default_rng(2)
@@ -508,15 +518,15 @@ def test_first_measurement_that_is_missing_is_named(missing):
 
 def test_a_steady_push_is_integrated_exactly_in_a_turned_hull_with_a_known_bias(rng, within):
     """p = v t + a t^2 / 2 over a hundred steps, to rounding."""
-    R, a, bias, v = (
-        exp_so3(rng.uniform(-1.0, 1.0, 3)),
-        rng.normal(size=3),
-        rng.normal(size=3),
-        rng.normal(size=3),
-    )
-    row, f = np.zeros(kernel.INPUT), np.zeros(1, kernel.FILTER)[0]
+    R = exp_so3(rng.uniform(-1.0, 1.0, 3))
+    a = rng.normal(size=3)
+    bias = rng.normal(size=3)
+    v = rng.normal(size=3)
+    row = np.zeros(kernel.INPUT)
+    f = np.zeros(1, kernel.FILTER)[0]
     f.layout[:] = 9, -1, -1, -1
-    row[kernel.DT], row[kernel.ATTITUDE : kernel.ATTITUDE + 9] = 0.05, R.ravel()
+    row[kernel.DT] = 0.05
+    row[kernel.ATTITUDE : kernel.ATTITUDE + 9] = R.ravel()
     row[kernel.FORCE : kernel.FORCE + 3] = R.T @ (a + np.array([0.0, 0.0, GRAVITY])) + bias
     f.x[3:6], f.x[6:9] = v, bias
     for _ in range(100):
@@ -529,13 +539,24 @@ def test_what_is_handed_on_is_the_state_brought_to_the_time_of_the_estimate(rng,
     """A tilted hull, corrections held back: place, attitude, velocity, rates and acceleration by
     their definitions.
     """
-    lag, w_B, bias, f_B = 0.03, rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=3)
-    R, x, held = exp_so3(rng.normal(size=3)), rng.normal(size=9), rng.normal(size=(2, 3))
-    memory, out = np.zeros(1, kernel.FILTER), estimate_record(6)
+    lag = 0.03
+    w_B = rng.normal(size=3)
+    bias = 0.1 * rng.normal(size=3)
+    f_B = rng.normal(size=3)
+    R = exp_so3(rng.normal(size=3))
+    x = rng.normal(size=9)
+    held = rng.normal(size=(2, 3))
+    memory = np.zeros(1, kernel.FILTER)
+    out = estimate_record(6)
     f = memory[0]
-    f.release[:], f.smooth, f.clock, f.given = (1.0, 0.1, 10.0, 0.01), 0.01, lag, lag
+    f.release[:] = (1.0, 0.1, 10.0, 0.01)
+    f.smooth = 0.01
+    f.clock = lag
+    f.given = lag
     f.force[:], f.w_B[:], f.rate_bias[:], f.held[:] = f_B, w_B, bias, held
-    f.R_WB[:], f.x[:9], f.P[:] = R, x, np.eye(kernel.MOST_STATES)
+    f.R_WB[:] = R
+    f.x[:9] = x
+    f.P[:] = np.eye(kernel.MOST_STATES)
     kernel.put_out(memory, joint_record(6), out)
     X, v_B, w = out.X_WB, out.v_WB_B, out.w_WB_B
     v_W = x[3:6] - held[1]

@@ -23,7 +23,8 @@ def aligned(
     contrast: float, seed: int, bend: float = 0.0, moved: Array = MOVED, guess: Array | None = None
 ) -> Alignment | None:
     """Two pictures of a wall z = RANGE + bend y^2, the second from `moved`."""
-    rng, texture = np.random.default_rng(seed), Texture.of(seed, contrast)
+    rng = np.random.default_rng(seed)
+    texture = Texture.of(seed, contrast)
     rays = CAMERA.rays()
     pictures = []
     for p in (np.zeros(3), moved):
@@ -48,12 +49,12 @@ def test_motion_over_a_textured_wall_is_found_to_a_tenth_of_a_millimetre():
     """
     squares, errors = [], []
     for seed in range(40):
-        found = aligned(0.2, seed)
-        assert found is not None
-        assert found.settled
-        error = found.p_KC - MOVED
+        motion = aligned(0.2, seed)
+        assert motion is not None
+        assert motion.settled
+        error = motion.p_KC - MOVED
         errors.append(error)
-        squares.append(float(error @ found.information_K @ error) / 3.0)
+        squares.append(float(error @ motion.information_K @ error) / 3.0)
     assert np.sqrt(np.mean(np.square(errors), axis=0)).max() < 2e-4
     assert 0.3 < np.mean(squares) < 2.0
 
@@ -63,13 +64,13 @@ def test_a_plain_surface_is_observed_along_its_normals_only(bend: float, directi
     """A plain wall tells the distance; a plain barrel along x, of 10 cm radius, nothing along its
     generator.
     """
-    found = aligned(0.0, 3, bend)
-    assert found is not None
-    values, axes = np.linalg.eigh(found.information_K)
-    observed = values > 1.0  # [1/m^2] beyond rounding
+    motion = aligned(0.0, 3, bend)
+    assert motion is not None
+    eigenvalues, axes = np.linalg.eigh(motion.information_K)
+    observed = eigenvalues > 1.0  # [1/m^2] beyond rounding
     assert int(observed.sum()) == directions
     assert np.abs(axes[0, observed]).max() < 0.05
-    assert abs(found.p_KC[2] - MOVED[2]) < 5e-4
+    assert abs(motion.p_KC[2] - MOVED[2]) < 5e-4
 
 
 def test_what_was_not_observed_keeps_the_prediction():
@@ -77,9 +78,9 @@ def test_what_was_not_observed_keeps_the_prediction():
     0.2 mm).
     """
     off = np.array([1.5e-3, 0.0, 0.0])
-    found = aligned(0.0, 3, 5.0, guess=pose(p=MOVED + off))
-    assert found is not None
-    assert found.p_KC[0] - MOVED[0] == pytest.approx(off[0], abs=5e-4)
+    motion = aligned(0.0, 3, 5.0, guess=pose(p=MOVED + off))
+    assert motion is not None
+    assert motion.p_KC[0] - MOVED[0] == pytest.approx(off[0], abs=5e-4)
 
 
 def test_pictures_with_nothing_in_common_give_no_motion():

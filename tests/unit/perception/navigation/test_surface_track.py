@@ -107,7 +107,8 @@ def test_relative_motion_is_known_to_the_track_and_the_covariance_stays_consiste
         state, _ = navigation.step(
             state, [imu(k), *([track(k, 100, np.zeros(3))] if k >= 100 and k % 5 == 0 else [])]
         )
-    o, n = offset(state), int(state.memory["layout"][0, STATES])
+    o = offset(state)
+    n = int(state.memory["layout"][0, STATES])
     P = state.P
     relative = P[:3, :3] + P[:3, o] + P[o, :3] + P[o, o]
     assert np.all(np.sqrt(np.diag(relative)) < SIGMA)
@@ -241,10 +242,8 @@ def standing(said: bool, *, slips: float = 0.0) -> NavigationState:
         EncoderMeasurement(time=0.0, q=Q, qd=np.zeros(2)),
         TorqueMeasurement(time=0.0, tau=np.zeros(2)),
     ]
-    state, noise = (
-        navigation.init([imu(0), vision(0, np.zeros(3)), *body]),
-        np.random.default_rng(5),
-    )
+    state = navigation.init([imu(0), vision(0, np.zeros(3)), *body])
+    noise = np.random.default_rng(5)
     for k in range(1, 202):
         messages: list[Measurement] = [imu(k)]
         if k % 10 == 0:
@@ -257,7 +256,7 @@ def standing(said: bool, *, slips: float = 0.0) -> NavigationState:
 
 def test_a_tool_at_rest_tells_how_fast_the_hull_moves():
     """Its stated slip over half a second is 0.2 mm/s; vision alone knows the speed to some mm/s."""
-    speeds = [np.sqrt(np.diag(standing(said).P)[3:6]) for said in (True, False)]
+    speeds = [np.sqrt(np.diag(standing(standing_still).P)[3:6]) for standing_still in (True, False)]
     assert np.all(speeds[0] < 4e-4)  # measured 3.7e-4 m/s, and 2.7e-3 without
     assert np.all(speeds[1] > 5.0 * speeds[0])
     assert np.linalg.norm(standing(True).x[3:6]) < 4.0 * np.linalg.norm(speeds[0])
@@ -267,7 +266,8 @@ def test_a_tool_that_slips_all_the_same_is_not_believed():
     """A joint that turned by 0.2 rad means 10 cm of the tool: refused, and nothing of the filter
     has changed.
     """
-    believed, refused = standing(True), standing(True, slips=0.2)
+    believed = standing(True)
+    refused = standing(True, slips=0.2)
     assert believed.track is not None
     assert refused.track is not None
     assert (believed.track.refused, refused.track.refused) == (0, 1)

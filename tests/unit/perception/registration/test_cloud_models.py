@@ -52,7 +52,8 @@ def test_every_door_makes_the_same_mesh_of_a_cloud(cloud, tmp_path, within):
     points, normals = cloud
     file = tmp_path / "star.ply"
     write_ply(file, points)
-    plain, oriented = target_by(points), target_by(np.column_stack([points, normals]))
+    plain = target_by(points)
+    oriented = target_by(np.column_stack([points, normals]))
     for model, expected, rounding in (
         # as Open3D's: normals are there, but none
         (SimpleNamespace(points=list(points), normals=[]), plain, 0.0),
@@ -66,16 +67,25 @@ def test_every_door_makes_the_same_mesh_of_a_cloud(cloud, tmp_path, within):
     assert not np.array_equal(plain.vertices, oriented.vertices)
 
 
-@pytest.mark.parametrize("with_normals", [False, True])
+PLAIN = pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_cloud_models.py::test_a_cloud_gives_the_pose_of_its_mesh"
+)
+
+
+@pytest.mark.parametrize("with_normals", [pytest.param(False, marks=PLAIN), True])
 def test_a_cloud_gives_the_pose_of_its_mesh(scene, by_mesh, cloud, with_normals: bool, within):
     points, normals = cloud
-    found = identified(scene, np.column_stack([points, normals]) if with_normals else points)
-    assert found.accepted, found.reason
-    X = scene.target.symmetry.nearest_pose(found.X_sensor_target, by_mesh.X_sensor_target[:3, :3])
+    identification = identified(
+        scene, np.column_stack([points, normals]) if with_normals else points
+    )
+    assert identification.accepted, identification.reason
+    X = scene.target.symmetry.nearest_pose(
+        identification.X_sensor_target, by_mesh.X_sensor_target[:3, :3]
+    )
     center = scene.target.center
     apart = transform_points(X, center) - transform_points(by_mesh.X_sensor_target, center)
     within("from the mesh's pose [m]", np.linalg.norm(apart), 1e-3)  # measured 1.2e-4 to 6e-4
-    assert "meshed from a cloud of 5000 points" in found.model_note
+    assert "meshed from a cloud of 5000 points" in identification.model_note
     assert not by_mesh.model_note
 
 
@@ -95,11 +105,11 @@ def test_an_open_scan_is_seen_from_its_side_only_and_its_border_is_no_edge():
 
 
 def test_what_is_no_model_is_told_by_kind():
-    for given, words in (
+    for model, words in (
         (np.zeros((10, 4)), r"or a cloud: an array \(n, 3\).*got an array of shape \(10, 4\)"),
         (np.zeros((10, 3)), "at least 100 distinct points, got 1"),
         (SimpleNamespace(points=np.zeros((0, 3))), "got 0"),
         (7, "got int"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            perception.identify(np.zeros((0, 3)), given)
+            perception.identify(np.zeros((0, 3)), model)

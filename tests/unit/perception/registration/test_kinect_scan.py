@@ -53,7 +53,8 @@ def doors() -> dict[str, Scan | np.ndarray]:
 
 def off(found: perception.Identification, name: str) -> tuple[float, float]:
     """Distance [m] of the model's centre from where it is, and angle [deg]."""
-    X, center = found.X_sensor_target, found.surface.center
+    X = found.X_sensor_target
+    center = found.surface.center
     apart = transform_points(X, center) - transform_points(X_SENSOR[name], center)
     return float(np.linalg.norm(apart)), float(
         np.rad2deg(rotation_angle(X[:3, :3], X_SENSOR[name][:3, :3]))
@@ -63,8 +64,8 @@ def off(found: perception.Identification, name: str) -> tuple[float, float]:
 FRAME = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_kinect_scan.py::test_organised_points_are_the_depth_frame"
 )
-ANOTHER = pytest.mark.long(
-    guarded_by="tests/unit/perception/registration/test_kinect_scan.py::test_the_carton_is_found_upright"
+CLOUD_AS_MODEL = pytest.mark.long(
+    guarded_by="tests/unit/perception/registration/test_cloud_models.py::test_a_cloud_gives_the_pose_of_its_mesh"
 )
 
 
@@ -73,41 +74,41 @@ def test_organised_points_are_the_depth_frame(within):
     frame, points = doors()["depth frame"], doors()["organised"]
     assert isinstance(frame, Scan)
     assert not isinstance(points, Scan)
-    found = Scan.from_cloud(points)
-    assert np.array_equal(np.isfinite(found.depth), np.isfinite(frame.depth))
-    within("depth [m]", np.nan_to_num(found.depth) - np.nan_to_num(frame.depth), 1e-9)
-    within("pixel", 525.0 * (found.tangent_x - frame.tangent_x), 1e-2)
-    within("pixel", 525.0 * (found.tangent_y - frame.tangent_y), 1e-2)
+    gridded = Scan.from_cloud(points)
+    assert np.array_equal(np.isfinite(gridded.depth), np.isfinite(frame.depth))
+    within("depth [m]", np.nan_to_num(gridded.depth) - np.nan_to_num(frame.depth), 1e-9)
+    within("pixel", 525.0 * (gridded.tangent_x - frame.tangent_x), 1e-2)
+    within("pixel", 525.0 * (gridded.tangent_y - frame.tangent_y), 1e-2)
 
 
 @pytest.mark.parametrize(
     ("name", "door"),
     [
         pytest.param("milk", "depth frame", marks=FRAME),
-        pytest.param("milk", "list", marks=ANOTHER),
+        pytest.param("milk", "list", marks=CLOUD_AS_MODEL),
         pytest.param("milk", "organised", marks=FRAME),
         pytest.param("milk_other_view", "depth frame", marks=FRAME),
-        pytest.param("milk_other_view", "list", marks=ANOTHER),
-        ("milk_other_view", "organised"),
+        pytest.param("milk_other_view", "list", marks=CLOUD_AS_MODEL),
+        pytest.param("milk_other_view", "organised", marks=CLOUD_AS_MODEL),
     ],
 )
 def test_the_carton_is_found_upright(name: str, door: str, within):
-    found = perception.identify(doors()[door], DATA / f"{name}.pcd")
-    assert found.accepted, found.reason
-    assert "open" in found.model_note
-    position, angle = off(found, name)
+    identification = perception.identify(doors()[door], DATA / f"{name}.pcd")
+    assert identification.accepted, identification.reason
+    assert "open" in identification.model_note
+    position, angle = off(identification, name)
     within("position [m]", position, 3e-3)  # measured 3e-4
     within("angle [deg]", angle, 0.6)  # measured 0.06
 
 
 UPSIDE_DOWN = pytest.mark.long(
-    guarded_by="tests/unit/perception/registration/test_kinect_scan.py::"
-    "test_it_is_not_accepted_upside_down_where_that_is_expected"
+    guarded_by="tests/unit/perception/registration/test_identification.py::test_wrong_poses_are_refused"
 )
 
 
-@pytest.mark.parametrize("axis", [0, *(pytest.param(axis, marks=UPSIDE_DOWN) for axis in (1, 2))])
-@pytest.mark.parametrize("name", ["milk", pytest.param("milk_other_view", marks=UPSIDE_DOWN)])
+@UPSIDE_DOWN
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("name", X_SENSOR)
 def test_it_is_not_accepted_upside_down_where_that_is_expected(name: str, axis: int):
     """The search begins from attitudes near the wrong one only; the upright pose lies too far from
     what is expected.
@@ -115,10 +116,10 @@ def test_it_is_not_accepted_upside_down_where_that_is_expected(name: str, axis: 
     model = perception.identify(np.zeros((0, 3)), DATA / f"{name}.pcd").surface
     main = np.linalg.eigh(np.cov(model.points.T))[1][:, axis]
     center = transform_points(X_SENSOR[name], model.center)
-    found = perception.identify(
+    identification = perception.identify(
         doors()["organised"], model, center, X_SENSOR[name][:3, :3] @ exp_so3(np.pi * main)
     )
-    assert not found.accepted
+    assert not identification.accepted
 
 
 @pytest.mark.skipif(not find_spec("open3d"), reason="extra open3d is not installed")
@@ -137,8 +138,8 @@ def test_a_mesh_made_elsewhere_is_found_upright(name: str, within):
     )
     for model in (target, cloud):
         for cloud_of_scene in doors().values():
-            found = perception.identify(cloud_of_scene, model)
-            assert found.accepted, found.reason
-            position, angle = off(found, name)
+            identification = perception.identify(cloud_of_scene, model)
+            assert identification.accepted, identification.reason
+            position, angle = off(identification, name)
             within("position [m]", position, 6e-3)  # measured 6e-4
             within("angle [deg]", angle, 1.5)  # measured 0.15

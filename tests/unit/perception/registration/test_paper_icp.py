@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
 from untyped import untyped
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects import targets
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.registration.identification import identify
@@ -20,20 +21,20 @@ from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
 VALVE = targets.named("valve")
 SURFACE = ModelSurface.of(VALVE)
-VIEW = seen_from(VALVE.center + np.array([0.3, -0.5, 0.8]), VALVE.center)
+VIEW = camera_pose(VALVE.center + np.array([0.3, -0.5, 0.8]), VALVE.center)
 MIDDLE = transform_points(VIEW, VALVE.center)
 SCAN = Scan.from_depth(look(VALVE, VIEW, np.random.default_rng(0), floor=False))
 
 
 def test_by_the_one_door(within):
-    found = identify(
+    identification = identify(
         SCAN, SURFACE, MIDDLE, exp_so3([0.1, -0.1, 0.1]) @ VIEW[:3, :3], method="paper"
     )
-    position, angle = VALVE.symmetry.error(found.X_sensor_target, VIEW)
+    position, angle = VALVE.symmetry.error(identification.X_sensor_target, VIEW)
     within("position [m]", position, 0.02)  # 2 mm
     within("angle [rad]", angle, 0.1)
-    assert position < 0.5 * VALVE.symmetry.error(found.X_sensor_start, VIEW)[0]
-    assert len(found.hypotheses) == 1
+    assert position < 0.5 * VALVE.symmetry.error(identification.X_sensor_start, VIEW)[0]
+    assert len(identification.hypotheses) == 1
     with pytest.raises(ConfigurationError, match="planes, paper"):
         identify(SCAN, SURFACE, method=untyped("guess"))
 
@@ -56,9 +57,9 @@ def test_published_threshold_decides_in_place_of_the_check():
 
 def test_whole_cloud_is_met_exactly(within):
     """A cloud that is the model's own points, moved: ICP from point to point ends on them."""
-    found = identify(SCAN, SURFACE, MIDDLE, VIEW[:3, :3])
-    assert found.evidence is not None
-    whole = replace(found.evidence, points=transform_points(VIEW, SURFACE.points))
+    identification = identify(SCAN, SURFACE, MIDDLE, VIEW[:3, :3])
+    assert identification.evidence is not None
+    whole = replace(identification.evidence, points=transform_points(VIEW, SURFACE.points))
     fit = paper_fit(whole, SURFACE, pose(exp_so3([0.003, 0.0, 0.003]), [0.0, 0.0, 0.0]) @ VIEW)
     within("pose", fit.X_ST - VIEW, 1e-9)
     within("error [m]", fit.error, 1e-9)
@@ -68,10 +69,12 @@ def test_whole_cloud_is_met_exactly(within):
 def test_no_further_fall_of_the_error_asks_for_a_new_scan():
     """A sensor that claims to be exact, and an object that is not the one looked for."""
     exact = SensorModel(disparity_sigma=0.01)
-    found = identify(
+    identification = identify(
         SCAN, targets.named("rock"), MIDDLE, VIEW[:3, :3], sensor=exact, method="paper"
     )
-    assert found.evidence is not None
-    fit = paper_fit(found.evidence, found.surface, np.array(found.X_sensor_start))
+    assert identification.evidence is not None
+    fit = paper_fit(
+        identification.evidence, identification.surface, np.array(identification.X_sensor_start)
+    )
     assert fit.error > fit.required
-    assert found.decision is not Decision.ACCEPT
+    assert identification.decision is not Decision.ACCEPT

@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from depth_scenes import coarse, look, seen_from
+from depth_scenes import coarse, look
+from uuv.clouds.frames import camera_pose
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects.targets import (
     PILE_DIAMETER,
@@ -126,9 +127,9 @@ def test_flange_tells_the_height(within):
         rng = np.random.default_rng(seed)
         heading, height, distance = rng.uniform([-np.pi, -0.2, 1.7], [np.pi, 0.2, 1.9])
         outward = np.array([np.cos(heading), np.sin(heading), 0.0])
-        X_CT = seen_from(distance * outward + [0, 0, height], np.array([0.0, 0.0, height]))
+        X_CT = camera_pose(distance * outward + [0, 0, height], np.array([0.0, 0.0, height]))
         image = look(PILE, X_CT, rng, floor=False)
-        result = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, PILE.center))
+        result = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, PILE))
         assert result.accepted, f"seed {seed}: {result.reason}"
         assert len(result.symmetry.twists) == 1  # to turn about the pile's axis, and no more
         errors.append(PILE.symmetry.error(result.X_sensor_target, X_CT))
@@ -143,9 +144,9 @@ def test_a_plain_pile_is_not_said_to_be_known():
     plain = pile(flange=False)
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        X_CT = seen_from(np.array([1.8, 0.0, 0.0]))
+        X_CT = camera_pose(np.array([1.8, 0.0, 0.0]))
         image = look(plain, X_CT @ pose(exp_so3([0.0, 0.0, seed])), rng, floor=False)
-        result = identify(Scan.from_depth(image), plain, *coarse(rng, X_CT, plain.center))
+        result = identify(Scan.from_depth(image), plain, *coarse(rng, X_CT, plain))
         assert not result.accepted
         assert "slide" in result.reason
         assert len(result.symmetry.twists) == 2
@@ -154,7 +155,7 @@ def test_a_plain_pile_is_not_said_to_be_known():
 def test_the_flange_out_of_view_is_not_guessed():
     rng = np.random.default_rng(0)
     at = np.array([0.0, 0.0, -0.75])
-    X_CT = seen_from(at + np.array([1.2, 0.0, 0.0]), at)
+    X_CT = camera_pose(at + np.array([1.2, 0.0, 0.0]), at)
     image = look(PILE, X_CT, rng, floor=False)
     result = identify(Scan.from_depth(image), PILE, X_CT[:3, 3] + 0.1, X_CT[:3, :3])
     assert not result.accepted

@@ -5,14 +5,15 @@ pair.
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects import targets
 from uuv.perception.clouds.scan import Scan, facing_normals, voxel_means
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.point_pairs import point_pair_poses
 
 ROCK = ModelSurface.of(targets.named("rock"))
-VIEW = seen_from(np.array([0.3, -0.8, 0.6]))
+VIEW = camera_pose(np.array([0.3, -0.8, 0.6]))
 
 
 def oriented(name: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +49,8 @@ def test_neighbours_that_touch_it_do_not_hide_it():
         ("anode", [0.0, -0.25, 0.05]),
     ):
         beside, facing = oriented(name, 1)
-        points, normals = np.vstack([points, beside + shift]), np.vstack([normals, facing])
+        points = np.vstack([points, beside + shift])
+        normals = np.vstack([normals, facing])
     assert near(point_pair_poses(points, normals, ROCK)[:60]).any()
 
 

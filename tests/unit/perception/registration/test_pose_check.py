@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import dented_barrel, look, seen_from
+from depth_scenes import dented_barrel, look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.target_model import Symmetry
 from uuv.models.objects.targets import Solid, barrel
 from uuv.perception.clouds.scan import Scan, SensorModel
@@ -22,7 +23,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 BARREL = barrel()
-VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
+VIEW = camera_pose(np.array([0.1, -0.9, 0.75]))
 SENSOR = SensorModel()
 
 

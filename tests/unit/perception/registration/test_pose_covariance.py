@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.targets import barrel, named
 from uuv.perception.clouds.scan import Scan
 from uuv.perception.registration.identification import Identification, identify
@@ -15,8 +16,8 @@ from uuv.perception.registration.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
-VIEW = seen_from(np.array([0.3, -0.9, 0.6]))
-FRAMES = 8
+VIEW = camera_pose(np.array([0.3, -0.9, 0.6]))
+FRAMES = 5
 
 
 @pytest.fixture(scope="module")
@@ -43,10 +44,12 @@ def test_errors_are_as_large_as_it_says(found, within):
     than its chi-square.
     """
     squares = []
-    for each in found:
-        assert each.covariance is not None
-        assert each.covariance.degrees == 6
-        squares.append(each.covariance.normalised_error(each.X_sensor_target, VIEW) / 6.0)
+    for identification in found:
+        assert identification.covariance is not None
+        assert identification.covariance.degrees == 6
+        squares.append(
+            identification.covariance.normalised_error(identification.X_sensor_target, VIEW) / 6.0
+        )
     # 0.7 measured
     within("log of the mean square over its expectation", np.log(np.mean(squares)), np.log(2.5))
     assert np.mean(np.array(squares) < chi2.isf(0.05, 6) / 6.0) > 0.7
@@ -65,20 +68,20 @@ def test_nearer_more_certain(found):
 def test_symmetry_is_unbounded(within):
     surface = ModelSurface.of(barrel())
     frame = look(surface.target, VIEW, np.random.default_rng(0), floor=False)
-    each = identify(Scan.from_depth(frame), surface, VIEW[:3, 3], VIEW[:3, :3])
-    covariance = each.covariance
+    identification = identify(Scan.from_depth(frame), surface, VIEW[:3, 3], VIEW[:3, :3])
+    covariance = identification.covariance
     assert covariance is not None
     assert covariance.degrees == 5
     assert np.isinf(covariance.rotation_sigma)
     assert np.isfinite(covariance.position_sigma)
-    axis = each.X_sensor_target[:3, 0]
+    axis = identification.X_sensor_target[:3, 0]
     side = np.cross(axis, [0.0, 0.0, 1.0])
     assert np.isinf(covariance.sigma(covariance.center + 0.2 * side, np.cross(axis, side)))
     assert covariance.sigma(covariance.center, axis) < 0.005
-    turned = each.X_sensor_target @ pose(exp_so3([0.01, 0.0, 0.0]))
+    turned = identification.X_sensor_target @ pose(exp_so3([0.01, 0.0, 0.0]))
     within(
         "a turn about the axis is no error",
-        covariance.normalised_error(each.X_sensor_target, turned),
+        covariance.normalised_error(identification.X_sensor_target, turned),
         1e-3,
     )
 
@@ -108,11 +111,11 @@ def test_closed_forms(within):
 def test_the_chance_to_be_within_bounds_is_that_of_the_normal(within):
     """Monte Carlo of 4096 draws: 0.008 at most, one standard deviation 0.005."""
     sigma = 0.002
-    one = np.zeros((6, 6))
-    one[0, 0] = sigma**2
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = sigma**2
     within(
         "one direction",
-        made(one, np.zeros((0, 6))).chance_within(2.0 * sigma, 0.1) - chi2.cdf(4.0, 1),
+        made(covariance, np.zeros((0, 6))).chance_within(2.0 * sigma, 0.1) - chi2.cdf(4.0, 1),
         0.012,
     )
     three = sigma**2 * np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])

@@ -10,14 +10,18 @@ from uuv.sim.interfaces.spatial import exp_so3
 
 
 def test_reach_is_the_radius_about_the_line(rng: np.random.Generator) -> None:
-    R, H = exp_so3(rng.normal(size=3)), 5.0 * rng.normal(size=3)
-    angle, radius, along = rng.uniform(0, 6, 30), rng.uniform(0.0, 0.7, 30), rng.normal(size=30)
+    R = exp_so3(rng.normal(size=3))
+    H = 5.0 * rng.normal(size=3)
+    angle = rng.uniform(0, 6, 30)
+    radius = rng.uniform(0.0, 0.7, 30)
+    along = rng.normal(size=30)
     points = H + np.column_stack([radius * np.cos(angle), radius * np.sin(angle), along]) @ R.T
     assert trajectories.lateral_reach(H, R[:, 2], points) == pytest.approx(radius.max())
 
 
 def test_rays_start_in_front_of_all_points_in_one_plane(rng: np.random.Generator) -> None:
-    R, H = exp_so3(rng.normal(size=3)), rng.normal(size=3)
+    R = exp_so3(rng.normal(size=3))
+    H = rng.normal(size=3)
     o = R[:, 2]
     for shift in (0.0, 3.0):
         points = H + (rng.normal(size=(20, 3)) + np.array([0.0, 0.0, shift])) @ R.T

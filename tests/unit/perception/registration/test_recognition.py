@@ -36,14 +36,14 @@ def recognised(scene, targets):
 )
 def test_the_object_in_the_scene_is_named(name: str):
     scene = object_scene(name, 7000)
-    made = recognised(scene, {each: target_of(each) for each in NAMES})
-    assert made.name == name, made.reason
-    assert made.accepted
-    assert made.decision is Decision.ACCEPT
-    assert scene.is_found(made.found.X_sensor_target)
-    assert made.margin > MIN_MARGIN
-    assert made.candidates[0].name == name
-    assert {each.name for each in made.candidates} == set(NAMES)
+    recognition = recognised(scene, {name_of: target_of(name_of) for name_of in NAMES})
+    assert recognition.name == name, recognition.reason
+    assert recognition.accepted
+    assert recognition.decision is Decision.ACCEPT
+    assert scene.is_found(recognition.found.X_sensor_target)
+    assert recognition.margin > MIN_MARGIN
+    assert recognition.candidates[0].name == name
+    assert {candidate.name for candidate in recognition.candidates} == set(NAMES)
 
 
 @ANOTHER
@@ -54,9 +54,13 @@ def test_a_folder_of_meshes_and_clouds(tmp_path):
         write_ply(tmp_path / f"{name}.ply", target.vertices, target.triangles)
     write_ply(tmp_path / "plate.ply", sampled_cloud(target_of("plate"), 3000)[0])
     (tmp_path / "notes.md").write_text("no model")
-    made = recognised(scene, tmp_path)
-    assert made.name == "starfish", made.reason
-    assert {each.name for each in made.candidates} == {"starfish", "valve", "plate"}
+    recognition = recognised(scene, tmp_path)
+    assert recognition.name == "starfish", recognition.reason
+    assert {candidate.name for candidate in recognition.candidates} == {
+        "starfish",
+        "valve",
+        "plate",
+    }
 
 
 @pytest.mark.long
@@ -80,7 +84,8 @@ def test_a_refusal_goes_on_from_what_was_searched(monkeypatch):
     """Where no object fits, all starts of each are tried; the likeliest of them are not searched a
     second time.
     """
-    searched, search = [], identification.likeliest_pose
+    searched = []
+    search = identification.likeliest_pose
     monkeypatch.setattr(
         identification,
         "likeliest_pose",
@@ -89,10 +94,10 @@ def test_a_refusal_goes_on_from_what_was_searched(monkeypatch):
     monkeypatch.setattr(identification, "_REFINED_LATER", 10)  # which takes seconds
     scene = object_scene("starfish", 7000)
     thinned = scene.scan.part((slice(None, None, 8), slice(None, None, 8)))
-    made = perception.recognise(
+    recognition = perception.recognise(
         thinned, [target_of("valve")], scene.approach, sensor=scene.sensor.model
     )
-    assert not made.accepted
+    assert not recognition.accepted
     assert searched == [{"most": identification.REFINED}, {"most": 10}]
 
 
@@ -122,10 +127,10 @@ def test_what_is_found_explains_its_part_of_the_scan():
     }
     scan = rendered(poses, surfaces, sensor)
     approaches = {name: X[:3, 3] + [0.1, -0.05, 0.1] for name, X in poses.items()}
-    found = perception.identify_together(scan, surfaces, approaches, sensor=sensor)
+    identifications = perception.identify_together(scan, surfaces, approaches, sensor=sensor)
     for name, X_ST in poses.items():
-        assert found[name].accepted, (name, found[name].reason)
-        position, angle = surfaces[name].symmetry.error(found[name].X_sensor_target, X_ST)
+        assert identifications[name].accepted, (name, identifications[name].reason)
+        position, angle = surfaces[name].symmetry.error(identifications[name].X_sensor_target, X_ST)
         assert position < 0.005
         assert angle < np.deg2rad(3.0)
     with pytest.raises(ConfigurationError, match="no object is named 'barrel'"):
@@ -145,8 +150,9 @@ def test_a_known_object_hides_and_explains():
     depth = np.where(np.isfinite(depth), depth, np.inf)
     known = replace(scan, known=KnownObjects(depth, np.abs(scan.depth - depth) < 0.02))
     mask = np.isfinite(scan.depth)
-    alone, joint = (Evidence.of(each, mask, 0.005, sensor) for each in (scan, known))
-    starfish, behind = surfaces["starfish"], pose(R, [0.0, 0.0, 2.0])
+    alone, joint = (Evidence.of(scan_of, mask, 0.005, sensor) for scan_of in (scan, known))
+    starfish = surfaces["starfish"]
+    behind = pose(R, [0.0, 0.0, 2.0])
     assert log_likelihood(joint, starfish, poses["starfish"]) > 100.0
     assert log_likelihood(joint, starfish, behind) == 0.0
     on_plate = pose(R, [0.15, 0.1, 1.6])

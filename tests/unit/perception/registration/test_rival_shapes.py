@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from depth_scenes import look, seen_from, standing
+from depth_scenes import halved, look, standing
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.target_model import TargetModel
 from uuv.models.objects.targets import barrel, starfish
 from uuv.perception.clouds.scan import Scan
@@ -29,9 +30,8 @@ from uuv.perception.registration.rival_shapes import (
     resized_log_likelihood,
 )
 from uuv.sim.interfaces.messages import DepthImage
-from uuv.sim.interfaces.spatial import readonly
 
-VIEW = seen_from(np.array([0.15, -0.4, 0.8]))
+VIEW = camera_pose(np.array([0.15, -0.4, 0.8]))
 
 
 def hooked(hand: float) -> TargetModel:
@@ -57,35 +57,35 @@ def hooked(hand: float) -> TargetModel:
 def test_the_other_hand_is_refused():
     surface = ModelSurface.of(hooked(1.0))
     frame = look(hooked(-1.0), VIEW, np.random.default_rng(4), floor=False)
-    found = identify(Scan.from_depth(frame), surface, VIEW[:3, 3])
-    assert not found.accepted
+    identification = identify(Scan.from_depth(frame), surface, VIEW[:3, 3])
+    assert not identification.accepted
 
 
 def quick_look(target: TargetModel, X_CT: np.ndarray, rng: np.random.Generator) -> DepthImage:
-    """A frame on every second row and column, which is searched faster."""
-    frame = look(target, X_CT, rng, floor=False)
-    K = np.diag([0.5, 0.5, 1.0]) @ frame.K
-    return replace(frame, depth=readonly(frame.depth[::2, ::2]), K=readonly(K), X_BC=np.eye(4))
+    """A halved frame of the object alone."""
+    return replace(halved(look(target, X_CT, rng, floor=False)), X_BC=np.eye(4))
 
 
 def test_the_mirror_image_is_sought_once_from_one_place(monkeypatch):
     """The second of two looks differs from the first in its noise alone; what changes the answer is
     noticed.
     """
-    searches, search = [], rival_shapes.likeliest_of
+    searches = []
+    search = rival_shapes.likeliest_of
     monkeypatch.setattr(
         rival_shapes, "likeliest_of", lambda *args: searches.append(1) or search(*args)
     )
     rng = np.random.default_rng(4)
     finder = KnownObjectFinder(hooked(1.0), None, VIEW[:3, 3])
-    state, found = finder.init(), []
+    state = finder.init()
+    poses = []
     for _ in range(2):
         state, verdict = finder.step(state, standing(np.eye(4)), quick_look(hooked(1.0), VIEW, rng))
         assert verdict is not None
         assert verdict.accepted, verdict.reason
         assert state.last is not None
-        found.append(state.last)
-    first, second = found
+        poses.append(state.last)
+    first, second = poses
     assert len(searches) == 1
     assert first.mirror is not None
     assert first.mirror is second.mirror
@@ -123,18 +123,24 @@ def test_an_object_of_another_size_is_likelier_as_that(size):
     """Five percent: the scan is likelier at the right size by far more than what separates a pose
     from its rivals.
     """
-    surface, target = ModelSurface.of(hooked(1.0)), hooked(1.0)
+    surface = ModelSurface.of(hooked(1.0))
+    target = hooked(1.0)
     other = TargetModel(name="other", vertices=size * target.vertices, triangles=target.triangles)
     frame = look(other, VIEW, np.random.default_rng(4), floor=False)
-    found = identify(Scan.from_depth(frame), surface, VIEW[:3, 3])
-    assert not found.accepted
-    assert found.evidence is not None
-    X_ST = found.X_sensor_target
+    identification = identify(Scan.from_depth(frame), surface, VIEW[:3, 3])
+    assert not identification.accepted
+    assert identification.evidence is not None
+    X_ST = identification.X_sensor_target
     search = Found(
-        X_ST, None, X_ST, log_likelihood(found.evidence, surface, X_ST), found.hypotheses[1:]
+        X_ST,
+        None,
+        X_ST,
+        log_likelihood(identification.evidence, surface, X_ST),
+        identification.hypotheses[1:],
     )
     assert (
-        resized_log_likelihood(found.evidence, surface, size, search) > search.log_likelihood + 20.0
+        resized_log_likelihood(identification.evidence, surface, size, search)
+        > search.log_likelihood + 20.0
     )
 
 

@@ -14,7 +14,12 @@ from uuv.perception.registration.symmetry import slipped, slipping_twist
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 
-COIL, WIRE, PITCH, TURNS, PER_TURN, AROUND = 0.12, 0.02, 0.09, 4.0, 24, 10
+COIL = 0.12
+WIRE = 0.02
+PITCH = 0.09
+TURNS = 4.0
+PER_TURN = 24
+AROUND = 10
 X_ST = pose(exp_so3([1.4, 0.3, 0.2]), [0.02, -0.01, 1.1])
 TANGENTS = 2e-3 * np.arange(-149.5, 150.0)
 
@@ -77,9 +82,9 @@ def test_what_resists_every_motion_does_not_slip():
 def test_the_likelihood_leads_back(surface: ModelSurface, evidence: Evidence, within):
     """Half a spacing along itself, where nearest points see nothing."""
     X = X_ST @ slipped(surface, 0.5 * surface.spacing)
-    found, likelihood = settled(evidence, surface, X, log_likelihood(evidence, surface, X))
+    X_settled, likelihood = settled(evidence, surface, X, log_likelihood(evidence, surface, X))
     assert likelihood > log_likelihood(evidence, surface, X)
-    within("left, in spacings", _slip(surface, found) / surface.spacing, 0.2)
+    within("left, in spacings", _slip(surface, X_settled) / surface.spacing, 0.2)
 
 
 def test_the_next_facet_is_a_place_of_rest(surface: ModelSurface, evidence: Evidence, within):
@@ -104,9 +109,9 @@ def test_its_own_doubt_is_what_the_likelihood_says(surface: ModelSurface, eviden
         size_sigma=0.01,
     )
     wide = with_slip(evidence, surface, X_ST, narrow)
-    values = np.linalg.eigvalsh(wide.matrix)
-    assert values[-1] > 100.0 * 1e-8
-    np.testing.assert_allclose(values[:5], 1e-8, rtol=1e-6)
+    eigenvalues = np.linalg.eigvalsh(wide.matrix)
+    assert eigenvalues[-1] > 100.0 * 1e-8
+    np.testing.assert_allclose(eigenvalues[:5], 1e-8, rtol=1e-6)
 
 
 def _slip(surface: ModelSurface, X: Array) -> float:

@@ -84,7 +84,8 @@ def blind(scan: SonarScan, hidden: np.ndarray) -> SonarScan:
 
 
 def test_what_shows_no_seabed_is_refused_with_the_reason():
-    scan, finder = ping(ground(), 8), SeabedFinder(B_W)
+    scan = ping(ground(), 8)
+    finder = SeabedFinder(B_W)
     everything = np.ones(scan.points.shape[:2], dtype=bool)
     assert "0 points show no surface" in find(finder, blind(scan, everything)).reason
     at = transform_points(X_WB @ X_BS, np.nan_to_num(scan.points).reshape(-1, 3)).reshape(

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from depth_scenes import look, seen_from
+from depth_scenes import look
+from uuv.clouds.frames import camera_pose
 from uuv.models.objects.deformed import Deformed, Patch, deformed
 from uuv.models.objects.targets import barrel
 from uuv.perception.clouds.scan import Scan, SensorModel
@@ -19,7 +20,7 @@ from uuv.sim.interfaces.spatial import pose
 
 BARREL = barrel()
 SURFACE = ModelSurface.of(BARREL)
-VIEW = seen_from(np.array([0.1, -0.3, 1.25]))
+VIEW = camera_pose(np.array([0.1, -0.3, 1.25]))
 
 
 def found_in(scan: Scan) -> Identification:
@@ -59,11 +60,13 @@ def test_growth_and_dent_are_found_as_they_are(within):
         look(true.target, VIEW, np.random.default_rng(0), noise=None, floor=False)
     )
     exact = SensorModel(disparity_sigma=0.02)
-    found = identify(scan, SURFACE, VIEW[:3, 3], VIEW[:3, :3], sensor=exact)
+    identification = identify(scan, SURFACE, VIEW[:3, 3], VIEW[:3, :3], sensor=exact)
     pulled = pose(p=[0.0, 0.0, -0.003]) @ VIEW  # towards the camera
-    made = map_deformation(replace(found, accepted=True, X_sensor_target=pulled), size=0.005)
-    assert len(made.regions) == 2
-    for region, patch, sign in zip(made.regions, (growth, dent), (1.0, -1.0), strict=True):
+    deformation = map_deformation(
+        replace(identification, accepted=True, X_sensor_target=pulled), size=0.005
+    )
+    assert len(deformation.regions) == 2
+    for region, patch, sign in zip(deformation.regions, (growth, dent), (1.0, -1.0), strict=True):
         within("middle along the barrel [m]", region.p_T[0] - patch.p_T[0], 0.02)  # 4 mm
         within("middle around the barrel [m]", region.p_T[1] - patch.p_T[1], 0.02)
         # 3 %, averaging
@@ -73,10 +76,10 @@ def test_growth_and_dent_are_found_as_they_are(within):
         # nearly round
         assert 0.7 < region.width_m * region.length_m * 0.25 * np.pi / region.area_m2 < 1.4
         assert 0.005 < sign * region.mean_m < patch.height
-        assert np.sum(made.label == 1 + made.regions.index(region)) > 500
-    points, off = made.cloud_S
+        assert np.sum(deformation.label == 1 + deformation.regions.index(region)) > 500
+    points, off = deformation.cloud_S
     assert len(points) == len(off) > 10_000
-    within("pulled pose set right [m]", made.X_sensor_target[2, 3] - VIEW[2, 3], 2e-3)
+    within("pulled pose set right [m]", deformation.X_sensor_target[2, 3] - VIEW[2, 3], 2e-3)
 
 
 @pytest.mark.seeds(1, 2, 3)
@@ -86,19 +89,21 @@ def test_undeformed_object_has_no_region(within, seed: int):
     Of 80 frames none had a region, and none came beyond 3.4 of the 4.5 standard deviations; 10 mm
     are 6.5 of them.
     """
-    found = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(seed))))
-    made = map_deformation(replace(found, accepted=True), None if seed < 3 else 0.01)
-    assert made.regions == ()
-    assert not made.label.any()
-    off = made.deviation[np.isfinite(made.deviation)]
-    within("noise against what it is said to be", np.log(np.std(off) / made.noise_m), 0.7)
-    assert 0.5 < made.compared < 1.0
-    assert made.size_m > 2.0 * made.noise_m
+    identification = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(seed))))
+    deformation = map_deformation(
+        replace(identification, accepted=True), None if seed < 3 else 0.01
+    )
+    assert deformation.regions == ()
+    assert not deformation.label.any()
+    off = deformation.deviation[np.isfinite(deformation.deviation)]
+    within("noise against what it is said to be", np.log(np.std(off) / deformation.noise_m), 0.7)
+    assert 0.5 < deformation.compared < 1.0
+    assert deformation.size_m > 2.0 * deformation.noise_m
 
 
 def test_no_map_of_what_was_not_found():
-    found = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(0))))
+    identification = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(0))))
     with pytest.raises(PerceptionError, match="not identified"):
-        map_deformation(replace(found, accepted=False, reason="hidden"))
+        map_deformation(replace(identification, accepted=False, reason="hidden"))
     with pytest.raises(ConfigurationError, match="size"):
-        map_deformation(replace(found, accepted=True), size=0.0)
+        map_deformation(replace(identification, accepted=True), size=0.0)

@@ -24,9 +24,10 @@ def test_beyond_what_is_seen_a_deviation_fades_to_nothing_without_a_step() -> No
     usable = (S > 0.4) & (S < 0.6)
     along, across, on = over(usable, np.where(usable, 0.02, 0.0), np.where(usable, -0.3, 0.0))
     np.testing.assert_allclose(along[usable], 0.02)
-    after, before = S >= 0.6, S <= 0.4
-    for values, size in ((along, 0.02), (across, -0.3)):
-        share = values / size
+    after = S >= 0.6
+    before = S <= 0.4
+    for profile, size in ((along, 0.02), (across, -0.3)):
+        share = profile / size
         assert np.all((share >= 0.0) & (share <= 1.0 + 1e-12))
         assert np.all(np.diff(share[after]) <= 1e-12)
         assert np.all(np.diff(share[before]) >= -1e-12)
@@ -37,8 +38,8 @@ def test_beyond_what_is_seen_a_deviation_fades_to_nothing_without_a_step() -> No
         width = max(path_deviation._FADE[0], path_deviation._FADE[1] * 0.02)
         edge = S[usable][-1]
         for u in (0.1, 0.25, 0.4):
-            here, there = np.interp([edge + u * width, edge + (1.0 - u) * width], S, share)
-            assert here + there == pytest.approx(1.0, abs=0.05)
+            here, mirrored = np.interp([edge + u * width, edge + (1.0 - u) * width], S, share)
+            assert here + mirrored == pytest.approx(1.0, abs=0.05)
     assert not on[~usable].any()
     assert on[usable].all()
 
@@ -80,10 +81,10 @@ def test_nothing_seen_is_no_deviation_and_all_seen_is_kept() -> None:
 def test_the_nearest_known_row(rng: np.random.Generator) -> None:
     known = rng.uniform(size=60) < 0.2
     known[7] = True
-    found = path_deviation._nearest(known)
-    assert known[found].all()
+    nearest = path_deviation._nearest(known)
+    assert known[nearest].all()
     rows = np.flatnonzero(known)
     np.testing.assert_array_equal(
-        np.abs(found - np.arange(60)), np.abs(rows[:, None] - np.arange(60)).min(axis=0)
+        np.abs(nearest - np.arange(60)), np.abs(rows[:, None] - np.arange(60)).min(axis=0)
     )
     np.testing.assert_array_equal(path_deviation._nearest(np.zeros(4, dtype=bool)), range(4))

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
-from depth_scenes import dented_barrel, look, seen_from
+from depth_scenes import dented_barrel, look
+from uuv.clouds.frames import camera_pose
 from uuv.controllers.planning.path_poses import part_of, stretches
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene
@@ -22,10 +24,11 @@ from uuv.sim.interfaces.messages import StateEstimate, ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 BARREL = barrel()
-VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
+VIEW = camera_pose(np.array([0.2, -0.75, 0.85]))
 AZIMUTH = 0.3  # [rad] of the dent and of the path over it
 
 
+@cache
 def found_on(
     depth: float, seed: int = 0, spoil: Callable[[Array], None] | None = None
 ) -> Identification:
@@ -37,11 +40,11 @@ def found_on(
         changed = np.array(image.depth)
         spoil(changed)
         image = replace(image, depth=changed)
-    found = identify(
+    identification = identify(
         Scan.from_depth(image), ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3]
     )
-    assert found.accepted, found.reason
-    return found
+    assert identification.accepted, identification.reason
+    return identification
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +62,8 @@ def assert_well_formed(path: ToolPath, within) -> None:
     within("arc length [m]", steps.sum() - path.s[-1], 1e-4)
     along = np.diff(path.p, axis=0) / steps[:, None]
     assert np.min(np.einsum("ij,ij->i", along, path.x[:-1])) > 0.9
-    for values in (path.s, path.p, path.z, path.x, path.on_scan):
-        assert not values.flags.writeable
+    for array in (path.s, path.p, path.z, path.x, path.on_scan):
+        assert not array.flags.writeable
 
 
 def moller_trumbore(start: Array, way: Array, corners: Array) -> float:
@@ -89,8 +92,8 @@ def test_ray_caster_is_moller_trumbore_and_equation_2(within):
     o /= np.linalg.norm(o)
     scene = RayScene(BARREL.vertices, BARREL.triangles)
     hit = scene.cast(starts, np.tile(o, (40, 1)))
-    own = np.array([moller_trumbore(start, o, corners) for start in starts])
-    within("Moller-Trumbore [m]", hit["t"] - own, 1e-5)
+    ranges = np.array([moller_trumbore(start, o, corners) for start in starts])
+    within("Moller-Trumbore [m]", hit["t"] - ranges, 1e-5)
     V0, V1, V2 = corners[hit["triangle"]].transpose(1, 0, 2)
     normal = np.cross(V1 - V0, V2 - V0)
     t = np.einsum("ij,ij->i", normal, V0 - starts) / (normal @ o)
@@ -101,7 +104,8 @@ def test_carrying_is_equation_3(within):
     """X_j = H_D + M_r2 M_r1 (X'_j - H_K): the same as one pose, whatever the centroid H_K."""
     rng = np.random.default_rng(1)
     M_r1, M_r2 = exp_so3(rng.normal(size=3)), exp_so3(rng.normal(size=3))
-    K, p = rng.normal(size=(50, 3)), rng.normal(size=3)
+    K = rng.normal(size=(50, 3))
+    p = rng.normal(size=3)
     H_K = K.mean(axis=0)
     R = M_r2 @ M_r1
     H_D = (K @ R.T + p).mean(axis=0)
@@ -112,7 +116,12 @@ def test_carrying_is_equation_3(within):
     within("b_j", carried.b - path.b @ R.T, 1e-12)
 
 
-@pytest.mark.parametrize("name", ["longitudinal", "transverse"])
+AROUND = pytest.mark.long(
+    guarded_by="tests/unit/perception/toolpath/test_path_planner.py::test_undamaged_barrel_keeps_the_model"
+)
+
+
+@pytest.mark.parametrize("name", ["longitudinal", pytest.param("transverse", marks=AROUND)])
 def test_undamaged_barrel_keeps_the_model(plain: Identification, name: str, within):
     path = plan_path(plain, BARREL.path(name))
     assert_well_formed(path, within)
@@ -124,13 +133,18 @@ def test_undamaged_barrel_keeps_the_model(plain: Identification, name: str, with
     within("true radius [m]", np.linalg.norm(p_T[:, 1:], axis=1) - 0.3, 3e-3)
 
 
-@pytest.mark.parametrize("depth", [0.03, -0.03, 0.015])
+SHALLOW = pytest.mark.long(
+    guarded_by="tests/unit/perception/toolpath/test_path_planner.py::test_path_follows_a_dent_and_a_bulge"
+)
+
+
+@pytest.mark.parametrize("depth", [0.03, -0.03, pytest.param(0.015, marks=SHALLOW)])
 def test_path_follows_a_dent_and_a_bulge(depth: float, within):
     """Measured: 0.5 to 0.7 mm median, 3 mm worst; tool axis 1.4 deg median, 7 deg worst; the dent
     is 23 deg steep.
     """
-    found = found_on(depth)
-    path = plan_path(found, over_dent(found))
+    identification = found_on(depth)
+    path = plan_path(identification, over_dent(identification))
     assert_well_formed(path, within)
     p_T = transform_points(inverse(VIEW), path.p)
     z_T = path.z @ VIEW[:3, :3]
@@ -153,7 +167,8 @@ def test_path_of_a_ball_is_where_it_comes_to_rest(within):
     """In a dent too tight for it, of 3 cm, a ball of 20 cm would be 19 mm in the barrel on the path
     of a point.
     """
-    radius, found = 0.2, found_on(0.03)
+    radius = 0.2
+    identification = found_on(0.03)
     target = dented_barrel(0.03, azimuth=AZIMUTH)
     nearest = NearestSurface.of(target.vertices, target.triangles)
 
@@ -161,8 +176,8 @@ def test_path_of_a_ball_is_where_it_comes_to_rest(within):
         centre = transform_points(inverse(VIEW), path.p - radius * path.z)
         return nearest.query(centre).distance - radius
 
-    assert gap(plan_path(found, over_dent(found))).min() < -0.01
-    path = plan_path(found, over_dent(found), tool_radius=radius)
+    assert gap(plan_path(identification, over_dent(identification))).min() < -0.01
+    path = plan_path(identification, over_dent(identification), tool_radius=radius)
     assert_well_formed(path, within)
     within("ball to the true surface [m]", gap(path), 3e-3)  # 0.9 mm
 
@@ -202,8 +217,8 @@ def test_short_hole_in_the_scan_is_bridged(within):
     def spoil(depth: Array) -> None:
         depth[around_dent(0.04)] = np.nan
 
-    found = found_on(0.03, spoil=spoil)
-    path = plan_path(found, over_dent(found))
+    identification = found_on(0.03, spoil=spoil)
+    path = plan_path(identification, over_dent(identification))
     p_T = transform_points(inverse(VIEW), path.p)
     target = dented_barrel(0.03, azimuth=AZIMUTH)
     scene = RayScene(target.vertices, target.triangles)
@@ -224,14 +239,16 @@ def test_long_hole_is_refused(filled: float, cause: str):
     def spoil(depth: Array) -> None:
         depth[around_dent(0.12)] = filled
 
-    found = found_on(0.03, spoil=spoil)
+    identification = found_on(0.03, spoil=spoil)
     with pytest.raises(
         PerceptionError,
         match=r"hole of 1[0-9]+ mm on the tool path, "
         rf".*{cause}.*at most 60 mm",
     ):
-        plan_path(found, over_dent(found))
-    assert plan_path(found, over_dent(found), bridge=0.2).on_scan.any()  # where it is wanted
+        plan_path(identification, over_dent(identification))
+    assert plan_path(
+        identification, over_dent(identification), bridge=0.2
+    ).on_scan.any()  # where it is wanted
 
 
 def test_finder_asks_for_another_look_at_a_hole():
@@ -275,16 +292,22 @@ def test_axis_of_a_tool_that_is_not_round_is_carried_over(plain: Identification,
     """Points and tool axes are those of a round tool; x is the path's own b, and not the
     tangent.
     """
-    for found in (plain, found_on(0.03)):
+    for identification in (plain, found_on(0.03)):
         usual = BARREL.path("transverse")
-        kept = usual.turned(0.7)
-        round_tool, keeps = (plan_path(found, path, tool_radius=0.06) for path in (usual, kept))
+        turned = usual.turned(0.7)
+        round_tool, keeps = (
+            plan_path(identification, path, tool_radius=0.06) for path in (usual, turned)
+        )
         assert keeps.keeps_x
         assert not round_tool.keeps_x
         within("points [m]", keeps.p - round_tool.p, 1e-13)
         within("axes", keeps.z - round_tool.z, 1e-13)
-        wanted = np.cos(0.7) * round_tool.x + np.sin(0.7) * np.cross(round_tool.z, round_tool.x)
-        within("x", np.linalg.norm(keeps.x - wanted, axis=1), 0.01 if found is plain else 0.2)
+        expected = np.cos(0.7) * round_tool.x + np.sin(0.7) * np.cross(round_tool.z, round_tool.x)
+        within(
+            "x",
+            np.linalg.norm(keeps.x - expected, axis=1),
+            0.01 if identification is plain else 0.2,
+        )
         within("across", np.sum(keeps.x * keeps.z, axis=1), 1e-12)
 
 

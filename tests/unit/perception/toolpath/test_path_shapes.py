@@ -33,7 +33,8 @@ def length(points: Array) -> float:
 
 def test_curves_are_what_they_are_called(within):
     within("line [m]", length(line([0, 0, 0], [0.3, 0.4, 0.0])) - 0.5, 1e-12)
-    w, c = np.array([1.0, 2.0, 2.0]) / 3.0, np.array([0.1, -0.2, 0.3])
+    w = np.array([1.0, 2.0, 2.0]) / 3.0
+    c = np.array([0.1, -0.2, 0.3])
     start = c + 0.4 * np.cross(w, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(w, [1.0, 0.0, 0.0]))
     arc = circle(c, w, start, 1.2)
     within("radius [m]", np.linalg.norm(arc - c, axis=1) - 0.4, 1e-12)
@@ -63,65 +64,72 @@ def test_the_objects_own_paths_come_out_of_projection(within):
     objects bring.
     """
     shell, leg = barrel(), pile()
-    own = longitudinal(0.6, 0.3)
-    found = laid_on(shell, line(own.p[0] - 0.1 * own.a[0], own.p[-1] - 0.1 * own.a[0]), own.a[0])
-    within("line [m]", np.linalg.norm(found.p[:, 1:], axis=1) - 0.3, 3e-5)
-    within("line's axes", found.a - own.a[0], 1e-2)  # one side of 256 is 1.4 deg wide
-    within("line's way", found.b - own.b[0], 1e-2)
+    direct = longitudinal(0.6, 0.3)
+    projected = laid_on(
+        shell, line(direct.p[0] - 0.1 * direct.a[0], direct.p[-1] - 0.1 * direct.a[0]), direct.a[0]
+    )
+    within("line [m]", np.linalg.norm(projected.p[:, 1:], axis=1) - 0.3, 3e-5)
+    within("line's axes", projected.a - direct.a[0], 1e-2)  # one side of 256 is 1.4 deg wide
+    within("line's way", projected.b - direct.b[0], 1e-2)
 
-    own = transverse(2.0)
-    around = circle([0, 0, 0], [1.0, 0, 0], 1.2 * own.p[0], 2.0)
-    found = laid_on(shell, around, -around)
-    within("arc [m]", np.linalg.norm(found.p[:, 1:], axis=1) - 0.3, 5e-5)
-    within("arc's ends [m]", found.p[[0, -1]] - own.p[[0, -1]], 1e-4)
-    within("arc's axes", found.a[5:-5] + found.p[5:-5] / 0.3, 2e-2)
+    direct = transverse(2.0)
+    around = circle([0, 0, 0], [1.0, 0, 0], 1.2 * direct.p[0], 2.0)
+    projected = laid_on(shell, around, -around)
+    within("arc [m]", np.linalg.norm(projected.p[:, 1:], axis=1) - 0.3, 5e-5)
+    within("arc's ends [m]", projected.p[[0, -1]] - direct.p[[0, -1]], 1e-4)
+    within("arc's axes", projected.a[5:-5] + projected.p[5:-5] / 0.3, 2e-2)
 
-    own = helix(1.5, 0.3)
-    spring = circle([0, 0, own.p[0, 2]], [0, 0, 1.0], own.p[0] * [1.3, 1.3, 1.0], 1.5, rise=0.3)
-    found = laid_on(leg, spring, -spring * [1.0, 1.0, 0.0])
-    within("helix [m]", np.linalg.norm(found.p[:, :2], axis=1) - RADIUS, 5e-5)
-    within("helix' height [m]", found.p[[0, -1], 2] - own.p[[0, -1], 2], 1e-6)
-    within("helix' way", found.b[len(found.b) // 2] - own.b[len(own.b) // 2], 1e-2)
+    direct = helix(1.5, 0.3)
+    spring = circle(
+        [0, 0, direct.p[0, 2]], [0, 0, 1.0], direct.p[0] * [1.3, 1.3, 1.0], 1.5, rise=0.3
+    )
+    projected = laid_on(leg, spring, -spring * [1.0, 1.0, 0.0])
+    within("helix [m]", np.linalg.norm(projected.p[:, :2], axis=1) - RADIUS, 5e-5)
+    within("helix' height [m]", projected.p[[0, -1], 2] - direct.p[[0, -1], 2], 1e-6)
+    within("helix' way", projected.b[len(projected.b) // 2] - direct.b[len(direct.b) // 2], 1e-2)
 
 
 def test_cut_is_the_plane_s_profile(within):
     """Across the pile by a plane through two of its points: an arc of a circle; obliquely: an
     ellipse.
     """
-    own = ring(1.2, height=-0.4)
-    found = cut(pile(), own.p[0], own.p[-1], [-1.0, 0.0, 0.0])
-    within("arc [m]", np.linalg.norm(found.p[:, :2], axis=1) - RADIUS, 5e-5)
-    within("in the plane [m]", found.p[:, 2] + 0.4, 1e-6)
-    within("length [m]", length(found.p) - RADIUS * 1.2, 1e-3)
-    lower, upper = own.p[0] - [0, 0, 0.1], own.p[-1] + [0, 0, 0.1]
-    found = cut(pile(), lower, upper, [-1.0, 0.0, 0.0])
+    direct = ring(1.2, height=-0.4)
+    profile = cut(pile(), direct.p[0], direct.p[-1], [-1.0, 0.0, 0.0])
+    within("arc [m]", np.linalg.norm(profile.p[:, :2], axis=1) - RADIUS, 5e-5)
+    within("in the plane [m]", profile.p[:, 2] + 0.4, 1e-6)
+    within("length [m]", length(profile.p) - RADIUS * 1.2, 1e-3)
+    lower = direct.p[0] - [0, 0, 0.1]
+    upper = direct.p[-1] + [0, 0, 0.1]
+    profile = cut(pile(), lower, upper, [-1.0, 0.0, 0.0])
     normal = np.cross(upper - lower, [-1.0, 0.0, 0.0])
-    within("in the oblique plane [m]", (found.p - lower) @ normal / np.linalg.norm(normal), 1e-5)
-    within("on the shell [m]", np.linalg.norm(found.p[:, :2], axis=1) - RADIUS, 5e-5)
-    within("ends [m]", found.p[[0, -1]] - [lower, upper], 5e-5)
+    within("in the oblique plane [m]", (profile.p - lower) @ normal / np.linalg.norm(normal), 1e-5)
+    within("on the shell [m]", np.linalg.norm(profile.p[:, :2], axis=1) - RADIUS, 5e-5)
+    within("ends [m]", profile.p[[0, -1]] - [lower, upper], 5e-5)
 
 
 def test_normals_and_way_on_a_plate(within):
     """z = slope y: the tool axis is (0, slope, -1) normed, everywhere, and the second axis lies in
     the plate.
     """
-    found = laid_on(
+    projected = laid_on(
         tilted_plate(), raster([0, 0, 0.3], [0.4, 0, 0], [0, 0.3, 0], 0.1), [0.0, 0.0, -1.0]
     )
-    within("on the plate [m]", found.p[:, 2] - 0.3 * found.p[:, 1], 1e-6)
-    within("axis", found.a - np.array([0.0, 0.3, -1.0]) / np.hypot(0.3, 1.0), 1e-6)
-    within("perpendicular", np.einsum("ij,ij->i", found.a, found.b), 1e-9)
+    within("on the plate [m]", projected.p[:, 2] - 0.3 * projected.p[:, 1], 1e-6)
+    within("axis", projected.a - np.array([0.0, 0.3, -1.0]) / np.hypot(0.3, 1.0), 1e-6)
+    within("perpendicular", np.einsum("ij,ij->i", projected.a, projected.b), 1e-9)
 
 
 def test_point_list_with_axes(within):
     """Few points of an arc, with axes of any length: a dense path through them."""
-    own = transverse(1.5)
-    rows = np.linspace(0, len(own.p) - 1, 9).astype(int)
-    found = through(own.p[rows], 3.0 * own.a[rows])
-    within("radius [m]", np.linalg.norm(found.p[:, 1:], axis=1) - 0.3, 2e-4)
-    within("way", found.b - np.cross([1.0, 0.0, 0.0], -found.a), 2e-2)
-    assert np.linalg.norm(np.diff(found.p, axis=0), axis=1).max() < 7e-3
-    assert through(own.p[rows], own.a[rows], own.b[rows]).b[0] == pytest.approx(own.b[0])
+    direct = transverse(1.5)
+    rows = np.linspace(0, len(direct.p) - 1, 9).astype(int)
+    fitted = through(direct.p[rows], 3.0 * direct.a[rows])
+    within("radius [m]", np.linalg.norm(fitted.p[:, 1:], axis=1) - 0.3, 2e-4)
+    within("way", fitted.b - np.cross([1.0, 0.0, 0.0], -fitted.a), 2e-2)
+    assert np.linalg.norm(np.diff(fitted.p, axis=0), axis=1).max() < 7e-3
+    assert through(direct.p[rows], direct.a[rows], direct.b[rows]).b[0] == pytest.approx(
+        direct.b[0]
+    )
 
 
 def test_paths_are_joined_where_they_meet():

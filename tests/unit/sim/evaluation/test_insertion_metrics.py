@@ -31,7 +31,7 @@ def recorded() -> Recording:
     )
     across = np.where(inside, np.where(late, 8.0, 6.0), 30.0)
     force_H = np.column_stack([0.6 * across, -0.8 * across, np.where(inside, -20.0, 0.0)])
-    values = {
+    columns = {
         "state": np.where(inside, STATES.index(WorkState.INSERT), STATES.index(WorkState.APPROACH)),
         "p_pad": transform_points(X_WH, tip_H),
         "contact_force": force_H @ X_WH[:3, :3].T,
@@ -40,11 +40,11 @@ def recorded() -> Recording:
     series = {
         name: Series(
             time=time,
-            value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1),
+            value=np.asarray(column, dtype=np.float64).reshape(STEPS, -1),
             unit="",
             labels=(),
         )
-        for name, value in values.items()
+        for name, column in columns.items()
     }
     return Recording(
         timestep=DT,

@@ -46,8 +46,14 @@ X_WT = pose(p=[1.0, 2.0, -5.0])
 
 
 def truth(**changed: object) -> TrueInspection:
-    given = {"X_WT": X_WT, "X_BC": np.eye(4), "half_view": (1.0, 1.0), "far": 10.0, "distance": 1.5}
-    return TrueInspection(target=CUBE, **untyped({**given, **changed}))
+    fields_of = {
+        "X_WT": X_WT,
+        "X_BC": np.eye(4),
+        "half_view": (1.0, 1.0),
+        "far": 10.0,
+        "distance": 1.5,
+    }
+    return TrueInspection(target=CUBE, **untyped({**fields_of, **changed}))
 
 
 def looking(at_T: Array, axis: Array) -> Array:
@@ -116,8 +122,8 @@ def test_cameras_are_where_the_hull_carries_them(within):
             value=np.array([quat_wxyz_from_rotation(X[:3, :3]) for X in hulls])
         ),
     }
-    found = camera_poses(untyped(series), truth(X_BC=X_BC), np.array([0, 2]))
-    within("X_WC", found - np.array([hulls[0] @ X_BC, hulls[2] @ X_BC]), 1e-12)
+    X_WC = camera_poses(untyped(series), truth(X_BC=X_BC), np.array([0, 2]))
+    within("X_WC", X_WC - np.array([hulls[0] @ X_BC, hulls[2] @ X_BC]), 1e-12)
 
 
 def test_coverage_is_of_all_that_can_be_seen():

@@ -101,22 +101,22 @@ def test_what_it_was_made_by_is_in_the_file(tmp_path):
     assessed(recorded()).made_by(provenance("clean_barrel", Options(), model)).write(
         tmp_path / "metrics.json"
     )
-    kept = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
-    jsonschema.validate(kept, schema())
-    made = kept["provenance"]
-    assert made["options"] == {"seed": 3, "forces": [60.0, "inf"]}
-    assert made["versions"]["mujoco"] == mujoco.__version__
-    assert made["model_sha256"] == model_digest(models.load("uuv_puma").compile())
+    document = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
+    jsonschema.validate(document, schema())
+    origin = document["provenance"]
+    assert origin["options"] == {"seed": 3, "forces": [60.0, "inf"]}
+    assert origin["versions"]["mujoco"] == mujoco.__version__
+    assert origin["model_sha256"] == model_digest(models.load("uuv_puma").compile())
     model.opt.timestep *= 2.0
-    assert made["model_sha256"] != model_digest(model)
+    assert origin["model_sha256"] != model_digest(model)
 
 
 def test_force_error_counts_from_one_second_after_each_change():
-    wanted = np.interp(TIME, [0.0, 4.0, 4.5, 10.0], [60.0, 60.0, 90.0, 90.0])
+    force = np.interp(TIME, [0.0, 4.0, 4.5, 10.0], [60.0, 60.0, 90.0, 90.0])
     error = 2.0 * np.sin(2.0 * np.pi * 5.0 * TIME)  # whole periods in [1, 4) and [5, 10)
     error[(TIME < 0.999)] = 30.0
     error[(TIME > 4.0005) & (TIME < 4.999)] = -25.0
-    overall = contact_figures(recorded(set_force=wanted, contact_normal=wanted + error))
+    overall = contact_figures(recorded(set_force=force, contact_normal=force + error))
     assert overall.force_error_rms_n == pytest.approx(np.sqrt(2.0), rel=2e-3)
     assert overall.force_error_max_n == pytest.approx(2.0, rel=2e-3)
     segments = overall.segments
@@ -215,9 +215,10 @@ def test_deviation_from_the_object_and_tilt_know_the_true_surface():
 
 
 def test_twist_is_the_turn_about_the_tool_axis_from_the_axis_that_the_path_keeps():
-    kept = TRUTH.model.path("longitudinal").turned(0.6)
-    truth = replace(TRUTH, model=TRUTH.model.with_path("longitudinal", kept))
-    R_WT, twist = TRUTH.X_WT[:3, :3], np.linspace(-0.02, 0.03, STEPS)[:, None]
+    turned = TRUTH.model.path("longitudinal").turned(0.6)
+    truth = replace(TRUTH, model=TRUTH.model.with_path("longitudinal", turned))
+    R_WT = TRUTH.X_WT[:3, :3]
+    twist = np.linspace(-0.02, 0.03, STEPS)[:, None]
     along, aside = R_WT[:, 0], -R_WT[:, 1]  # right-handed about the tool axis, which is -z
     x = np.cos(0.6 + twist) * along + np.sin(0.6 + twist) * aside
     recording = recorded(tool_x=x)
@@ -268,7 +269,8 @@ def test_force_estimate_and_saturation():
     saturated = np.zeros(STEPS)
     saturated[:25] = 1.0
     recording = recorded(felt_force=felt, felt_normal=np.full(STEPS, 58.0), saturated=saturated)
-    side, axis = np.array([3.0, 0.0, 4.0]), TRUTH.X_WT[:3, 2]
+    side = np.array([3.0, 0.0, 4.0])
+    axis = TRUTH.X_WT[:3, 2]
     expected = {"error_rms_n": 5.0, "normal_error_rms_n": 2.0}
     expected["tangential_error_rms_n"] = float(np.linalg.norm(np.cross(axis, side)))
     assert asdict(force_estimate_figures(recording)) == pytest.approx(expected)
@@ -284,10 +286,10 @@ def test_controller_that_believes_in_no_force_has_no_estimate():
 def test_identification_is_bound_by_its_share_of_the_range(range_m: float, accepted: bool):
     # the turn is the barrel's own
     X_WT = TRUTH.X_WT @ pose(exp_so3([2.0, 0.0, 0.0]), [0.004, 0.0, 0.0])
-    found = Target(
+    target = Target(
         time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=range_m, reason="", path=None
     )
-    assessment = assessed(replace(recorded(), targets=(found,)))
+    assessment = assessed(replace(recorded(), targets=(target,)))
     assert assessment.metrics["identification"]["position_error_m"] == pytest.approx(0.004)
     assert assessment.metrics["identification"]["orientation_error_rad"] == pytest.approx(
         0.0, abs=1e-9
@@ -339,7 +341,7 @@ def test_run_that_never_touched_gives_nulls_and_says_why():
 
 
 def test_check_that_could_not_be_made_is_null():
-    found = Target(
+    target = Target(
         time=0.0,
         X_WT=np.eye(4),
         accepted=False,
@@ -348,7 +350,7 @@ def test_check_that_could_not_be_made_is_null():
         reason="no",
         path=None,
     )
-    assessment = assessed(replace(recorded(), targets=(found,)))
+    assessment = assessed(replace(recorded(), targets=(target,)))
     assert assessment.metrics["identification"]["check_m"] is None
 
 
@@ -439,8 +441,8 @@ def test_a_level_of_force_that_ends_before_it_has_settled_is_named():
     third = STEPS * DT / 3.0
     late = third - SETTLING - 0.5 * JUDGED
     forces = (60.0, 90.0, 60.0)
-    kept = recorded(set_force=levels_of((60.0, third), (90.0, third), (60.0, third)))
-    assert unjudged_levels(kept, forces) == ()
+    complete = recorded(set_force=levels_of((60.0, third), (90.0, third), (60.0, third)))
+    assert unjudged_levels(complete, forces) == ()
     short = recorded(set_force=levels_of((60.0, third + late), (90.0, third - late), (60.0, third)))
     assert unjudged_levels(short, forces) == (
         "set force of 90 N, level 2 of 3: judged for 0.25 s, less than 0.5 s",
@@ -451,9 +453,9 @@ def test_a_level_of_force_that_ends_before_it_has_settled_is_named():
     assert unjudged_levels(recorded(set_force=levels_of((60.0, 1.0))), forces) == (
         "set force of 90 N, level 2 of 3: judged for 0.00 s, less than 0.5 s",
     )
-    asked = AskedWork(forces=forces, speed=SPEED)
-    result = assess(short, TRUTH, seed=3, wall_s=0.5, asked=asked)
-    assert [line for line in result.failed if line.startswith("set force of 90 N")]
+    work = AskedWork(forces=forces, speed=SPEED)
+    assessment = assess(short, TRUTH, seed=3, wall_s=0.5, asked=work)
+    assert [line for line in assessment.failed if line.startswith("set force of 90 N")]
 
 
 def test_the_error_counts_from_half_a_second_after_a_long_ramp():
@@ -480,14 +482,14 @@ def test_the_mean_speed_is_that_of_the_tip_where_it_was_to_move_at_the_set_one(
     assert figures.share == pytest.approx(
         (STEPS * DT - 2.0 + 2 * 0.095) / (STEPS * DT - 1.0), abs=1e-3
     )
-    result = assess(recording, TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=SPEED))
-    assert any(line.startswith("mean speed error") for line in result.failed) == failed
+    assessment = assess(recording, TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=SPEED))
+    assert any(line.startswith("mean speed error") for line in assessment.failed) == failed
 
 
 def test_a_set_speed_that_is_never_commanded_has_no_figure_and_is_not_accepted():
-    result = assess(recorded(), TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=3.0 * SPEED))
-    assert "mean speed error: no value" in result.failed
-    assert result.metrics["speed"] == {
+    assessment = assess(recorded(), TRUTH, seed=3, wall_s=0.5, asked=AskedWork(speed=3.0 * SPEED))
+    assert "mean speed error: no value" in assessment.failed
+    assert assessment.metrics["speed"] == {
         "set": pytest.approx(3.0 * SPEED),
         "mean": None,
         "share": 0.0,
@@ -500,16 +502,16 @@ def test_a_tip_beside_the_ideal_path_of_the_true_object_is_not_accepted():
     """
     aside = 0.0085 * (TRUTH.X_WT[:3, 1])
     p = recorded()["p_command"].value + aside
-    result = assess(recorded(p_pad=p, p_command=p), TRUTH, seed=3, wall_s=0.5)
-    assert result.metrics["tool"]["path_deviation_max_m"] == pytest.approx(0.0, abs=1e-9)
-    (line,) = [line for line in result.failed if line.startswith("true path deviation, peak")]
+    assessment = assess(recorded(p_pad=p, p_command=p), TRUTH, seed=3, wall_s=0.5)
+    assert assessment.metrics["tool"]["path_deviation_max_m"] == pytest.approx(0.0, abs=1e-9)
+    (line,) = [line for line in assessment.failed if line.startswith("true path deviation, peak")]
     assert "allowed 8 mm" in line
 
 
 def test_a_run_that_its_limit_ends_says_so():
-    result = assessed(recorded(final=WorkState.WORK))
-    assert result.metrics["run"]["abort"] == "time limit"
-    assert result.failed[0] == (
+    assessment = assessed(recorded(final=WorkState.WORK))
+    assert assessment.metrics["run"]["abort"] == "time limit"
+    assert assessment.failed[0] == (
         "the time limit ended the run after 10.0 s, in state work (--longest)"
     )
 

@@ -31,7 +31,8 @@ def test_error_and_peak_are_those_of_the_recording(rng):
     """
     normal = SET + 2.0 * np.sin(3.0 * TIME) + 0.3 * rng.standard_normal(STEPS)
     normal[: round(0.9 / DT)] += 30.0
-    least, most = normal - 0.5 * rng.random(STEPS), normal + 0.8 * rng.random(STEPS)
+    least = normal - 0.5 * rng.random(STEPS)
+    most = normal + 0.8 * rng.random(STEPS)
     figures = contact_figures(
         recorded(contact_normal=normal, contact_least=least, contact_most=most)
     )

@@ -42,7 +42,7 @@ SCHEMA = schema_of((Outer,), "Outer", "For a test")
 
 def test_what_a_dataclass_holds_keeps_its_schema():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
-    made = Outer(
+    outer = Outer(
         count=1,
         inner=Inner(depth_m=0.5),
         other=None,
@@ -50,7 +50,7 @@ def test_what_a_dataclass_holds_keeps_its_schema():
         names={"a": "b"},
         anything={"a": [1]},
     )
-    jsonschema.validate({**asdict(made), "later": "x"}, SCHEMA)
+    jsonschema.validate({**asdict(outer), "later": "x"}, SCHEMA)
     jsonschema.validate(WHOLE, SCHEMA)
     assert SCHEMA["properties"]["inner"]["properties"]["depth_m"] == {
         "type": ["number", "null"],

@@ -41,36 +41,36 @@ def assess(
     core: bool = True, found: bool = True, final: WorkState = WorkState.DONE, **changed: np.ndarray
 ):
     """A core at 50 N, or a drag at 30 mm along x, perfect but for what is `changed`."""
-    asked = np.array([surface(0.5) - [0.0, 0.0, 0.1]]) * ONES
+    command = np.array([surface(0.5) - [0.0, 0.0, 0.1]]) * ONES
     speed = np.zeros((STEPS, 3))
     if not core:
         s = np.maximum(0.0, TIME - 2.0) * SPEED
-        asked = np.column_stack([0.5 + s, np.zeros(STEPS), -5.0 + SLOPE * (0.5 + s) - 0.03])
+        command = np.column_stack([0.5 + s, np.zeros(STEPS), -5.0 + SLOPE * (0.5 + s) - 0.03])
         speed[WORK] = [SPEED, 0.0, SPEED * SLOPE]
-    values = {
+    columns = {
         "state": STATE[:, None],
         "contact_normal": 50.0 * ONES,
         "contact_force": ONES * [0.0, 3.0, 50.0],
         "collision": 0.0 * ONES,
-        "p_command": asked,
+        "p_command": command,
         "v_command": speed,
-        "p_pad": asked,
+        "p_pad": command,
         "tool_axis": ONES * [0.0, 0.0, -1.0],
         "p_WB": ONES * [0.0, 0.0, -3.0],
         "quat_WB_wxyz": ONES * [1.0, 0.0, 0.0, 0.0],
     }
-    assert not changed.keys() - values.keys() - {"contact_least", "contact_most"}
-    values |= changed
+    assert not changed.keys() - columns.keys() - {"contact_least", "contact_most"}
+    columns |= changed
     for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
-        values.setdefault(name, values["contact_normal"])
+        columns.setdefault(name, columns["contact_normal"])
     series = {
         name: Series(
             time=TIME,
-            value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1),
+            value=np.asarray(column, dtype=np.float64).reshape(STEPS, -1),
             unit="",
             labels=(),
         )
-        for name, value in values.items()
+        for name, column in columns.items()
     }
     ends = np.array([surface(0.5), surface(0.8)])
     ends[:, 2] += 0.004
@@ -105,36 +105,38 @@ def assess(
     truth = TrueGround(
         ground=TILTED, hull_box=BOX, push=50.0 if core else None, depth=0.18 if core else 0.03
     )
-    result = assess_seabed_work(recording, truth, seed=1, wall_s=2.0)
-    jsonschema.validate(result.metrics, schema())
-    return result
+    assessment = assess_seabed_work(recording, truth, seed=1, wall_s=2.0)
+    jsonschema.validate(assessment.metrics, schema())
+    return assessment
 
 
 def test_a_perfect_core(within):
-    result = assess()
-    assert result.accepted, result.failed
-    core = result.metrics["core"]
+    assessment = assess()
+    assert assessment.accepted, assessment.failed
+    core = assessment.metrics["core"]
     within("push error", core["push_error_share"], 1e-12)
     within("depth [m]", core["depth_m"] - 0.1, 1e-9)
     within("held [s]", core["held_s"] - 4.0, 2e-3)
-    within("rise [m]", result.metrics["hull"]["rise_max_m"], 1e-12)
-    within("target [m]", result.metrics["surface"]["target_error_max_m"] - 0.004, 1e-9)
+    within("rise [m]", assessment.metrics["hull"]["rise_max_m"], 1e-12)
+    within("target [m]", assessment.metrics["surface"]["target_error_max_m"] - 0.004, 1e-9)
     within(
-        "of what is allowed", result.metrics["surface"]["target_error_share"] - 0.004 / 0.02, 1e-6
+        "of what is allowed",
+        assessment.metrics["surface"]["target_error_share"] - 0.004 / 0.02,
+        1e-6,
     )
     # The nearest place of the slope to the box is under its lower front edge, up to the grid of 0.1
     # m.
-    within("gap [m]", result.metrics["hull"]["ground_gap_m"] - (1.7 - SLOPE * 0.8), 0.02)
+    within("gap [m]", assessment.metrics["hull"]["ground_gap_m"] - (1.7 - SLOPE * 0.8), 0.02)
 
 
 def test_a_push_that_is_off_for_a_moment_counts(within):
     push = 50.0 * ONES
     push[2000:2010] = 46.0  # while held
     push[500] = 80.0  # on the way in
-    result = assess(contact_normal=push)
-    within("worst", result.metrics["core"]["push_error_share"] - 0.08, 1e-12)
-    within("peak [N]", result.metrics["core"]["push_max_n"] - 80.0, 1e-12)
-    assert result.failed == ("push while held, worst: 8 %, allowed 5 %",)
+    assessment = assess(contact_normal=push)
+    within("worst", assessment.metrics["core"]["push_error_share"] - 0.08, 1e-12)
+    within("peak [N]", assessment.metrics["core"]["push_max_n"] - 80.0, 1e-12)
+    assert assessment.failed == ("push while held, worst: 8 %, allowed 5 %",)
 
 
 def test_rise_counts_from_the_first_touch(within):
@@ -173,16 +175,17 @@ def test_a_drag_off_its_path(within):
 
 def test_work_that_was_refused_has_no_figures():
     state = np.full((STEPS, 1), STATES.index(WorkState.SCAN))
-    result = assess(found=False, final=WorkState.ABORT, state=state)
-    assert result.metrics["core"] is None
-    assert result.metrics["hull"]["rise_max_m"] is None
-    assert not result.accepted
-    assert any("no value" in line for line in result.failed)
-    assert "the run ended in state abort: two layers" in result.failed
+    assessment = assess(found=False, final=WorkState.ABORT, state=state)
+    assert assessment.metrics["core"] is None
+    assert assessment.metrics["hull"]["rise_max_m"] is None
+    assert not assessment.accepted
+    assert any("no value" in line for line in assessment.failed)
+    assert "the run ended in state abort: two layers" in assessment.failed
 
 
 def test_work_without_an_error_has_none_in_its_figures():
-    core, drag = assess().metrics, assess(core=False).metrics
+    core = assess().metrics
+    drag = assess(core=False).metrics
     assert core["core"]["push_error_share"] == pytest.approx(0.0, abs=1e-12)
     assert drag["drag"]["depth_error_max_m"] == pytest.approx(0.0, abs=1e-3)
     for metrics in (core, drag):
@@ -203,7 +206,9 @@ def test_the_hull_against_the_ground_when_it_is_askew(within):
     """Banked by 25 deg and turned: the lowest corner of its box is the nearest, by the sine and
     cosine of the bank.
     """
-    turn, bank, depth = np.radians(90.0), np.radians(25.0), -4.0
+    turn = np.radians(90.0)
+    bank = np.radians(25.0)
+    depth = -4.0
     quat = quat_wxyz_from_rotation(exp_so3([0.0, 0.0, turn]) @ exp_so3([bank, 0.0, 0.0]))
     # Turned by 90 deg, the hull's y points to -x of W: its right side, y = -0.4, hangs down and
     # towards +x.

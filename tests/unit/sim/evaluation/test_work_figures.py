@@ -53,10 +53,10 @@ def test_the_way_between_two_stretches_is_not_worked():
 def test_rest_does_not_count_in_the_mean_speed():
     """The tool stands still for 4 of 10 s."""
     done = np.minimum(TIME, 3.0) + np.clip(TIME - 7.0, 0.0, None)
-    place = PLACE[0] + SPEED * np.outer(done, ALONG)
+    p_tip = PLACE[0] + SPEED * np.outer(done, ALONG)
     moving = (TIME < 3.0) | (TIME >= 7.0)
     velocity = SPEED * np.outer(moving, ALONG)
-    recording = recorded(p_command=place, p_pad=place, v_command=velocity)
+    recording = recorded(p_command=p_tip, p_pad=p_tip, v_command=velocity)
     assert tool_figures(recording, TRUTH).speed_mean_m_s == pytest.approx(SPEED, rel=2e-3)
 
 
@@ -67,7 +67,8 @@ def test_a_tip_that_trembles_across_is_no_faster():
 
 
 def test_a_surface_that_allows_a_share_of_the_speed_sets_it():
-    n, ones = np.linspace(0.0, 0.3, 4), np.ones((4, 1))
+    n = np.linspace(0.0, 0.3, 4)
+    ones = np.ones((4, 1))
     slow = ToolPath(
         s=n,
         p=n[:, None] * ALONG,
@@ -127,7 +128,8 @@ def test_on_an_object_that_moves_the_path_moves_along(same: Array):
     """The barrel drifts and turns; the tip goes with it, 2 mm beside the path, as found at either
     of two turns.
     """
-    path, beside = TRUTH.model.path("longitudinal"), np.array([0.0, 0.002, 0.0])
+    path = TRUTH.model.path("longitudinal")
+    beside = np.array([0.0, 0.002, 0.0])
     tip_T = (
         (same @ np.append(path.p[0], 1.0))[:3]
         + SPEED * TIME[:, None] * [1.0, 0.0, 0.0]
@@ -137,11 +139,11 @@ def test_on_an_object_that_moves_the_path_moves_along(same: Array):
     origin = TRUTH.X_WT[:3, 3] + np.outer(TIME, [0.01, 0.02, -0.005])
     recording = recorded(
         p_WT=origin,
-        quat_WT_wxyz=np.array([quat_wxyz_from_rotation(each) for each in R]),
+        quat_WT_wxyz=np.array([quat_wxyz_from_rotation(R_WT) for R_WT in R]),
         p_pad=origin + np.einsum("nij,nj->ni", R, tip_T),
     )
-    found = replace(recording.targets[0], X_WT=TRUTH.X_WT @ same)
-    assert true_path_deviation(replace(recording, targets=(found,)), TRUTH) == pytest.approx(
+    target = replace(recording.targets[0], X_WT=TRUTH.X_WT @ same)
+    assert true_path_deviation(replace(recording, targets=(target,)), TRUTH) == pytest.approx(
         0.002, abs=1e-6
     )
 
@@ -153,14 +155,16 @@ def test_the_stated_deviation_on_a_path_is_its_quantile_and_the_error_is_per_deg
     Then the squared error is 9 / 4 over five degrees. The path lies along x, from the centre to 1 m
     off it: along it the deviation is 2 mm, normal to it sqrt(4 + (2 s)^2) mm.
     """
-    centre, n = TRUTH.X_WT[:3, 3], 41
+    centre = TRUTH.X_WT[:3, 3]
+    n = 41
     turn = np.concatenate([np.zeros(3), ALONG])[None]
     matrix = np.diag([4e-6] * 3 + [1e-6] * 3)
     matrix = matrix - 1e-6 * turn.T @ turn
     doubt = PoseCovariance(
         matrix=matrix, free=turn, same=turn, center=centre, radius=0.5, size_sigma=1.0
     )
-    s, ones = np.linspace(0.0, 1.0, n), np.ones((n, 1))
+    s = np.linspace(0.0, 1.0, n)
+    ones = np.ones((n, 1))
     path = ToolPath(
         s=s,
         p=centre + s[:, None] * ALONG,
@@ -170,8 +174,8 @@ def test_the_stated_deviation_on_a_path_is_its_quantile_and_the_error_is_per_deg
     )
     recording = recorded()
     X_WT = pose(R_WT, centre + 0.003 * ALONG)
-    found = replace(recording.targets[0], X_WT=X_WT, path=path, covariance=doubt)
-    stated = uncertainty_figures(replace(recording, goes_by=found), TRUTH)
+    target = replace(recording.targets[0], X_WT=X_WT, path=path, covariance=doubt)
+    stated = uncertainty_figures(replace(recording, goes_by=target), TRUTH)
     assert stated.normalised_error == pytest.approx(9.0 / 4.0 / 5.0)
     assert stated.path_along_max_m == pytest.approx(2e-3)
     assert stated.path_normal_max_m == pytest.approx(np.sqrt(8.0) * 1e-3)

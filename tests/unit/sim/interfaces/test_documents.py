@@ -185,7 +185,7 @@ def test_what_is_written_is_read_back_bit_by_bit(rng: np.random.Generator):
     for _ in range(150):
         table = without_nan({f"key_{i}": drawn(rng) for i in range(4)})
         assert bits(parsed_yaml(yaml_text(table), "x")) == bits(table)
-        plain = {key: value for key, value in table.items() if not holds_tables(value)}
+        plain = {key: entry for key, entry in table.items() if not holds_tables(entry)}
         assert bits(parsed_toml(toml_text(plain), "x")) == bits(plain)
         assert parsed_toml(toml_text(table), "x") == table  # tables stand behind the other keys
 

@@ -44,13 +44,13 @@ def counted(most: int, owners: int = 0) -> tuple[Callable[..., Worked], list[tup
 def test_results_go_with_their_owner() -> None:
     work, calls = counted(most=4)
     frame = Frame((1.0,))
-    result = work(frame, 2)
-    assert work(frame, 2) is result
-    assert work(frame, 3) is not result
+    memo = work(frame, 2)
+    assert work(frame, 2) is memo
+    assert work(frame, 3) is not memo
     assert calls == [(2,), (3,)]
-    alive = ref(result), ref(frame)
-    del result, frame
-    assert [each() for each in alive] == [None, None]  # also without the collector
+    alive = ref(memo), ref(frame)
+    del memo, frame
+    assert [reference() for reference in alive] == [None, None]  # also without the collector
 
 
 def test_the_oldest_results_of_an_owner_go_first() -> None:

@@ -44,8 +44,8 @@ GOOD: dict[str, Any] = {
 
 
 def test_a_table_becomes_a_dataclass():
-    made = TableReader().made(Outer, {**GOOD, "names": ["x"], "seed": None})
-    assert made == Outer(
+    outer = TableReader().made(Outer, {**GOOD, "names": ["x"], "seed": None})
+    assert outer == Outer(
         inner=Inner(share=0.25),
         state="done",
         place=(1.0, 2.5),
@@ -53,7 +53,7 @@ def test_a_table_becomes_a_dataclass():
         more={"a": 3},
         rest=[{}],
     )
-    assert isinstance(made.place[0], float)
+    assert isinstance(outer.place[0], float)
 
 
 @pytest.mark.parametrize(
@@ -122,13 +122,13 @@ CENTER: dict[str, Any] = {"center": [1, 2.5, -0.0]}
 
 def test_several_kinds_may_stand_at_one_key():
     reader = TableReader()
-    made = reader.made(
+    body = reader.made(
         Body, {**CENTER, "name": "x", "parts": {"share": 0.5}, "limits": {"a": 3, "b": None}}
     )
-    assert made.center.tolist() == [1.0, 2.5, 0.0]
-    assert np.signbit(made.center[2])
-    assert (made.name, made.parts, made.limits) == ("x", Inner(share=0.5), {"a": 3.0, "b": None})
-    made = reader.made(
+    assert body.center.tolist() == [1.0, 2.5, 0.0]
+    assert np.signbit(body.center[2])
+    assert (body.name, body.parts, body.limits) == ("x", Inner(share=0.5), {"a": 3.0, "b": None})
+    body = reader.made(
         Body,
         {
             **CENTER,
@@ -138,7 +138,7 @@ def test_several_kinds_may_stand_at_one_key():
             "rows": [[None, 1]],
         },
     )
-    assert (made.name, made.parts, made.limits, made.rows) == (
+    assert (body.name, body.parts, body.limits, body.rows) == (
         Inner(share=1.0),
         (Inner(share=0.0),),
         ["a"],

@@ -134,7 +134,8 @@ def test_commanded_tip_is_carried_on_between_references():
 
 
 def test_the_first_collision_is_told_by_names():
-    recorder, run = Recorder(MODEL), Run()
+    recorder = Recorder(MODEL)
+    run = Run()
     run.show(recorder, 3)
     assert recorder.recording().collided == ""
     run.truth.collided[:] = MODEL.geom("pad").id, 0, 1.26
@@ -159,7 +160,8 @@ def test_metrics_only_leaves_the_slow_series_out():
 
 
 def test_states_and_targets_are_kept_once_each():
-    recorder, run = Recorder(MODEL), Run()
+    recorder = Recorder(MODEL)
+    run = Run()
     run.show(recorder, 50, WorkState.SCAN)
     run.target = Target(
         time=0.1, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=None
@@ -184,13 +186,13 @@ def test_digest_is_of_every_bit_of_the_trajectory():
     assert recording.digest(["p_pad", "state"]) == recording.digest(("state", "p_pad"))
     for name in EVERY_STEP:
         series = recording[name]
-        value = series.value.copy()
-        value[17, -1] = np.nextafter(value[17, -1], np.inf)  # NaN stays
+        altered = series.value.copy()
+        altered[17, -1] = np.nextafter(altered[17, -1], np.inf)  # NaN stays
         changed = replace(
-            recording, series={**recording.series, name: replace(series, value=value)}
+            recording, series={**recording.series, name: replace(series, value=altered)}
         )
         assert (changed.digest() == recording.digest()) == np.array_equal(
-            value, series.value, equal_nan=True
+            altered, series.value, equal_nan=True
         ), name
 
 
@@ -198,23 +200,25 @@ def test_quaternions_keep_their_sign_through_two_turns():
     """q and -q are one rotation: what differentiates or interpolates the series must not meet a
     jump.
     """
-    recorder, run = Recorder(MODEL), Run()
-    start, angles = exp_so3([0.4, -0.3, 0.2]), np.linspace(0.0, 4.0 * np.pi, 81)
+    recorder = Recorder(MODEL)
+    run = Run()
+    start = exp_so3([0.4, -0.3, 0.2])
+    angles = np.linspace(0.0, 4.0 * np.pi, 81)
     turned = [exp_so3(angle * np.array([0.48, -0.6, 0.64])) @ start for angle in angles]
-    each = round(0.04 / DT)  # of the slowest rows
+    ticks = round(0.04 / DT)  # of the slowest rows
     for number, R in enumerate(turned):
         quat = quat_wxyz_from_rotation(R)
         # an estimate may lack numbers
         run.X_WB = pose(np.full((3, 3), np.nan) if number == 33 else R)
         run.truth.xquat[:] = quat if number % 3 else -quat
-        run.show(recorder, each)
+        run.show(recorder, ticks)
 
     recording = recorder.recording()
     poses = recording["body_pose"].value.reshape(81, MODEL.nbody, 7)
     estimated = recording["quat_WB_estimate_wxyz"].value
     assert np.isnan(estimated[2 * 33 : 2 * 34]).all()
     for quats, rotations in (
-        (recording["quat_WB_wxyz"].value[::each], turned),
+        (recording["quat_WB_wxyz"].value[::ticks], turned),
         (np.delete(estimated[::2], 33, axis=0), [*turned[:33], *turned[34:]]),
         (poses[:, 5, 3:], turned),
     ):
@@ -253,7 +257,8 @@ def test_rows_of_compiled_code_are_those_of_the_observer(monkeypatch):
     """In turn with observed steps, and past the end of the first block."""
     monkeypatch.setattr("uuv.sim.loop.recording._ROWS", 128)
     steps, span = 200, 15
-    run, recorder = Run(), Recorder(MODEL, full=False)
+    run = Run()
+    recorder = Recorder(MODEL, full=False)
     assert recorder.slow_ticks == ()
     replaced, tick = 0, 0
     while tick < steps:
@@ -268,9 +273,10 @@ def test_rows_of_compiled_code_are_those_of_the_observer(monkeypatch):
         tick += span
         run.truth.time = tick * DT
     assert replaced == 1
-    seen = recorder.recording()
-    same, other = Run(), Recorder(MODEL, full=False)
+    recording = recorder.recording()
+    same = Run()
+    other = Recorder(MODEL, full=False)
     for _ in range(0, tick, PLANNER_TICKS + span):
         same.show(other, PLANNER_TICKS)
         same.hold(other, span)
-    assert seen.digest() == other.recording().digest()
+    assert recording.digest() == other.recording().digest()

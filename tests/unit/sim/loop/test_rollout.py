@@ -265,10 +265,10 @@ def test_measurements_arrive_after_their_delay_and_keep_their_time(delay):
     rig = Rig(sensors={"period": 5 * STEP, "delay": delay * STEP}).run()
     arrived = {
         tick: when
-        for who, tick, seen in rig.diary
+        for who, tick, message in rig.diary
         if who == "Estimator" and tick >= 0
-        for kind, when in seen
-        if isinstance(seen, list)
+        for kind, when in message
+        if isinstance(message, list)
     }
     assert arrived == {when + delay: when for when in (0, 5, 10, 15) if when + delay < 20}
 
@@ -279,10 +279,10 @@ def test_one_frame_for_each_rising_edge():
     """
     rig = Rig(planner={"scan": (2, 3, 4, 5, 9)}, camera_delay=3 * STEP).run()
     assert rig.ticks("Camera") == [3, 10]
-    found = [(tick, what) for who, tick, what in rig.diary if who == "Finder"]
+    frames = [(tick, what) for who, tick, what in rig.diary if who == "Finder"]
     # Late frames are handed on with the estimate of when they were taken: the last one before ticks
     # 3 and 10.
-    assert found == [(2, 3), (9, 10)]
+    assert frames == [(2, 3), (9, 10)]
     assert [tick for tick, framed, _ in rig.watcher.moments if framed] == [6, 13]
     assert [state for _, _, state in rig.watcher.moments] == [0] * 6 + [1] * 7 + [2] * 7
     targets = [what[0] for who, tick, what in rig.diary if who == "Planner" and tick >= 0]
@@ -301,9 +301,9 @@ def test_no_stop_before_done():
 
 
 def test_every_sensor_has_a_stream_of_its_own():
-    one, again, other = Rig().run(seed=1), Rig().run(seed=1), Rig().run(seed=2)
-    assert one.encoder.drawn == again.encoder.drawn != other.encoder.drawn
-    assert one.encoder.drawn != one.camera.drawn
+    first, again, other = Rig().run(seed=1), Rig().run(seed=1), Rig().run(seed=2)
+    assert first.encoder.drawn == again.encoder.drawn != other.encoder.drawn
+    assert first.encoder.drawn != first.camera.drawn
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,8 @@ def memory() -> Memory:
 
 def test_views_are_views_in_a_copy_too():
     copy = Snapshot(memory(), "memory").copy()
-    copy.drawn[1], copy.used[0] = -7.0, 3
+    copy.drawn[1] = -7.0
+    copy.used[0] = 3
     assert copy.record["drawn"][0].tolist() == [1.0, -7.0, 3.0, 4.0, 5.0]
     assert copy.record["used"][0] == 3
 
@@ -61,9 +62,9 @@ def test_views_have_the_numbers_of_any_order_of_memory(order: Any):
 
 
 def test_nothing_that_happens_later_changes_it():
-    value = memory()
-    snapshot = Snapshot(value, "memory")
-    value.drawn[:] = 0.0
+    original = memory()
+    snapshot = Snapshot(original, "memory")
+    original.drawn[:] = 0.0
     first = snapshot.copy()
     first.drawn[:] = 9.0
     assert snapshot.copy().drawn.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
@@ -102,23 +103,23 @@ def test_code_and_models_are_handed_on():
         "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>"
     )
     scene = RayScene(np.eye(3), [[0, 1, 2]])
-    value = {
+    original = {
         "model": model,
         "scene": scene,
         "law": lambda x: x,
         "kind": Memory,
         "names": MappingProxyType({"a": 1}),
     }
-    copy = Snapshot(value, "parts").copy()
-    assert all(copy[name] is value[name] for name in ("model", "scene", "law", "kind"))
+    copy = Snapshot(original, "parts").copy()
+    assert all(copy[name] is original[name] for name in ("model", "scene", "law", "kind"))
     assert copy["names"] == {"a": 1}
 
 
 def test_what_cannot_be_copied_is_refused_in_one_line():
-    for value in (threading.Lock(), memory().record[0]):
+    for locked in (threading.Lock(), memory().record[0]):
         with pytest.raises(
             ConfigurationError,
             match=r"^the state cannot be copied: "
             r".*(lock|record)",
         ):
-            Snapshot({"inner": [value]}, "the state")
+            Snapshot({"inner": [locked]}, "the state")

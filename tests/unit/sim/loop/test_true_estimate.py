@@ -29,7 +29,8 @@ def test_it_equals_the_truth_and_keeps_no_view():
         plant.observe()
         plant.step(command)
     truth = plant.observe()
-    estimate, exact = true_estimate(truth), TrueState().estimate(truth)
+    estimate = true_estimate(truth)
+    exact = TrueState().estimate(truth)
 
     R_WB = truth.R_WB.copy()
     assert estimate.time == truth.time > 0.0
@@ -49,6 +50,8 @@ def test_it_equals_the_truth_and_keeps_no_view():
     before = [estimate.X_WB.copy(), estimate.q.copy(), estimate.w_WB_B.copy()]
     plant.step(command)
     plant.observe()
-    for kept, now in zip(before, (estimate.X_WB, estimate.q, estimate.w_WB_B), strict=True):
-        np.testing.assert_array_equal(kept, now)
+    for before_step, after_step in zip(
+        before, (estimate.X_WB, estimate.q, estimate.w_WB_B), strict=True
+    ):
+        np.testing.assert_array_equal(before_step, after_step)
     assert not np.array_equal(truth.q, estimate.q)

@@ -20,24 +20,22 @@ def test_ball_is_as_large_and_as_far_as_it_should_be(azimuth: float, elevation: 
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     camera = mujoco.MjvCamera()
-    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (
-        [1.0, 2.0, 3.0],
-        4.0,
-        azimuth,
-        elevation,
-    )
+    camera.lookat[:] = [1.0, 2.0, 3.0]
+    camera.distance = 4.0
+    camera.azimuth = azimuth
+    camera.elevation = elevation
     picture, depth = RayPicture(model, 201, 301).render(data, camera)
     within("depth of the ball's nearest point [m]", abs(depth[100, 150] - 3.5), 2e-3)
-    seen = np.isfinite(depth)
+    covered = np.isfinite(depth)
     angle = np.arcsin(0.5 / 4.0)
     radius = np.tan(angle) / np.tan(np.radians(20.0)) * 100.5  # [px]
-    within("area of the ball, share", abs(seen.sum() / (np.pi * radius**2) - 1.0), 0.02)
-    rows, columns = np.nonzero(seen)
+    within("area of the ball, share", abs(covered.sum() / (np.pi * radius**2) - 1.0), 0.02)
+    rows, columns = np.nonzero(covered)
     assert [rows.mean(), columns.mean()] == pytest.approx([100.0, 150.0], abs=0.2)
-    assert not picture[~seen].any()
-    assert picture[seen][:, 0].min() > 60
+    assert not picture[~covered].any()
+    assert picture[covered][:, 0].min() > 60
     assert not picture[..., 1:].any()  # red: what is transparent is not drawn
     upper, lower = (
-        picture[rows_of][seen[rows_of]].mean() for rows_of in (slice(0, 90), slice(111, 201))
+        picture[rows_of][covered[rows_of]].mean() for rows_of in (slice(0, 90), slice(111, 201))
     )
     assert upper > lower  # the light is above

@@ -47,7 +47,7 @@ class Reader(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.pictures += tag == "img"
-        self.fetched += [value or "" for name, value in attrs if name in ("src", "href")]
+        self.fetched += [attribute or "" for name, attribute in attrs if name in ("src", "href")]
 
 
 WORKED = [
@@ -69,9 +69,10 @@ def panels_of(page: str) -> list[str]:
 
 def recorded(state: WorkState, final: WorkState) -> Recording:
     n = 1000
-    time, ones = DT * np.arange(n, dtype=np.float64), np.ones((n, 1))
+    time = DT * np.arange(n, dtype=np.float64)
+    ones = np.ones((n, 1))
     tip = np.column_stack([0.02 * time, np.zeros(n), np.full(n, -1.2)])
-    values = {
+    columns = {
         "state": STATES.index(state) * ones,
         "set_force": 60.0 * ones,
         "path_s": 0.02 * time[:, None],
@@ -94,7 +95,7 @@ def recorded(state: WorkState, final: WorkState) -> Recording:
         "tau_drive": ones * np.arange(6.0),
     }
     labels = {"thrust": VEHICLE.thruster_names, "tau_drive": VEHICLE.joint_names}
-    found = Target(
+    target = Target(
         time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None
     )
     return Recording(
@@ -104,14 +105,14 @@ def recorded(state: WorkState, final: WorkState) -> Recording:
         series=MappingProxyType(
             {
                 name: Series(time=time, value=v, unit="", labels=labels.get(name, ()))
-                for name, v in values.items()
+                for name, v in columns.items()
             }
         ),
         events=(
             Event(time=0.0, state=state, note=""),
             Event(time=10.0, state=final, note="felt < 1 N & lost"),
         ),
-        targets=(found,) if state is WorkState.WORK else (),
+        targets=(target,) if state is WorkState.WORK else (),
         clouds=MappingProxyType({"scan": np.random.default_rng(0).normal(size=(100, 3))}),
     )
 
@@ -146,13 +147,15 @@ def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tm
     """A barrel free to turn about its axis: that turn is named, and does not count on a path around
     it.
     """
-    recording, center = recorded(WorkState.WORK, WorkState.DONE), TRUTH.X_WT[:3, 3]
+    recording = recorded(WorkState.WORK, WorkState.DONE)
+    center = TRUTH.X_WT[:3, 3]
     turn = np.concatenate([np.zeros(3), TRUTH.X_WT[:3, 0]])[None]
     held = np.eye(6) - turn.T @ turn
     doubt = PoseCovariance(
         matrix=4e-6 * held, free=turn, same=turn, center=center, radius=0.5, size_sigma=1.0
     )
-    n, angle = np.zeros(20), np.linspace(0.0, 1.0, 20)
+    n = np.zeros(20)
+    angle = np.linspace(0.0, 1.0, 20)
     round_it = np.column_stack([n, np.cos(angle), np.sin(angle)])
     path = ToolPath(
         s=0.2 * angle,
@@ -161,8 +164,8 @@ def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tm
         x=np.column_stack([n, -np.sin(angle), np.cos(angle)]),
         on_scan=n > 0.0,
     )
-    found = replace(recording.targets[0], path=path, covariance=doubt)
-    page, assessment = written(tmp_path, replace(recording, goes_by=found))
+    target = replace(recording.targets[0], path=path, covariance=doubt)
+    page, assessment = written(tmp_path, replace(recording, goes_by=target))
     stated = assessment.metrics["uncertainty"]
     assert stated["position_sigma_m"] == pytest.approx(2e-3)
     assert stated["rotation_sigma_rad"] == pytest.approx(4e-3)
@@ -242,7 +245,8 @@ def test_thrust_astern_is_held_against_the_limit_astern(tmp_path: Path):
     run = recorded(WorkState.WORK, WorkState.DONE)
     forward, reverse = np.asarray(VEHICLE.thruster_table)[2, :2]
     thrust = run["thrust"].value.copy()
-    thrust[100, 2], thrust[200, 2] = -0.9 * reverse, 0.3 * forward
+    thrust[100, 2] = -0.9 * reverse
+    thrust[200, 2] = 0.3 * forward
     run = replace(
         run, series=MappingProxyType({**run.series, "thrust": replace(run["thrust"], value=thrust)})
     )
@@ -257,9 +261,9 @@ def test_thrust_astern_is_held_against_the_limit_astern(tmp_path: Path):
 
 
 def test_a_figure_and_its_bound_are_told_in_their_unit():
-    one = Requirement("path deviation, peak", 0.00234, 0.003, "mm", 1e3)
-    assert figures_of(one) == ("2.34", "3.00")
-    assert figures_of(replace(one, value=None)) == ("–", "3.00")
+    requirement = Requirement("path deviation, peak", 0.00234, 0.003, "mm", 1e3)
+    assert figures_of(requirement) == ("2.34", "3.00")
+    assert figures_of(replace(requirement, value=None)) == ("–", "3.00")
 
 
 def test_second_run_is_laid_over_the_first_from_the_start_of_the_work():
@@ -328,12 +332,12 @@ def test_second_run_keeps_its_dashes_where_the_first_lacks_a_panel():
 
 def test_thinned_lines_keep_every_peak():
     time = 0.002 * np.arange(60_001, dtype=np.float64)
-    value = np.zeros(60_001)
-    value[[17, 30_001, -2]] = 5.0, -7.0, 9.0
-    value[16] = np.nan  # beside a peak
-    kept_time, kept = thinned(time, value)
-    assert len(kept) < 3000
-    assert {5.0, -7.0, 9.0} <= set(kept)
+    samples = np.zeros(60_001)
+    samples[[17, 30_001, -2]] = 5.0, -7.0, 9.0
+    samples[16] = np.nan  # beside a peak
+    kept_time, thinned_samples = thinned(time, samples)
+    assert len(thinned_samples) < 3000
+    assert {5.0, -7.0, 9.0} <= set(thinned_samples)
     assert np.all(np.diff(kept_time) >= 0.0)
     assert np.isnan(thinned(time, np.full(60_001, np.nan))[1]).all()
 
@@ -345,8 +349,8 @@ def test_missing_folder_is_refused(tmp_path: Path):
 
 def test_table_has_a_row_and_a_verdict_for_each_check():
     assessment = assess(recorded(WorkState.SCAN, WorkState.ABORT), TRUTH, seed=0, wall_s=1.0)
-    said = io.StringIO()
-    Console(width=100, file=said).print(results_table(assessment))
+    output = io.StringIO()
+    Console(width=100, file=output).print(results_table(assessment))
     for check in assessment.checks:
-        assert check.name in said.getvalue()
-    assert said.getvalue().count("missed") == sum(not check.ok for check in assessment.checks)
+        assert check.name in output.getvalue()
+    assert output.getvalue().count("missed") == sum(not check.ok for check in assessment.checks)

@@ -17,13 +17,13 @@ def values(file: Path) -> tuple[np.ndarray, int]:
     """Everything logged at `a`, in order of time, and the number of chunks that hold it."""
     chunks = [chunk for chunk in RrdReader(file).stream().to_chunks() if chunk.entity_path == "/a"]
     rows = [
-        (time, value[0])
+        (time, number[0])
         for batch in (chunk.to_record_batch() for chunk in chunks)
-        for time, value in zip(
+        for time, number in zip(
             batch.column("t").to_pylist(), batch.column("Scalars:scalars").to_pylist(), strict=True
         )
     ]
-    return np.array([value for _, value in sorted(rows)]), len(chunks)
+    return np.array([number for _, number in sorted(rows)]), len(chunks)
 
 
 def test_compact_log_holds_the_same(tmp_path, monkeypatch):
@@ -71,7 +71,8 @@ class Spawned:
 def test_viewer_is_started_for_this_recording_and_waited_for(monkeypatch):
     """Without the recording, `rerun` starts nothing and says that it is disabled."""
     assert not rr.is_enabled()
-    stream, fake = rr.RecordingStream("test"), Spawned()
+    stream = rr.RecordingStream("test")
+    fake = Spawned()
     with socket.create_server(("127.0.0.1", 0)) as viewer:
         monkeypatch.setattr(rerun_program, "PORT", viewer.getsockname()[1])
         assert rerun_program.spawn_viewer(fake, stream)

@@ -24,9 +24,9 @@ def columns() -> list[Column]:
 
 
 def refused(file: Path, said: str) -> None:
-    with pytest.raises(ConfigurationError, match=said) as told:
+    with pytest.raises(ConfigurationError, match=said) as error:
         read_table(file)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("change", ["cut", "empty", "text", "bit"])
@@ -73,9 +73,9 @@ def test_too_many_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 def archive(**entries: bytes) -> bytes:
     content = io.BytesIO()
-    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as made:
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive_file:
         for name, entry in entries.items():
-            made.writestr(f"{name}.npy", entry)
+            archive_file.writestr(f"{name}.npy", entry)
     return content.getvalue()
 
 

@@ -19,12 +19,12 @@ def drawn(recording: Recording, bounds: Bounds | None = None) -> dict[str, dict[
     """Last values of the lines by name, for each panel by title; the bounds under their own
     name.
     """
-    found = {}
+    panels_of = {}
     for panel in panels(recording, bounds):
-        found[panel.title] = {line.name: line.value[-1] for line in panel.lines} | {
+        panels_of[panel.title] = {line.name: line.value[-1] for line in panel.lines} | {
             "bounds": tuple(panel.bounds)
         }
-    return found
+    return panels_of
 
 
 def test_errors_have_the_signs_and_units_of_their_panels():
@@ -37,7 +37,7 @@ def test_errors_have_the_signs_and_units_of_their_panels():
         quat_wxyz_from_rotation(start @ exp_so3([0.0, turn, 0.0]))
         for turn in (0.0, np.radians(4.0))
     ]
-    told = drawn(
+    panels_of = drawn(
         recorded(
             contact_normal=60.0 + 5.0 * end,
             p_pad=recorded()["p_command"].value - end * (0.002 * ALONG + 0.001 * OUTWARD),
@@ -46,22 +46,23 @@ def test_errors_have_the_signs_and_units_of_their_panels():
         ),
         Bounds(force_error_max=9.0, path_deviation=0.003),
     )
-    assert told["force error [N]"] == {"true − set": pytest.approx(5.0), "bounds": (9.0, -9.0)}
-    path = told["tip path error [mm]"]
+    assert panels_of["force error [N]"] == {"true − set": pytest.approx(5.0), "bounds": (9.0, -9.0)}
+    path = panels_of["tip path error [mm]"]
     assert [path[name] for name in ("along", "across", "along the tool axis")] == pytest.approx(
         [-2.0, 0.0, 1.0]
     )
     assert path["bounds"] == (3.0, -3.0)
-    hull = told["hull position error [mm]"]
+    hull = panels_of["hull position error [mm]"]
     assert [hull[axis] for axis in "xyz"] == pytest.approx([10.0, -20.0, 20.0])
-    assert told["turn of the hull [deg]"]["turn"] == pytest.approx(4.0)
+    assert panels_of["turn of the hull [deg]"]["turn"] == pytest.approx(4.0)
 
 
 def test_slower_series_keep_their_columns_and_units():
     """A joint angle in degrees; moments of the arm on the hull beside its forces, true and
     believed.
     """
-    few, six = TIME[::10], np.arange(6, dtype=np.float64)
+    few = TIME[::10]
+    six = np.arange(6, dtype=np.float64)
     ones = np.ones((STEPS // 10, 1))
     more = {
         "q": Series(time=few, value=ones * [0.5], unit="rad", labels=("joint1",)),
@@ -71,8 +72,8 @@ def test_slower_series_keep_their_columns_and_units():
         ),
     }
     whole = recorded()
-    told = drawn(replace(whole, series=MappingProxyType({**whole.series, **more})))
-    assert told["joint angle [deg]"]["joint1"] == pytest.approx(np.degrees(0.5))
-    moment = told["arm's moment on the hull [N m]"]
+    panels_of = drawn(replace(whole, series=MappingProxyType({**whole.series, **more})))
+    assert panels_of["joint angle [deg]"]["joint1"] == pytest.approx(np.degrees(0.5))
+    moment = panels_of["arm's moment on the hull [N m]"]
     assert [moment[name] for name in ("x", "y", "z", "x believed")] == [3.0, 4.0, 5.0, -3.0]
-    assert told["arm's force on the hull [N]"]["y"] == 1.0
+    assert panels_of["arm's force on the hull [N]"]["y"] == 1.0

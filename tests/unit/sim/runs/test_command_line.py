@@ -44,12 +44,12 @@ def test_bad_option_gives_one_line_and_code_2(
 ):
     with pytest.raises(SystemExit) as stop:
         parse(Options, args)
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     assert stop.value.code == 2
-    assert said.err.count("\n") == 1
-    assert said.err.startswith("error: ")
-    assert culprit in said.err
-    assert not set("│─╭╰") & set(said.err)
+    assert output.err.count("\n") == 1
+    assert output.err.startswith("error: ")
+    assert culprit in output.err
+    assert not set("│─╭╰") & set(output.err)
 
 
 def test_options_are_parsed_and_help_is_whole(capsys: pytest.CaptureFixture[str]):
@@ -96,15 +96,15 @@ def test_a_command_leaves_the_environment_as_it_was(
     if before is not None:
         monkeypatch.setenv("PYTHONSAFEPATH", before)
     environment = dict(os.environ)
-    seen: list[str] = []
+    settings: list[str] = []
 
     def main() -> int:
-        seen.append(os.environ["PYTHONSAFEPATH"])  # of a Python that it starts
+        settings.append(os.environ["PYTHONSAFEPATH"])  # of a Python that it starts
         raise ConfigurationError("no")
 
     with pytest.raises(SystemExit):
         run_scenario(main)
-    assert seen == ["1"]
+    assert settings == ["1"]
     assert dict(os.environ) == environment
 
 
@@ -120,15 +120,15 @@ def test_an_error_of_the_program_is_one_line_with_its_place(
 ):
     source = "import json\ndef main():\n    json.loads('{')\n"
     code = compile(source, str(ROOT / "scripts" / "made_up.py"), "exec")
-    there: dict[str, Any] = {"__name__": "made_up"}
-    exec(code, there)
-    code, said = ended(there["main"], capsys)
+    namespace: dict[str, Any] = {"__name__": "made_up"}
+    exec(code, namespace)
+    code, message = ended(namespace["main"], capsys)
     assert code == 70
-    assert said.startswith("error: internal: JSONDecodeError: Expecting property name")
-    assert "(scripts/made_up.py:3; --traceback" in said
-    assert said.count("\n") == 1
+    assert message.startswith("error: internal: JSONDecodeError: Expecting property name")
+    assert "(scripts/made_up.py:3; --traceback" in message
+    assert message.count("\n") == 1
     monkeypatch.setenv("UUV_TRACEBACK", "1")
-    assert "Traceback" in ended(there["main"], capsys)[1]
+    assert "Traceback" in ended(namespace["main"], capsys)[1]
 
 
 def test_an_error_in_a_users_module_names_it(
@@ -138,9 +138,9 @@ def test_an_error_in_a_users_module_names_it(
         "class Pilot:\n    def step(self):\n        return {}['gain']\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    code, said = ended(import_module("pilot_of_mine").Pilot().step, capsys)
+    code, message = ended(import_module("pilot_of_mine").Pilot().step, capsys)
     assert code == 2
-    assert said == (
+    assert message == (
         "error: pilot_of_mine: Pilot.step raised KeyError: 'gain' "
         f"({tmp_path / 'pilot_of_mine.py'}:3)\n"
     )

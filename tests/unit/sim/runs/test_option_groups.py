@@ -23,12 +23,12 @@ def test_same_options_as_without_groups(job: Job, capsys: pytest.CaptureFixture[
     assert cli(kind, []) == kind()
     with pytest.raises(SystemExit):
         cli(kind, ["--help"])
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for title in ("water options", "output options", "vehicle options", "job options"):
-        assert title in said
-    for each in fields(kind):
-        assert each.name.replace("_", "-") in said
-    assert "Steady current [m/s], world axes" in " ".join(said.replace("│", " ").split())
+        assert title in output
+    for option in fields(kind):
+        assert option.name.replace("_", "-") in output
+    assert "Steady current [m/s], world axes" in " ".join(output.replace("│", " ").split())
 
 
 @dataclass(kw_only=True)
@@ -59,6 +59,6 @@ def test_a_default_of_a_derived_class_stays(capsys: pytest.CaptureFixture[str]):
     )
     with pytest.raises(SystemExit):
         cli(Derived, ["--help"])
-    said = capsys.readouterr().out
-    assert "A place. (default: here)" in said
-    assert said.index("How often.") < said.index("place options")
+    output = capsys.readouterr().out
+    assert "A place. (default: here)" in output
+    assert output.index("How often.") < output.index("place options")

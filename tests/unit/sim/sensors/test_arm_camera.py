@@ -98,20 +98,18 @@ def readings(
 ) -> list[SurfaceMotionMeasurement | None]:
     """Messages of one run over the tool's places (n, 3) [m]."""
     state: Any = camera.init(np.random.default_rng(seed))
-    found = []
+    messages = []
     for k, p in enumerate(places):
         state, message = camera.step(state, truth(model, k * camera.period, p))
-        found.append(message)
-    return found
+        messages.append(message)
+    return messages
 
 
 def test_errors_have_the_covariance_that_is_stated(model: mujoco.MjModel):
     """Many first motions of 5 mm: the squared error over the covariance is 1 a direction."""
     errors = replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0), bias=(0.0, 0.0, 0.0), outliers=0.0)
-    camera, moved = (
-        ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors),
-        np.array([5e-3, 0.0, 0.0]),
-    )
+    camera = ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors)
+    moved = np.array([5e-3, 0.0, 0.0])
     squares = []
     for seed in range(200):
         first, second = readings(model, camera, seed, np.array([np.zeros(3), moved]))
@@ -133,7 +131,8 @@ def test_water_dims_what_a_flat_wall_tells(attenuation: float):
     """Square to the view at 0.2 m, in closed form: depth by stereo z^2 s / (f b) exp(a z), light
     exp(-2 a z).
     """
-    camera, z = SmallStereo(intensity_noise=1e-5), 0.2
+    camera = SmallStereo(intensity_noise=1e-5)
+    z = 0.2
     depth = np.full(camera.rays(GRID).shape[:2], z)
     texture = Texture.of(3, 0.3)
 
@@ -142,22 +141,22 @@ def test_water_dims_what_a_flat_wall_tells(attenuation: float):
             camera, depth, np.zeros_like(depth, dtype=bool), texture, Turbidity(attenuation=a), 0.0
         )
 
-    seen = told(attenuation)
+    information = told(attenuation)
     sigma = (
         z**2
         * camera.stereo.disparity_sigma
         / (camera.focal * camera.stereo.baseline)
         * np.exp(attenuation * z)
     )
-    assert seen.shape[2, 2] == pytest.approx(depth.size * GRID**2 / CELL / sigma**2)
-    assert abs(seen.shape[0, 0]) < 1e-9 * seen.shape[2, 2]
+    assert information.shape[2, 2] == pytest.approx(depth.size * GRID**2 / CELL / sigma**2)
+    assert abs(information.shape[0, 0]) < 1e-9 * information.shape[2, 2]
     # With little noise every pixel is used; its weight is the square of the light that comes back.
-    assert seen.texture / told(0.0).texture[0, 0] == pytest.approx(
+    assert information.texture / told(0.0).texture[0, 0] == pytest.approx(
         np.exp(-4.0 * attenuation * z) * told(0.0).texture / told(0.0).texture[0, 0],
         rel=1e-3,
         abs=1e-9,
     )
-    assert seen.range == pytest.approx(z)
+    assert information.range == pytest.approx(z)
 
 
 def test_a_new_key_is_a_picture_that_was_itself_measured(model: mujoco.MjModel):
@@ -166,10 +165,10 @@ def test_a_new_key_is_a_picture_that_was_itself_measured(model: mujoco.MjModel):
     """
     errors = replace(fitted(), lost=(-50.0, 0.0, 0.0, 0.0))
     places = np.column_stack([np.linspace(0.0, 0.3, 61), np.zeros((61, 2))])
-    found = readings(
+    messages_of = readings(
         model, ArmCamera(model, "tip", "object", conditions=CLEAR, errors=errors), 1, places
     )
-    messages = [message for message in found if message is not None]
+    messages = [message for message in messages_of if message is not None]
     assert len(messages) == len(places)
     keys = {message.key_time for message in messages}
     assert len(keys) > 3
@@ -180,8 +179,8 @@ def test_a_plain_wall_tells_its_distance_only(model: mujoco.MjModel):
     camera = ArmCamera(model, "tip", "object", conditions=replace(CLEAR, texture=0.0))
     message = readings(model, camera, 2, np.zeros((4, 3)))[-1]
     assert message is not None
-    values, axes = np.linalg.eigh(message.information_K)
-    assert int((values > OBSERVED).sum()) == 1
+    eigenvalues, axes = np.linalg.eigh(message.information_K)
+    assert int((eigenvalues > OBSERVED).sum()) == 1
     X = camera.camera_pose(truth(model, 0.0, np.zeros(3)))[0]
     assert abs((X[:3, :3] @ axes[:, -1])[2]) > 0.99
 
@@ -196,27 +195,29 @@ def test_without_a_surface_in_range_there_is_no_message_and_the_track_ends(model
     )
     away = np.array([0.0, 0.0, 2.0])
     places = np.array([np.zeros(3)] * 3 + [away] * 6 + [np.zeros(3)] * 3)
-    found = readings(model, camera, 3, places)
-    assert all(message is None for message in found[3:9])
-    again = found[9]
+    messages = readings(model, camera, 3, places)
+    assert all(message is None for message in messages[3:9])
+    again = messages[9]
     assert again is not None
     assert again.key_time == again.time == 9 * camera.period
 
 
 def test_silt_makes_pictures_worse_or_loses_them(model: mujoco.MjModel):
     """In clouds that come all the time the information falls, and pictures are lost."""
-    told: dict[bool, list[SurfaceMotionMeasurement | None]] = {}
+    messages: dict[bool, list[SurfaceMotionMeasurement | None]] = {}
     for silty in (False, True):
         conditions = replace(CLEAR, cloud_rate=16.0 if silty else 0.0)
-        told[silty] = readings(
+        messages[silty] = readings(
             model, ArmCamera(model, "tip", "object", conditions=conditions), 4, np.zeros((60, 3))
         )
-    lost = {silty: sum(message is None for message in found) for silty, found in told.items()}
+    lost = {
+        silty: sum(message is None for message in of_water) for silty, of_water in messages.items()
+    }
     weight = {
         silty: np.median(
-            [np.trace(message.information_K) for message in found if message is not None]
+            [np.trace(message.information_K) for message in of_water if message is not None]
         )
-        for silty, found in told.items()
+        for silty, of_water in messages.items()
     }
     assert lost[True] > lost[False] + 5
     assert weight[True] < 0.5 * weight[False]
@@ -226,10 +227,8 @@ def test_a_rendered_camera_measures_the_same_motion(model: mujoco.MjModel):
     """Every picture rendered and aligned: 5 mm over a textured wall, to the tracker's own
     information.
     """
-    camera, moved = (
-        RenderedArmCamera(model, "tip", "object", conditions=CLEAR),
-        np.array([5e-3, 0.0, 0.0]),
-    )
+    camera = RenderedArmCamera(model, "tip", "object", conditions=CLEAR)
+    moved = np.array([5e-3, 0.0, 0.0])
     first, second = readings(model, camera, 5, np.array([np.zeros(3), moved]))
     assert first is not None
     assert second is not None

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from depth_scenes import Poses, seen_from, shoot
 from untyped import untyped
+from uuv.clouds.frames import Camera, camera_pose, resting
 from uuv.models.objects.targets import barrel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage
@@ -57,7 +57,7 @@ def scene() -> mujoco.MjModel:
 
 def exact(spec: mujoco.MjSpec) -> tuple[Array, Array]:
     """Depth without noise, and the rays (H, W, 3) with unit z."""
-    image = shoot(spec, np.random.default_rng(0), None)
+    image = Camera().frame(spec.compile(), np.random.default_rng(0))
     v, u = np.indices(image.depth.shape).astype(np.float64)
     rays = np.stack(
         [(u - image.K[0, 2]) / image.K[0, 0], (v - image.K[1, 2]) / image.K[1, 1], np.ones_like(u)],
@@ -154,7 +154,7 @@ def test_a_look_is_the_same_anywhere_in_the_world(p: tuple[float, ...], within):
         )
         model, small = spec.compile(), Optics(width=64, height=48, focal=60.0)
         camera = DepthCamera(model, "world", pose(exp_so3([0.05, 0.03, 0.0]), p_W), optics=small)
-        poses = Poses.of(model)
+        poses = resting(model)
         return camera.render(poses.xpos, poses.xmat)[0]
 
     here, there = look(np.zeros(3)), look(np.array(p))
@@ -168,17 +168,17 @@ def test_camera_moves_with_its_hull_and_sees_the_arm_move(scene: mujoco.MjModel)
     assert isinstance(camera, Sensor)
     state = camera.init(np.random.default_rng(0))
     qpos = scene.qpos0.copy()
-    before = camera.step(state, Poses.of(scene, qpos))[1].depth
+    before = camera.step(state, resting(scene, qpos))[1].depth
     lifted = qpos.copy()
     lifted[2] += 0.5
     bent = qpos.copy()
     bent[7] = 1.0
-    higher = camera.step(state, Poses.of(scene, lifted))[1].depth
-    with_bent_arm = camera.step(state, Poses.of(scene, bent))[1].depth
+    higher = camera.step(state, resting(scene, lifted))[1].depth
+    with_bent_arm = camera.step(state, resting(scene, bent))[1].depth
     assert np.nanmedian(higher) > np.nanmedian(before) + 0.4
     assert np.mean(np.nan_to_num(before) != np.nan_to_num(with_bent_arm)) > 0.02
     blind = DepthCamera.at_site(scene, "mount", noise=None, visible=Visible(exclude=["arm"]))
-    clear = blind.step(state, Poses.of(scene, qpos))[1].depth
+    clear = blind.step(state, resting(scene, qpos))[1].depth
     assert np.all(np.nan_to_num(clear, nan=11.0) >= np.nan_to_num(before, nan=0.0) - 1e-5)
     assert np.nanmean(clear - before > 0.1) > 0.01
 
@@ -272,9 +272,10 @@ def test_edges_fly_and_grazing_surfaces_vanish():
 
 def test_same_seed_same_frame_and_state_is_explicit():
     spec = mujoco.MjSpec()
-    barrel().add_to(spec, seen_from(np.array([0.2, -0.9, 0.7])))
+    barrel().add_to(spec, camera_pose(np.array([0.2, -0.9, 0.7])))
     model = spec.compile()
-    camera, truth = DepthCamera(model, "world", np.eye(4), delay=0.1), Poses.of(model)
+    camera, truth = DepthCamera(model, "world", np.eye(4), delay=0.1), resting(model)
+    truth.time = 0.25
     first = camera.init(np.random.default_rng(7))
     second, one = camera.step(first, truth)
     _, again = camera.step(first, truth)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from depth_scenes import Poses
 from untyped import untyped
+from uuv.clouds.frames import resting
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import Array
@@ -28,7 +28,7 @@ def wall(z: float, **options: object) -> DepthImage:
     )
     model = spec.compile()
     camera = DepthCamera(model, "world", np.eye(4), noise=None, optics=Optics(**untyped(options)))
-    return camera.step(camera.init(np.random.default_rng(0)), Poses.of(model))[1]
+    return camera.step(camera.init(np.random.default_rng(0)), resting(model))[1]
 
 
 def error(image: DepthImage, z: float) -> Array:
@@ -101,9 +101,9 @@ def test_calibration_near_the_axis_in_closed_form(within):
     1).
     """
     port = FlatPort(distance=0.02, thickness=0.01)
-    found = in_water(port, FOCAL, corner=2.0)
-    within("focal length, relative", found.focal / (1.333 * FOCAL) - 1.0, 1e-5)
-    within("centre [m]", found.center + 0.02 * 0.333 + 0.01 * (1.333 / 1.49 - 1.0), 1e-5)
+    camera = in_water(port, FOCAL, corner=2.0)
+    within("focal length, relative", camera.focal / (1.333 * FOCAL) - 1.0, 1e-5)
+    within("centre [m]", camera.center + 0.02 * 0.333 + 0.01 * (1.333 / 1.49 - 1.0), 1e-5)
 
 
 @pytest.mark.parametrize("z", [0.6, 1.5])
@@ -156,9 +156,8 @@ def test_behind_a_port_nothing_is_seen_where_nothing_is():
     camera = DepthCamera(
         model, "world", np.eye(4), optics=Optics(width=65, height=49, port=FlatPort())
     )
-    assert np.isinf(
-        camera.render(*(getattr(Poses.of(model), name) for name in ("xpos", "xmat")))[0]
-    ).all()
+    bodies = resting(model)
+    assert np.isinf(camera.render(bodies.xpos, bodies.xmat)[0]).all()
 
 
 def test_impossible_ports_are_refused():

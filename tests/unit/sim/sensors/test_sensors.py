@@ -30,13 +30,12 @@ ALL: list[Any] = [
 def truth() -> Truth:
     state = Truth()
     state.time = 3.5
-    state.R_WB, state.p_WB = R_WB, np.array([1.0, -2.0, -3.0])
+    state.R_WB = R_WB
+    state.p_WB = np.array([1.0, -2.0, -3.0])
     state.v_WB_W, state.w_WB_B = np.array([0.2, -0.1, 0.3]), np.array([0.05, -0.02, 0.01])
     state.acceleration = np.array([0.3, 0.2, -0.1, 0.0, 0.0, 0.0])
-    state.q, state.qd = (
-        np.array([0.1, -1.2, 2.0, 0.3, 0.0, 3.0]),
-        np.array([0.0, 0.1, -0.2, 0.0, 0.3, 0.0]),
-    )
+    state.q = np.array([0.1, -1.2, 2.0, 0.3, 0.0, 3.0])
+    state.qd = np.array([0.0, 0.1, -0.2, 0.0, 0.3, 0.0])
     state.qdd = np.array([1.0, 0.0, -2.0, 0.0, 0.0, 0.5])
     state.tau_drive = np.array([50.0, 104.0, -34.0, 10.0, 2.0, -1.0])
     state.tau_friction = np.array([0.0, -4.0, 4.0, 0.0, -2.0, 0.0])
@@ -49,7 +48,9 @@ TAU_GEAR = np.array([49.5, 99.7, -28.4, 10.0, -0.9, -1.25])
 
 
 def sample(sensor: Sensor, field: str, seed: int = 1, count: int = SAMPLES) -> np.ndarray:
-    state, rows, state_of_truth = sensor.init(np.random.default_rng(seed)), [], truth()
+    state = sensor.init(np.random.default_rng(seed))
+    rows = []
+    state_of_truth = truth()
     for _ in range(count):
         state, measurement = sensor.step(state, state_of_truth)
         assert measurement is not None
@@ -65,7 +66,8 @@ def biases(sensor: Sensor, field: str) -> np.ndarray:
 
 def test_encoders():
     sensor = proprioception.Encoders(resolution=1e-3)
-    q, qd = sample(sensor, "q", count=10), sample(sensor, "qd")
+    q = sample(sensor, "q", count=10)
+    qd = sample(sensor, "qd")
     assert q == pytest.approx(np.tile(np.round(truth().q, 3), (10, 1)), abs=1e-15)
     assert (
         np.abs(sample(proprioception.Encoders(), "q", count=1)[0] - truth().q).max()
@@ -138,8 +140,8 @@ def test_wandering_vision_is_a_gauss_markov_process():
     error = sample(sensor, "p_WB", count=15_000) - truth().p_WB  # 3000 times its memory
     assert error.std(axis=0) == pytest.approx(0.05, rel=0.08)
     for lag in (1, 3, 5):
-        seen = np.mean(error[lag:] * error[:-lag], axis=0) / error.var(axis=0)
-        assert seen == pytest.approx(np.exp(-lag * 0.1 / 0.5), abs=0.06)
+        correlation = np.mean(error[lag:] * error[:-lag], axis=0) / error.var(axis=0)
+        assert correlation == pytest.approx(np.exp(-lag * 0.1 / 0.5), abs=0.06)
     still, wandering = (
         sample(proprioception.VisionDrift(bias=b), "p_WB", count=50) for b in (0.0, 0.05)
     )
@@ -225,16 +227,16 @@ def test_quantisation(sensor, field, change):
 
 @pytest.mark.parametrize("sensor", ALL)
 def test_figures_that_cannot_be(sensor):
-    for item in fields(sensor):
-        if item.type is not float:
+    for field in fields(sensor):
+        if field.type is not float:
             continue
-        for value in (-1e-3, np.nan, np.inf):
+        for figure in (-1e-3, np.nan, np.inf):
             with pytest.raises(
                 ConfigurationError,
-                match=rf"{type(sensor).__name__} {item.name}: "
+                match=rf"{type(sensor).__name__} {field.name}: "
                 r".*got",
             ):
-                replace(sensor, **{item.name: value})
+                replace(sensor, **{field.name: figure})
     with pytest.raises(ConfigurationError, match="period: must be finite and > 0"):
         replace(sensor, period=0.0)
 
@@ -264,7 +266,9 @@ class Clock:
     timestep = period = 0.002  # [s]
 
     def __init__(self) -> None:
-        self.tick, self.truth, self.arrived = 0, truth(), []
+        self.tick = 0
+        self.truth = truth()
+        self.arrived = []
 
     def observe(self) -> Truth:
         self.truth.time = self.tick * self.timestep
@@ -321,8 +325,8 @@ def test_measurements_come_at_their_rates_and_only_vision_comes_late():
     parts = Parts(sensors=ALL, estimator=clock, finder=None, planner=planner, controller=controller)
     rollout(clock, parts, duration=1.0, rng=np.random.default_rng(1))
     late, rate = {}, {}
-    for name, now, taken in clock.arrived:
-        late.setdefault(name, set()).add(round(now - taken, 9))
+    for name, arrival, taken in clock.arrived:
+        late.setdefault(name, set()).add(round(arrival - taken, 9))
         rate[name] = rate.get(name, 0) + 1
     # the first of all begins the run
     assert late == {name: {0.0} for name in rate} | {"VisionMeasurement": {0.0, 0.1}}
@@ -338,16 +342,16 @@ FIELDS = ("qd", "tau", "specific_force_B", "v_WB_B", "pressure", "p_WB")
 
 @pytest.mark.parametrize(("sensor", "field"), list(zip(ALL, FIELDS, strict=True)))
 def test_noise_is_white_and_of_its_seed(sensor, field):
-    one, same, other = (sample(sensor, field, seed) for seed in (7, 7, 8))
-    assert np.array_equal(one, same)
-    assert not np.array_equal(one, other)
-    noise = (one - one.mean(axis=0)).reshape(SAMPLES, -1)
+    first, same, other = (sample(sensor, field, seed) for seed in (7, 7, 8))
+    assert np.array_equal(first, same)
+    assert not np.array_equal(first, other)
+    noise = (first - first.mean(axis=0)).reshape(SAMPLES, -1)
     if isinstance(sensor, proprioception.PressureDepth):
         # its steps are as great as its noise
         noise = noise + np.random.default_rng(9).uniform(-10.0, 10.0, noise.shape)
     for lag in (1, 2, 3, 5):
-        seen = np.mean(noise[lag:] * noise[:-lag], axis=0) / noise.var(axis=0)
-        assert np.abs(seen).max() < 5.0 / np.sqrt(SAMPLES)
+        correlation = np.mean(noise[lag:] * noise[:-lag], axis=0) / noise.var(axis=0)
+        assert np.abs(correlation).max() < 5.0 / np.sqrt(SAMPLES)
     assert np.abs(
         np.corrcoef(noise.T).reshape(noise.shape[1], -1) - np.eye(noise.shape[1])
     ).max() < 5.0 / np.sqrt(SAMPLES)
@@ -359,8 +363,8 @@ def test_measurements_keep_nothing_of_the_truth(sensor):
     state_of_truth = truth()
     _, measurement = sensor.step(sensor.init(np.random.default_rng(1)), state_of_truth)
     for name in type(measurement).__slots__:
-        value = getattr(measurement, name)
-        if isinstance(value, np.ndarray):
+        field_value = getattr(measurement, name)
+        if isinstance(field_value, np.ndarray):
             for view in Truth.__slots__:
                 held = getattr(state_of_truth, view, None)
-                assert not (isinstance(held, np.ndarray) and np.shares_memory(value, held))
+                assert not (isinstance(held, np.ndarray) and np.shares_memory(field_value, held))

@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from depth_scenes import Poses, seen_from, standing
+from depth_scenes import standing
 from untyped import untyped
+from uuv.clouds.frames import camera_pose, resting
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.models.objects.targets import TargetModel, barrel
 from uuv.perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
@@ -236,7 +237,7 @@ def test_same_state_same_ping_in_the_step_loop():
             "<worldbody>", '<worldbody><site name="eye" pos="0 0 1.5" euler="180 0 0"/>'
         )
     )
-    sonar, truth = Sonar.at_site(model, "eye", delay=0.1), Poses.of(model)
+    sonar, truth = Sonar.at_site(model, "eye", delay=0.1), resting(model)
     assert isinstance(sonar, Sensor)
     first = sonar.init(np.random.default_rng(3))
     second, one = sonar.step(first, truth)
@@ -249,14 +250,14 @@ def test_same_state_same_ping_in_the_step_loop():
     assert not np.array_equal(one.points, other.points, equal_nan=True)
 
 
-def before_a_barrel() -> tuple[TargetModel, Array, Sonar, Poses]:
+def before_a_barrel() -> tuple[TargetModel, Array, Sonar, mujoco.MjData]:
     """A barrel seen so that both its end and its side show, its pose (4, 4) in S, the sonar, and
     the world's poses.
     """
-    target, X_ST, spec = barrel(), seen_from(np.array([1.0, -0.9, 0.8])), mujoco.MjSpec()
+    target, X_ST, spec = barrel(), camera_pose(np.array([1.0, -0.9, 0.8])), mujoco.MjSpec()
     target.add_to(spec, X_ST)
     model = spec.compile()
-    return target, X_ST, Sonar(model, "world", np.eye(4)), Poses.of(model)
+    return target, X_ST, Sonar(model, "world", np.eye(4)), resting(model)
 
 
 def test_barrel_is_found_in_a_sonar_scan(within):

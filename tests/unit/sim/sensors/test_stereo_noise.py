@@ -9,7 +9,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.sensors import stereo_noise
 from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
 
-SHAPE, FOCAL = (60, 90), 80.0
+SHAPE = (60, 90)
+FOCAL = 80.0
 NONE = {
     "baseline": 0.1,
     "disparity_sigma": 0.0,
@@ -53,26 +54,29 @@ def test_errors_of_disparity_are_as_large_as_said_at_any_distance() -> None:
 
 
 def test_neighbours_err_alike() -> None:
-    made = [
+    noises = [
         stereo_noise._smooth_noise((200, 200), 6.0, np.random.default_rng(seed))
         for seed in range(4)
     ]
-    assert np.std(made) == pytest.approx(1.0, rel=0.05)
+    assert np.std(noises) == pytest.approx(1.0, rel=0.05)
     for axis in (1, 2):
         for lag, share in ((6, np.exp(-1.0)), (3, np.exp(-0.25)), (24, 0.0)):
-            other = np.roll(made, lag, axis=axis)
-            assert np.mean(made * other) == pytest.approx(share, abs=0.07)
+            other = np.roll(noises, lag, axis=axis)
+            assert np.mean(noises * other) == pytest.approx(share, abs=0.07)
 
 
 def test_turbid_water_makes_errors_grow_with_the_length_of_the_ray() -> None:
     """By exp(attenuation times range), at the picture's edge as in its middle."""
-    depth, c = flat(1.5), 0.4
+    depth = flat(1.5)
+    c = 0.4
     clear = disparity(seen(depth, disparity_sigma=0.01)) - disparity(depth)
     turbid = disparity(seen(depth, disparity_sigma=0.01, attenuation=c)) - disparity(depth)
     y, x = np.indices(SHAPE) - 0.5 * (np.array(SHAPE)[:, None, None] - 1.0)
     distance = 1.5 * np.sqrt(1.0 + (x / FOCAL) ** 2 + (y / FOCAL) ** 2)
-    told = np.abs(clear) > 2e-3
-    np.testing.assert_allclose((turbid / clear)[told], np.exp(c * distance)[told], rtol=5e-3)
+    noticeable = np.abs(clear) > 2e-3
+    np.testing.assert_allclose(
+        (turbid / clear)[noticeable], np.exp(c * distance)[noticeable], rtol=5e-3
+    )
 
 
 def test_contrast_is_lost_with_range() -> None:
@@ -92,9 +96,9 @@ def test_contrast_is_lost_with_range() -> None:
 
 def test_disparity_is_rounded_to_its_step() -> None:
     depth = np.linspace(0.5, 3.0, SHAPE[0] * SHAPE[1], dtype=np.float32).reshape(SHAPE)
-    found = disparity(seen(depth, disparity_step=0.25)) / 0.25
-    np.testing.assert_allclose(found, np.rint(found), atol=1e-4)
-    assert np.abs(found - disparity(depth) / 0.25).max() <= 0.5001
+    steps = disparity(seen(depth, disparity_step=0.25)) / 0.25
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-4)
+    assert np.abs(steps - disparity(depth) / 0.25).max() <= 0.5001
     far = seen(flat(200.0), disparity_step=0.25)  # rounds to nothing
     assert np.isinf(far).all()
 
@@ -109,14 +113,14 @@ def test_flying_pixels_stand_between_both_sides_of_an_edge_and_nowhere_else() ->
     depth[:, 40:] = 1.0
     depth[30:, :] = 3.0
     for share in (0.3, 1.0):
-        found = seen(depth, flying=share)
-        moved = np.abs(found - depth) > 1e-4
+        depth_read = seen(depth, flying=share)
+        moved = np.abs(depth_read - depth) > 1e-4
         near_edge = np.zeros(SHAPE, dtype=bool)
         near_edge[:30, 39:41] = True
         near_edge[29:31] = True
         assert not moved[~near_edge].any()
         assert 0.2 * share < moved[near_edge].mean() <= share + 0.1
-        assert np.all((found >= 1.0 - 1e-5) & (found <= 3.0 + 1e-5))
+        assert np.all((depth_read >= 1.0 - 1e-5) & (depth_read <= 3.0 + 1e-5))
 
 
 @pytest.mark.parametrize(

@@ -57,9 +57,9 @@ DIGEST = "d090bbf90ede"  # of the 100 public cases
 def run_behind_door(control, longest, *, estimator="", **limits):
     """A run of case 0 of so many simulated seconds [s] with an entry behind the door."""
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
-    own = built.own.model
+    model = built.own.model
     briefing = Briefing(
-        model=own, water_error=0.0, control=control, estimator=estimator, task="barrel", seed=0
+        model=model, water_error=0.0, control=control, estimator=estimator, task="barrel", seed=0
     )
     with EntryProcess(briefing, **limits) as process:
         return run(behind_door(built, process), longest=longest)
@@ -127,11 +127,11 @@ def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng,
     was told are.
     """
     built = assemble(BenchmarkCase(index=0).scenario(Control()))
-    told = np.array(built.own.vehicle.torque_limits[:3], dtype=np.float64)
+    limits = np.array(built.own.vehicle.torque_limits[:3], dtype=np.float64)
     true = np.array(untyped(built.placed).truth.X_WT[:3, 3], dtype=np.float64)
-    sought = (true, rng.normal(size=3), told)
+    sought = (true, rng.normal(size=3), limits)
     masked = np.stack(
-        [np.frombuffer(each.tobytes(), dtype=np.uint8) ^ bad_entries.MASK for each in sought]
+        [np.frombuffer(array.tobytes(), dtype=np.uint8) ^ bad_entries.MASK for array in sought]
     )
     np.save(tmp_path / "patterns.npy", masked)
     monkeypatch.setattr(door, "_KEPT_GROUPS", (*door._KEPT_GROUPS, "BENCHMARK_TEST_"))
@@ -148,8 +148,8 @@ def test_the_truth_is_not_in_the_memory_of_the_entry(monkeypatch, tmp_path, rng,
 def test_a_step_through_the_door_changes_no_bit():
     control = ENTRIES["default"]
     here = run(assemble(BenchmarkCase(index=0).scenario(control)), longest=1.0).recording
-    there = run_behind_door(control, 1.0).recording
-    assert here.digest() == there.digest()
+    behind = run_behind_door(control, 1.0).recording
+    assert here.digest() == behind.digest()
     assert np.ptp(here["p_WB"].value, axis=0).max() > 1e-3  # the hull moves
 
 
@@ -157,9 +157,9 @@ def test_a_step_through_the_door_changes_no_bit():
 def test_an_estimator_behind_the_door_changes_no_bit():
     control = ENTRIES["default"]
     here = run(assemble(BenchmarkCase(index=0).scenario(control)), longest=1.0).recording
-    there = run_behind_door(control, 1.0, estimator="good_estimators:given").recording
+    behind = run_behind_door(control, 1.0, estimator="good_estimators:given").recording
     other = run_behind_door(control, 1.0, estimator="good_estimators:RawEstimator").recording
-    assert here.digest() == there.digest()
+    assert here.digest() == behind.digest()
     assert here.digest() != other.digest()  # the entry's estimates are those that are used
 
 
@@ -205,7 +205,8 @@ def test_estimates_of_an_entry_cross_the_door_unchanged(rng):
 
 
 def test_an_entry_with_an_estimator_is_another_entry():
-    alone, both = Entry.of("default"), Entry.of("default", "bad_entries:EstimatesNothing")
+    alone = Entry.of("default")
+    both = Entry.of("default", "bad_entries:EstimatesNothing")
     assert both.name == "default with bad_entries:EstimatesNothing"
     assert both.control == alone.control
     assert both.source != alone.source
@@ -237,7 +238,7 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
     helper.write_text(HELPER.format(word="ideas"))
 
     def scored(*more):
-        given = (
+        words = (
             "--entry",
             f"{entry.stem}:Failing",
             "--cases",
@@ -248,11 +249,11 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
             out,
             *more,
         )
-        return verb("benchmark", *given)
+        return verb("benchmark", *words)
 
-    said = scored().stdout
-    assert "case   0, barrel: entry failed: the entry raised" in said
-    assert "out of ideas" in " ".join(said.split())
+    output = scored().stdout
+    assert "case   0, barrel: entry failed: the entry raised" in output
+    assert "out of ideas" in " ".join(output.split())
     assert "1 of 1 runs are there already" in scored().stdout
     for changed, text in ((entry, "# mended\n"), (helper, "# mended\n")):
         before = changed.read_text()
@@ -269,11 +270,11 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
         f"--entry {entry.stem}:Failing": ("--entry", "default"),
         "cases of digest": ("--fresh",),
     }
-    for there, given in other.items():
-        refused = scored(*given)
+    for held_kind, arguments in other.items():
+        refused = scored(*arguments)
         assert refused.returncode == 2
-        assert f"holds runs of {there}" in refused.stderr
-        assert f", requested are those of {there.split(' ')[0]}" in refused.stderr
+        assert f"holds runs of {held_kind}" in refused.stderr
+        assert f", requested are those of {held_kind.split(' ')[0]}" in refused.stderr
     helper.write_text(DYING)
     assert "ended with code 7: last words" in scored("--anew").stdout
     (row,) = read_rows(out)
@@ -333,7 +334,9 @@ def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
     """By the command, with a fresh case: arguments, environment, files and parents tell the seed to
     nobody.
     """
-    seed, out, log = 8_414_709_848_078_965_066, tmp_path / "out", tmp_path / "log"
+    seed = 8_414_709_848_078_965_066
+    out = tmp_path / "out"
+    log = tmp_path / "log"
     (tmp_path / "snooping_entry.py").write_text(SNOOPING.format(out=str(out), log=str(log)))
     command = [
         "-m",
@@ -357,15 +360,15 @@ def test_an_entry_finds_its_case_nowhere(root: Path, tmp_path: Path):
         check=False,
     )
     assert "the entry raised RuntimeError: seen enough" in done.stdout, done.stdout + done.stderr
-    seen = log.read_bytes()
-    ((parents, briefed),) = re.findall(rb"(\d+) parents, seed (\d+)", seen)
+    logged = log.read_bytes()
+    ((parents, briefed),) = re.findall(rb"(\d+) parents, seed (\d+)", logged)
     assert int(parents) == 2
     assert int(briefed) == ENTRY_SEED
-    (environment,) = re.findall(rb"own environment (.*)", seen)
+    (environment,) = re.findall(rb"own environment (.*)", logged)
     assert b"MARK_OF_THE_PARENT" not in environment
-    assert b'"versions"' in seen  # it did read the benchmark's files
-    for told in (str(seed).encode(), seed.to_bytes(8, "little"), f"{seed:x}".encode()):
-        assert told not in seen
+    assert b'"versions"' in logged  # it did read the benchmark's files
+    for secret in (str(seed).encode(), seed.to_bytes(8, "little"), f"{seed:x}".encode()):
+        assert secret not in logged
     assert json.loads((out / "metrics.json").read_text())["benchmark"]["seed"] == seed
 
 
@@ -414,35 +417,35 @@ def test_one_case_again_gives_the_same_figures(verb, tmp_path):
 def test_scores_are_the_same_through_the_door():
     entry = Entry.of("default")
     here = score(ScoredCase(case=BenchmarkCase(index=0), entry=entry, in_process=True))
-    there = [score(ScoredCase(case=BenchmarkCase(index=0), entry=entry)) for _ in range(2)]
+    rows = [score(ScoredCase(case=BenchmarkCase(index=0), entry=entry)) for _ in range(2)]
     assert here["class"] == KEPT
-    for row in there:
+    for row in rows:
         assert {**row, "door": None} == here
 
 
 def test_commands_cross_the_door_unchanged(rng):
     near, far = CommandCodec(6, 8), CommandCodec(6, 8)
     load = HullLoad(arm_wrench_B=rng.normal(size=6), current_W=rng.normal(size=3))
-    seen = []
-    for given in (load, load, None, replace(load)):
+    loads = []
+    for load_sent in (load, load, None, replace(load)):
         command = Command(
             time=rng.random(),
             joint_torque=rng.normal(size=6),
             thrusters=rng.normal(size=8),
             scan=True,
             contact=ContactEstimate(force_W=rng.normal(size=3), normal=np.nan),
-            hull_load=given,
+            hull_load=load_sent,
         )
         got = far.decode(near.encode(command), command.time)
         np.testing.assert_array_equal(got.joint_torque, command.joint_torque)
         np.testing.assert_array_equal(got.thrusters, command.thrusters)
         np.testing.assert_array_equal(got.contact.force_W, command.contact.force_W)
         assert not got.contact.known
-        seen.append(got.hull_load)
-    assert seen[0] is seen[1]  # fault detection tells a new load by the object
-    assert seen[2] is None
-    assert seen[3] is not seen[0]
-    np.testing.assert_array_equal(seen[0].arm_wrench_B, load.arm_wrench_B)
+        loads.append(got.hull_load)
+    assert loads[0] is loads[1]  # fault detection tells a new load by the object
+    assert loads[2] is None
+    assert loads[3] is not loads[0]
+    np.testing.assert_array_equal(loads[0].arm_wrench_B, load.arm_wrench_B)
 
 
 @pytest.mark.parametrize("rare", [{}, {"tau_doubt": np.ones(6)}, {"ground": GROUND}])
@@ -455,15 +458,15 @@ def test_estimates_cross_the_door_unchanged(rng, rare):
         time=rng.random(), vision_age=np.nan, dvl_age=np.inf, imu_age=rng.random(), **arrays, **rare
     )
     near, far = EstimateCodec(6), EstimateCodec(6)
-    for given in (None, "set points", None):
-        got, reference = far.decode(near.encode(sent, untyped(given)))
-        assert reference == given
+    for reference_sent in (None, "set points", None):
+        got, reference = far.decode(near.encode(sent, untyped(reference_sent)))
+        assert reference == reference_sent
         for field in fields(StateEstimate):
-            one, other = getattr(sent, field.name), getattr(got, field.name)
+            first, other = getattr(sent, field.name), getattr(got, field.name)
             if field.name == "ground":
-                assert (one is None) == (other is None)
+                assert (first is None) == (other is None)
             else:
-                np.testing.assert_array_equal(one, other)
+                np.testing.assert_array_equal(first, other)
 
 
 @pytest.mark.parametrize("reply", [b"", b"C", b"C" + bytes(7), b"X" + bytes(8 * 33)])
@@ -473,14 +476,14 @@ def test_other_bytes_are_no_command(reply):
 
 
 def test_intervals():
-    kept = share(10, 10)
+    interval = share(10, 10)
     # closed form of Clopper and Pearson for all of n
-    assert kept["low"] == pytest.approx(0.025**0.1)
-    assert kept["high"] == 1.0
+    assert interval["low"] == pytest.approx(0.025**0.1)
+    assert interval["high"] == 1.0
     assert median([]) is None
-    told = median([1.0, 2.0, 3.0, 4.0, 10.0])
-    assert told is not None
-    assert told["low"] <= told["value"] == 3.0 <= told["high"]
+    median_interval = median([1.0, 2.0, 3.0, 4.0, 10.0])
+    assert median_interval is not None
+    assert median_interval["low"] <= median_interval["value"] == 3.0 <= median_interval["high"]
 
 
 def test_results_of_other_cases_make_no_table():
@@ -498,27 +501,30 @@ def test_results_of_other_cases_make_no_table():
         "code": "c",
     }
     about["source"] = "0123456789abcdef" + "fedcba9876543210"  # of a controller and an estimator
-    one = {"benchmark": about, "rows": [row]}
-    assert "| mine | 100 (3 to 100) |" in page([one])  # by hand: the least share is 0.025
-    assert "| 012345 fedcba | c |" in page([one])
+    result_file = {"benchmark": about, "rows": [row]}
+    assert "| mine | 100 (3 to 100) |" in page([result_file])  # by hand: the least share is 0.025
+    assert "| 012345 fedcba | c |" in page([result_file])
     other = {**about, "entry": "other"}
     with pytest.raises(
         ConfigurationError,
         match="'mine' has cases of seed 1, 'other' has 2: score both with the same",
     ):
-        page([one, {"benchmark": {**other, "seed": 2}, "rows": [row]}])
+        page([result_file, {"benchmark": {**other, "seed": 2}, "rows": [row]}])
     with pytest.raises(
         ConfigurationError,
         match="number of cases 1, 'other' has 10: score both with the same --cases",
     ):
-        page([one, {"benchmark": {**other, "cases": 10, "cases_digest": "b"}, "rows": [row]}])
+        page(
+            [result_file, {"benchmark": {**other, "cases": 10, "cases_digest": "b"}, "rows": [row]}]
+        )
     with pytest.raises(ConfigurationError, match="at least one"):
         page([])
 
 
 def test_energy_of_thrusters_is_that_of_each_disc():
     """4 N ahead and 9 N astern for two samples: sum of |T|^1.5 is 8 + 27, over sqrt(2 rho A)."""
-    counted, timestep = ThrusterEnergy(0.002), 0.002
+    counted = ThrusterEnergy(0.002)
+    timestep = 0.002
     for tick in range(20):
         truth = SimpleNamespace(thrust=np.array([4.0, -9.0]))
         counted.observe(untyped(SimpleNamespace(tick=tick, truth=truth)))

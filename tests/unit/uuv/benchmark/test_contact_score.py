@@ -60,7 +60,7 @@ def run_of(
         "failed": [] if accepted else ["contact lost: 1 s, allowed 0 s"],
     }
     recording = Recorded(
-        {name: SimpleNamespace(value=value, scalar=value) for name, value in series.items()}
+        {name: SimpleNamespace(value=column, scalar=column) for name, column in series.items()}
     )
     placed = SimpleNamespace(begun=(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK))
     return untyped(
@@ -79,10 +79,14 @@ def set_force(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_excursion_is_that_at_the_object():
-    told = score.figures(run_of(), 120.0)
-    assert told["excursion_max_m"] == pytest.approx(0.03)
-    assert (told["force_rms_n"], told["path_max_m"], told["energy_j"]) == (0.5, 0.002, 120.0)
-    assert told["force_over_set"] == pytest.approx(1.1)
+    figures = score.figures(run_of(), 120.0)
+    assert figures["excursion_max_m"] == pytest.approx(0.03)
+    assert (figures["force_rms_n"], figures["path_max_m"], figures["energy_j"]) == (
+        0.5,
+        0.002,
+        120.0,
+    )
+    assert figures["force_over_set"] == pytest.approx(1.1)
     assert score.figures(run_of((WorkState.SCAN, WorkState.ABORT)), 1.0)["excursion_max_m"] is None
 
 
@@ -122,15 +126,15 @@ def test_totals_leave_forces_of_insertions_out_and_count_steps():
     rows += [row(True, INSERTION, force_rms_n=90.0, energy_j=90.0)] * 2
     rows[0]["door"] = {"steps": 300, "waited_s": 0.6, "longest_s": 0.01}
     rows[1]["door"] = {"steps": 100, "waited_s": 0.6, "longest_s": 0.03}
-    told = score.totals(rows)
-    assert (told["force_rms_n"]["value"], told["energy_j"]["value"]) == (2.0, 60.0)
-    assert (told["step_wall_s"], told["step_longest_s"]) == (pytest.approx(1.2 / 400), 0.03)
+    totals = score.totals(rows)
+    assert (totals["force_rms_n"]["value"], totals["energy_j"]["value"]) == (2.0, 60.0)
+    assert (totals["step_wall_s"], totals["step_longest_s"]) == (pytest.approx(1.2 / 400), 0.03)
 
 
 def test_the_interval_of_a_median_is_no_interval_of_the_mean():
     """One value far away drags the mean of a draw along, and leaves its median where it was."""
-    told = score.median([1.0] * 10 + [1000.0])
-    assert told == {"value": 1.0, "of": 11, "low": 1.0, "high": 1.0}
+    interval = score.median([1.0] * 10 + [1000.0])
+    assert interval == {"value": 1.0, "of": 11, "low": 1.0, "high": 1.0}
 
 
 def test_the_page_has_the_best_first_and_energies_in_kilojoules():

@@ -52,7 +52,7 @@ def distribution(**given: Any) -> Distribution:
 
 
 def values_of(one: Distribution, n: int, design: Design = "random") -> np.ndarray:
-    return np.array([each["x"] for each in drawn({"x": one}, n, 0, design)])
+    return np.array([row["x"] for row in drawn({"x": one}, n, 0, design)])
 
 
 # -- distributions ---------------------------------------------------------------------------------
@@ -98,14 +98,14 @@ def test_a_step_and_categories():
 
 
 def test_neither_more_cases_nor_another_parameter_change_what_is_drawn():
-    one, other = distribution(uniform=[0.0, 1.0]), distribution(uniform=[0.0, 2.0])
-    few = drawn({"x": one}, 5, 3, "random")
-    more = drawn({"y": other, "x": one}, 9, 3, "random")
-    assert [each["x"] for each in more[:5]] == [each["x"] for each in few]
-    assert drawn({"x": one, "y": other}, 9, 3, "sobol")[:5] == drawn(
-        {"x": one, "y": other}, 5, 3, "sobol"
+    narrow, other = distribution(uniform=[0.0, 1.0]), distribution(uniform=[0.0, 2.0])
+    few = drawn({"x": narrow}, 5, 3, "random")
+    more = drawn({"y": other, "x": narrow}, 9, 3, "random")
+    assert [row["x"] for row in more[:5]] == [row["x"] for row in few]
+    assert drawn({"x": narrow, "y": other}, 9, 3, "sobol")[:5] == drawn(
+        {"x": narrow, "y": other}, 5, 3, "sobol"
     )
-    assert drawn({"x": one}, 5, 4, "random") != few
+    assert drawn({"x": narrow}, 5, 4, "random") != few
 
 
 # -- campaigns -------------------------------------------------------------------------------------
@@ -123,15 +123,17 @@ def test_a_file_gives_the_scenarios_of_its_runs(tmp_path):
     assert [run.case for run in runs] == [0, 1, 2, 3]
     scenarios = [run.scenario() for run in runs]
     assert (
-        len({one.seed for one in scenarios})
-        == len({one.perturbation_seed for one in scenarios})
+        len({scenario.seed for scenario in scenarios})
+        == len({scenario.perturbation_seed for scenario in scenarios})
         == 4
     )
-    for run, one in zip(runs, scenarios, strict=True):
-        assert one.belief.water_error == 0.0
-        assert one.perturbation(Pad).stiffness == run.values["perturbations.Pad.stiffness"]
-        assert list(one.site.current) == run.values["site.current"]
-        assert one.site.object == clean_barrel(quick=True).site.object
+    for run, scenario_of_run in zip(runs, scenarios, strict=True):
+        assert scenario_of_run.belief.water_error == 0.0
+        assert (
+            scenario_of_run.perturbation(Pad).stiffness == run.values["perturbations.Pad.stiffness"]
+        )
+        assert list(scenario_of_run.site.current) == run.values["site.current"]
+        assert scenario_of_run.site.object == clean_barrel(quick=True).site.object
     assert campaign.name == scenarios[0].name == "mine"
     assert campaign.runs(2) == runs[:2]
 
@@ -346,12 +348,15 @@ def test_outcomes_are_counted_by_code(tmp_path):
         "missed: contact.lost_s": 2,
         "abort: jammed": 1,
     }
-    kept = summary.metrics["kept"]
+    interval = summary.metrics["kept"]
     # Wilson's interval in closed form
-    z, n, p = 1.959963984540054, 5, 0.4
-    middle, half = (p + z * z / (2 * n)), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    assert kept["low"] == pytest.approx((middle - half) / (1 + z * z / n), rel=1e-9)
-    assert kept["high"] == pytest.approx((middle + half) / (1 + z * z / n), rel=1e-9)
+    z = 1.959963984540054
+    n = 5
+    p = 0.4
+    middle = p + z * z / (2 * n)
+    half = z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    assert interval["low"] == pytest.approx((middle - half) / (1 + z * z / n), rel=1e-9)
+    assert interval["high"] == pytest.approx((middle + half) / (1 + z * z / n), rel=1e-9)
     assert summary.metrics["metrics"]["contact.force_error_rms_n"]["median"] == 3.0
     assert any("--replay 3" in cell for line in summary.tables[0].rows for cell in line)
     assert summary.failed is None
@@ -383,8 +388,8 @@ def test_shares_and_quantiles_of_many_runs(tmp_path):
         rows[0]["metrics"]["contact.lost_s"] = 0.1
         return campaign_report.summarise(rows, campaign, "mine.toml")
 
-    found = summed(0.0)
-    force = found.metrics["metrics"]["contact.force_error_rms_n"]
+    summed_up = summed(0.0)
+    force = summed_up.metrics["metrics"]["contact.force_error_rms_n"]
     assert force == pytest.approx(
         {
             "runs": 21,
@@ -396,8 +401,8 @@ def test_shares_and_quantiles_of_many_runs(tmp_path):
             "largest": 20.0,
         }
     )
-    assert found.metrics["kept"]["runs"] == 20
-    assert found.failed == []
+    assert summed_up.metrics["kept"]["runs"] == 20
+    assert summed_up.failed == []
     assert summed(0.1).failed == ["90.5% of the runs passed, required are 95.2%"]
 
 
@@ -421,12 +426,12 @@ def test_the_page_shows_what_explains_the_misses(tmp_path):
     ]
     campaign = replace(campaign, bounds={"contact.lost_s": 0.5})
     summary = campaign_report.summarise(rows, campaign, "mine.toml")
-    found = summary.metrics["sensitivity"]
+    sensitivity_of = summary.metrics["sensitivity"]
     assert (
-        found["responses"]["worst ratio to a bound"]["parameters"][0]["name"]
+        sensitivity_of["responses"]["worst ratio to a bound"]["parameters"][0]["name"]
         == "perturbations.Pad.stiffness"
     )
-    moved = {(one["reason"], one["parameter"]): one for one in found["reasons"]}
+    moved = {(shift["reason"], shift["parameter"]): shift for shift in sensitivity_of["reasons"]}
     assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["median_rank"] > 0.8
     assert moved["contact.lost_s", "perturbations.Pad.stiffness"]["p"] < 1e-4
     assert {"contact.lost_s", "abort: jammed", "any reason"} == {reason for reason, _ in moved}
@@ -491,9 +496,9 @@ def test_the_command_refuses_rows_of_another_version(verb, tmp_path):
     pq.write_table(
         pq.read_table(rows).replace_schema_metadata({"uuv_arm.schema_version": "99"}), rows
     )
-    said = refused(verb("campaign", file, "--out", out, "--workers", 1))
-    assert "version" in said
-    assert "99" in said
+    message = refused(verb("campaign", file, "--out", out, "--workers", 1))
+    assert "version" in message
+    assert "99" in message
 
 
 def test_two_commands_do_not_share_a_folder(verb, tmp_path):
@@ -501,9 +506,9 @@ def test_two_commands_do_not_share_a_folder(verb, tmp_path):
     file.write_text(FILE)
     out.mkdir()
     with alone_in(out):
-        said = refused(verb("campaign", file, "--out", out, "--workers", 1))
-    assert f"{out}: process" in said
-    assert "is at work in it" in said
+        message = refused(verb("campaign", file, "--out", out, "--workers", 1))
+    assert f"{out}: process" in message
+    assert "is at work in it" in message
 
 
 def test_each_task_names_the_figures_of_its_runs():

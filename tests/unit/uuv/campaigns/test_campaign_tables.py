@@ -44,9 +44,9 @@ def row(case: int, version: Any = "", **changed: Any) -> Row:
 
 
 def test_cases_take_the_values_of_the_grid_in_turn_the_first_key_fastest():
-    values = [case.values for case in CAMPAIGN.drawn()]
-    assert [each["task.path"][0] for each in values] == ["l", "t"] * 3
-    assert [each["site.gust"] for each in values] == [0.0, 0.0, 0.01, 0.01, 0.02, 0.02]
+    draws = [case.values for case in CAMPAIGN.drawn()]
+    assert [draw["task.path"][0] for draw in draws] == ["l", "t"] * 3
+    assert [draw["site.gust"] for draw in draws] == [0.0, 0.0, 0.01, 0.01, 0.02, 0.02]
     joint = replace(CAMPAIGN, grid={"task.path, task.least": (["transverse", 0.5],)})
     (drawn,) = joint.drawn(1)
     assert (drawn.values["task.path"], drawn.values["task.least"]) == ("transverse", 0.5)
@@ -84,7 +84,10 @@ def test_runs_are_counted_by_each_value_and_by_two():
 
 def test_a_run_is_in_one_bin_of_its_stated_probability():
     """On a bound it is in the upper one, and a probability of 1 in the last."""
-    rows = [row(k, **{CHANCE: chance}) for k, chance in enumerate((0.95, 0.96, 0.98, 1.0, None))]
+    rows = [
+        row(k, **{CHANCE: probability})
+        for k, probability in enumerate((0.95, 0.96, 0.98, 1.0, None))
+    ]
     rows[1]["ended"] = "broken off"
     assert reliability(rows, CAMPAIGN) == [
         {"least": 0.95, "most": 0.98, "runs": 2, "mean": pytest.approx(0.955), "kept": 1},
@@ -136,7 +139,7 @@ def test_values_that_are_taken_together_are_one_parameter():
         for drawn in campaign.drawn(20)
     ]
     responses = summarise(rows, campaign, "turns.toml").metrics["sensitivity"]["responses"]
-    names = {each["name"] for each in responses["worst ratio to a bound"]["parameters"]}
+    names = {parameter["name"] for parameter in responses["worst ratio to a bound"]["parameters"]}
     assert names == {"task.path = transverse"}
 
 

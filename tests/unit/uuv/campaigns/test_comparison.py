@@ -25,9 +25,9 @@ def folder(path: Path, lost: list[float | None], **other: Any) -> Path:
             "state": "done",
             "code": "",
             "accepted": True,
-            "metrics": {"lost_s": value},
+            "metrics": {"lost_s": lost_s},
         }
-        for case, value in enumerate(lost)
+        for case, lost_s in enumerate(lost)
     ]
     RowTable(path).extend(rows)
     about = {"bounds": {"lost_s": 1.0}, "replay": "uuv campaign mine.toml --replay", **other}
@@ -46,27 +46,27 @@ def test_mcnemar_in_closed_form():
 def test_wilcoxon_in_closed_form(rng):
     """Ten differences of one sign: 2 / 2^10."""
     a = rng.uniform(size=10)
-    found = PairedMetric.of("x", a, a - np.arange(1.0, 11.0), rng)
-    assert found.p == pytest.approx(2.0 / 1024.0)
-    assert (found.less, found.equal, found.more) == (10, 0, 0)
-    assert found.median == pytest.approx(-5.5)
-    assert found.low < -5.5 < found.high < 0.0
+    paired = PairedMetric.of("x", a, a - np.arange(1.0, 11.0), rng)
+    assert paired.p == pytest.approx(2.0 / 1024.0)
+    assert (paired.less, paired.equal, paired.more) == (10, 0, 0)
+    assert paired.median == pytest.approx(-5.5)
+    assert paired.low < -5.5 < paired.high < 0.0
     same = PairedMetric.of("x", a, a, rng)
     assert (same.p, same.median, same.low, same.high, same.equal) == (1.0, 0.0, 0.0, 0.0, 10)
 
 
 def test_the_median_of_differences_is_not_the_difference_of_medians(rng):
     a, b = np.array([1.0, 2.0, 9.0]), np.array([2.0, 8.0, 9.5])
-    found = PairedMetric.of("x", a, b, rng)
-    assert (found.median_a, found.median_b, found.median) == (2.0, 8.0, 1.0)
+    paired = PairedMetric.of("x", a, b, rng)
+    assert (paired.median_a, paired.median_b, paired.median) == (2.0, 8.0, 1.0)
 
 
 def test_the_interval_of_the_median_holds_it_at_the_stated_rate():
     rng = np.random.default_rng(0)
     held = []
     for _ in range(200):
-        found = PairedMetric.of("x", np.zeros(40), rng.exponential(size=40), rng)
-        held.append(found.low <= np.log(2.0) <= found.high)
+        paired = PairedMetric.of("x", np.zeros(40), rng.exponential(size=40), rng)
+        held.append(paired.low <= np.log(2.0) <= paired.high)
 
     assert np.mean(held) > 0.95 - 3.1 * np.sqrt(0.95 * 0.05 / 200)  # measured 0.945
 
@@ -78,7 +78,7 @@ def test_runs_are_paired_and_changed_verdicts_can_be_replayed(tmp_path):
     assert summary.metrics["pairs"] == 4
     assert summary.metrics["without_partner"] == {"a": 1, "b": 0}
     assert summary.metrics["kept"] == {"a": 3, "b": 3, "only_a": 1, "only_b": 1, "p": 1.0}
-    assert [one["case"] for one in summary.metrics["changed"]] == [1, 2]
+    assert [changed["case"] for changed in summary.metrics["changed"]] == [1, 2]
     (lost,) = summary.metrics["metrics"]
     assert (lost.pairs, lost.less, lost.equal, lost.more) == (4, 2, 1, 1)
     assert summary.tables[1].rows[0][3].endswith("--replay 1")
@@ -121,7 +121,7 @@ def test_the_command(verb, tmp_path):
     bounds = folder(tmp_path / "bounds", [0.0, 0.1, 0.5], bounds={"lost_s": 2.0})
     running = folder(tmp_path / "running", [0.0])
     (running / "metrics.json").unlink()
-    for other, said in (
+    for other, words in (
         (tmp_path / "none", "holds no rows of a campaign"),
         (bounds, "the bounds differ"),
         (running, "holds no finished campaign"),
@@ -130,7 +130,7 @@ def test_the_command(verb, tmp_path):
         assert done.returncode == 2
         assert done.stderr.startswith("error: ")
         assert done.stderr.count("\n") == 1
-        assert said in done.stderr
+        assert words in done.stderr
         assert not (tmp_path / "x").exists()
     done = verb("compare-campaigns", str(a), str(b), "--out", str(out))
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

@@ -75,9 +75,9 @@ def test_the_end_of_a_run_has_a_class_and_a_reason(states, abort, figures, expec
         recording=recording(states, note=note, abort=abort),
         assembly=SimpleNamespace(placed=SimpleNamespace(begun=(WorkState.WORK,))),
     )
-    found = ending(outcome, {**GOOD, **figures})
-    assert found == expected
-    assert found[0] in (*CLASSES, "done")
+    outcome_class = ending(outcome, {**GOOD, **figures})
+    assert outcome_class == expected
+    assert outcome_class[0] in (*CLASSES, "done")
 
 
 def test_an_error_ends_a_run_by_its_kind():
@@ -91,13 +91,13 @@ def test_force_is_measured_against_what_is_set_then():
     the present one.
     """
     states = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.WORK]
-    wanted = np.repeat([0.0, 20.0, 60.0, 30.0], round(1.0 / DT))
+    force = np.repeat([0.0, 20.0, 60.0, 30.0], round(1.0 / DT))
     over = force_over_set(
-        recording(states, wanted, np.repeat([30.0, 66.0, 63.0, 45.0], round(1.0 / DT))), 60.0
+        recording(states, force, np.repeat([30.0, 66.0, 63.0, 45.0], round(1.0 / DT))), 60.0
     )
     assert over == pytest.approx(1.5)
     over = force_over_set(
-        recording(states, wanted, np.repeat([30.0, 96.0, 63.0, 45.0], round(1.0 / DT))), 60.0
+        recording(states, force, np.repeat([30.0, 96.0, 63.0, 45.0], round(1.0 / DT))), 60.0
     )
     assert over == pytest.approx(1.6)
 
@@ -115,11 +115,11 @@ def test_the_hull_is_off_its_place_where_that_stands_still():
     """It travels for a second, 0.2 m behind; then it is 5 cm off while the arm unfolds, 0.3 m
     before and after.
     """
-    each = round(1.0 / DT)
-    reference = np.zeros((4 * each, 3))
-    reference[: each + 1] = np.linspace([-1.0, 2.0, 0.0], [0.0, 0.0, 0.0], each + 1)
+    ticks = round(1.0 / DT)
+    reference = np.zeros((4 * ticks, 3))
+    reference[: ticks + 1] = np.linspace([-1.0, 2.0, 0.0], [0.0, 0.0, 0.0], ticks + 1)
     off = np.repeat(
-        [[0.0, 0.12, 0.16], [0.03, 0.0, -0.04], [0.0, 0.03, 0.04], [0.3, 0.0, 0.0]], each, axis=0
+        [[0.0, 0.12, 0.16], [0.03, 0.0, -0.04], [0.0, 0.03, 0.04], [0.3, 0.0, 0.0]], ticks, axis=0
     )
     states = [WorkState.CLOSE_IN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.WORK]
     run = recording(states, p_WB_reference=reference, p_WB=reference + off)

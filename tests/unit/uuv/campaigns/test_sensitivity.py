@@ -10,7 +10,7 @@ from uuv.campaigns.sensitivity import Factor, factors_of, sensitivity, shifts, w
 
 
 def columns(*values: np.ndarray) -> list[Factor]:
-    return [Factor(f"x{i}", value[:, None]) for i, value in enumerate(values)]
+    return [Factor(f"x{i}", column[:, None]) for i, column in enumerate(values)]
 
 
 def residual(of: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -23,24 +23,25 @@ def test_coefficients_are_those_of_the_regressions(rng, within):
     x = rng.normal(size=(60, 4))
     x[:, 3] += x[:, 0]
     y = x[:, 0] - 2.0 * x[:, 1] + rng.normal(size=60)
-    found = sensitivity(columns(*x.T), y, rng, 10)
-    assert found is not None
-    ranks, response = rankdata(x, axis=0), rankdata(y)
+    effects = sensitivity(columns(*x.T), y, rng, 10)
+    assert effects is not None
+    ranks = rankdata(x, axis=0)
+    response = rankdata(y)
     for i in range(4):
         others = np.delete(ranks, i, axis=1)
-        wanted = np.corrcoef(residual(ranks[:, i], others), residual(response, others))[0, 1]
-        within(f"x{i}", found.coefficient[i] - wanted, 1e-8)  # measured 5e-10, the ridge
+        expected = np.corrcoef(residual(ranks[:, i], others), residual(response, others))[0, 1]
+        within(f"x{i}", effects.coefficient[i] - expected, 1e-8)  # measured 5e-10, the ridge
     left = residual(response, ranks)
-    within("R^2", found.explained - (1.0 - left @ left / (60 * response.var())), 1e-8)
+    within("R^2", effects.explained - (1.0 - left @ left / (60 * response.var())), 1e-8)
 
 
 def test_one_parameter_alone_gives_spearman(rng, within):
     x = rng.normal(size=50)
     y = np.exp(x) + rng.normal(size=50)
-    found = sensitivity(columns(x), y, rng, 10)
-    assert found is not None
-    within("r", found.coefficient[0] - spearmanr(x, y)[0], 1e-8)
-    within("p against the t distribution", found.p[0] / spearmanr(x, y)[1] - 1.0, 1e-6)
+    effects = sensitivity(columns(x), y, rng, 10)
+    assert effects is not None
+    within("r", effects.coefficient[0] - spearmanr(x, y)[0], 1e-8)
+    within("p against the t distribution", effects.p[0] / spearmanr(x, y)[1] - 1.0, 1e-6)
 
 
 def test_monotone_maps_of_parameters_and_response_change_nothing(rng):
@@ -61,26 +62,28 @@ def test_monotone_maps_of_parameters_and_response_change_nothing(rng):
 def test_strong_effects_come_first_with_their_signs(rng):
     x = rng.uniform(size=(200, 7))
     y = np.exp(4.0 * x[:, 2]) - 9.0 * x[:, 5] + rng.normal(size=200)
-    found = sensitivity(columns(*x.T), y, rng, 300)
-    assert found is not None
-    assert set(found.ranking[:2]) == {2, 5}
-    assert found.low[2] > found.null[2]
-    assert found.high[5] < -found.null[5]
-    assert found.place[[2, 5]].max() == 2
-    assert 0.7 < found.explained_by_first <= found.explained
+    effects = sensitivity(columns(*x.T), y, rng, 300)
+    assert effects is not None
+    assert set(effects.ranking[:2]) == {2, 5}
+    assert effects.low[2] > effects.null[2]
+    assert effects.high[5] < -effects.null[5]
+    assert effects.place[[2, 5]].max() == 2
+    assert 0.7 < effects.explained_by_first <= effects.explained
 
 
 def test_a_parameter_without_effect_is_told_as_one_at_the_stated_rate():
     """Of 5 idle parameters in each of 80 tables: the intervals hold 0, the coefficients are below
     the null level.
     """
-    rng, held, below = np.random.default_rng(1), [], []
+    rng = np.random.default_rng(1)
+    held = []
+    below = []
     for _ in range(80):
         x = rng.uniform(size=(100, 6))
-        found = sensitivity(columns(*x.T), x[:, 0] + rng.normal(size=100), rng, 200)
-        assert found is not None
-        held += ((found.low <= 0.0) & (found.high >= 0.0))[1:].tolist()
-        below += (np.abs(found.coefficient) <= found.null)[1:].tolist()
+        effects = sensitivity(columns(*x.T), x[:, 0] + rng.normal(size=100), rng, 200)
+        assert effects is not None
+        held += ((effects.low <= 0.0) & (effects.high >= 0.0))[1:].tolist()
+        below += (np.abs(effects.coefficient) <= effects.null)[1:].tolist()
     slack = norm.ppf(0.999) * np.sqrt(0.95 * 0.05 / len(held))  # of a share of 400: 0.034
     assert abs(np.mean(below) - 0.95) < slack
     assert np.mean(held) > 0.95 - slack  # measured 0.93
@@ -92,15 +95,15 @@ def test_categories_are_one_parameter(rng, within):
     """
     kinds = np.array(["a", "b", "c"])[rng.integers(3, size=90)]
     y = rng.normal(size=90) + 2.0 * (kinds == "b")
-    (one,) = factors_of([{"kind": kind} for kind in kinds.tolist()])
-    found = sensitivity([one], y, rng, 50)
-    assert found is not None
+    (factor,) = factors_of([{"kind": kind} for kind in kinds.tolist()])
+    effects = sensitivity([factor], y, rng, 50)
+    assert effects is not None
     rank = rankdata(y)
     between = sum(
         (kinds == kind).sum() * (rank[kinds == kind].mean() - rank.mean()) ** 2 for kind in "abc"
     )
-    within("eta^2", found.coefficient[0] ** 2 - between / (90 * rank.var()), 1e-8)
-    assert found.low[0] > found.null[0]
+    within("eta^2", effects.coefficient[0] ** 2 - between / (90 * rank.var()), 1e-8)
+    assert effects.low[0] > effects.null[0]
 
 
 def test_what_becomes_a_parameter():
@@ -109,11 +112,11 @@ def test_what_becomes_a_parameter():
         {"v": [0.0, 0.0, 1.0], "seed": 2, "same": 2.0, "path": "b", "x": 2.5},
         {"path": "a"},
     ]
-    found = {one.name: one.columns[:, 0] for one in factors_of(draws)}
-    assert list(found) == ["v (length)", "v (x)", "v (y)", "v (z)", "path = b", "x"]
-    assert found["v (length)"][:2].tolist() == [5.0, 1.0]
-    assert np.isnan(found["v (length)"][2])
-    assert found["path = b"].tolist() == [0.0, 1.0, 0.0]
+    columns_of = {factor.name: factor.columns[:, 0] for factor in factors_of(draws)}
+    assert list(columns_of) == ["v (length)", "v (x)", "v (y)", "v (z)", "path = b", "x"]
+    assert columns_of["v (length)"][:2].tolist() == [5.0, 1.0]
+    assert np.isnan(columns_of["v (length)"][2])
+    assert columns_of["path = b"].tolist() == [0.0, 1.0, 0.0]
 
 
 def test_the_adjusted_share_counts_columns_and_the_constant(rng, within):
@@ -121,19 +124,19 @@ def test_the_adjusted_share_counts_columns_and_the_constant(rng, within):
     1).
     """
     x = rng.normal(size=(40, 5))
-    found = sensitivity(columns(*x.T), x[:, 0] + rng.normal(size=40), rng, 10)
-    assert found is not None
-    within("adjusted", found.adjusted - (1.0 - (1.0 - found.explained) * 39.0 / 34.0), 1e-12)
+    effects = sensitivity(columns(*x.T), x[:, 0] + rng.normal(size=40), rng, 10)
+    assert effects is not None
+    within("adjusted", effects.adjusted - (1.0 - (1.0 - effects.explained) * 39.0 / 34.0), 1e-12)
 
 
 def test_places_count_from_the_strongest(rng):
     x = rng.normal(size=(200, 4))
-    found = sensitivity(
+    effects = sensitivity(
         columns(*x.T), 9.0 * x[:, 2] - 3.0 * x[:, 0] + rng.normal(size=200), rng, 200
     )
-    assert found is not None
-    assert (found.place[2].tolist(), found.place[0].tolist()) == ([1, 1], [2, 2])
-    assert found.place[[1, 3]].min() == 3
+    assert effects is not None
+    assert (effects.place[2].tolist(), effects.place[0].tolist()) == ([1, 1], [2, 2])
+    assert effects.place[[1, 3]].min() == 3
 
 
 def test_too_few_runs_give_none(rng):
@@ -159,8 +162,8 @@ def test_the_worst_ratio(values, wanted):
 def test_shifts_in_closed_form():
     """The five largest of ten values: 1 of 252 divisions is as extreme, on either side."""
     x = np.arange(10.0)
-    (found,) = shifts(columns(x), [["late"] if value >= 5.0 else [] for value in x])
-    assert (found.reason, found.runs) == ("late", 5)
-    assert found.median_rank == pytest.approx(7.0 / 9.0)
-    assert found.p == pytest.approx(2.0 / 252.0)
-    assert shifts(columns(x), [["late"] if value >= 8.0 else [] for value in x]) == []
+    (shift,) = shifts(columns(x), [["late"] if x_of_run >= 5.0 else [] for x_of_run in x])
+    assert (shift.reason, shift.runs) == ("late", 5)
+    assert shift.median_rank == pytest.approx(7.0 / 9.0)
+    assert shift.p == pytest.approx(2.0 / 252.0)
+    assert shifts(columns(x), [["late"] if x_of_run >= 8.0 else [] for x_of_run in x]) == []

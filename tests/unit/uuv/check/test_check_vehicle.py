@@ -53,12 +53,12 @@ def five_kilograms_heavy(spec: mujoco.MjSpec) -> None:
 
 
 def thruster_reversed(spec: mujoco.MjSpec) -> None:
-    first = next(each for each in spec.actuators if each.name.startswith("thruster_"))
+    first = next(actuator for actuator in spec.actuators if actuator.name.startswith("thruster_"))
     first.gear = -np.array(first.gear)
 
 
 def arm_too_weak(spec: mujoco.MjSpec) -> None:
-    shoulder = next(each for each in spec.actuators if each.name == "joint2")
+    shoulder = next(actuator for actuator in spec.actuators if actuator.name == "joint2")
     shoulder.ctrlrange = 0.1 * np.array(shoulder.ctrlrange)
 
 
@@ -68,8 +68,10 @@ def no_tip(spec: mujoco.MjSpec) -> None:
 
 def inertia_missing(spec: mujoco.MjSpec) -> None:
     link = spec.site(TIP_SITE).parent
-    link.explicitinertial, link.mass = False, 0.0
-    link.inertia, link.fullinertia = [0.0] * 3, [np.nan] * 6
+    link.explicitinertial = False
+    link.mass = 0.0
+    link.inertia = [0.0] * 3
+    link.fullinertia = [np.nan] * 6
 
 
 def inertia_of_a_marble(spec: mujoco.MjSpec) -> None:
@@ -103,7 +105,7 @@ BROKEN: list[tuple[Callable[[mujoco.MjSpec], None], str, str, float | None]] = [
     (thruster_reversed, "thruster-against-pair", "pushes against its mirror image", None),
     (arm_too_weak, "arm-weak", "joint2 is the limit", None),
     (no_tip, "contract", "no site named 'tip'", None),
-    (inertia_missing, "inertia", "mass and inertia of moving bodies", None),
+    (inertia_missing, "inertia", "moves and has no mass or inertia", None),
     (inertia_of_a_marble, "inertia", "hull: 0.001 kg m^2 for", None),
     (litres_for_cubic_metres, "density", "outside 30 to 20000; volume is in m^3", None),
     (axis_flipped, "axis-flipped", "joint joint3: its axis may be reversed", None),
@@ -114,7 +116,7 @@ BROKEN: list[tuple[Callable[[mujoco.MjSpec], None], str, str, float | None]] = [
 
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize(
-    ("breaks", "code", "said", "figure"), BROKEN, ids=[each[0].__name__ for each in BROKEN]
+    ("breaks", "code", "said", "figure"), BROKEN, ids=[row[0].__name__ for row in BROKEN]
 )
 def test_a_broken_vehicle_is_told_by_code_and_figure(
     vehicle: str,
@@ -126,15 +128,15 @@ def test_a_broken_vehicle_is_told_by_code_and_figure(
 ) -> None:
     spec = sound[vehicle].copy()
     breaks(spec)
-    found = check_vehicle(spec, jobs=()).found(code)
-    assert found is not None
-    assert said in found.said
+    finding = check_vehicle(spec, jobs=()).found(code)
+    assert finding is not None
+    assert said in finding.said
     if figure is not None:
-        assert found.figure == pytest.approx(figure, rel=1e-2)
+        assert finding.figure == pytest.approx(figure, rel=1e-2)
 
 
 def codes(check: VehicleCheck) -> set[str]:
-    return {each.code for each in check.findings if each.level != "note"}
+    return {finding.code for finding in check.findings if finding.level != "note"}
 
 
 @pytest.mark.parametrize(
@@ -152,11 +154,11 @@ def test_figures_follow_from_what_was_broken(sound: dict[str, mujoco.MjSpec]) ->
     """
     reversed_, weak = (sound["uuv_puma"].copy() for _ in range(2))
     thruster_reversed(reversed_)
-    found = check_vehicle(reversed_, jobs=()).found("thruster-against-pair")
-    assert found is not None
+    finding = check_vehicle(reversed_, jobs=()).found("thruster-against-pair")
+    assert finding is not None
     # both at the lesser thrust, that of one astern
-    assert found.figure == pytest.approx(2 * 220.0, rel=1e-3)
-    assert "reversed 600 N" in found.said
+    assert finding.figure == pytest.approx(2 * 220.0, rel=1e-3)
+    assert "reversed 600 N" in finding.said
     arm_too_weak(weak)
     loaded = check_vehicle(weak, jobs=()).found("joint-load")
     assert loaded is not None
@@ -173,7 +175,7 @@ def test_principal_inertias_obey_the_triangle() -> None:
     model = spec.compile()
     assert not list(inertia_doubts(model))
     model.body_inertia[1] = [1.0, 1.0, 2.5]  # as a file cannot say it: MuJoCo's compiler refuses it
-    assert [each.code for each in inertia_doubts(model)] == ["inertia"]
+    assert [finding.code for finding in inertia_doubts(model)] == ["inertia"]
 
 
 @pytest.mark.parametrize(
@@ -204,14 +206,14 @@ def test_what_begins_or_hovers_badly_is_refused(sound: dict[str, mujoco.MjSpec])
     late.option.timestep = 0.003
     light.body(HULL_BODY).gravcomp = 1.0
     low.site(CAMERA_SITE).pos = np.array([0.9, 0.0, 1.6])
-    for spec, code, said in (
+    for spec, code, words in (
         (late, "timestep", 'set the model\'s <option timestep="0.002"/>'),
         (light, "gravcomp", "gravcomp cancels the weight of hull"),
         (low, "start", "m deep in 'seabed' with"),
     ):
         verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
         assert (verdict.code, verdict.promised) == (code, False), verdict.said
-        assert said in verdict.said
+        assert words in verdict.said
 
 
 def test_a_hull_that_swings_about_its_place_is_no_base_for_work(
@@ -252,8 +254,8 @@ def test_a_fault_refuses_jobs(sound: dict[str, mujoco.MjSpec]) -> None:
     same.
     """
     servo, five = (sound["uuv_puma"].copy() for _ in range(2))
-    next(each for each in servo.actuators if each.name == "joint2").gear[0] = 2.0
-    five.delete(next(each for each in five.actuators if each.name == "thruster_sway"))
+    next(actuator for actuator in servo.actuators if actuator.name == "joint2").gear[0] = 2.0
+    five.delete(next(actuator for actuator in five.actuators if actuator.name == "thruster_sway"))
     for spec, code in ((servo, "motor"), (five, "thruster-rank")):
         verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
         assert (verdict.promised, verdict.code) == (False, code)
@@ -267,22 +269,25 @@ def test_a_fault_refuses_jobs(sound: dict[str, mujoco.MjSpec]) -> None:
 def test_a_joint_without_its_rotor_is_named(sound: dict[str, mujoco.MjSpec]) -> None:
     spec = sound["uuv_puma"].copy()
     spec.joint("joint6").armature = 0.0
-    next(each for each in spec.actuators if each.name == "joint6").ctrlrange = [-300.0, 300.0]
-    found = check_vehicle(spec, jobs=()).found("light-joint")
-    assert found is not None
+    next(actuator for actuator in spec.actuators if actuator.name == "joint6").ctrlrange = [
+        -300.0,
+        300.0,
+    ]
+    finding = check_vehicle(spec, jobs=()).found("light-joint")
+    assert finding is not None
     model = hydrodynamics_of.compile(spec)
     inertia = float(model.dof_M0[model.joint("joint6").dofadr[0]])
-    assert found.figure == pytest.approx(300.0 * 0.002 / inertia)
+    assert finding.figure == pytest.approx(300.0 * 0.002 / inertia)
 
 
 def test_thrusters_that_span_five_directions_are_named(sound: dict[str, mujoco.MjSpec]) -> None:
     spec = sound["uuv_puma"].copy()
-    spec.delete(next(each for each in spec.actuators if each.name == "thruster_sway"))
+    spec.delete(next(actuator for actuator in spec.actuators if actuator.name == "thruster_sway"))
     check = check_vehicle(spec, jobs=("hover",))
-    found = check.found("thruster-rank")
-    assert found is not None
-    assert found.figure == 5.0
-    assert "sway" in found.said
+    finding = check.found("thruster-rank")
+    assert finding is not None
+    assert finding.figure == 5.0
+    assert "sway" in finding.said
     assert not check.verdict("hover").promised
 
 
@@ -297,14 +302,14 @@ def test_hover_of_eight_thrusters_is_promised(sound: dict[str, mujoco.MjSpec]) -
 
 def test_the_command_prints_a_screen_and_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main("check", ["uuv_puma", "--jobs", "barrel-longitudinal"]) == 0
-    said = capsys.readouterr().out
-    assert len(said.splitlines()) < 30
-    assert "feasible" in said
+    output = capsys.readouterr().out
+    assert len(output.splitlines()) < 30
+    assert "feasible" in output
     assert command.main("check", ["bluerov2_heavy_alpha5", "--jobs", "tap", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found["sound"] is False
-    assert found["jobs"][0]["code"] == "parts"
-    assert "--tool small_pad" in found["jobs"][0]["said"]
+    document = json.loads(capsys.readouterr().out)
+    assert document["sound"] is False
+    assert document["jobs"][0]["code"] == "parts"
+    assert "--tool small_pad" in document["jobs"][0]["said"]
     with pytest.raises(ConfigurationError, match=r"no job 'hovr'.*did you mean hover"):
         check_vehicle("uuv_puma", jobs=("hovr",))
 
@@ -312,15 +317,16 @@ def test_the_command_prints_a_screen_and_json(capsys: pytest.CaptureFixture[str]
 def test_findings_are_printed_with_their_codes(sound: dict[str, mujoco.MjSpec]) -> None:
     spec = sound["uuv_puma"].copy()
     five_kilograms_heavy(spec)
-    said = StringIO()
-    print_check(check_vehicle(spec, jobs=()), Console(width=120, file=said))
-    assert "too heavy by 49 N" in said.getvalue()
+    output = StringIO()
+    print_check(check_vehicle(spec, jobs=()), Console(width=120, file=output))
+    assert "too heavy by 49 N" in output.getvalue()
 
 
 def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]) -> None:
     """And one that is beyond `ready` alone is begun with a line about it, a sound one without."""
-    job, own = clean_barrel(), OwnVehicle.of(sound["uuv_puma"].copy())
-    assert preflight(job, own) == []
+    job = clean_barrel()
+    vehicle = OwnVehicle.of(sound["uuv_puma"].copy())
+    assert preflight(job, vehicle) == []
     weak = sound["uuv_puma"].copy()
     arm_too_weak(weak)
     with pytest.raises(
@@ -336,11 +342,11 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     ):
         preflight(job, OwnVehicle.of(blind))
     small = OwnVehicle.of(sound["bluerov2_heavy_alpha5"].copy())
-    (said,) = preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
+    (message,) = preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
     assert re.fullmatch(
         r"doubtful: .* the set force is 80 N; try --forces \d+|doubtful: 80 N .* "
         r"of a thruster.*",
-        said,
+        message,
     )
     with pytest.raises(
         ConfigurationError, match="the tool's spring bottoms out at 100 N, the set force is 110 N"
@@ -351,9 +357,9 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
 def test_gravity_that_points_up_is_said(sound: dict[str, mujoco.MjSpec]) -> None:
     spec = sound["uuv_puma"].copy()
     spec.option.gravity = [0.0, 0.0, G]
-    found = check_vehicle(spec, jobs=()).found("gravity")
-    assert found is not None
-    assert (found.figure, "forward-starboard-down" in found.said) == (G, True)
+    finding = check_vehicle(spec, jobs=()).found("gravity")
+    assert finding is not None
+    assert (finding.figure, "forward-starboard-down" in finding.said) == (G, True)
 
 
 def test_commands_behind_a_check_say_what_stays_the_same() -> None:
@@ -362,8 +368,8 @@ def test_commands_behind_a_check_say_what_stays_the_same() -> None:
         JobVerdict(job=job, promised=True, code="ok", said="")
         for job in ("pile", "insertion", "seabed-core")
     ]
-    said = StringIO()
-    print_check(VehicleCheck(vehicle="rov", jobs=tuple(jobs)), Console(width=200, file=said))
-    told = said.getvalue()
-    assert "with the same --vehicle, --tool and --forces: uuv run clean-pile\n" in told
-    assert "with the same --vehicle: uuv run insert-sampler, sample-seabed\n" in told
+    output = StringIO()
+    print_check(VehicleCheck(vehicle="rov", jobs=tuple(jobs)), Console(width=200, file=output))
+    text = output.getvalue()
+    assert "with the same --vehicle, --tool and --forces: uuv run clean-pile\n" in text
+    assert "with the same --vehicle: uuv run insert-sampler, sample-seabed\n" in text

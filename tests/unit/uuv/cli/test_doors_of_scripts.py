@@ -152,11 +152,11 @@ def test_missing_parts_of_a_vehicle_are_named_all_at_once_with_their_use() -> No
     for key in list(spec.keys):
         spec.delete(key)
     spec.site("camera").name = "eye"
-    said = (
+    message = (
         r"lacks .*: site 'camera' \(sees .*keyframe 'home' \(arm folded.*keyframe 'ready' "
         r"\(arm bent, IK"
     )
-    with pytest.raises(ConfigurationError, match=said):
+    with pytest.raises(ConfigurationError, match=message):
         check_parts(spec.compile())
     bare = mujoco.MjSpec.from_string(
         '<mujoco><worldbody><body name="hull"><freejoint/><geom '
@@ -200,7 +200,8 @@ def test_poses_are_no_touches(tmp_path: Path) -> None:
 
 def test_touching_feels_by_the_same_filters_as_work() -> None:
     """Sensors and gears are the same; only the servo of free motion is the touching's own."""
-    mine, shared = TouchTuning().drives, ArmTuning()
-    own = ("joint_frequency", "joint_damping", "joint_integral_time")
+    mine = TouchTuning().drives
+    shared = ArmTuning()
+    names = ("joint_frequency", "joint_damping", "joint_integral_time")
     differing = [name for name in shared.__slots__ if getattr(mine, name) != getattr(shared, name)]
-    assert sorted(differing) == sorted(own)
+    assert sorted(differing) == sorted(names)

@@ -43,11 +43,11 @@ def run_in(folder: Path) -> Path:
     n = 250
     columns = [Column("time", 0.002 * np.arange(n), "s")]
     for name, width in WIDTHS.items():
-        value = np.tile(0.3 + 0.1 * np.arange(width), (n, 1))
+        table = np.tile(0.3 + 0.1 * np.arange(width), (n, 1))
         if name == "state":
-            value[:] = STATES.index(WorkState.WORK)
+            table[:] = STATES.index(WorkState.WORK)
         columns += [
-            Column(f"{name}.{i}" if width > 1 else name, value[:, i], "", name)
+            Column(f"{name}.{i}" if width > 1 else name, table[:, i], "", name)
             for i in range(width)
         ]
     write_table(folder / "series_loop", columns)
@@ -72,8 +72,8 @@ def uuv(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
         monkeypatch.setattr(sys, "argv", ["uuv", *args])
         with pytest.raises(SystemExit) as ended:
             main()
-        said = capsys.readouterr()
-        return int(ended.value.code or 0), said.out + said.err
+        output = capsys.readouterr()
+        return int(ended.value.code or 0), output.out + output.err
 
     return call
 
@@ -103,10 +103,10 @@ def test_damaged_metrics_are_one_line(
     verb: tuple[str, ...], text: str, said: str, uuv, tmp_path: Path
 ):
     (tmp_path / "bad" / "metrics.json").write_text(text)
-    code, told = uuv(*verb)
+    code, output = uuv(*verb)
     assert code == 2
-    assert told.startswith("error: metrics 'bad/metrics.json': ")
-    assert told.count("\n") == 1
+    assert output.startswith("error: metrics 'bad/metrics.json': ")
+    assert output.count("\n") == 1
     with pytest.raises(ConfigurationError, match=said):
         compare_runs.tables([_past(tmp_path / "bad")] * 2, every=True)
 
@@ -161,27 +161,27 @@ def test_damaged_series_are_one_line(
     damage: Callable[[Path], None], said: str, uuv, tmp_path: Path
 ):
     damage(tmp_path / "bad")
-    code, told = uuv("compare", "bad", "good")
+    code, output = uuv("compare", "bad", "good")
     assert code == 0
-    assert "no page of the time series: " in told
+    assert "no page of the time series: " in output
     with pytest.raises(ConfigurationError, match=said):
         _ = _past(tmp_path / "bad").recorded
 
 
 def test_whole_runs_are_compared(uuv):
     """What the damages above are damages of."""
-    code, told = uuv("compare", "bad", "good")
+    code, output = uuv("compare", "bad", "good")
     assert code == 0
-    assert "written to bad/compare_good.html" in told
+    assert "written to bad/compare_good.html" in output
 
 
 def test_markup_of_a_figure_is_text(uuv, tmp_path: Path):
     (tmp_path / "bad" / "metrics.json").write_text(
         json.dumps({**every_run(simulated_s=0.5), "[/red]<b>k": 1.0})
     )
-    code, told = uuv("compare", "bad", "good")
+    code, output = uuv("compare", "bad", "good")
     assert code == 0
-    assert "[/red]<b>k" in told
+    assert "[/red]<b>k" in output
     assert "[/red]&lt;b&gt;k" in (tmp_path / "bad" / "compare_good.html").read_text(
         encoding="utf-8"
     )
@@ -198,10 +198,10 @@ def test_what_is_no_log_is_not_shown(uuv, tmp_path: Path):
 @pytest.mark.parametrize("name", ["../../out", "/tmp/out", "x\\u001b]0;p\\u0007", "[/bold]"])
 def test_a_name_that_leads_elsewhere_is_refused(name: str, uuv, tmp_path: Path):
     (tmp_path / "s.toml").write_text(SCENARIO.replace('name = "clean_barrel"', f'name = "{name}"'))
-    code, told = uuv("run", "s.toml", "--no-record")
+    code, output = uuv("run", "s.toml", "--no-record")
     assert code == 2
-    assert "control character" in told or "name: must be letters, digits, - and _" in told
-    assert told[:-1].isprintable()
+    assert "control character" in output or "name: must be letters, digits, - and _" in output
+    assert output[:-1].isprintable()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad", "good", "s.toml"]
 
 
@@ -233,15 +233,15 @@ def test_no_link_is_followed_to_write(tmp_path: Path):
 def test_code_that_a_file_names_is_not_imported(verb: tuple[str, ...], uuv, tmp_path: Path):
     (tmp_path / "stranger.py").write_text("open('imported', 'w').close()\n")
     (tmp_path / "bad" / "scenario.toml").write_text(CODE)
-    said = (
+    message = (
         "error: scenario 'bad/scenario.toml': names code, 'stranger:Task', which is not run "
         "unless you say --trust\n"
     )
-    assert uuv(*verb) == (2, said)
+    assert uuv(*verb) == (2, message)
     assert not (tmp_path / "imported").exists()
-    code, told = uuv(*verb, "--trust")
+    code, output = uuv(*verb, "--trust")
     assert code == 2
-    assert "stranger:Task" in told
+    assert "stranger:Task" in output
     assert (tmp_path / "imported").exists()
     del sys.modules["stranger"]
 
@@ -412,9 +412,9 @@ def study_more(folder: Path) -> None:
 
 @pytest.mark.parametrize(("step", "fits"), [(5e-324, False), (1e-18, False), (1e-3, True)])
 def test_a_step_that_no_value_is_a_multiple_of(step: float, fits: bool):
-    given = {"uniform": [0.01, 0.05], "step": step}
+    distribution = {"uniform": [0.01, 0.05], "step": step}
     if fits:
-        assert Distribution.of(given).at(np.array([0.3])) == pytest.approx(0.022)
+        assert Distribution.of(distribution).at(np.array([0.3])) == pytest.approx(0.022)
         return
     with pytest.raises(ConfigurationError, match=r"step: at most 9.*e\+15 of them in a value"):
-        Distribution.of(given)
+        Distribution.of(distribution)

@@ -141,51 +141,61 @@ def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def environment(root: Path, wheel: Path) -> Path:
     """Python of an environment with the wheel, its extras for a job, and a notebook kernel."""
-    own = wheel.parent / "environment" / "bin" / "python"
-    call_uv(root, "venv", "--python", sys.executable, own.parents[1])
+    python = wheel.parent / "environment" / "bin" / "python"
+    call_uv(root, "venv", "--python", sys.executable, python.parents[1])
     call_uv(
-        root, "pip", "install", "--python", own, f"{wheel}[perception,log]", "nbclient", "ipykernel"
+        root,
+        "pip",
+        "install",
+        "--python",
+        python,
+        f"{wheel}[perception,log]",
+        "nbclient",
+        "ipykernel",
     )
-    return own
+    return python
 
 
 @pytest.mark.long
 def test_what_is_installed_works_and_what_is_missing_is_named(
     root: Path, wheel: Path, tmp_path: Path
 ):
-    own = wheel.parent / "minimal" / "bin" / "python"
+    minimal_python = wheel.parent / "minimal" / "bin" / "python"
 
     def uuv(*words: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [own.with_name("uuv"), *words],
+            [minimal_python.with_name("uuv"), *words],
             cwd=tmp_path,
             capture_output=True,
             text=True,
             check=False,
         )
 
-    call_uv(root, "venv", "--python", sys.executable, own.parents[1])
-    call_uv(root, "pip", "install", "--python", own, wheel)
-    assert sum(file.stat().st_size for file in own.parents[1].rglob("*") if file.is_file()) < 0.5e9
-    assert python(own, FALL, tmp_path).stdout.strip() == "True"
-    said = uuv("run", "clean-barrel", "--quick")
-    assert said.returncode == 2
-    assert said.stderr == (
+    call_uv(root, "venv", "--python", sys.executable, minimal_python.parents[1])
+    call_uv(root, "pip", "install", "--python", minimal_python, wheel)
+    assert (
+        sum(file.stat().st_size for file in minimal_python.parents[1].rglob("*") if file.is_file())
+        < 0.5e9
+    )
+    assert python(minimal_python, FALL, tmp_path).stdout.strip() == "True"
+    ran = uuv("run", "clean-barrel", "--quick")
+    assert ran.returncode == 2
+    assert ran.stderr == (
         "error: cameras and sonars need the package embreex: pip install 'uuv-arm[perception]'\n"
     )
-    call_uv(root, "pip", "install", "--python", own, f"{wheel}[perception]")
-    said = uuv("run", "clean-barrel", "--quick", "--out", "plain")
-    assert said.returncode == 0, said.stderr
-    assert "no run.rrd and report.html, series as .npz: pip install 'uuv-arm[log]'" in said.stdout
+    call_uv(root, "pip", "install", "--python", minimal_python, f"{wheel}[perception]")
+    ran = uuv("run", "clean-barrel", "--quick", "--out", "plain")
+    assert ran.returncode == 0, ran.stderr
+    assert "no run.rrd and report.html, series as .npz: pip install 'uuv-arm[log]'" in ran.stdout
     assert {file.stem for file in (tmp_path / "plain").glob("*.npz")} == TABLES
     for verb, lacks in (
         ("report", "report: needs matplotlib"),
         ("picture", "this needs the package PIL"),
     ):
-        said = uuv(verb, "plain")
-        assert said.returncode == 2
-        assert said.stderr.startswith(f"error: {lacks}")
-        assert "'uuv-arm[log]'" in said.stderr
+        ran = uuv(verb, "plain")
+        assert ran.returncode == 2
+        assert ran.stderr.startswith(f"error: {lacks}")
+        assert "'uuv-arm[log]'" in ran.stderr
 
 
 @pytest.mark.long
@@ -207,10 +217,10 @@ def test_the_wheel_adds_one_name_and_hides_nothing_of_the_users(
         experiments = [name for name in archive.namelist() if "experiments" in name]
     assert {name for name in names if not name.endswith(".dist-info")} == {"uuv"}
     assert experiments == []
-    for code, said in ((TWICE, "{}"), (OWN, "True True")):
+    for code, words in ((TWICE, "{}"), (OWN, "True True")):
         ran = python(environment, code, own_folder)
         assert ran.returncode == 0, ran.stderr
-        assert ran.stdout.strip() == said
+        assert ran.stdout.strip() == words
 
 
 NOTEBOOK = """

@@ -19,7 +19,7 @@ from uuv.cli.main import USAGE, VERBS
 from uuv.cli.past.compare_runs import alike
 from uuv.cli.past.picture import CLIP, STILL
 from uuv.cli.past.run_scene import FRAMES, HEIGHT, WIDTH
-from uuv.jobs import clean_barrel
+from uuv.jobs import clean_object
 from uuv.scenario_file import write_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.reporting.series_tables import PastRun
@@ -64,7 +64,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     ):
         assert sorted(listed[kind]) == list(known.names())
     assert {*listed["vehicle"]} <= {*models.available()}
-    assert len(listed["vehicle"]) == 10
+    assert len(listed["vehicle"]) == 11
     assert all(
         said
         for kind in ("job", "experiment", "vehicle", "perturbation")
@@ -257,14 +257,13 @@ def test_pictures_ask_for_egl_only_where_it_is(uuv, monkeypatch: pytest.MonkeyPa
         assert os.environ.get("MUJOCO_GL") == wanted
 
 
-def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
-    job = clean_barrel(seed=1, quick=True, sensor="survey")
+def test_a_run_is_compared_and_read_back(uuv, tmp_path: Path):
+    job = clean_object(seed=1, quick=True, sensor="survey")
     write_scenario(job, tmp_path / "mine.toml")
     made = json.loads(
         uuv("run", "mine.toml", "--json", "--out", "first", "--set", "task.speed=0.04")
     )
     assert made["accepted"]
-    assert "the same to the bit" in uuv("replay", "first")
     other = tmp_path / "second"
     other.mkdir()
     write_scenario(job, other / "scenario.toml")
@@ -296,7 +295,7 @@ def test_a_run_is_repeated_compared_and_read_back(uuv, tmp_path: Path):
     assert past.rates[0] == "loop"
     time, force = past.column("time"), past.column("contact_normal")
     assert np.diff(time) == pytest.approx(0.002)
-    assert force.max() == pytest.approx(90.0, abs=5.0)
+    assert force.max() == pytest.approx(60.0, abs=5.0)
     assert past.units()["contact_normal"] == "N"
     assert past.units("slow")["q.joint1"] == "rad"
     assert past.table("events").to_pylist()[-1]["state"] == "done"
@@ -342,25 +341,27 @@ SKELETON = pytest.mark.long(
 
 
 @pytest.mark.parametrize(
-    "kind",
+    "kinds",
     [
-        *("vehicle", "tool", "perturbation"),
-        *(
-            pytest.param(kind, marks=SKELETON)
-            for kind in ("object", "sensor", "controller", "task", "job")
-        ),
+        ("vehicle", "tool", "perturbation"),
+        pytest.param(("object", "sensor", "controller", "task", "job"), marks=SKELETON),
     ],
+    ids=" ".join,
 )
-def test_a_skeleton_passes_its_own_test(kind: str, uuv, tmp_path: Path):
-    uuv("new", kind, "mine")
-    assert "is there already" in uuv("new", kind, "mine", code=2)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_mine.py"]
+def test_a_skeleton_passes_its_own_test(kinds: tuple[str, ...], uuv, tmp_path: Path):
+    """Those of several kinds in one process, which imports what all of them need."""
+    for kind in kinds:
+        name = f"my_{kind}"
+        uuv("new", kind, name)
+        assert "is there already" in uuv("new", kind, name, code=2)
+        used = {"task": f"{name}:Circle", "perturbation": f"perturbations.{name}:Worn.factor=2.0"}
+        use = skeletons.SKELETONS[kind].use.replace("NAME", name).split()
+        assert used.get(kind, f"{name}:{name}") in use
+
+    tests = [f"test_my_{kind}.py" for kind in kinds]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stdout
-    named = {"task": "mine:Circle", "perturbation": "perturbations.mine:Worn.factor=2.0"}.get(
-        kind, "mine:mine"
-    )
-    assert named in skeletons.SKELETONS[kind].use.replace("NAME", "mine").split()
 
 
 def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):

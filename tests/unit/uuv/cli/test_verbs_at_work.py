@@ -63,26 +63,27 @@ def test_wet(document, tmp_path: Path):
 
 
 def test_calibrate(document, tmp_path: Path):
-    told = document("calibrate", "--no-record", "--seed", 3, "--out", tmp_path / "out")
-    assert told == json.loads((tmp_path / "out" / "metrics.json").read_text())
-    assert told["provenance"]["scenario"] == "calibrate"
+    metrics = document("calibrate", "--no-record", "--seed", 3, "--out", tmp_path / "out")
+    assert metrics == json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert metrics["provenance"]["scenario"] == "calibrate"
 
 
 def test_identify_object(document, tmp_path: Path):
-    told = document(
+    metrics = document(
         "identify", "object", "--object", "starfish", "--seed", 2, "--out", tmp_path / "out"
     )
-    assert (told["decision"], len(told["center_m"])) == ("accept", 3)
+    assert (metrics["decision"], len(metrics["center_m"])) == ("accept", 3)
 
 
 def test_plan_seabed(document, tmp_path: Path):
     rng = np.random.default_rng(4)
-    ground, xy = seabed("ripples", rng, half=1.0), rng.uniform(-1.0, 1.0, (4000, 2))
+    ground = seabed("ripples", rng, half=1.0)
+    xy = rng.uniform(-1.0, 1.0, (4000, 2))
     np.savetxt(tmp_path / "cloud.txt", np.column_stack([xy, ground.height(xy)]))
     (tmp_path / "targets.txt").write_text("z 0 0 1\n-0.4 0 1\n0.4 0.1 1\n", "utf-8")
-    given = ("--cloud", tmp_path / "cloud.txt", "--targets", tmp_path / "targets.txt")
-    told = document("plan-seabed", *given, "--out", tmp_path / "out")
-    for target in told["targets"]:
+    clouds = ("--cloud", tmp_path / "cloud.txt", "--targets", tmp_path / "targets.txt")
+    plan = document("plan-seabed", *clouds, "--out", tmp_path / "out")
+    for target in plan["targets"]:
         foot = np.array(target["A_m"])
         assert abs(foot[2] - ground.height(foot)) < 0.03
     assert (tmp_path / "out" / "path.csv").is_file()
@@ -123,7 +124,7 @@ def test_a_verb_of_past_runs_refuses_what_is_none(name: str, verb, tmp_path: Pat
 def test_long_work(name: str, given: tuple[object, ...], key: str, verb, tmp_path: Path):
     ran = verb(*name.split(), *given, "--out", tmp_path / "out", "--json")
     assert ran.returncode in (0, 1), ran.stderr
-    told = json.loads(ran.stdout)
-    assert key in (told[0] if isinstance(told, list) else told)
+    document_of = json.loads(ran.stdout)
+    assert key in (document_of[0] if isinstance(document_of, list) else document_of)
     assert claimed_folder() == tmp_path / "out"
     assert name in VERBS

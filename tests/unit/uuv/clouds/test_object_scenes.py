@@ -15,8 +15,8 @@ def test_the_object_stands_where_it_is_said_to(name: str, within):
     from uuv.clouds.object_scenes import object_scene
 
     scene = object_scene(name, 3, "white")
-    seen, _ = ModelSurface.of(scene.target).seen(scene.X_CT, scene.scan)
-    off = (scene.scan.depth - seen.depth)[np.isfinite(seen.depth)]
+    frame_seen, _ = ModelSurface.of(scene.target).seen(scene.X_CT, scene.scan)
+    off = (scene.scan.depth - frame_seen.depth)[np.isfinite(frame_seen.depth)]
     within("median [m]", np.nanmedian(off), 1.5e-3)  # 0.16 mm: how a cylinder is cut into triangles
     within("spread [m]", 1.4826 * np.nanmedian(np.abs(off)) - 0.003, 1.5e-3)  # 0.18 mm off the 3 mm
     assert np.isfinite(off).mean() > 0.99
@@ -47,12 +47,14 @@ def test_a_seed_gives_one_scene_and_a_start_within_its_limits():
 def test_other_objects_and_none():
     from uuv.clouds.object_scenes import object_scene, target_of
 
-    one, none = (
+    first, none = (
         object_scene("barrel", 1, there=target_of("manifold"), absent=absent)
         for absent in (False, True)
     )
-    covered = np.isfinite(ModelSurface.of(target_of("manifold")).seen(one.X_CT, one.scan)[0].depth)
-    assert np.nanmedian((none.scan.depth - one.scan.depth)[covered]) > 0.1
+    covered = np.isfinite(
+        ModelSurface.of(target_of("manifold")).seen(first.X_CT, first.scan)[0].depth
+    )
+    assert np.nanmedian((none.scan.depth - first.scan.depth)[covered]) > 0.1
 
 
 def test_unknown_names_are_refused():
@@ -71,6 +73,6 @@ def test_a_sliver_of_the_bed_does_not_draw_the_search():
     from uuv.clouds.object_scenes import object_scene
 
     scene = object_scene("valve", 908)
-    found = identify(scene.scan, scene.target, sensor=scene.sensor.model)
-    assert found.accepted, found.reason
-    assert scene.error(found.X_sensor_target)[0] < 0.01
+    identification = identify(scene.scan, scene.target, sensor=scene.sensor.model)
+    assert identification.accepted, identification.reason
+    assert scene.error(identification.X_sensor_target)[0] < 0.01

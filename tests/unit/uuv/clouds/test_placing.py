@@ -14,7 +14,8 @@ def ball(radius: float) -> Shell:
 
 def test_bodies_meet_where_spheres_do(within):
     """A ball pushed past another at an offset stops where their centres are two radii apart."""
-    rng, radius = np.random.default_rng(0), 0.2
+    rng = np.random.default_rng(0)
+    radius = 0.2
     first = Body.of(ball(radius), rng)
     for aside in (0.0, 0.1, 0.3):
         second = first.moved(np.array([0.0, aside, 0.0]))
@@ -22,9 +23,9 @@ def test_bodies_meet_where_spheres_do(within):
         assert met is not None
         # 0.9 mm: a ball of 1280 triangles
         within("distance [m]", np.linalg.norm(met.p) - 2.0 * radius, 9e-3)
-        kept = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.05)
-        assert kept is not None
-        assert kept.p[0] - met.p[0] == pytest.approx(0.05)
+        placed = slid(second, [first], np.array([-1.0, 0.0, 0.0]), 0.05)
+        assert placed is not None
+        assert placed.p[0] - met.p[0] == pytest.approx(0.05)
     assert (
         slid(first.moved(np.array([0.0, 0.5, 0.0])), [first], np.array([-1.0, 0.0, 0.0]), 0.0)
         is None

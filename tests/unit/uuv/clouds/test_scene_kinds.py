@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from uuv.clouds.object_scenes import ObjectScene, object_scene
+from uuv.clouds.frames import ObjectScene
+from uuv.clouds.object_scenes import object_scene
 from uuv.clouds.scene_kinds import KINDS, draw, in_heap, object_of, other_than
 from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.meshes.ray_casting import RayScene
@@ -100,9 +101,9 @@ def test_a_heap_touches_the_object_and_stands_on_the_seabed(within):
     assert 0.02 < hidden <= 0.6
     within("share by the depth seen", before_the_object(scene) - hidden, 0.02)  # 0.0015
 
-    own = len(target.vertices)
-    others = heap.vertices[own:]
-    assert np.allclose(heap.vertices[:own], target.vertices, atol=1e-12)
+    count = len(target.vertices)
+    others = heap.vertices[count:]
+    assert np.allclose(heap.vertices[:count], target.vertices, atol=1e-12)
     assert others[:, 2].min() >= target.vertices[:, 2].min() - 1e-3
     assert NearestSurface.of(target.vertices, target.triangles).query(others).distance.min() < 0.01
 

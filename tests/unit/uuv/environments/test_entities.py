@@ -67,7 +67,8 @@ class Drift(VehicleTask):
 
 
 class Never:
-    done, failed = False, ""
+    done = False
+    failed = ""
 
     def start(self) -> None: ...
 
@@ -114,7 +115,8 @@ def test_is_the_plant_bit_for_bit(vehicle: str, tool: str | None):
     X_WB = pose(exp_so3([0.05, -0.1, 0.7]), [0.3, -0.2, 0.1])
     task = Drift(uuv.VehicleEntity(vehicle, tool=tool), X_WB=X_WB)
     size = len(task.actions.names)
-    env, commands = environment(task), actions(25, size)
+    env = environment(task)
+    commands = actions(25, size)
     by_dm_control = states(env, commands)
     plant = Plant(
         hydrodynamics.compile(vehicle_spec(vehicle, tool)),
@@ -149,8 +151,10 @@ def test_contact_is_that_of_the_plant():
     """The pad presses on a barrel: contact forces of every step, not of the next one's
     constraints.
     """
-    target, X_WT = targets.barrel(), pose(p=[0.0, 0.0, -1.6])
-    vehicle, sea = uuv.VehicleEntity("uuv_puma"), uuv.Sea(depth=2.4)
+    target = targets.barrel()
+    X_WT = pose(p=[0.0, 0.0, -1.6])
+    vehicle = uuv.VehicleEntity("uuv_puma")
+    sea = uuv.Sea(depth=2.4)
     task = Drift(vehicle, sea)
     put(sea, uuv.WorkObjectEntity(target), X_WT)
     env = environment(task)
@@ -186,7 +190,8 @@ def test_contact_is_that_of_the_plant():
 
 
 def test_episodes_repeat_under_a_seed_and_leave_nothing_behind():
-    env, commands = environment(Drift(uuv.VehicleEntity("uuv_puma"))), actions(20, 12)
+    env = environment(Drift(uuv.VehicleEntity("uuv_puma")))
+    commands = actions(20, 12)
     runs = []
     for seed in (3, 3, 4):
         env.random_state.seed(seed)
@@ -202,10 +207,10 @@ def test_a_copied_state_goes_on_as_the_original():
     env.reset()
     for command in commands[:10]:
         env.step(command)
-    kept = env.physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
+    state = env.physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
     ends = []
     for _ in range(2):
-        env.physics.set_state(kept, mujoco.mjtState.mjSTATE_INTEGRATION.value)
+        env.physics.set_state(state, mujoco.mjtState.mjSTATE_INTEGRATION.value)
         env.physics.forward()
         for command in commands[10:]:
             env.step(command)
@@ -282,7 +287,7 @@ def test_a_vehicle_with_forms_in_a_sidecar_is_the_plant(tmp_path):
     task = Drift(uuv.VehicleEntity(str(file)), uuv.Sea(current_W=(0.3, 0.2, 0.0)))
     commands = actions(5, 12)
     by_dm_control = states(environment(task), commands)
-    found = []
+    positions = []
     for vehicle in (str(file), "uuv_puma"):
         plant = Plant(hydrodynamics.compile(vehicle_spec(vehicle)), current=task.sea.flow(0.002))
         plant.observe()
@@ -291,9 +296,9 @@ def test_a_vehicle_with_forms_in_a_sidecar_is_the_plant(tmp_path):
                 task.actions.take(action, 0.02)
                 plant.step(task.actions.command(plant.truth))
                 plant.observe()
-        found.append(np.array(plant.data.qpos))
-    np.testing.assert_array_equal(found[0], by_dm_control[-1][: len(found[0])])
-    assert np.max(np.abs(found[0] - found[1])) > 1e-6  # the forms act
+        positions.append(np.array(plant.data.qpos))
+    np.testing.assert_array_equal(positions[0], by_dm_control[-1][: len(positions[0])])
+    assert np.max(np.abs(positions[0] - positions[1])) > 1e-6  # the forms act
 
 
 def test_named_access_and_parts():
@@ -344,7 +349,9 @@ SPREADS = (
 
 def test_perturbations_are_drawn_anew_in_each_episode():
     env = environment(Drift(uuv.VehicleEntity("uuv_puma", perturbations=SPREADS)))
-    commands, rows, models = actions(10, 12), [], []
+    commands = actions(10, 12)
+    rows = []
+    models = []
     for seed in (1, 1, 2):
         env.random_state.seed(seed)
         rows.append(states(env, commands))
@@ -397,8 +404,8 @@ def test_sensors_are_observed_at_their_rates_and_delays():
     env = sensed([Dvl(), Encoders(delay=0.04)])
     first = env.reset().observation
     assert set(first) == {"vehicle/dvl_v_WB_B", "vehicle/encoders_q", "vehicle/encoders_qd"}
-    seen = [env.step(action).observation for action in actions(30, 12)]
-    speeds = np.array([each["vehicle/dvl_v_WB_B"] for each in seen])
+    observations = [env.step(action).observation for action in actions(30, 12)]
+    speeds = np.array([observation["vehicle/dvl_v_WB_B"] for observation in observations])
     changes = np.flatnonzero(np.any(np.diff(speeds, axis=0) != 0.0, axis=1))
     np.testing.assert_array_equal(np.diff(changes), 5)  # every 0.1 s, at 0.02 s per action
     env.reset()
@@ -415,9 +422,9 @@ def test_noise_is_that_of_the_sensor():
     env.reset()
     errors = []
     for _ in range(400):
-        found = env.step(np.zeros(12)).observation["vehicle/dvl_v_WB_B"]
+        velocity = env.step(np.zeros(12)).observation["vehicle/dvl_v_WB_B"]
         truth = env.task.truth
-        errors.append(found - truth.R_WB.T @ truth.v_WB_W)
+        errors.append(velocity - truth.R_WB.T @ truth.v_WB_W)
     assert np.std(errors) == pytest.approx(0.01, rel=0.1)
     assert abs(np.mean(errors)) < 0.002
 
@@ -506,7 +513,8 @@ def test_a_stiff_pad_needs_another_timestep_and_is_refused():
 
 def test_a_command_reaches_the_thrusters_of_a_vehicle_outside_a_task():
     """Entities alone, without a task of ours."""
-    sea, vehicle = uuv.Sea(), uuv.VehicleEntity("uuv_puma")
+    sea = uuv.Sea()
+    vehicle = uuv.VehicleEntity("uuv_puma")
     sea.add_free_entity(vehicle)
 
     class Plain(composer.Task):

@@ -45,7 +45,19 @@ def test_gymnasium_has_nothing_to_say(name: tuple[str, str]):
     environment.close()
 
 
-@pytest.mark.parametrize("name", uuv.ALL_TASKS, ids="/".join)
+ANOTHER = pytest.mark.long(
+    guarded_by="tests/unit/uuv/environments/test_gym_tasks.py::test_shimmy_has_nothing_to_say"
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name == ("water", "reach") else pytest.param(name, marks=ANOTHER)
+        for name in uuv.ALL_TASKS
+    ],
+    ids="/".join,
+)
 def test_shimmy_has_nothing_to_say(name: tuple[str, str]):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", module=r"shimmy|gymnasium|pkg_resources")
@@ -59,16 +71,16 @@ def test_shimmy_has_nothing_to_say(name: tuple[str, str]):
 @pytest.mark.parametrize("name", [("water", "hover"), ("barrel", "press")], ids="/".join)
 def test_the_same_states_as_through_dm_control(name: tuple[str, str]):
     in_gym = TaskEnvironment(*name)
-    seen, info = in_gym.reset(seed=5)
+    observation, info = in_gym.reset(seed=5)
     assert info == {"is_success": False, "failed": "", "damage": ""}
     direct = uuv.load(*name, seed=5)
     moment = direct.reset()
     rng = np.random.default_rng(0)
     for _ in range(20):
-        for key, value in moment.observation.items():
-            np.testing.assert_array_equal(seen[key], value, err_msg=key)
+        for key, entry in moment.observation.items():
+            np.testing.assert_array_equal(observation[key], entry, err_msg=key)
         action = rng.uniform(-1.0, 1.0, in_gym.action_space.shape)
-        seen, reward, terminated, truncated, _ = in_gym.step(action)
+        observation, reward, terminated, truncated, _ = in_gym.step(action)
         moment = direct.step(action)
         assert reward == moment.reward
         assert not terminated
@@ -93,7 +105,8 @@ def test_time_is_truncation_and_damage_termination():
         environment.step(np.zeros(6))
     fast = TaskEnvironment("water", "hover", time_limit=60.0)
     fast.reset(seed=0)
-    over, info = False, {}
+    over = False
+    info = {}
     while not over:
         _, _, over, _, info = fast.step(np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
     assert info["damage"] == "out of the box"
@@ -115,8 +128,10 @@ def test_refuses():
 
 
 def test_an_environment_of_your_own_in_gymnasium():
-    own = uuv.load("water", "hover", seed=1, vehicle="bluerov2_heavy", time_limit=1.0)
-    environment = TaskEnvironment(environment=own)
+    environment_of_user = uuv.load(
+        "water", "hover", seed=1, vehicle="bluerov2_heavy", time_limit=1.0
+    )
+    environment = TaskEnvironment(environment=environment_of_user)
     assert environment.action_space.shape == (8,)
     environment.reset(seed=0)
     assert environment.step(np.zeros(8))[4]["is_success"] is False
@@ -148,19 +163,19 @@ def test_a_vector_of_processes_gives_what_one_gives(context: str):
         vectorization_mode="async",
         vector_kwargs={"context": context, "shared_memory": False},
     )
-    seen, _ = many.reset(seed=[3, 4])
-    rows = [seen["goal_position"]]
+    observation, _ = many.reset(seed=[3, 4])
+    rows = [observation["goal_position"]]
     action = np.tile([0.2, 0.1, 0.0, 0.3, 0.0, 0.0], (2, 1))
     for _ in range(5):
-        seen, *_ = many.step(action)
-        rows.append(seen["goal_position"])
+        observation, *_ = many.step(action)
+        rows.append(observation["goal_position"])
     many.close()
     for k, seed in enumerate((3, 4)):
-        one = gymnasium.make(name)
-        found, _ = one.reset(seed=seed)
+        single = gymnasium.make(name)
+        first_observation, _ = single.reset(seed=seed)
         alone = [
-            found["goal_position"],
-            *(one.step(action[k])[0]["goal_position"] for _ in range(5)),
+            first_observation["goal_position"],
+            *(single.step(action[k])[0]["goal_position"] for _ in range(5)),
         ]
         np.testing.assert_array_equal(np.array(alone), np.array(rows)[:, k])
 
@@ -168,13 +183,14 @@ def test_a_vector_of_processes_gives_what_one_gives(context: str):
 def test_rendering_draws_or_says_what_is_missing():
     environment = TaskEnvironment("water", "hover", render_mode="rgb_array")
     environment.reset(seed=0)
-    told, picture = "", untyped(None)
+    message = ""
+    picture = untyped(None)
     try:
         picture = untyped(environment.render())
     except MissingLibraryError as error:
-        told = str(error)
-    if told:
-        pytest.skip(f"no GL here: {told}")
+        message = str(error)
+    if message:
+        pytest.skip(f"no GL here: {message}")
     assert picture.shape == (240, 320, 3)
     assert picture.std() > 5.0
 

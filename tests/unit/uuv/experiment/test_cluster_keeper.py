@@ -52,15 +52,15 @@ def ends(number: int) -> bool:
 def test_a_writer_ends_with_the_block_a_reader_goes_on():
     with kept_cluster() as folder:
         log = Path(str(folder), "log")
-        with log.open("w") as own:  # this process writes too
-            writer = subprocess.Popen(["sleep", "100"], stdout=own, start_new_session=True)
-        kept = log.open("a")
+        with log.open("w") as log_file:  # this process writes too
+            writer = subprocess.Popen(["sleep", "100"], stdout=log_file, start_new_session=True)
+        log_reader = log.open("a")
         with log.open() as read:
             reader = subprocess.Popen(["sleep", "100"], stdin=read)
     assert writer.wait(LIMIT) == -signal.SIGKILL
     assert reader.poll() is None
     assert not log.parent.exists()
-    kept.close()
+    log_reader.close()
     reader.kill()
     reader.wait()
 

@@ -1,7 +1,10 @@
 """An experiment of one file: its options, cases, rows and page, and what it refuses."""
 
+import ast
+import importlib.util
 import json
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -294,6 +297,48 @@ def test_bounds_make_it_accepted_or_not():
     assert not summary_of(Page().accept(stat("largest", "reach"), most=9.0), speed=9.0).accepted
 
 
+def test_a_bound_holds_for_each_group():
+    """Red flies 3, 5, 7 m and blue 4, 6 m: only blue is within 6.5 m."""
+    page = Page().accept(stat("largest", "reach"), most=6.5, by="ball")
+    assert summary_of(page).failed == [
+        "ball red, reach, largest: 7000 mm, at most 6500 mm is allowed"
+    ]
+    bounces = Page().accept(stat("largest", "bounces"), most=7.0, by="ground")
+    assert summary_of(bounces).failed == ["rock, bounces, largest: 8, at most 7 is allowed"]
+    lost = Page().accept(stat("mean", "reach"), by="ball", where=lambda row: row["reach"] is None)
+    assert summary_of(lost).failed == ["ball blue, reach, mean: no value"]
+    nowhere = Page().accept(stat("mean", "reach"), by="ball", where=lambda _: False)
+    assert summary_of(nowhere).failed == ["reach, mean: no row"]
+
+
+def test_a_statistic_of_a_group_is_what_a_function_of_its_rows_gives():
+    def gap(rows: list[dict[str, Any]]) -> float | None:
+        reach = [row["reach"] for row in rows if row["reach"] is not None]
+        return max(reach) - min(reach) if len(reach) > 2 else None
+
+    widest = stat("group", gap, "gap", unit="mm", digits=0, factor=1e3)
+    summary = summary_of(
+        Page().table("T", by="ball", columns=[widest]).accept(widest, most=3.0, by="ball")
+    )
+    (table,) = summary.tables
+    assert table.columns == ("ball", "gap [mm]")
+    assert [list(row) for row in table.rows] == [["red", "4000"], ["blue", "-"]]
+    assert table.caption == ""
+    assert summary.failed == [
+        "ball red, gap: 4000 mm, at most 3000 mm is allowed",
+        "ball blue, gap: no value",
+    ]
+
+
+def test_a_picture_may_be_drawn_when_it_is_asked_for():
+    drawn: list[int] = []
+    page = Page().add(lambda rows: ("title", "caption", lambda: drawn.append(len(rows))))
+    summary = summary_of(page)
+    assert drawn == []
+    assert [picture[:2] for picture in summary.pictures] == [("title", "caption")]
+    assert drawn == [6]
+
+
 def test_shares_and_figures_of_a_function():
     page = Page().share("good", "far").add(lambda rows: [f"{len(rows)} rows", {"last": 5}])
     summary = summary_of(page)
@@ -310,6 +355,8 @@ def test_shares_and_figures_of_a_function():
         (lambda: Page().table("T", by="grond", columns=["reach"]), "no column 'grond'"),
         (lambda: Page().histogram("x"), "a histogram of the page: no column 'x'"),
         (lambda: Page().table("T", columns=[stat("mean", lambda _: 1)]), "needs a label"),
+        (lambda: Page().accept(stat("mean", "reach"), by="bal"), "did you mean ball?"),
+        (lambda: Page().table("T", columns=[stat("group", "reach")]), "needs a function of the"),
         (lambda: Page().table("T", columns=[stat(MISSPELT, "reach")]), "did you mean mean?"),
     ],
 )
@@ -345,3 +392,56 @@ def test_the_example_of_the_page_is_the_file_and_runs_as_a_command(root, tmp_pat
 
 def test_experiments_of_a_module_are_those_that_it_declares():
     assert experiments_in(sys.modules[__name__])[0] is throws
+
+
+def test_the_example_around_a_job_is_the_file_and_fits_its_page(root):
+    page = (root / "docs" / "own_experiment.md").read_text(encoding="utf-8")
+    file = root / "docs" / "examples" / "my_current.py"
+    assert f"```python\n{file.read_text(encoding='utf-8')}```" in page
+
+    spec = importlib.util.spec_from_file_location("my_current", file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert len(module.my_current.space.cases(module.my_current.options_with({}))) == 4
+
+
+@pytest.mark.long(
+    guarded_by="tests/unit/uuv/experiment/test_declaration.py::"
+    "test_the_example_around_a_job_is_the_file_and_fits_its_page"
+)
+def test_the_example_around_a_job_runs_as_a_command(root, tmp_path):
+    words = "--runs 1 --speed 0.1 --workers 1"
+    subprocess.run(
+        [
+            sys.executable,
+            root / "docs" / "examples" / "my_current.py",
+            *words.split(),
+            "--out",
+            tmp_path / "out",
+        ],
+        cwd=tmp_path,
+        check=True,
+    )
+    (row,) = read_rows(tmp_path / "out")
+    assert row["accepted"]
+    assert row["ended"] == "done"
+    assert row["checked"]["force error, peak"] < 10.0
+
+
+def test_the_names_of_checks_on_the_page_are_those_of_the_assessments(root):
+    """Names that are put together, of the gears' friction, end in words of their own."""
+    page = (root / "docs" / "own_experiment.md").read_text(encoding="utf-8")
+    table = page.partition("| work | checks |")[2].partition("\n\n")[0]
+    listed = set(re.findall(r"`([^`]+)`", table))
+
+    written = set()
+    for file in (*(root / "sim" / "evaluation").glob("*.py"), *(root / "uuv").rglob("tasks/*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(func=ast.Name(id="Requirement"), args=[ast.Constant(value=name), *_]):
+                    written.add(name)
+    composed = {name for name in listed if name.endswith(", worst joint off")}
+    assert listed - composed == written
+    assert len(composed) == 3

@@ -10,7 +10,7 @@ import pytest
 from experiments.faults.false_alarms import SoundCase
 from experiments.faults.faults import FaultCase
 from experiments.identification.unseen.scenes import build
-from experiments.identification.unseen.study import UnseenTrial
+from experiments.identification.unseen.unseen import UnseenTrial
 from uuv.campaigns.campaign import read_campaign, read_drawn
 from uuv.experiment.drawn_cases import DrawnCase, made_cases, read_cases, write_cases
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -74,7 +74,7 @@ def test_the_cases_that_the_project_keeps_can_be_run(root: Path):
     assert len({case.scenario().seed for case in sound}) == 40
 
     unseen = home / "identification" / "unseen" / "drawn_cases.json"
-    scenes = [each.scene for each in made_cases(unseen, "unseen objects", UnseenTrial)]
+    scenes = made_cases(unseen, "unseen", UnseenTrial)
     assert len({(scene.content, scene.index, scene.member) for scene in scenes}) == 19
     clean = build(scenes[0])
     assert clean.range_m == pytest.approx(RANGE, abs=1e-12)

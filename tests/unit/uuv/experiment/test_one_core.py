@@ -16,8 +16,8 @@ def cores_then_error(seen: list[int]) -> None:
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="the system cannot choose cores")
 def test_a_process_keeps_to_one_core_meanwhile():
     before = os.sched_getaffinity(0)
-    seen: list[int] = []
+    cores: list[int] = []
     with pytest.raises(ZeroDivisionError):
-        cores_then_error(seen)
-    assert seen == [1]
+        cores_then_error(cores)
+    assert cores == [1]
     assert os.sched_getaffinity(0) == before

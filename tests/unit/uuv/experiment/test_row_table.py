@@ -100,7 +100,8 @@ def test_rows_come_in_any_number_at_a_time(tmp_path_factory, sizes):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(row_table, "CHUNK", 3)
         folder = tmp_path_factory.mktemp("rows")
-        table, rows = RowTable(folder), []
+        table = RowTable(folder)
+        rows = []
         for size in sizes:
             more = [
                 {"run": len(rows) + i, **({"rare": 1.0} if i == 2 else {})} for i in range(size)
@@ -165,7 +166,8 @@ def test_readers_find_whole_rows_after_every_single_write(tmp_path, monkeypatch,
         folder = tmp_path / str(allowed)
         folder.mkdir()
         table = filled(folder, rows)
-        left, write = allowed, row_table.write_whole
+        left = allowed
+        write = row_table.write_whole
 
         def killed(file: Path, content: bytes, *, part_in: Path, write: Any = write) -> None:
             nonlocal left
@@ -209,10 +211,10 @@ def test_another_version_of_the_schema_is_refused(tmp_path, monkeypatch):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="writes to /dev/full")
 def test_a_full_disk_costs_the_row_at_hand_only(tmp_path, monkeypatch):
     table = filled(tmp_path, [{"run": 0}])
-    said = r"000000.parquet: cannot be written \(No space left on device\)"
+    message = r"000000.parquet: cannot be written \(No space left on device\)"
     with monkeypatch.context() as full:
         full.setattr(saving, "_not_through_a_link", lambda *_: os.open("/dev/full", os.O_WRONLY))
-        with pytest.raises(ConfigurationError, match=said):
+        with pytest.raises(ConfigurationError, match=message):
             table.extend([{"run": 1, "new": 1.0}])
     assert read_rows(tmp_path) == [{"run": 0}]
     table.extend([{"run": 1, "new": 1.0}])
@@ -225,12 +227,12 @@ def test_others_read_it(tmp_path, reader, monkeypatch):
     monkeypatch.setattr(row_table, "CHUNK", 2)
     filled(tmp_path, [{"run": run, "figures": {"rms": run / 10, "none": None}} for run in range(5)])
     if reader == "duckdb":
-        found = module.sql(
+        table = module.sql(
             f"select \"figures.rms\" from '{tmp_path}/rows/*.parquet' order by run"
         ).fetchall()
-        values = [row[0] for row in found]
+        figures = [row[0] for row in table]
     else:
-        values = list(
+        figures = list(
             importlib.import_module(reader).read_parquet(tmp_path / "rows")["figures.rms"]
         )
-    assert values == [run / 10 for run in range(5)]
+    assert figures == [run / 10 for run in range(5)]

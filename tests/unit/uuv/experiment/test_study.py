@@ -54,7 +54,8 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
     whole_run = import_module("uuv.command")
 
     class Judged:
-        accepted, failed = True, ()
+        accepted = True
+        failed = ()
         metrics: ClassVar = {
             "run": {"simulated_s": 1.0},
             "timings": {"wall_s": 1.0, "real_time_factor": 1.0},
@@ -79,15 +80,15 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
         )
     monkeypatch.setattr(whole_run, "assessed", assessed)
     monkeypatch.setattr(whole_run, "results_table", lambda _: "")
-    said = StringIO()
-    monkeypatch.setattr(whole_run, "PlainConsole", lambda: PlainConsole(file=said))
+    output = StringIO()
+    monkeypatch.setattr(whole_run, "PlainConsole", lambda: PlainConsole(file=output))
     with pytest.raises(Interrupted) as ended:
         whole_run.command(
             jobs.clean_barrel(quick=True), RunOptions(record=False, out=tmp_path / "out"), 0.0
         )
     assert ended.value.code == 143
     assert {"metrics.json", "scenario.toml"} <= {file.name for file in (tmp_path / "out").iterdir()}
-    assert "written to" in said.getvalue()
+    assert "written to" in output.getvalue()
 
 
 # -- step response ---------------------------------------------------------------------------------
@@ -102,8 +103,8 @@ def test_step_figures_of_a_second_order_answer(within):
     z, w = 0.5, 12.0
     damped = w * np.sqrt(1.0 - z * z)
     second = 1.0 - np.exp(-z * w * t) * (np.cos(damped * t) + z * w / damped * np.sin(damped * t))
-    found = steps.figures(60.0 + 30.0 * second, 60.0, 90.0)
-    within("overshoot", found["overshoot"] - np.exp(-np.pi * z / np.sqrt(1.0 - z * z)), 1e-3)
+    figures = steps.figures(60.0 + 30.0 * second, 60.0, 90.0)
+    within("overshoot", figures["overshoot"] - np.exp(-np.pi * z / np.sqrt(1.0 - z * z)), 1e-3)
     first = steps.figures(60.0 + 30.0 * (1.0 - np.exp(-t / 0.1)), 60.0, 90.0)
     within("rise [s]", first["rise_s"] - 0.1 * np.log(9.0), 2.0 * steps.SAMPLE)
     within("settling [s]", first["settling_s"] - 0.1 * np.log(20.0), 2.0 * steps.SAMPLE)
@@ -112,11 +113,11 @@ def test_step_figures_of_a_second_order_answer(within):
 
 def test_steps_up_are_cut_out_of_a_run():
     steps = import_module("experiments.contact.force_steps")
-    each = round(1.0 / DT)
-    level = np.repeat([60.0, 60.0, 90.0, 90.0, 90.0, 60.0, 60.0, 60.0, 90.0, 90.0], each)
+    ticks = round(1.0 / DT)
+    level = np.repeat([60.0, 60.0, 90.0, 90.0, 90.0, 60.0, 60.0, 60.0, 90.0, 90.0], ticks)
     ramp = np.clip(np.interp(np.arange(len(level)), np.arange(len(level)), level), 60.0, 90.0)
     run = recording([WorkState.WORK] * 10, ramp, ramp + 1.0)
-    found = steps.steps_up(run, 60.0, 90.0)
-    assert found["set"].shape == (1, len(steps.times()))  # the last is not seen to its end
-    assert found["true"][0, 0] == 61.0
-    assert found["true"][0, -1] == 91.0
+    cut = steps.steps_up(run, 60.0, 90.0)
+    assert cut["set"].shape == (1, len(steps.times()))  # the last is not seen to its end
+    assert cut["true"][0, 0] == 61.0
+    assert cut["true"][0, -1] == 91.0

@@ -91,9 +91,9 @@ def test_rows_do_not_depend_on_who_makes_them():
     study = Study(cases=range(6), run_one=squared, summarise=summed)
     _, here = carried_out(study)
     by_key = {row["case_id"]: row for row in rows_of()}
-    _, there = carried_out(study, workers=2, anew=True)
-    assert here["sum"] == there["sum"] > 0.0
-    assert here["runs"] == there["runs"] == list(range(6))
+    _, parallel = carried_out(study, workers=2, anew=True)
+    assert here["sum"] == parallel["sum"] > 0.0
+    assert here["runs"] == parallel["runs"] == list(range(6))
     for row in rows_of():
         mine = by_key[row["case_id"]]
         assert row["process"] != mine["process"] == os.getpid()
@@ -124,7 +124,8 @@ def test_a_killed_study_goes_on_where_it_was():
     with pytest.raises(KeyboardInterrupt):
         carried_out(Study(cases=range(4), run_one=once, summarise=summed))
     assert [row["run"] for row in rows_of()] == [0, 1]
-    whole, _ = carried_out(Study(cases=range(4), run_one=squared, summarise=summed)), rows_of()
+    whole = carried_out(Study(cases=range(4), run_one=squared, summarise=summed))
+    _ = rows_of()
     Path("out").rename("old")
     assert whole == carried_out(Study(cases=range(4), run_one=squared, summarise=summed))
 
@@ -133,16 +134,16 @@ def test_a_failed_case_ends_the_study_or_has_a_row_of_its_own():
     study = Study(cases=range(4), run_one=refusing, summarise=summed)
     with pytest.raises(UuvError, match="no luck with 2"):
         carried_out(study)
-    said: list[str] = []
+    reasons: list[str] = []
 
     def failed(case: int, reason: str) -> Row:
-        said.append(reason)
+        reasons.append(reason)
         return {"run": case}
 
     for run_one, reason in ((refusing, "no luck with 2"), (deadly, harness.DIED)):
         study = Study(cases=range(4), run_one=run_one, summarise=summed, failed=failed)
         code, metrics = carried_out(study, workers=2, anew=True)
-        assert said.pop() == reason
+        assert reasons.pop() == reason
         assert code == harness.NOT_ACCEPTED
         assert metrics["failed"] == [f"run {DEADLY} has no value"]
         assert metrics["runs"] == [0, 1, 2, 3]
@@ -152,10 +153,10 @@ def test_a_row_is_the_same_new_as_read_again():
     """Tuples, numbers of NumPy, names that are no text, and numbers that JSON lacks: as a file
     gives them back.
     """
-    found: list[list[Row]] = []
+    read_rows: list[list[Row]] = []
 
     def summarise(rows: list[Row]) -> Summary:
-        found.append(rows)
+        read_rows.append(rows)
         return Summary(metrics={"least": np.float64(-np.inf)})
 
     def odd(_: int) -> dict[str, Any]:
@@ -171,8 +172,8 @@ def test_a_row_is_the_same_new_as_read_again():
         assert metrics["least"] is None
         assert "accepted" not in metrics  # there are no bounds
     assert (
-        found[0]
-        == found[1]
+        read_rows[0]
+        == read_rows[1]
         == [{"a": [1, float(np.float32(0.1))], "b": {"1": [0.0, 1.0]}, "c": [None, None, True]}]
     )
 
@@ -330,7 +331,8 @@ class Counted(str):
 
 
 def test_a_row_is_found_without_a_search_and_each_file_written_once(tmp_path, monkeypatch):
-    log, count = RowLog(tmp_path), 2 * row_table.CHUNK + 5
+    log = RowLog(tmp_path)
+    count = 2 * row_table.CHUNK + 5
     log.add([(Counted(run), {"run": run}, TIMED) for run in range(count)])
 
     written: list[int] = []
@@ -392,7 +394,11 @@ def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(monkeypatch):
 
 
 def test_a_run_beyond_its_limits_is_told_and_the_others_are_done():
-    cases, failed = (0.0, 600.0), lambda case, reason: {"run": case, "reason": reason}
+    cases = (0.0, 600.0)
+
+    def failed(case, reason):
+        return {"run": case, "reason": reason}
+
     study = Study(cases=cases, run_one=sleeping, summarise=summed, failed=failed)
     study.carry_out("x", StudyOptions(out=Path("out"), workers=2), "A study", Limits(time_s=1.0))
     assert {row["run"]: row.get("reason") for row in rows_of()} == {
@@ -459,12 +465,12 @@ def test_a_file_that_changes_while_a_study_is_at_work_ends_it(tmp_path):
 def test_workers_ignore_the_signals_that_the_study_ignores():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        found = dict(
+        ignored = dict(
             local_processes.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead)
         )
     finally:
         signal.signal(signal.SIGINT, before)
-    assert found == {signal.SIGINT: True, signal.SIGTERM: False}
+    assert ignored == {signal.SIGINT: True, signal.SIGTERM: False}
 
 
 WATCHED = """

@@ -49,26 +49,27 @@ def work(scenario: Scenario) -> SurfaceWorkTask:
 
 @pytest.mark.parametrize("job", ALL, ids=lambda job: job.name)
 def test_every_option_has_its_word_and_its_key(job: Job):
-    options, nested = job.options(), job()
+    options = job.options()
+    nested = job()
     assert {"seed", "current", "gust", "wave", "vehicle", "controller", "quick"} <= {*options}
-    for word, each in options.items():
-        assert each.about.endswith("."), word
-        if each.key:
-            value: Any = nested
-            for name in each.key.split("."):
-                assert name in {field.name for field in fields(value)}
-                value = getattr(value, name)
-                if value is None:  # a table that is absent
+    for word, option_of_job in options.items():
+        assert option_of_job.about.endswith("."), word
+        if option_of_job.key:
+            nested_value: Any = nested
+            for name in option_of_job.key.split("."):
+                assert name in {field.name for field in fields(nested_value)}
+                nested_value = getattr(nested_value, name)
+                if nested_value is None:  # a table that is absent
                     break
 
 
 @pytest.mark.parametrize("job", ALL, ids=lambda job: job.name)
 def test_defaults_that_are_given_change_nothing(job: Job):
-    options = {word: each for word, each in job.options().items() if word != "quick"}
-    for word, each in options.items():
-        given = job(**{word: each.default})
-        if each.key:
-            assert given == job(), word
+    options = {word: entry for word, entry in job.options().items() if word != "quick"}
+    for word, option_of_job in options.items():
+        scenario = job(**{word: option_of_job.default})
+        if option_of_job.key:
+            assert scenario == job(), word
 
 
 def test_own_arguments_come_before_the_options_of_the_scenario():
@@ -157,9 +158,9 @@ def test_numbers_of_numpy_and_paths_are_taken():
 
 
 def test_the_signature_is_that_of_all_options():
-    given = inspect.signature(clean_pile).parameters
-    assert [*given] == [*clean_pile.options()]
-    assert given["range"].default == 1.8
+    parameters = inspect.signature(clean_pile).parameters
+    assert [*parameters] == [*clean_pile.options()]
+    assert parameters["range"].default == 1.8
     assert (clean_pile.about, clean_pile.name) == (
         "Clean a vertical pile with a set force.",
         "clean-pile",
@@ -175,8 +176,8 @@ def test_what_a_quick_job_changes_is_told():
 
 
 def test_the_command_line_passes_on_what_was_typed_and_nothing_else():
-    given, _ = parsed(clean_barrel, ["--path", "transverse", "--no-calibrated", "--stop_every=2"])
-    assert given == {"path": "transverse", "calibrated": False, "stop_every": 2.0}
+    options, _ = parsed(clean_barrel, ["--path", "transverse", "--no-calibrated", "--stop_every=2"])
+    assert options == {"path": "transverse", "calibrated": False, "stop_every": 2.0}
     assert typed(["--a-b", "--c=1", "--no-d", "x"]) == {"a_b", "c", "no_d", "d"}
     kind = options_class(clean_barrel)
     assert vars(kind)["keys"]["turn"] == "task.turn.angle"

@@ -40,7 +40,8 @@ ARM = """
 @pytest.mark.parametrize("backlash", [0.0, 2e-3])
 def test_gear_twists_by_the_torque_over_its_stiffness_and_half_its_play(torque, backlash):
     """Behind a motor that cannot turn."""
-    spec, stiffness = mujoco.MjSpec.from_string(ARM), 2e4
+    spec = mujoco.MjSpec.from_string(ARM)
+    stiffness = 2e4
     ElasticGears(stiffness=stiffness, backlash=backlash, damping=0.3).on_vehicle(
         spec, np.random.default_rng(0)
     )
@@ -56,18 +57,21 @@ def test_gear_twists_by_the_torque_over_its_stiffness_and_half_its_play(torque, 
 
 def test_free_gear_vibrates_at_the_frequency_of_motor_and_link():
     """Without play and damping: omega^2 = k (1 / A + 1 / I); the timestep resolves it."""
-    spec, stiffness, armature = mujoco.MjSpec.from_string(ARM), 2e4, 0.5
+    spec = mujoco.MjSpec.from_string(ARM)
+    stiffness = 2e4
+    armature = 0.5
     spec.joint("joint1").armature = armature
     ElasticGears(stiffness=stiffness, damping=0.0).on_vehicle(spec, np.random.default_rng(0))
     model = spec.compile()
     assert model.opt.timestep < 0.002
     data = mujoco.MjData(model)
     data.qpos[1] = 1e-3
-    inertia, seen = 4.0 * 0.25 + 0.4 * 4.0 * 0.05**2, []
+    inertia = 4.0 * 0.25 + 0.4 * 4.0 * 0.05**2
+    deflection = []
     for _ in range(round(0.2 / model.opt.timestep)):
         mujoco.mj_step(model, data)
-        seen.append(data.qpos[1])
-    crossings = np.flatnonzero(np.diff(np.sign(seen)))
+        deflection.append(data.qpos[1])
+    crossings = np.flatnonzero(np.diff(np.sign(deflection)))
     omega = np.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * model.opt.timestep)
     assert omega == pytest.approx(np.sqrt(stiffness * (1.0 / armature + 1.0 / inertia)), rel=0.02)
 
@@ -102,7 +106,10 @@ def test_keyframes_keep_the_joints_that_stay():
 
 
 def test_torque_sensors_drift_as_said_and_draw_as_without():
-    sigma, time, drift, n = 0.4, 0.5, 0.02, 3
+    sigma = 0.4
+    time = 0.5
+    drift = 0.02
+    n = 3
     sound = JointTorqueSensors()
     truth = SimpleNamespace(
         time=0.0,

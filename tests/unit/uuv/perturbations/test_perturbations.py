@@ -50,11 +50,11 @@ def test_wandering_vision_wanders_as_said_and_no_other_sensor_changes():
     wandering = assemble(
         replace(clean_barrel(), perturbations=(WanderingVision(sigma=3e-3, time=60.0),))
     ).parts.sensors
-    for one, other in zip(plain, wandering, strict=True):
-        if isinstance(one, proprioception.VisionDrift):
-            assert other == replace(one, bias=3e-3, bias_time=60.0)
-        elif is_dataclass(one):
-            assert other == one
+    for sensor, other in zip(plain, wandering, strict=True):
+        if isinstance(sensor, proprioception.VisionDrift):
+            assert other == replace(sensor, bias=3e-3, bias_time=60.0)
+        elif is_dataclass(sensor):
+            assert other == sensor
     with pytest.raises(ConfigurationError, match="WanderingVision sigma"):
         WanderingVision(sigma=-1.0)
 
@@ -73,8 +73,8 @@ def test_each_coefficient_is_drawn_by_itself_within_its_spread(seed):
             (body.quadratic_damping, was.quadratic_damping),
             ([s.normal for s in body.segments], [s.normal for s in was.segments]),
         ):
-            there = np.asarray(before) > 0.0
-            ratios += (np.asarray(new)[there] / np.asarray(before)[there]).tolist()
+            nonzero = np.asarray(before) > 0.0
+            ratios += (np.asarray(new)[nonzero] / np.asarray(before)[nonzero]).tolist()
         assert body.volume == was.volume
     assert len(ratios) > 50
     assert len(set(np.round(ratios, 12))) == len(ratios)
@@ -84,7 +84,7 @@ def test_each_coefficient_is_drawn_by_itself_within_its_spread(seed):
 
 def test_payload_keeps_the_ballast_of_the_arm_as_drawn(within):
     plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
-    said = perturb(spec, [Payload(spread=0.1, trim_error=0.05)], 4)
+    notes = perturb(spec, [Payload(spread=0.1, trim_error=0.05)], 4)
     before, after = plain.compile(), spec.compile()
     arm = [b for b in range(before.nbody) if before.body(b).name not in ("world", "hull")]
     factors = after.body_mass[arm] / before.body_mass[arm]
@@ -105,7 +105,7 @@ def test_payload_keeps_the_ballast_of_the_arm_as_drawn(within):
         return float(model.body_subtreemass[0]) - displaced * hydrodynamics.water_density(model)
 
     within("trimmed as drawn [kg]", net(before), 1e-6)
-    within("said to be too heavy by [kg]", net(after) - said["too_heavy_kg"], 1e-6)
+    within("said to be too heavy by [kg]", net(after) - notes["too_heavy_kg"], 1e-6)
 
 
 def test_thrusters_are_slower_and_weaker_each_by_itself():
@@ -120,8 +120,8 @@ def test_thrusters_are_slower_and_weaker_each_by_itself():
 
 def test_gears_are_tighter_or_looser_each_by_itself(within):
     plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
-    said = perturb(spec, [Gears(spread=0.3)], 2)
-    old, new = (Vehicle.of(one.compile()) for one in (plain, spec))
+    notes = perturb(spec, [Gears(spread=0.3)], 2)
+    old, new = (Vehicle.of(spec_of.compile()) for spec_of in (plain, spec))
     ratio = new.dry_friction.coulomb / old.dry_friction.coulomb
     assert np.all(np.abs(ratio - 1.0) <= 0.3)
     assert len(set(np.round(ratio, 9))) == len(ratio)
@@ -131,7 +131,7 @@ def test_gears_are_tighter_or_looser_each_by_itself(within):
         1e-12,
     )
     within("viscous in proportion", new.joint_damping / old.joint_damping - ratio, 1e-12)
-    within("mean", said["gear_friction"] - ratio.mean(), 1e-12)
+    within("mean", notes["gear_friction"] - ratio.mean(), 1e-12)
 
 
 def pressed(stiffness: float, depth: float) -> tuple[float, float]:
@@ -143,17 +143,18 @@ def pressed(stiffness: float, depth: float) -> tuple[float, float]:
     whole = hydrodynamics_of_plant.compile(varied)
     spec = models.load("uuv_puma")
     perturb(spec, [Pad(stiffness=stiffness)])
-    for one in (
+    for contact_force in (
         *spec.actuators,
         *spec.keys,
         *(joint for joint in spec.joints if joint.name != "pad"),
     ):
-        spec.delete(one)
+        spec.delete(contact_force)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     tip = model.site("tip").id
-    R, quat = np.array(data.site_xmat[tip]).reshape(3, 3), np.empty(4)
+    R = np.array(data.site_xmat[tip]).reshape(3, 3)
+    quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, R.ravel())
     plate = data.site_xpos[tip] + R[:, 2] * (0.1 - depth)
     spec.worldbody.add_geom(
@@ -164,12 +165,14 @@ def pressed(stiffness: float, depth: float) -> tuple[float, float]:
     pad = model.body("pad").id
     # as the plant has it, on its arm and in water
     model.body_invweight0[pad] = whole.body_invweight0[pad]
-    data, one, force = mujoco.MjData(model), np.zeros(6), []
+    data = mujoco.MjData(model)
+    contact_force = np.zeros(6)
+    force = []
     for _ in range(round(1.0 / model.opt.timestep)):
         mujoco.mj_step(model, data)
         if data.ncon:
-            mujoco.mj_contactForce(model, data, 0, one)
-        force.append(one[0] if data.ncon else 0.0)
+            mujoco.mj_contactForce(model, data, 0, contact_force)
+        force.append(contact_force[0] if data.ncon else 0.0)
     settled = force[len(force) // 2 :]
     return float(np.mean(settled)), float(np.std(settled))
 
@@ -187,7 +190,8 @@ def test_steps_are_as_long_as_the_pad_allows(rng):
         plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
         perturb(spec, [Pad(stiffness=stiffness)])
         old, new = plain.compile(), spec.compile()
-        solref, spring = new.geom("pad").solref[0], float(new.joint("pad").stiffness[0])
+        solref = new.geom("pad").solref[0]
+        spring = float(new.joint("pad").stiffness[0])
         n = old.opt.timestep / new.opt.timestep
         assert n == pytest.approx(round(n), rel=1e-12)
 
@@ -235,13 +239,15 @@ def test_what_is_pressed_on_it_comes_to_rest(stiffness, seed, within):
     spec = mujoco.MjSpec.from_string(_MASS_WITH_PAD.format(mass=rng.uniform(2.0, 8.0)))
     perturb(spec, [Pad(stiffness=stiffness)])
     model = spec.compile()
-    data, one, force = mujoco.MjData(model), np.zeros(6), []
+    data = mujoco.MjData(model)
+    contact_force = np.zeros(6)
+    force = []
     data.qvel[0], data.ctrl[0] = -0.03, -60.0
     for _ in range(round(3.0 / model.opt.timestep)):
         mujoco.mj_step(model, data)
         if data.ncon:
-            mujoco.mj_contactForce(model, data, 0, one)
-        force.append(one[0] if data.ncon else 0.0)
+            mujoco.mj_contactForce(model, data, 0, contact_force)
+        force.append(contact_force[0] if data.ncon else 0.0)
     # 2e-3
     within(
         f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 0.01
@@ -276,24 +282,23 @@ def test_what_slides_stays_in_contact_with_the_friction_it_has(stiffness, least,
     Also with the contact of a tool that is pressed with no more than `least` [N] elsewhere.
     """
     rng = np.random.default_rng(seed)
-    stiffness, mu = (
-        stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6])))),
-        float(rng.uniform(0.1, 0.6)),
-    )
+    stiffness = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6]))))
+    mu = float(rng.uniform(0.1, 0.6))
     spec = mujoco.MjSpec.from_string(_SLIDING.format(mass=rng.uniform(2.0, 8.0), friction=mu))
     perturb(spec, [Pad(stiffness=stiffness)])
     let_tool_slide(spec, speed=0.02, force=least)
     model = spec.compile()
-    data, one = mujoco.MjData(model), np.zeros(6)
+    data = mujoco.MjData(model)
+    contact_force = np.zeros(6)
 
     def forces(seconds: float) -> np.ndarray:
-        found = np.zeros((round(seconds / model.opt.timestep), 2))
-        for row in found:
+        rows = np.zeros((round(seconds / model.opt.timestep), 2))
+        for row in rows:
             mujoco.mj_step(model, data)
             if data.ncon:
-                mujoco.mj_contactForce(model, data, 0, one)
-                row[:] = one[0], np.hypot(one[1], one[2])
-        return found
+                mujoco.mj_contactForce(model, data, 0, contact_force)
+                row[:] = contact_force[0], np.hypot(contact_force[1], contact_force[2])
+        return rows
 
     data.ctrl[:] = -60.0, 0.02, 0.0
     forces(1.0)
@@ -318,15 +323,20 @@ def test_a_light_and_fast_tool_stays_in_contact(stiffness, force, speed, frictio
     perturb(spec, [Pad(stiffness=stiffness)])
     let_tool_slide(spec, speed=speed, force=force)
     model = spec.compile()
-    data, one = mujoco.MjData(model), np.zeros(6)
+    data = mujoco.MjData(model)
+    contact_force = np.zeros(6)
     data.ctrl[:] = -force, speed, 0.0
     mujoco.mj_step(model, data, nstep=round(2.0 / model.opt.timestep))
     for _ in range(round(0.5 / model.opt.timestep)):
         mujoco.mj_step(model, data)
         assert data.ncon == 1
-        mujoco.mj_contactForce(model, data, 0, one)
-        within("normal force [N]", one[0] - force, 0.01)
-        within("friction, of the normal force", np.hypot(one[1], one[2]) / one[0] - friction, 0.01)
+        mujoco.mj_contactForce(model, data, 0, contact_force)
+        within("normal force [N]", contact_force[0] - force, 0.01)
+        within(
+            "friction, of the normal force",
+            np.hypot(contact_force[1], contact_force[2]) / contact_force[0] - friction,
+            0.01,
+        )
 
 
 def test_friction_opposes_a_light_tool_that_slows_down(within):
@@ -334,16 +344,21 @@ def test_friction_opposes_a_light_tool_that_slows_down(within):
     spec = mujoco.MjSpec.from_string(_SLIDING.format(mass=4.0, friction=0.3))
     let_tool_slide(spec, speed=0.02, force=5.0)
     model = spec.compile()
-    data, one = mujoco.MjData(model), np.zeros(6)
+    data = mujoco.MjData(model)
+    contact_force = np.zeros(6)
     data.ctrl[:] = -5.0, 0.02, 0.0
     mujoco.mj_step(model, data, nstep=500)
     sign = 0.0
     for k in range(125):
         data.ctrl[1] = 0.02 - 0.04 * 0.002 * k
         mujoco.mj_step(model, data)
-        mujoco.mj_contactForce(model, data, 0, one)
-        along = float(data.contact[0].frame.reshape(3, 3)[1:, 0] @ one[1:3])
-        within("friction against the motion, of the normal force", abs(along) / one[0] - 0.3, 0.02)
+        mujoco.mj_contactForce(model, data, 0, contact_force)
+        along = float(data.contact[0].frame.reshape(3, 3)[1:, 0] @ contact_force[1:3])
+        within(
+            "friction against the motion, of the normal force",
+            abs(along) / contact_force[0] - 0.3,
+            0.02,
+        )
         sign = sign or np.sign(along)
         assert along * sign > 0.0
 

@@ -26,8 +26,12 @@ def test_the_pages_in_docs_are_those_of_the_kept_rows(entries, root: Path):
     listed = {path.name for path in (root / "docs" / "results").glob("*.md")} - {"physics.md"}
     assert listed == {f"{entry.experiment.name}.md" for entry in entries if entry.kept}
 
-    # one digit of a table, not the status, makes a page stale
+    # a subject has one section, with the experiments of the folders in it
     overview = texts[Path(pages.OVERVIEW)]
+    subjects = re.findall(r"^## (.*)$", overview, flags=re.MULTILINE)
+    assert len(subjects) == len(set(subjects))
+
+    # one digit of a table, not the status, makes a page stale
     other = re.sub(r"(\| [^\n]*)0 \|\n", r"\g<1>1 |\n", overview, count=1)
     assert other != overview
     assert pages.stale({Path(pages.OVERVIEW): other}) == [pages.OVERVIEW]
@@ -66,11 +70,22 @@ def test_an_experiment_without_rows_has_neither_tables_nor_a_verdict(entries):
     (entry,) = (entry for entry in entries if entry.experiment.name == "ik_success")
     texts = pages.pages([replace(entry, kept=None)])
     assert [*texts] == [Path(pages.OVERVIEW)]
-    section = texts[Path(pages.OVERVIEW)].partition("\n### ")[2]
-    assert "scripts/experiments/kinematics/ik_success.py" in section
-    assert "*no rows kept*" in section
+    section = texts[Path(pages.OVERVIEW)].partition("## Kinematics")[2]
+    assert "Status: *no rows kept*, of:" in section
+    assert "`./uvw run scripts/experiments/kinematics/ik_success.py`" in section
     assert "ccepted" not in section
     assert "|" not in section
+
+
+def test_a_long_table_stands_on_the_page_of_its_experiment_alone(entries, monkeypatch):
+    (entry,) = (entry for entry in entries if entry.experiment.name == "ik_success")
+    title = "Targets solved; of hybrid by kind of target"
+    texts = pages.pages([entry])
+    assert title in texts[Path(pages.OVERVIEW)]
+    monkeypatch.setattr(pages, "MOST_ROWS", 2)
+    texts = pages.pages([entry])
+    assert title not in texts[Path(pages.OVERVIEW)]
+    assert title in texts[Path("results/ik_success.md")]
 
 
 def test_an_overview_that_is_too_long_is_refused(entries, monkeypatch):
@@ -90,9 +105,9 @@ def test_a_wheel_has_no_experiments(monkeypatch, tmp_path: Path):
 
 def solved_by_hybrid() -> str:
     """Sentence of the README about the inverse kinematics."""
-    kept = kept_rows("ik_success")
-    assert kept is not None
-    rows: list[dict[str, Any]] = kept.rows
+    kept_table = kept_rows("ik_success")
+    assert kept_table is not None
+    rows: list[dict[str, Any]] = kept_table.rows
     # the Puma with a tool is no arm of its own
     arms = {row["arm"].partition(",")[0].removesuffix("_tool") for row in rows}
     (targets,) = {row["tried"]["within limits"] for row in rows}

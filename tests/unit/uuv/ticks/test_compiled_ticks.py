@@ -18,6 +18,7 @@ from uuv.controllers.arm.kernel_force_law import KernelForceLaw
 from uuv.controllers.arm.position_force import INTEGRAL, ForceDisplacement
 from uuv.controllers.planning.promise import PromiseLimits, StopLimits
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
+from uuv.controllers.tasks.task import TaskPlanner
 from uuv.controllers.tuning import FaultLimits
 from uuv.controllers.whole_body.tool_control import ForceLaw
 from uuv.controllers.whole_body.work_controller import WorkController
@@ -37,6 +38,7 @@ from uuv.sim.loop.logged_columns import EVERY_STEP
 from uuv.sim.sensors.proprioception import Dvl, Imu
 from uuv.tasks.surface_work import SurfaceWorkTask
 from uuv.ticks.compiled_ticks import reason
+from uuv.ticks.planner_ahead import PlannerAhead
 
 EARLY = 4.0  # [s] of a short run: settled, and identified
 
@@ -54,27 +56,55 @@ def digests(
     A `full` recording takes each tick of its slower rows apart, and with that each step of the
     hull.
     """
-    found = []
+    digests_of = []
     for part_by_part in (True, False):
-        result = run_through(
+        run = run_through(
             change(assemble(scenario, full=full)), longest=longest, part_by_part=part_by_part
         )
-        assert bool(result.part_by_part) == part_by_part
-        found.append(result.recording.digest(result.recording.series))
-    return found
+        assert bool(run.part_by_part) == part_by_part
+        digests_of.append(run.recording.digest(run.recording.series))
+    return digests_of
 
 
 @pytest.mark.parametrize("full", [True, False])
 def test_a_run_with_gusts_has_the_same_bits(full):
-    one, other = digests(jobs.clean_barrel(quick=True, gust=0.05), EARLY, full=full)
+    compiled, other = digests(jobs.clean_barrel(quick=True, gust=0.05), EARLY, full=full)
+    assert compiled == other
+
+
+def test_foreseen_periods_need_no_step_of_the_planner_and_end_at_a_bound(monkeypatch):
+    """At rest in gusts, whose speed passes the bound now and then; the bits are as part by part."""
+    tables: list[tuple[int, int]] = []  # rows taken, and rows
+    steps = [0]
+    close, step = PlannerAhead.close, TaskPlanner.step
+
+    def closed(ahead: PlannerAhead) -> Any:
+        rows = ahead.table.record.rows.tolist()
+        tables.extend([(rows[0], rows[1])] if rows[1] else [])
+        return close(ahead)
+
+    def stepped(*values: Any) -> Any:
+        steps[0] += 1
+        return step(*values)
+
+    monkeypatch.setattr(PlannerAhead, "close", closed)
+    monkeypatch.setattr(TaskPlanner, "step", stepped)
+    scenario = jobs.clean_barrel(quick=True, gust=0.03)
+    one, other = digests(scenario, EARLY, full=False)
     assert one == other
+
+    periods = round(EARLY / 0.01)
+    assert steps[0] < 1.6 * periods  # both runs together
+    assert sum(taken for taken, _ in tables) == 2 * periods - steps[0]
+    assert any(taken == rows for taken, rows in tables)
+    assert any(0 < taken < rows for taken, rows in tables)
 
 
 def test_a_recording_that_outgrows_its_table_has_the_same_bits(monkeypatch):
     """The table of rows grows in ticks of either kind."""
     monkeypatch.setattr(recording, "_ROWS", 61)
-    one, other = digests(jobs.clean_barrel(quick=True), 0.6)
-    assert one == other
+    compiled, other = digests(jobs.clean_barrel(quick=True), 0.6)
+    assert compiled == other
 
 
 @pytest.mark.parametrize(
@@ -89,8 +119,8 @@ def test_a_recording_that_outgrows_its_table_has_the_same_bits(monkeypatch):
 )
 def test_a_plant_with_parts_in_python_has_the_same_bits(perturbation, slow):
     scenario = replace(jobs.clean_barrel(quick=True), perturbations=(perturbation,))
-    one, other = digests(scenario, 1.5)
-    assert one == other
+    compiled, other = digests(scenario, 1.5)
+    assert compiled == other
     assert run_through(assemble(scenario), longest=0.05).slow_parts == (slow,)
 
 
@@ -110,8 +140,8 @@ def test_a_plant_with_parts_in_python_has_the_same_bits(perturbation, slow):
 )
 def test_a_run_with_faulty_sensors_of_every_tick_has_the_same_bits(failures):
     scenario = replace(jobs.clean_barrel(quick=True), perturbations=tuple(failures))
-    one, other = digests(scenario, 0.9)
-    assert one == other != sound_digest()
+    compiled, other = digests(scenario, 0.9)
+    assert compiled == other != sound_digest()
     slow = run_through(assemble(scenario), longest=0.05).slow_parts
     assert slow == ("FaultySensor",) * len({failure.sensor for failure in failures})
 
@@ -130,7 +160,8 @@ class OwnImu:
     period, delay = 0.002, 0.0
 
     def __init__(self, sends: Callable[[Any], Any] = lambda measurement: measurement) -> None:
-        self._usual, self._sends = Imu(), sends
+        self._usual = Imu()
+        self._sends = sends
 
     def channel(self) -> str:
         """Of the inertial unit."""
@@ -147,14 +178,14 @@ class OwnImu:
 
 
 def with_imu(built: Assembly, imu: Any) -> Assembly:
-    sensors = [imu if isinstance(each, Imu) else each for each in built.parts.sensors]
+    sensors = [imu if isinstance(sensor, Imu) else sensor for sensor in built.parts.sensors]
     return replace(built, loop=replace(built.loop, parts=replace(built.parts, sensors=sensors)))
 
 
 def test_a_sensor_of_ones_own_of_every_tick_has_the_bits_of_the_usual_one():
     scenario = jobs.clean_barrel(quick=True)
-    one, other = digests(scenario, 0.9, lambda built: with_imu(built, OwnImu()))
-    assert one == other == sound_digest()
+    compiled, other = digests(scenario, 0.9, lambda built: with_imu(built, OwnImu()))
+    assert compiled == other == sound_digest()
 
 
 def test_a_sensor_that_sends_what_its_channel_does_not_take_is_named():
@@ -177,15 +208,14 @@ def test_lost_vision_is_found_at_the_same_tick():
     compiled ones.
     """
     silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
-    scenario, found = replace(jobs.clean_barrel(quick=True), perturbations=(silent,)), []
+    scenario = replace(jobs.clean_barrel(quick=True), perturbations=(silent,))
+    digests_of = []
     for part_by_part in (True, False):
-        result = run_through(
-            assemble(scenario, full=True), longest=EARLY, part_by_part=part_by_part
-        )
-        assert bool(result.part_by_part) == part_by_part
-        assert FaultKind.VISION in {fault.kind for fault in result.last.command.faults}
-        found.append(result.recording.digest(result.recording.series))
-    assert found[0] == found[1]
+        run = run_through(assemble(scenario, full=True), longest=EARLY, part_by_part=part_by_part)
+        assert bool(run.part_by_part) == part_by_part
+        assert FaultKind.VISION in {fault.kind for fault in run.last.command.faults}
+        digests_of.append(run.recording.digest(run.recording.series))
+    assert digests_of[0] == digests_of[1]
 
 
 def test_a_gyro_that_is_off_is_found_at_the_same_tick(monkeypatch):
@@ -198,19 +228,19 @@ def test_a_gyro_that_is_off_is_found_at_the_same_tick(monkeypatch):
         return state
 
     monkeypatch.setattr(Imu, "init", off)
-    found = []
+    digests_of = []
     for part_by_part in (True, False):
-        result = run_through(
+        run = run_through(
             assemble(jobs.clean_barrel(quick=True), full=True),
             longest=1.0,
             part_by_part=part_by_part,
         )
-        assert bool(result.part_by_part) == part_by_part
+        assert bool(run.part_by_part) == part_by_part
         assert (FaultKind.GYRO, 2) in {
-            (fault.kind, fault.index) for fault in result.last.command.faults
+            (fault.kind, fault.index) for fault in run.last.command.faults
         }
-        found.append(result.recording.digest(result.recording.series))
-    assert found[0] == found[1]
+        digests_of.append(run.recording.digest(run.recording.series))
+    assert digests_of[0] == digests_of[1]
 
 
 def test_a_fix_between_two_ticks_of_the_planner_is_taken_at_its_own_tick():
@@ -226,8 +256,8 @@ def test_a_fix_between_two_ticks_of_the_planner_is_taken_at_its_own_tick():
             assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, sensors=sensors))
         )
 
-    one, other = digests(jobs.clean_barrel(quick=True), 1.5, often)
-    assert one == other
+    compiled, other = digests(jobs.clean_barrel(quick=True), 1.5, often)
+    assert compiled == other
 
 
 def test_doubtful_residuals_are_looked_at_in_every_tick():
@@ -246,8 +276,8 @@ def test_doubtful_residuals_are_looked_at_in_every_tick():
             assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, controller=wrapper))
         )
 
-    one, other = digests(jobs.clean_barrel(quick=True), 1.5, narrow)
-    assert one == other
+    compiled, other = digests(jobs.clean_barrel(quick=True), 1.5, narrow)
+    assert compiled == other
 
 
 def stopping() -> Scenario:
@@ -271,8 +301,8 @@ def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
     """Part by part, and compiled without a safety wrapper; that it stops shows in the time it
     takes.
     """
-    one, other = digests(stopping(), LONGEST, bare)
-    assert one == other
+    compiled, other = digests(stopping(), LONGEST, bare)
+    assert compiled == other
     usual = run_through(
         bare(assemble(jobs.clean_barrel(quick=True, gust=0.05, seed=3)))
     ).recording.duration
@@ -312,11 +342,11 @@ def test_a_tool_that_stops_tells_navigation_at_the_same_ticks_in_every_way():
     ],
 )
 def test_whole_runs_have_the_same_bits(scenario):
-    found = []
+    digests_of = []
     for part_by_part in (True, False):
-        result = run_through(assemble(scenario, full=True), part_by_part=part_by_part)
-        found.append(result.recording.digest(result.recording.series))
-    assert found[0] == found[1]
+        run = run_through(assemble(scenario, full=True), part_by_part=part_by_part)
+        digests_of.append(run.recording.digest(run.recording.series))
+    assert digests_of[0] == digests_of[1]
 
 
 def integrate(memory, set_force, felt, _servo_compliance, dt):
@@ -341,12 +371,14 @@ def with_force_law(law: ForceLaw) -> Callable[[Assembly], Assembly]:
 def test_a_force_law_of_ones_own_has_the_same_bits():
     """It runs compiled, and differs from the default one."""
     law = KernelForceLaw(law=integrate)
-    one, other = digests(jobs.clean_barrel(quick=True), LONGEST, with_force_law(law), full=False)
+    compiled, other = digests(
+        jobs.clean_barrel(quick=True), LONGEST, with_force_law(law), full=False
+    )
     usual = run_through(
         with_force_law(ForceDisplacement())(assemble(jobs.clean_barrel(quick=True)))
     ).recording
-    assert one == other
-    assert one != usual.digest(usual.series)
+    assert compiled == other
+    assert compiled != usual.digest(usual.series)
 
 
 class Integrator(ForceDisplacement):
@@ -408,7 +440,8 @@ class EveryTick:
 
 def test_what_has_no_kernel_is_named():
     built = assemble(jobs.clean_barrel(quick=True))
-    plant, parts = built.loop.plant, built.parts
+    plant = built.loop.plant
+    parts = built.parts
     assert reason(plant, parts) == ""
     for ik in ("jacobian_free", "plain"):
         other = assemble(jobs.clean_barrel(quick=True, ik=ik)).loop
@@ -424,7 +457,8 @@ class Wrapped:
     """A plant wrapper of one's own, without a record."""
 
     def __init__(self, plant):
-        self.plant, self.timestep = plant, plant.timestep
+        self.plant = plant
+        self.timestep = plant.timestep
 
     def observe(self):
         return self.plant.observe()
@@ -455,7 +489,8 @@ class Quiet(Imu):
 
 def test_a_part_that_overrides_a_method_has_no_kernel_until_it_gives_one():
     built = assemble(jobs.clean_barrel(quick=True))
-    plant, parts = built.loop.plant, built.parts
+    plant = built.loop.plant
+    parts = built.parts
     assert reason(plant, replace(parts, estimator=Deaf())) == "estimator Deaf"
     sensors = [Quiet() if isinstance(sensor, Imu) else sensor for sensor in parts.sensors]
     assert reason(plant, replace(parts, sensors=sensors)) == ""
@@ -485,10 +520,10 @@ GUARD = (
     ],
 )
 def test_a_run_with_other_parts_of_the_controller_has_the_same_bits(control, full):
-    one, other = digests(
+    compiled, other = digests(
         replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), EARLY, full=full
     )
-    assert one == other
+    assert compiled == other
 
 
 @pytest.mark.long
@@ -496,17 +531,19 @@ def test_a_run_with_other_parts_of_the_controller_has_the_same_bits(control, ful
     "control", [Control(without=("drift-correction",)), JOINT_PD], ids=["ablated", "own"]
 )
 def test_whole_runs_around_a_controller_have_the_same_bits(control):
-    one, other = digests(
+    compiled, other = digests(
         replace(jobs.clean_barrel(quick=True, gust=0.05), control=control), LONGEST, full=False
     )
-    assert one == other
+    assert compiled == other
 
 
 class Wrong:
     """Controller that after a second commands what it is made with."""
 
     def __init__(self, inner: Any, **change: Any) -> None:
-        self.inner, self.period, self.change = inner, inner.period, change
+        self.inner = inner
+        self.period = inner.period
+        self.change = change
 
     def init(self, estimate):
         return self.inner.init(estimate)
@@ -520,27 +557,27 @@ class Wrong:
     "change", [{"joint_torque": np.zeros(5)}, {"thrusters": np.full(6, np.nan)}]
 )
 def test_a_command_that_is_none_is_refused_as_part_by_part(change):
-    said = []
+    messages = []
     for part_by_part in (True, False):
         built = assemble(jobs.clean_barrel(quick=True))
         controller = Wrong(untyped(built.parts.controller).controller, **change)
         loop = replace(built.loop, parts=replace(built.parts, controller=controller))
         with pytest.raises(ConfigurationError) as refused:
             run_through(replace(built, loop=loop), longest=2.0, part_by_part=part_by_part)
-        said.append(str(refused.value))
-    assert said[0] == said[1]
+        messages.append(str(refused.value))
+    assert messages[0] == messages[1]
 
 
 def test_an_observer_of_every_tick_sees_every_tick_as_part_by_part():
-    seen = []
+    tables = []
     for part_by_part in (True, False):
         watching = EveryTick()
         built = assemble(jobs.clean_barrel(quick=True, gust=0.05))
-        result = run_through(built, observers=[watching], longest=0.2, part_by_part=part_by_part)
-        seen.append(np.array(watching.rows))
-        assert result.slow_parts == (() if part_by_part else ("EveryTick",))
-    assert np.array_equal(seen[0], seen[1])
-    assert seen[0][:, 0].tolist() == list(range(100))
+        run = run_through(built, observers=[watching], longest=0.2, part_by_part=part_by_part)
+        tables.append(np.array(watching.rows))
+        assert run.slow_parts == (() if part_by_part else ("EveryTick",))
+    assert np.array_equal(tables[0], tables[1])
+    assert tables[0][:, 0].tolist() == list(range(100))
 
 
 def test_runs_in_threads_have_the_bits_of_runs_in_turn():

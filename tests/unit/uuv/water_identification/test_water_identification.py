@@ -129,7 +129,7 @@ def test_a_simulated_log_tells_the_vehicle(rov):
     assert np.abs(errors).max() < 4.5
     assert np.mean(fit.named.told[:n]) > 0.7
     assert all(0.8 < factor < 1.6 for factor in fit.widened.values())
-    assert residuals.own == [21] * 2
+    assert residuals.local == [21] * 2
 
 
 def test_windows_keep_out_of_gaps(rov):
@@ -192,8 +192,8 @@ def test_two_logs_of_one_name_are_two(rov, tmp_path):
     """From the files to the page: both logs keep their current, sensors that begin late count from
     there.
     """
-    rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 10.0, np.random.default_rng(2))
-    for day, late in (("day1", 0.0), ("day2", 4.5)):
+    rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 7.0, np.random.default_rng(2))
+    for day, late in (("day1", 0.0), ("day2", 2.5)):
         log = simulated(rov, nominal(rov), flown, rng=rng)
         seen = {
             kind: Channel(time=c.time[c.time >= late], values=c.values[c.time >= late])

@@ -31,14 +31,14 @@ def scaled(box):
 
 
 def test_a_kernel_changes_the_arrays_of_the_record_itself():
-    values = np.array([1.0, 2.0, 4.0])
-    box = boxed(Outer(Inner(values, 0.5), 2))
+    array = np.array([1.0, 2.0, 4.0])
+    box = boxed(Outer(Inner(array, 0.5), 2))
     scaled(box)
     scaled(box)
-    assert values.tolist() == [0.25, 0.5, 4.0]
+    assert array.tolist() == [0.25, 0.5, 4.0]
 
 
 def test_whole_numbers_make_no_other_type():
-    values = np.zeros(3)
-    one, other = (boxed(as_annotated(Outer(Inner(values, gain), 2))) for gain in (2.0, 2))
-    assert numba.typeof(one) == numba.typeof(other)
+    array = np.zeros(3)
+    first, other = (boxed(as_annotated(Outer(Inner(array, gain), 2))) for gain in (2.0, 2))
+    assert numba.typeof(first) == numba.typeof(other)

@@ -36,9 +36,9 @@ def called(slot, times):
 
 
 def adding(memory, values):
-    kept, given = carray(memory, 1), carray(values, 2)
-    kept[0] += given[0]
-    given[1] = kept[0]
+    state, arguments = carray(memory, 1), carray(values, 2)
+    state[0] += arguments[0]
+    arguments[1] = state[0]
     return FINE
 
 
@@ -46,22 +46,25 @@ COMPILED = slot_function(adding)
 
 
 def test_a_kernel_and_plain_python_work_on_the_same_arrays():
-    slots, results = PythonSlots(), []
-    memory, values = np.array([0.25]), np.array([1.5, 0.0])
+    slots = PythonSlots()
+    sums = []
+    memory = np.array([0.25])
+    arguments = np.array([1.5, 0.0])
 
     def add() -> None:
-        memory[0] += values[0]
-        values[1] = memory[0]
+        memory[0] += arguments[0]
+        arguments[1] = memory[0]
 
     for address in (COMPILED.address, slots.add(add)):
         memory[0] = 0.25
-        assert slots.check(called(Slot(address, memory, values), 4)) == FINE
-        results.append((memory[0], values[1]))
-    assert results == [(6.25, 6.25)] * 2
+        assert slots.check(called(Slot(address, memory, arguments), 4)) == FINE
+        sums.append((memory[0], arguments[1]))
+    assert sums == [(6.25, 6.25)] * 2
 
 
 def test_what_python_raises_ends_the_kernel_and_comes_out_as_it_is():
-    slots, calls = PythonSlots(), []
+    slots = PythonSlots()
+    calls = []
 
     def fail() -> None:
         calls.append(len(calls))

@@ -82,7 +82,8 @@ def stamps(source: str) -> dict[str, str]:
 )
 def test_an_edit_changes_the_stamps_of_a_kernel_and_of_its_callers_alone(old, new, changed):
     assert SOURCE.count(old) == 1
-    before, after = stamps(SOURCE), stamps(SOURCE.replace(old, new))
+    before = stamps(SOURCE)
+    after = stamps(SOURCE.replace(old, new))
     assert {name for name in KERNELS if before[name] != after[name]} == set(changed.split())
 
 
@@ -104,10 +105,10 @@ def test_the_options_of_the_compilation_count():
 
 
 def test_what_cannot_be_told_is_refused():
-    thing = object()
+    sentinel = object()
 
     def function() -> object:
-        return thing
+        return sentinel
 
     with pytest.raises(UnkeyableError, match="object"):
         stamp(function)
@@ -126,9 +127,9 @@ def test_a_plain_function_stands_for_its_file(tmp_path):
         def kernel(x: float) -> float:
             return helper(x)
 
-        value = stamp(kernel)
+        digest = stamp(kernel)
         _forget(file)
-        return value
+        return digest
 
     assert of("def helper(x): ...\nA = 1") != of("def helper(x): ...\nA = 1.5")
 
@@ -169,8 +170,8 @@ def test_the_order_of_a_named_tuple_counts():
     """
 
     def text(fields: str) -> str:
-        made: Any = namedtuple("Pair", list(fields))
-        return type_text((types.NamedUniTuple(types.float64, 2, made),))
+        pair: Any = namedtuple("Pair", list(fields))
+        return type_text((types.NamedUniTuple(types.float64, 2, pair),))
 
     assert str(types.NamedUniTuple(types.float64, 2, namedtuple("Pair", ["a", "b"]))) in text("ba")
     assert text("ab") != text("ba")
@@ -201,5 +202,5 @@ def test_arrays_within_a_closure_count_by_their_numbers():
 
         return function
 
-    one, same, other = (stamp(over(np.array([1.0, second]))) for second in (2.0, 2.0, 2.5))
-    assert one == same != other
+    first, same, other = (stamp(over(np.array([1.0, second]))) for second in (2.0, 2.0, 2.5))
+    assert first == same != other

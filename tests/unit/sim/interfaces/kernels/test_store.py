@@ -13,19 +13,20 @@ import pytest
 
 from uuv.sim.interfaces.kernels import store
 
-STAMP, CODE = "what it depends on", b"machine code" * 20
+STAMP = "what it depends on"
+CODE = b"machine code" * 20
 NOBODY = 65534  # a user other than the one of the tests
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
     """A new store, set up by its variable."""
-    place = tmp_path / "caches" / "store"
-    monkeypatch.setenv(store.FOLDER, str(place))
+    folder_of = tmp_path / "caches" / "store"
+    monkeypatch.setenv(store.FOLDER, str(folder_of))
     monkeypatch.delenv(store.LIMIT, raising=False)
     store._place_for.cache_clear()
-    assert store.folder() == place
-    return place
+    assert store.folder() == folder_of
+    return folder_of
 
 
 def set_age(file: Path, age: float) -> None:
@@ -139,10 +140,10 @@ def test_a_home_that_cannot_be_used_is_left_for_the_temporary_folder(tmp_path, m
     monkeypatch.delenv(store.FOLDER, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(store.tempfile, "gettempdir", lambda: str(tmp_path))
-    place = store.folder()
-    assert place == tmp_path / f"uuv-arm-kernels-{os.getuid()}"
+    folder = store.folder()
+    assert folder == tmp_path / f"uuv-arm-kernels-{os.getuid()}"
     assert store.save(STAMP, CODE)
-    assert f"compiled kernels are kept in {place}" in capsys.readouterr().err
+    assert f"compiled kernels are kept in {folder}" in capsys.readouterr().err
 
 
 FULL = """

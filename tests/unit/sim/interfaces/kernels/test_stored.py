@@ -119,10 +119,10 @@ def modules() -> list[ModuleType]:
 
 def test_every_kernel_of_the_project_can_be_kept():
     kernels = {
-        f"{module.__name__}.{name}": value
+        f"{module.__name__}.{name}": kernel
         for module in modules()
-        for name, value in vars(module).items()
-        if isinstance(getattr(value, "_cache", None), stored.StoredKernel)
+        for name, kernel in vars(module).items()
+        if isinstance(getattr(kernel, "_cache", None), stored.StoredKernel)
     }
     assert len(kernels) > 150
     for kernel in kernels.values():

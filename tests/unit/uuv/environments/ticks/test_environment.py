@@ -58,12 +58,14 @@ def look(*_: Any) -> None:
 
 def episode(made: Any, act: Actions, steps: int) -> list[Array]:
     """Observation, reward, state and verdict of each step."""
-    rng, moments = np.random.default_rng(5), []
+    rng = np.random.default_rng(5)
+    moments = []
     made.reset()
     for step in range(steps):
         moment = made.step(act(step, rng))
-        task, data = made.task, made.physics.data
-        seen = [np.ravel(value) for value in moment.observation.values()]
+        task = made.task
+        data = made.physics.data
+        observed = [np.ravel(entry) for entry in moment.observation.values()]
         judged = [
             float(getattr(task.judge, name, 0.0))
             for name in ("done", "s", "depth", "count", "_held")
@@ -76,7 +78,7 @@ def episode(made: Any, act: Actions, steps: int) -> list[Array]:
             data.sensordata,
             task.vehicle.command.thrusters,
         ]
-        moments.append(np.concatenate([*seen, *state, [moment.reward or 0.0, *judged]]))
+        moments.append(np.concatenate([*observed, *state, [moment.reward or 0.0, *judged]]))
         assert task.vehicle.command.time == pytest.approx(data.time - made.physics.timestep())
         if moment.last():
             break
@@ -101,12 +103,12 @@ def test_both_ways_give_the_same_bits(case: tuple[Any, dict[str, Any], Actions, 
     assert (untyped(fast).slow_part, untyped(slow).slow_part) == ("", "hooks of substeps")
     by = episode(fast, act, steps), episode(slow, act, steps)
     assert len(by[0]) == len(by[1]) > 10
-    for one, other in zip(*by, strict=True):
-        np.testing.assert_array_equal(one, other)
-    one, other = untyped(fast.task), untyped(slow.task)
-    assert (one.damage, one.judge.failed) == (other.damage, other.judge.failed)
+    for first, other in zip(*by, strict=True):
+        np.testing.assert_array_equal(first, other)
+    first, other = untyped(fast.task), untyped(slow.task)
+    assert (first.damage, first.judge.failed) == (other.damage, other.judge.failed)
     if act is press:
-        assert one.truth.contact_most > 1.0 or one.damage
+        assert first.truth.contact_most > 1.0 or first.damage
 
 
 def test_the_leash_holds_the_set_point_both_ways(monkeypatch: pytest.MonkeyPatch):
@@ -114,10 +116,13 @@ def test_the_leash_holds_the_set_point_both_ways(monkeypatch: pytest.MonkeyPatch
     places = {}
     for leash, hook in ((0.15, False), (1e-7, False), (1e-7, True)):
         monkeypatch.setattr(ToolTwist, "LEASH", leash)
-        made = uuv.load("barrel", "press", seed=11)
+        environment_fast = uuv.load("barrel", "press", seed=11)
         if hook:
-            made.add_extra_hook("before_substep", look)
-        places[leash, hook] = episode(made, back, 15)[-1], made.task.actions.tool_at(0.3)[:3, 3]
+            environment_fast.add_extra_hook("before_substep", look)
+        places[leash, hook] = (
+            episode(environment_fast, back, 15)[-1],
+            environment_fast.task.actions.tool_at(0.3)[:3, 3],
+        )
     np.testing.assert_array_equal(*(places[1e-7, hook][0] for hook in (False, True)))
     np.testing.assert_array_equal(*(places[1e-7, hook][1] for hook in (False, True)))
     assert np.linalg.norm(places[1e-7, False][1] - places[0.15, False][1]) > 1e-3
@@ -137,8 +142,8 @@ def test_sensors_are_read_amid_an_action_at_their_own_rates():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiled, "run_substeps", counted)
         by = episode(fast, thrusters, 20), episode(slow, thrusters, 20)
-    for one, other in zip(*by, strict=True):
-        np.testing.assert_array_equal(one, other)
+    for first, other in zip(*by, strict=True):
+        np.testing.assert_array_equal(first, other)
     assert sum(runs) == 200  # all substeps ran compiled
     assert {1, 3} < set(runs)  # up to each sample of the IMU, and to the ends of actions
 
@@ -204,10 +209,10 @@ def test_what_is_of_the_users_own_runs_in_python_and_is_named():
         (HoldStation(uuv.Sea(), body := uuv.VehicleEntity(), Gentle(body.own)), "actions Gentle"),
         (HoldStation(uuv.Sea(), body := uuv.VehicleEntity(), Waving(body.own)), "actions Waving"),
     ):
-        made = environment(task, seed=0)
-        made.reset()
-        assert untyped(made).slow_part == slow
-        made.step(np.zeros(6))
+        task_environment = environment(task, seed=0)
+        task_environment.reset()
+        assert untyped(task_environment).slow_part == slow
+        task_environment.step(np.zeros(6))
 
     # A judge that watches states after actions alone may be of any kind; one of contact sees every
     # step.
@@ -221,16 +226,16 @@ def test_what_is_of_the_users_own_runs_in_python_and_is_named():
 
 @pytest.mark.parametrize("slow", [False, True])
 def test_a_simulation_that_diverges_is_an_error_of_the_physics(slow: bool):
-    made = uuv.load("water", "hover", seed=0)
+    environment_of = uuv.load("water", "hover", seed=0)
     if slow:
-        made.add_extra_hook("before_substep", look)
-    made.reset()
-    made.step(np.zeros(6))
-    made.physics.data.qvel[3] = 1e12
+        environment_of.add_extra_hook("before_substep", look)
+    environment_of.reset()
+    environment_of.step(np.zeros(6))
+    environment_of.physics.data.qvel[3] = 1e12
     with pytest.raises(PhysicsError, match="BADQ"):
-        made.step(np.zeros(6))
-    made.reset()
-    assert made.step(np.zeros(6)).observation
+        environment_of.step(np.zeros(6))
+    environment_of.reset()
+    assert environment_of.step(np.zeros(6)).observation
 
 
 class Squall(Current):
@@ -253,13 +258,15 @@ class StormySea(uuv.Sea):
 @pytest.mark.parametrize("hooked", [False, True])
 def test_what_a_current_of_ones_own_raises_comes_out_as_it_is(hooked):
     vehicle = uuv.VehicleEntity("uuv_puma")
-    made = environment(HoldStation(StormySea(), vehicle, ThrusterSpeeds(vehicle.own)), seed=1)
+    environment_of = environment(
+        HoldStation(StormySea(), vehicle, ThrusterSpeeds(vehicle.own)), seed=1
+    )
     if hooked:
-        made.add_extra_hook("before_substep", look)
-    made.reset()
-    assert bool(untyped(made).slow_part) == hooked
-    made.step(np.zeros(6))
-    made.step(np.zeros(6))
-    assert made.task.vehicle.truth.current_W[0] != 0.0
+        environment_of.add_extra_hook("before_substep", look)
+    environment_of.reset()
+    assert bool(untyped(environment_of).slow_part) == hooked
+    environment_of.step(np.zeros(6))
+    environment_of.step(np.zeros(6))
+    assert environment_of.task.vehicle.truth.current_W[0] != 0.0
     with pytest.raises(ZeroDivisionError, match="the squall's own"):
-        made.step(np.zeros(6))
+        environment_of.step(np.zeros(6))

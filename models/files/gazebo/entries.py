@@ -1,0 +1,30 @@
+"""Entries of the table of what a vehicle's file carries."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Self, get_args
+
+Way = Literal["read", "guessed", "left out"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadEntry:
+    """One thing of a file: what became of it, and where it is from."""
+
+    part: str  # link, joint or thruster
+    quantity: str
+    value: str
+    way: Way
+    origin: str  # the element or plugin, or the reason
+
+    @classmethod
+    def of(cls, row: Sequence[str]) -> Self:
+        """Entry of its five columns, as they stand here."""
+        part, quantity, value, way, origin = row
+        known = next(word for word in get_args(Way) if word == way)
+        return cls(part=part, quantity=quantity, value=value, way=known, origin=origin)
+
+    def line(self) -> str:
+        """It in one line."""
+        figure = f" {self.value}" if self.value else ""
+        return f"{self.part}: {self.quantity}{figure}, {self.way} ({self.origin})"

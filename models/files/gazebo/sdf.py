@@ -1,0 +1,299 @@
+"""SDF of Gazebo: the model of a vehicle with its links, joints and shapes, and its plugins.
+
+    model = parse_sdf("model.sdf")
+    spec, notes = spec_of_sdf(model, folder)
+
+Joints obey the rule of `uuv.models.files.urdf_joints`. Models within the model, and includes, are
+left out.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from uuv.models.files.gazebo.content import DrivenJoint
+from uuv.models.files.urdf_joints import DRIVEN, settle
+from uuv.models.files.urdf_places import LONGEST, rotation_from_rpy
+from uuv.models.files.xml_files import xml_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import bytes_of
+from uuv.sim.interfaces.spatial import Array, checked_place, inverse, pose, shown
+
+_TURNS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic"}
+_OF_MODEL = ("", "__model__")
+WORLD = "world"
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class SdfJoint:
+    """A joint of an SDF, its limits and leader as URDF has them."""
+
+    name: str
+    parent: str  # link
+    child: str  # link
+    X_CJ: Array  # (4, 4) its frame in the child's
+    axis: Array  # (3,) unit, in the child's frame
+    element: Element  # as of a URDF, settled
+    damping: float = 0.0
+    friction: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SdfModel:
+    """A parsed SDF: the elements of one model, and where its frames lie."""
+
+    name: str  # with which error messages begin
+    xml: Element  # <model>
+    notes: list[str] = field(default_factory=list)
+
+    @cached_property
+    def links(self) -> dict[str, Element]:
+        """Its links by name."""
+        return {link.get("name", ""): link for link in self.xml.findall("link")}
+
+    @cached_property
+    def root(self) -> str:
+        """Link that floats: the first that no joint carries."""
+        carried = {joint.child for joint in self.joints.values() if joint.parent != WORLD}
+        roots = [link for link in self.links if link not in carried]
+        if not roots:
+            raise ConfigurationError(f"{self.name}: its links form no tree: each has a parent")
+        canonical = self.xml.get("canonical_link", "")
+        root = canonical if canonical in roots else roots[0]
+        if loose := [link for link in roots if link != root]:
+            self.notes.append(f"links that no joint holds, left out: {', '.join(loose)}")
+
+        return root
+
+    @cached_property
+    def joints(self) -> dict[str, SdfJoint]:
+        """Its joints by name, each child of one of them alone."""
+        robot = Element("robot")
+        joints: dict[str, SdfJoint] = {}
+        carried: set[str] = set()
+
+        for element in self.xml.findall("joint"):
+            joint = self._joint(element, robot)
+            if joint.child in carried:
+                self.notes.append(
+                    f"closed loop: link {joint.child} has a second joint, {joint.name}, left out"
+                )
+                robot.remove(joint.element)
+                continue
+
+            carried.add(joint.child)
+            joints[joint.name] = joint
+
+        self.notes.extend(settle(robot, self.name))
+
+        return joints
+
+    @cached_property
+    def driven(self) -> dict[str, DrivenJoint]:
+        """Joints that a plugin may drive."""
+        return {
+            name: DrivenJoint(child=joint.child, axis=joint.axis)
+            for name, joint in self.joints.items()
+        }
+
+    def X_MF(self, frame: str, passed: tuple[str, ...] = ()) -> Array:
+        """Pose (4, 4) of a frame, link or joint in the model.
+
+        Raises:
+            ConfigurationError: there is no such frame, or it is relative to itself.
+        """
+        if frame in _OF_MODEL:
+            return np.eye(4)
+        if frame in passed:
+            raise ConfigurationError(f"{self.name}: frame {frame!r} is relative to itself")
+        passed = (*passed, frame)
+        element = self._frames.get(frame)
+        if element is None:
+            raise ConfigurationError(f"{self.name}: there is no link, joint or frame {frame!r}")
+
+        # Relative to what: stated, the child of a joint, or what a frame is attached to.
+        default = ""
+        if element.tag == "joint":
+            default = (element.findtext("child") or "").strip()
+        elif element.tag == "frame":
+            default = element.get("attached_to", "")
+
+        place = element.find("pose")
+        base = default if place is None else place.get("relative_to", default)
+
+        return self.X_MF(base, passed) @ pose_of(element, self.name)
+
+    @cached_property
+    def _frames(self) -> dict[str, Element]:
+        return {
+            element.get("name", ""): element
+            for tag in ("link", "joint", "frame")
+            for element in self.xml.findall(tag)
+        }
+
+    def _joint(self, element: Element, robot: Element) -> SdfJoint:
+        """A joint, with an element for the rule of a URDF in `robot`."""
+        name = element.get("name", "")
+        subject = f"{self.name}: joint {name!r}"
+        parent, child = ((element.findtext(end) or "").strip() for end in ("parent", "child"))
+        parent, child = (self._link_of(end, subject) for end in (parent, child))
+        X_CJ = inverse(self.X_MF(child)) @ self.X_MF(name)
+
+        kind = element.get("type", "")
+        axis_element = element.find("axis")
+        axis = np.array([0.0, 0.0, 1.0])
+        if axis_element is not None:
+            axis = self._axis(axis_element, child, X_CJ, subject)
+        if kind not in (*_TURNS, "fixed"):
+            self.notes.append(f"joint {name} of type {kind or 'none'}: held")
+
+        as_urdf = SubElement(robot, "joint", name=name, type=_TURNS.get(kind, "fixed"))
+        SubElement(as_urdf, "axis", xyz=" ".join(f"{entry!r}" for entry in axis.tolist()))
+        numbers: dict[str, float] = {}
+        if axis_element is not None:
+            numbers = _of_axis(axis_element, as_urdf)
+
+        return SdfJoint(
+            name=name,
+            parent=parent,
+            child=child,
+            X_CJ=X_CJ,
+            axis=axis,
+            element=as_urdf,
+            damping=numbers.get("damping", 0.0),
+            friction=numbers.get("friction", 0.0),
+        )
+
+    def _link_of(self, end: str, subject: str) -> str:
+        """Link of a joint's end, which may be a frame on one."""
+        passed: list[str] = []
+        while end not in self.links and end != WORLD:
+            element = self._frames.get(end)
+            if element is None or element.tag != "frame" or end in passed:
+                known = ", ".join(self.links)
+                raise ConfigurationError(f"{subject}: the model has the links {known}; got {end!r}")
+
+            passed.append(end)
+            end = element.get("attached_to", "") or next(iter(self.links))
+
+        return end
+
+    def _axis(self, element: Element, child: str, X_CJ: Array, subject: str) -> Array:
+        """Unit axis (3,) of a joint in the child's frame."""
+        xyz = element.find("xyz")
+        text = "0 0 1" if xyz is None else xyz.text or ""
+        axis = _numbers(text, 3, f"{subject}: axis")
+        length = float(np.linalg.norm(axis))
+        if not length > 0.0:
+            raise ConfigurationError(f"{subject}: its axis has no length")
+
+        base = None if xyz is None else xyz.get("expressed_in")
+        of_model = (element.findtext("use_parent_model_frame") or "").strip() in ("1", "true")
+        if base is None and not of_model:
+            return X_CJ[:3, :3] @ axis / length
+        R_MC = self.X_MF(child)[:3, :3]
+
+        return R_MC.T @ self.X_MF(base or "")[:3, :3] @ axis / length
+
+
+def parse_sdf(file: Path, name: str) -> SdfModel:
+    """Read the first model of an SDF.
+
+    Args:
+        file: path.
+        name: begins the error messages.
+
+    Raises:
+        ConfigurationError: it is no XML or has no model with links.
+    """
+    xml = xml_of(bytes_of(file, name), name)
+    model = next((model for model in xml.iter("model") if model.find("link") is not None), None)
+    if model is None:
+        raise ConfigurationError(f"{name}: an SDF without a <model> that has links")
+    notes = []
+
+    for tag in ("include", "model"):
+        if inner := model.findall(tag):
+            named = [part.findtext("uri") or part.get("name") or tag for part in inner]
+            notes.append(f"<{tag}> within the model left out: {', '.join(named)}")
+
+    return SdfModel(name=name, xml=model, notes=notes)
+
+
+def pose_of(element: Element, name: str) -> Array:
+    """Pose (4, 4) that an element states, whatever it is relative to.
+
+    Raises:
+        ConfigurationError: it is no six numbers.
+    """
+    place = element.find("pose")
+    if place is None or not (place.text or "").strip():
+        return np.eye(4)
+    subject = f"{name}: pose of {element.get('name') or element.tag}"
+    if place.get("rotation_format") == "quat_xyzw":
+        raise ConfigurationError(f"{subject}: a quaternion is not read; write roll, pitch, yaw")
+    numbers = _numbers(place.text or "", 6, subject)
+    angles = np.radians(numbers[3:]) if place.get("degrees") == "true" else numbers[3:]
+
+    return pose(rotation_from_rpy(angles), numbers[:3])
+
+
+def tree_order(model: SdfModel) -> Iterator[tuple[str, SdfJoint | None]]:
+    """Links that the root carries, each with the joint that carries it; parents come first."""
+    carried: Mapping[str, list[SdfJoint]] = {}
+    for joint in model.joints.values():
+        carried.setdefault(joint.parent, []).append(joint)
+    waiting: list[tuple[str, SdfJoint | None]] = [(model.root, None)]
+
+    while waiting:
+        link, joint = waiting.pop(0)
+        yield link, joint
+        waiting += [(onward.child, onward) for onward in carried.get(link, [])]
+
+
+def _of_axis(axis: Element, as_urdf: Element) -> dict[str, float]:
+    """Write limits and leader of an axis into an element of a URDF; damping and friction."""
+    limit = axis.find("limit")
+    if limit is not None:
+        stated = {
+            tag: (limit.findtext(tag) or "").strip()
+            for tag in ("lower", "upper", "effort", "velocity")
+        }
+        SubElement(as_urdf, "limit", {tag: text for tag, text in stated.items() if text})
+
+    mimic = axis.find("mimic")
+
+    if mimic is not None and as_urdf.get("type") in DRIVEN:
+        follows = {"joint": mimic.get("joint", "")}
+        for tag in ("multiplier", "offset"):
+            if text := (mimic.findtext(tag) or "").strip():
+                follows[tag] = text
+
+        SubElement(as_urdf, "mimic", follows)
+
+    dynamics = axis.find("dynamics")
+    if dynamics is None:
+        return {}
+    numbers = {}
+
+    for tag in ("damping", "friction"):
+        text = (dynamics.findtext(tag) or "").strip()
+        if text:
+            numbers[tag] = float(_numbers(text, 1, f"joint {as_urdf.get('name')!r}: {tag}")[0])
+
+    return numbers
+
+
+def _numbers(text: str, count: int, subject: str) -> Array:
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError as error:
+        raise ConfigurationError(
+            f"{subject}: expected {count} numbers, got {shown(text)}"
+        ) from error
+
+    return checked_place(numbers, (count,), subject, LONGEST)

@@ -1,0 +1,90 @@
+"""Xacro, of which a URDF is made by the package `xacro`, with ROS packages around the file."""
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from uuv.models.files.ros_packages import package_folder
+from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
+from uuv.sim.interfaces.extras import wanted
+
+# namespaces of its tags
+TAGS = (
+    b"http://www.ros.org/wiki/xacro",
+    b"http://ros.org/wiki/xacro",
+    b"http://wiki.ros.org/xacro",
+)
+ENDING = ".xacro"
+
+
+def is_xacro(content: bytes) -> bool:
+    """True for content that has tags of xacro; a URDF that only names the tags' space has none."""
+    return any(tag in content for tag in TAGS) and b"<xacro:" in content
+
+
+def expanded(
+    file: str | os.PathLike[str], name: str, arguments: Mapping[str, str] | None = None
+) -> bytes:
+    """The URDF that xacro makes of a file.
+
+    Args:
+        file: path.
+        name: begins the error messages.
+        arguments: values of the file's arguments, beside their defaults.
+
+    Raises:
+        ConfigurationError: the package is not installed, a package of ROS that the file names is
+            not there, or xacro refuses the file.
+    """
+    path = Path(file)
+
+    try:
+        with wanted():
+            import xacro
+    except MissingLibraryError as error:
+        raise ConfigurationError(
+            f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf, or {error}"
+        ) from error
+
+    warned = io.StringIO()  # its warnings
+    try:
+        with _packages_around(path.parent), contextlib.redirect_stderr(warned):
+            document: Any = xacro.process_file(str(path), mappings=dict(arguments or {}))
+            return document.toxml(encoding="utf-8")
+    except Exception as error:  # whatever the macros of the file raise, and what is raised here
+        inner = getattr(error, "exc", None) or error
+        if isinstance(inner, ConfigurationError):
+            raise ConfigurationError(f"{name}: {inner}") from error
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise ConfigurationError(
+            f"{name}: xacro refuses it: {reason[:300]} (its arguments: `xacro: {{NAME: VALUE}}` in "
+            "the mapping)"
+        ) from error
+
+
+@contextlib.contextmanager
+def _packages_around(folder: Path) -> Iterator[None]:
+    """Context in which xacro finds packages around a folder, where ROS's own index has none."""
+    from xacro import substitution_args
+
+    def find(package: str) -> str:
+        place = package_folder(package, folder)
+        if place is None:
+            raise ConfigurationError(
+                f"there is no package {package!r} around {str(folder)!r}; name the folder that has "
+                "it in ROS_PACKAGE_PATH"
+            )
+
+        return str(place)
+
+    replaced = substitution_args._eval_find
+    evaluated: dict[str, Any] = substitution_args._eval_dict
+    substitution_args._eval_find = evaluated["find"] = find
+
+    try:
+        yield
+    finally:
+        substitution_args._eval_find = evaluated["find"] = replaced

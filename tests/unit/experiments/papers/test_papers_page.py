@@ -1,0 +1,99 @@
+"""Statements of the papers: their figures, and what is refused when a row is not there."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from experiments.papers import page
+from experiments.papers.page import PaperFigures, page_of
+from experiments.papers.stated_runs import COMMANDS, QUICK, stated_runs
+from experiments.papers.statements import Paper, PaperStatement, Statements, leaves, read
+from uuv.results.kept_rows import Check, KeptRows
+from uuv.results.pages import ResultsOfOne, without_status
+from uuv.sim.interfaces.errors import ConfigurationError
+
+STATED = PaperStatement(
+    place="fig. 5",
+    stated="2 cm/s",
+    command="clean_barrel.py --no-record",
+    ours="{tool.speed*100:.2f} cm/s over {0} m, {tool.turns} turns, {tool.lost}",
+    printed=r"path of ([\d.]+) m",
+)
+METRICS = {"tool": {"speed": 0.0203, "turns": 3, "lost": None}, "other": [1.0]}
+TEXT = "2.03 cm/s over 0.6 m, 3 turns, none"
+STATEMENTS = Statements(
+    intro="About.", paper=(Paper(source="Konoplin 2022", title="T", text="t", row=(STATED,)),)
+)
+
+
+def kept(*, deviations: tuple[str, ...] = (), lost: str = "") -> PaperFigures:
+    """Figures of kept rows of the command of STATED."""
+    figures = STATED.figures_of(dict(leaves(METRICS)), "a path of 0.60 m")
+    figures.pop(lost, None)
+    rows = KeptRows(
+        experiment="papers",
+        command="./uvw run ...",
+        commit="c",
+        date="d",
+        check=Check(date="d", commit="c", deviations=deviations),
+        columns={"command": [STATED.command], "accepted": [True], "figures": [figures]},
+    )
+    return PaperFigures.of([ResultsOfOne(experiment=stated_runs, kept=rows)])
+
+
+def test_figures_are_of_the_metrics_and_of_what_is_printed():
+    figures = STATED.figures_of(dict(leaves(METRICS)), "a path of 0.60 m")
+    assert len(figures) == 4
+    assert STATED.text(figures) == TEXT
+    assert STATED.text(STATED.figures_of(dict(leaves(METRICS)), "a path of 1 m")) != TEXT
+    with pytest.raises(KeyError):
+        STATED.text(STATED.figures_of(dict(leaves(METRICS)), "nothing"))
+
+
+def test_a_statement_has_a_command_or_an_experiment():
+    with pytest.raises(ConfigurationError, match=r"fig\. 5: has a command or an experiment"):
+        replace(STATED, experiment="views")
+    with pytest.raises(ConfigurationError, match="printed: needs a command"):
+        replace(STATED, command="")
+
+
+def test_the_page_has_the_figures_and_the_status_of_their_rows():
+    lines = list(page_of(STATEMENTS, kept()))
+    assert f"| fig. 5 | 2 cm/s | {TEXT} | `{STATED.command}` |  |" in lines
+    assert "Status: `papers`: verified d, commit c" in lines
+
+
+@pytest.mark.parametrize(
+    ("figures", "reason"),
+    [
+        (PaperFigures.of([]), "papers: no such experiment"),
+        (PaperFigures.of([ResultsOfOne(experiment=stated_runs, kept=None)]), "*no rows kept*"),
+        (kept(deviations=("speed 0.3, kept was 0.2",)), "*changed*"),
+        (kept(lost="tool.turns"), f"{STATED.command}: its rows have no tool.turns"),
+    ],
+)
+def test_a_statement_without_a_figure_is_refused_by_name(
+    figures: PaperFigures, reason: str, monkeypatch, capsys
+):
+    monkeypatch.setattr(page, "read", lambda: STATEMENTS)
+    monkeypatch.setattr(PaperFigures, "kept", lambda _: figures)
+    monkeypatch.setattr(page, "write_page", lambda *_: pytest.fail("a page was written"))
+    monkeypatch.setattr("sys.argv", ["page.py"])
+    monkeypatch.setenv("COLUMNS", "300")
+    assert page.main() == 1
+    output = capsys.readouterr().out
+    assert "fig. 5: " in output
+    assert reason in output
+
+
+def test_the_page_of_the_project_is_that_of_the_kept_rows(root: Path):
+    statements = read()
+    text = "\n".join(page_of(statements, PaperFigures.kept(statements)))
+    kept_page = (root / "docs" / page.PAGE).read_text(encoding="utf-8")
+    assert without_status(kept_page) == without_status(text)
+
+
+def test_the_statements_of_the_project_can_be_read():
+    assert QUICK in COMMANDS
+    assert all(row.names for row in read().rows if row.command or row.experiment)

@@ -1,0 +1,185 @@
+"""An SDF is the vehicle of the URDF that says the same."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from uuv.models import hydrodynamics
+from uuv.models.files.gz_sim import body_hydrodynamics
+from uuv.models.files.notes import computed
+from uuv.models.files.vehicle_file import read
+from uuv.own_vehicle import vehicle_spec
+from uuv.sim.interfaces.errors import ConfigurationError
+
+INERTIA = "<ixx>{0}</ixx><iyy>{0}</iyy><izz>{0}</izz>"
+SDF = """<?xml version="1.0"?><sdf version="1.7"><model name="rov">
+  <pose>5 5 5 0 0 1</pose>
+  <link name="base"><pose>0.1 0.2 0.3 0 0 0.4</pose>
+    <inertial><pose>0.01 0 0.02 0 0 0.5</pose><mass>20</mass>
+      <inertia><ixx>0.5</ixx><iyy>0.6</iyy><izz>0.7</izz></inertia></inertial>
+    <collision name="c"><pose>0 0 0.06 0 0 0</pose>
+      <geometry><box><size>0.4 0.5 0.1</size></box></geometry></collision></link>
+  <link name="upper"><pose relative_to="base">0.3 0.1 -0.2 0.2 0.1 -0.3</pose>
+    <inertial><mass>1</mass><inertia>{upper}</inertia></inertial></link>
+  <link name="hand"><pose relative_to="upper">0.2 0 0 0 0 0</pose>
+    <inertial><mass>0.5</mass><inertia>{hand}</inertia></inertial></link>
+  <link name="mount"><pose relative_to="upper">0 0 -0.1 0 0 0</pose></link>
+  <joint name="fix" type="fixed"><parent>base</parent><child>mount</child></joint>
+  <joint name="turn" type="revolute"><pose>0 0.05 0 0.3 0 0</pose><parent>mount</parent>
+    <child>upper</child><axis><xyz>0 0 1</xyz><limit><lower>-1</lower><upper>1.2</upper>
+      <effort>9</effort><velocity>2</velocity></limit>
+      <dynamics><damping>0.7</damping></dynamics></axis></joint>
+  <joint name="bend" type="revolute"><parent>upper</parent><child>hand</child>
+    <axis><xyz expressed_in="__model__">0 1 0</xyz><limit><lower>-1e16</lower><upper>1e16</upper>
+      <effort>5</effort></limit></axis></joint>
+  {more}
+</model></sdf>""".replace("{upper}", INERTIA.format(0.02)).replace("{hand}", INERTIA.format(0.01))
+MAPPING = "arm_base: mount\ntip: {body: hand, pos: [0, 0, 0.1]}\njoints: {turn: 9, bend: 5}\n"
+THRUSTER = """<link name="prop"><pose relative_to="base">-0.2 0.1 0 0 1.5707963267948966 0</pose>
+    <inertial><mass>0.001</mass></inertial></link>
+  <joint name="prop_joint" type="continuous"><parent>base</parent><child>prop</child>
+    <axis><xyz>0 0 1</xyz></axis></joint>
+  <plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">
+    <joint_name>prop_joint</joint_name><thrust_coefficient>0.004</thrust_coefficient>
+    <fluid_density>1025</fluid_density><propeller_diameter>0.2</propeller_diameter>
+    {limits}</plugin>"""
+HYDRO = """<plugin filename="gz-sim-hydrodynamics-system" name="gz::sim::systems::Hydrodynamics">
+    <link_name>base</link_name><water_density>1025</water_density><xDotU>-5.5</xDotU>
+    <yDotV>-12.7</yDotV><xU>-4</xU><yR>1.5</yR><nV>-1.5</nV><yV>-20</yV><nR>-8</nR>
+    <xUabsU>-33.8</xUabsU></plugin>"""
+
+
+def written(folder: Path, more: str = "", mapping: str = MAPPING) -> Path:
+    (folder / "model.sdf").write_text(SDF.replace("{more}", more))
+    (folder / "model.parts.yaml").write_text(mapping)
+    return folder / "model.sdf"
+
+
+def test_links_lie_where_their_poses_put_them(tmp_path: Path, within) -> None:
+    spec = vehicle_spec(written(tmp_path), computed=False)
+    model = spec.compile()
+    assert [model.joint(j).name for j in range(model.njnt)] == ["hull", "turn", "bend"]
+    assert model.joint("turn").range == pytest.approx([-1.0, 1.2])
+    assert model.joint("bend").range == pytest.approx([-np.pi, np.pi])
+    assert model.actuator("turn").ctrlrange == pytest.approx([-9.0, 9.0])
+    assert model.joint("turn").damping[0] == 0.7
+    within("centre of mass", model.body("hull").ipos - [0.01, 0.0, 0.02], 1e-12)
+    inertia = np.sort(model.body("hull").inertia)
+    within("inertia", inertia - [0.5, 0.6, 0.7], 1e-12)
+
+    # The hand, by its own chain of poses: about the joint's axis through the joint's place.
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.0
+    data.qpos[3] = 1.0
+    turn, bend = 0.4, -0.9
+    data.qpos[7:9] = turn, bend
+    mujoco.mj_kinematics(model, data)
+    from scipy.spatial.transform import Rotation
+
+    R_BU = Rotation.from_euler("xyz", [0.2, 0.1, -0.3])
+    axis = Rotation.from_euler("x", 0.3).apply([0.0, 0.0, 1.0])
+    place = np.array([0.0, 0.05, 0.0])
+    turned = Rotation.from_rotvec(turn * axis)
+    hand = place + turned.apply(np.array([0.2, 0.0, 0.0]) - place)
+    expected = R_BU.apply(hand) + np.array([0.3, 0.1, -0.2])
+    within("hand [m]", data.body("hand").xpos - expected, 1e-12)
+    bend_axis = (Rotation.from_euler("z", 0.4) * R_BU).inv().apply([0.0, 1.0, 0.0])
+    R_WH = (R_BU * turned * Rotation.from_rotvec(bend * bend_axis)).as_matrix()
+    within("hand, axes", data.body("hand").xmat.reshape(3, 3) - R_WH, 1e-12)
+
+
+def test_water_and_thrusters_of_gz_sim_are_those_put_in_by_hand(tmp_path: Path, within) -> None:
+    limits = "<max_thrust_cmd>40</max_thrust_cmd><min_thrust_cmd>-30</min_thrust_cmd>"
+    mapping = "thrusters: []\n"
+    spec = vehicle_spec(
+        written(tmp_path, HYDRO + THRUSTER.replace("{limits}", limits), mapping), computed=False
+    )
+    body = hydrodynamics.attached(spec)["hull"]
+    by_hand = body_hydrodynamics(
+        {"xDotU": -5.5, "yDotV": -12.7, "xU": -4, "yR": 1.5, "nV": -1.5, "yV": -20, "nR": -8}
+        | {"xUabsU": -33.8},
+        volume=0.4 * 0.5 * 0.1,
+        center_of_buoyancy=[0.0, 0.0, 0.06],
+    )
+    for field in ("volume", "center_of_buoyancy", "added_mass", "linear_damping"):
+        within(field, np.asarray(getattr(body, field)) - getattr(by_hand, field), 1e-12)
+    within("quadratic", body.quadratic_damping - by_hand.quadratic_damping, 1e-12)
+
+    (thruster,) = read(tmp_path / "model.sdf").thrusters
+    assert (thruster.thruster.forward, thruster.thruster.reverse) == (40.0, 30.0)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    axis = data.site("thruster_prop").xmat.reshape(3, 3)[:, 0]
+    within("axis", axis - [1.0, 0.0, 0.0], 1e-12)
+
+
+def test_limits_of_ardupilots_commands_are_those_of_thrust(tmp_path: Path) -> None:
+    control = """<plugin name="ArduPilotPlugin" filename="libArduPilotPlugin.so">
+      <control channel="0"><jointName>prop_joint</jointName><type>COMMAND</type>
+      <offset>-0.4</offset><multiplier>100</multiplier></control></plugin>"""
+    file = written(tmp_path, control + THRUSTER.replace("{limits}", ""))
+    (thruster,) = read(file).thrusters
+    assert (thruster.thruster.forward, thruster.thruster.reverse) == (60.0, 40.0)
+
+
+def test_px4s_plugins_are_read(tmp_path: Path) -> None:
+    uuv = """<plugin name="uuv_plugin" filename="libgazebo_uuv_plugin.so">
+      <baseLinkName>base</baseLinkName><addedMassLinear>1.1 2.8 2.9</addedMassLinear>
+      <dampingLinear>5.39 17.36 17.4</dampingLinear><dampingAngular>0.1 0.2 0.3</dampingAngular>
+      <buoyancy><link_name>base</link_name><origin>0 0 0.01</origin>
+      <compensation>1.01</compensation></buoyancy></plugin>
+      <plugin name="m" filename="libgazebo_motor_model.so"><jointName>prop_joint</jointName>
+      <motorConstant>0.001</motorConstant><maxRotVelocity>100</maxRotVelocity>
+      <timeConstantUp>0.05</timeConstantUp></plugin>"""
+    file = written(tmp_path, uuv + THRUSTER.partition("<plugin")[0], "thrusters: []\n")
+    (thruster,) = read(file).thrusters
+    assert (thruster.thruster.forward, thruster.thruster.time_constant) == (10.0, 0.05)
+    body = hydrodynamics.attached(vehicle_spec(file, computed=False))["hull"]
+    # with the mount and the propeller's link, which is on a turning joint, left out: 20 kg
+    assert body.volume == pytest.approx(1.01 * 20.0 / 1000.0)
+    assert np.diag(body.linear_damping) == pytest.approx([5.39, 17.36, 17.4, 0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (
+            '<joint name="loop" type="revolute"><parent>base</parent><child>hand</child></joint>',
+            "closed loop: link hand has a second joint, loop, left out",
+        ),
+        ('<link name="alone"/>', "links that no joint holds, left out: alone"),
+        (
+            "<include><uri>model://camera</uri></include>",
+            "<include> within the model left out: model://camera",
+        ),
+    ],
+)
+def test_what_is_left_out_is_said(tmp_path: Path, more: str, said: str) -> None:
+    assert said in computed(vehicle_spec(written(tmp_path, more), computed=False)).values()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("<sdf", "<sdf ", None),  # a blank is none of a fault
+        ('name="rov"', 'name="rov" gz:odd="1"', None),  # nor a prefix without a declaration
+        ("<parent>mount</parent>", "<parent>mont</parent>", "joint 'turn': .*links base, upper"),
+        ('relative_to="upper"', 'relative_to="hand"', "frame 'hand' is relative to itself"),
+        ("0.1 0.2 0.3 0 0 0.4", "0.1 0.2 0.3", r"pose of base: expected shape \(6,\)"),
+        ("<xyz>0 0 1</xyz>", "<xyz>0 0 0</xyz>", "joint 'turn': its axis has no length"),
+        ("<size>0.4 0.5 0.1</size>", "<size>0.4 0 0.1</size>", "lengths of a box must be positive"),
+        ("<izz>0.7</izz>", "<izz>1.7</izz>", "link 'base': inertia: no body has"),
+        ("<model", "<modell", "no XML"),
+    ],
+)
+def test_slips_are_one_line(tmp_path: Path, old: str, new: str, said: str | None) -> None:
+    file = written(tmp_path)
+    file.write_text(file.read_text().replace(old, new, 1 if old != 'relative_to="upper"' else -1))
+    if said is None:
+        assert vehicle_spec(file, computed=False).compile().nv == 8
+        return
+    with pytest.raises(ConfigurationError, match=said):
+        vehicle_spec(file, computed=False)

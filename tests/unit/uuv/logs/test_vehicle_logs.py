@@ -1,0 +1,290 @@
+"""Logs of autopilots and ROS recorders, written by their own libraries, read into our axes."""
+
+import struct
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from uuv import models
+from uuv.calib.water.logs import ATTITUDE, FORCE, RATE
+from uuv.export.topics import RosTypes
+from uuv.logs import vehicle_log
+from uuv.logs.ardusub_frames import FRAMES
+from uuv.logs.readers import quaternion_xyzw, read_vehicle_log
+from uuv.models.vehicle import Vehicle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.water_identification.vehicle_logs import read_as_water_log
+
+DIRECTIONS = (-1, -1, 1, 1, -1, 1, 1, -1)
+ANGLES = (0.1, -0.25, 1.3)  # [rad] roll, pitch, yaw in NED
+RATES = (0.2, -0.1, 0.3)  # [rad/s] forward, right, down
+N = 120
+
+
+def pulses_at(row):
+    rng = np.random.default_rng(row)
+    return rng.integers(1350, 1650, 8)
+
+
+@pytest.fixture(scope="module")
+def tlog(tmp_path_factory):
+    from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    messages = [(0.0, link.param_value_encode(b"FRAME_CONFIG", 2.0, 9, 9, 0))]
+    messages += [
+        (0.0, link.param_value_encode(f"MOT_{n}_DIRECTION".encode(), float(sign), 9, 9, n))
+        for n, sign in enumerate(DIRECTIONS, 1)
+    ]
+
+    for row in range(N):
+        boot = 5000 + 50 * row
+        time = 0.05 * row
+        messages += [
+            (time, link.attitude_encode(boot, *ANGLES, *RATES)),
+            (time, link.local_position_ned_encode(boot, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)),
+            (time, link.vfr_hud_encode(0.0, 0.0, 90, 0, -3.5, 0.0)),
+            (time, link.raw_imu_encode(1000 * boot, 0, 0, -1000, 0, 0, 0, 0, 0, 0)),
+            (time, link.servo_output_raw_encode(1000 * boot, 0, *map(int, pulses_at(row)))),
+        ]
+
+    file = tmp_path_factory.mktemp("logs") / "dive.tlog"
+    stamps = [struct.pack(">Q", 1_700_000_000_000_000 + round(1e6 * t)) for t, _ in messages]
+    file.write_bytes(
+        b"".join(stamp + m.pack(link) for stamp, (_, m) in zip(stamps, messages, strict=True))
+    )
+    return file
+
+
+@pytest.fixture(scope="module")
+def flash(tmp_path_factory):
+    """A dataflash log: self-describing messages after the public format."""
+    head = b"\xa3\x95"
+
+    def described(number, name, form, labels):
+        size = 3 + struct.calcsize("<" + "".join({"N": "16s", "e": "i"}.get(c, c) for c in form))
+        return head + struct.pack(
+            "<BBB4s16s64s", 128, number, size, name.encode(), form.encode(), labels.encode()
+        )
+
+    parts = [
+        head
+        + struct.pack(
+            "<BBB4s16s64s", 128, 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"
+        ),
+        described(1, "PARM", "QNf", "TimeUS,Name,Value"),
+        described(2, "ATT", "Qfff", "TimeUS,Roll,Pitch,Yaw"),
+        described(3, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+        described(4, "RCOU", "QHHHHHHHH", "TimeUS," + ",".join(f"C{n}" for n in range(1, 9))),
+    ]
+    parameters = {"FRAME_CONFIG": 2.0}
+    parameters |= {f"MOT_{n}_DIRECTION": float(sign) for n, sign in enumerate(DIRECTIONS, 1)}
+    parts += [
+        head + struct.pack("<BQ16sf", 1, 1000, name.encode(), value)
+        for name, value in parameters.items()
+    ]
+    for row in range(N):
+        time = 2000 + 50_000 * row
+        parts += [
+            head + struct.pack("<BQfff", 2, time, *np.degrees(ANGLES)),
+            head + struct.pack("<BQBffffff", 3, time, 0, *RATES, 0.0, 0.0, -9.80665),
+            head
+            + struct.pack("<BQBffffff", 3, time, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0),  # second unit
+            head + struct.pack("<BQ8H", 4, time, *pulses_at(row)),
+        ]
+    file = tmp_path_factory.mktemp("logs") / "dive.BIN"
+    file.write_bytes(b"".join(parts))
+    return file
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return Vehicle.of(models.load("bluerov2_heavy").compile())
+
+
+@pytest.fixture(params=["tlog", "flash"])
+def file(request):
+    return request.getfixturevalue(request.param)
+
+
+def test_angles_of_the_autopilot_are_turned_into_our_axes():
+    roll, pitch, yaw = ANGLES
+    R_WB = Rotation.from_quat(quaternion_xyzw(roll, pitch, yaw)).as_matrix()
+    # The bow, by its own definition: yaw from north to east, pitch up; east is -y here.
+    bow = [np.cos(pitch) * np.cos(yaw), -np.cos(pitch) * np.sin(yaw), np.sin(pitch)]
+    assert R_WB[:, 0] == pytest.approx(bow)
+    # A roll to the right lowers starboard, which is -y of the hull.
+    assert -R_WB[2, 1] == pytest.approx(-np.cos(pitch) * np.sin(roll))
+
+
+def test_streams_are_in_si_units_and_our_axes(file):
+    log = read_vehicle_log(file)
+    streams = log.streams
+    assert log.frame == "vectored_6dof"
+    assert log.directions == DIRECTIONS
+    assert log.lacking() == []
+
+    attitude = streams[vehicle_log.ATTITUDE]
+    assert len(attitude.time) == N
+    assert attitude.rate == pytest.approx(20.0, rel=1e-6)
+    expected = quaternion_xyzw(*ANGLES)
+    assert np.abs(attitude.values @ expected) == pytest.approx(np.ones(N), abs=1e-6)
+
+    assert streams[vehicle_log.RATE].values[0] == pytest.approx([0.2, 0.1, -0.3], rel=1e-6)
+    assert streams[vehicle_log.FORCE].values[0] == pytest.approx([0, 0, 9.80665], abs=0.005)
+    assert streams[vehicle_log.PULSES].values[7, :8].tolist() == pulses_at(7).tolist()
+
+
+def test_telemetry_has_position_and_depth(tlog):
+    streams = read_vehicle_log(tlog).streams
+    assert streams[vehicle_log.POSITION].values[3] == pytest.approx([1.0, -2.0, -3.0])
+    assert streams[vehicle_log.DEPTH].values[3] == pytest.approx([3.5])
+
+
+def test_pulses_become_commands_of_the_vehicles_thrusters(file, vehicle):
+    log = read_as_water_log(file, vehicle, thrusters=vehicle.thruster_names, joints={})
+    assert set(log.channels) >= {ATTITUDE, RATE, FORCE}
+
+    # The wrench that the frame's factors mean is what the thrusters give, by their levers.
+    row = 40
+    speeds = (pulses_at(row) - 1500.0) / 400.0 * np.array(DIRECTIONS)
+    demand = FRAMES["vectored_6dof"].T @ speeds
+    at = np.searchsorted(log.time, 0.05 * row + 0.03) - 1  # each is held until the next
+    commands = np.array([log.commands[name][at] for name in vehicle.thruster_names])
+    wrench_B = vehicle.thruster_wrench @ commands
+    yaw_heave_surge_sway = np.array([-wrench_B[5], wrench_B[2], wrench_B[0], -wrench_B[1]])
+    levers = np.abs(vehicle.thruster_wrench[[5, 2, 0, 1]]).max(axis=1)
+    assert yaw_heave_surge_sway == pytest.approx(levers * demand[2:], abs=1e-9)
+
+
+def test_outputs_of_another_frame_are_refused(file):
+    six = Vehicle.of(models.load("bluerov2").compile())
+    with pytest.raises(ConfigurationError, match="has 8 motors, the vehicle has 6 thrusters"):
+        read_as_water_log(file, six, thrusters=six.thruster_names, joints={})
+
+
+def test_a_cut_file_is_read_up_to_there_and_a_foreign_one_refused(file, tmp_path):
+    whole = file.read_bytes()
+    cut = tmp_path / f"cut{file.suffix}"
+    cut.write_bytes(whole[: len(whole) // 2])
+    log = read_vehicle_log(cut)
+    assert 0.3 * N < len(log.streams[vehicle_log.ATTITUDE].time) < 0.7 * N
+
+    cut.write_bytes(b"\0" * 3000)
+    with pytest.raises(ConfigurationError, match="holds no message"):
+        read_vehicle_log(cut)
+
+
+@pytest.mark.parametrize("kind", ["tlog", "flash", "bag"])
+def test_damage_is_read_or_refused_in_one_line_and_never_silent(kind, request, tmp_path):
+    whole = request.getfixturevalue(kind).read_bytes()
+    suffix = {"tlog": ".tlog", "flash": ".BIN", "bag": ".mcap"}[kind]
+    rng = np.random.default_rng(17)
+    for trial in range(8):
+        content = bytearray(whole)
+        for at in rng.integers(0, len(content), 30):
+            content[at] = rng.integers(256)
+        file = tmp_path / f"{trial}{suffix}"
+        file.write_bytes(content[: rng.integers(1, len(content))])
+        log = read_or_refuse(file)
+        for stream in log.streams.values() if log else ():
+            assert np.isfinite(stream.values).all()
+            assert (np.diff(stream.time) > 0).all()
+
+
+def read_or_refuse(file):
+    """The log, or None where it is refused; anything else that is raised fails the test."""
+    try:
+        return read_vehicle_log(file)
+    except ConfigurationError:
+        return None
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A bag of another's recorder: IMU, DVL, pressure, joint states; the MCAP file in it."""
+    types = RosTypes()
+    kinds = get_typestore(Stores.ROS2_HUMBLE).types
+    folder = tmp_path_factory.mktemp("bags") / "dive"
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {
+            kind: writer.add_connection(topic, kind, typestore=types.store)
+            for topic, kind in (
+                ("/imu/data", "sensor_msgs/msg/Imu"),
+                ("/dvl", "geometry_msgs/msg/TwistWithCovarianceStamped"),
+                ("/pressure", "sensor_msgs/msg/FluidPressure"),
+                ("/notes", "std_msgs/msg/String"),
+            )
+        }
+        zero = np.zeros(9)
+        for row in range(N):
+            time = 100.0 + 0.02 * row
+            header = types.header(time, "base_link")
+            imu = kinds["sensor_msgs/msg/Imu"](
+                header,
+                types.quaternion(np.array([1.0, 0, 0, 0])),
+                zero - 1.0,
+                types.vector(np.array([0.1, 0.2, 0.3])),
+                zero,
+                types.vector(np.array([0.0, 0.0, 9.81])),
+                zero,
+            )
+            twist = types.make(
+                "Twist",
+                linear=types.vector(np.array([0.4, 0.0, 0.1])),
+                angular=types.vector(np.zeros(3)),
+            )
+            dvl = kinds["geometry_msgs/msg/TwistWithCovarianceStamped"](
+                header, types.make("TwistWithCovariance", twist=twist, covariance=np.zeros(36))
+            )
+            pressure = kinds["sensor_msgs/msg/FluidPressure"](
+                header, 101_325.0 + 1025.0 * 9.81 * 2.0, 0.0
+            )
+            for message in (imu, dvl, pressure):
+                kind = message.__msgtype__
+                data = types.encoded(kind, message)
+                writer.write(topics[kind], round(1e9 * time), data)
+    return folder / "dive.mcap"
+
+
+@pytest.mark.parametrize("as_folder", [True, False])
+def test_topics_are_taken_by_their_types(bag, as_folder):
+    log = read_vehicle_log(bag.parent if as_folder else bag)
+    assert log.streams[vehicle_log.RATE].values[5] == pytest.approx([0.1, 0.2, 0.3])
+    assert log.streams[vehicle_log.VELOCITY].values[5] == pytest.approx([0.4, 0.0, 0.1])
+    assert log.streams[vehicle_log.DEPTH].values[5] == pytest.approx([2.0], rel=2e-3)
+    assert log.streams[vehicle_log.RATE].rate == pytest.approx(50.0)
+    assert vehicle_log.ATTITUDE not in log.streams  # its covariance says that it is not measured
+    assert any("no servo outputs" in line for line in log.lacking())
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("none.tlog", "no such file"), ("cloud.ply", ".tlog"), ("folder", "no ROS bag")],
+)
+def test_what_is_no_log_is_refused(name, message, tmp_path):
+    (tmp_path / "cloud.ply").write_text("ply")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(ConfigurationError, match=message):
+        read_vehicle_log(tmp_path / name)
+
+
+def test_the_verb_says_rates_motors_and_what_is_missing(tlog, tmp_path, monkeypatch, capsys):
+    import json
+    import sys
+
+    from uuv.cli.main import main
+
+    monkeypatch.setattr(
+        sys, "argv", ["uuv", "logs", str(tlog), "--json", "--picture", str(tmp_path / "log.png")]
+    )
+    with pytest.raises(SystemExit) as ended:
+        main()
+    content = json.loads(capsys.readouterr().out)
+    assert ended.value.code == 0
+    assert content["frame"] == "vectored_6dof"
+    assert content["streams"]["servo pulses"]["rate_hz"] == pytest.approx(20.0)
+    assert (tmp_path / "log.png").read_bytes()[:4] == b"\x89PNG"

@@ -1,0 +1,238 @@
+"""Frames of the UDP door, its exchange with lossy clients, and the pace of a run."""
+
+import math
+import random
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from uuv import jobs
+from uuv.assembly import assemble
+from uuv.controllers.safety.safety_wrapper import SafetyWrapper
+from uuv.pace import WallClock
+from uuv.runner import run
+from uuv.serve import client, datagrams
+from uuv.serve.client import Client, Packet, PacketError, pack, unpack
+from uuv.serve.remote_controller import UdpController
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import WorkState
+
+
+def drawn(kind, rng, joints=6, thrusters=8):
+    widths = {"n": joints, "m": thrusters}
+    fields = client.MEASUREMENT if kind == client.MEASURED else client.COMMAND
+    values = {}
+    for name, size in fields.items():
+        width = size if isinstance(size, int) else widths[size]
+        numbers = tuple(rng.normal(size=width).tolist())
+        values[name] = numbers[0] if size == 1 else numbers
+    return Packet(kind, joints, thrusters, int(rng.integers(2**32)), 37, 5, 1.25, values)
+
+
+@pytest.mark.parametrize("kind", [client.MEASURED, client.COMMANDED])
+@pytest.mark.parametrize("sizes", [(6, 6), (0, 1), (14, 8)])
+def test_a_frame_comes_back_to_the_bit(kind, sizes):
+    frame = drawn(kind, np.random.default_rng(3), *sizes)
+    data = pack(frame)
+    assert unpack(data) == frame
+    assert len(data) <= client.LARGEST
+
+
+def test_fields_are_read_by_their_names():
+    frame = drawn(client.MEASURED, np.random.default_rng(4))
+    assert unpack(pack(frame)).q == frame.values["q"]
+    with pytest.raises(AttributeError, match="speed"):
+        _ = frame.speed
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: data[:10], "at least"),
+        (lambda data: data[:-1], "6 joints and 8 thrusters take"),
+        (lambda data: data + b"0", "6 joints and 8 thrusters take"),
+        (lambda data: b"XXXX" + data[4:], "begins with UUVM"),
+        (lambda data: data[:4] + b"\x02\x00" + data[6:], "version 1 is spoken here, got 2"),
+    ],
+)
+def test_what_is_no_frame_is_refused(change, message):
+    data = pack(drawn(client.COMMANDED, np.random.default_rng(5)))
+    with pytest.raises(PacketError, match=message):
+        unpack(change(data))
+
+
+def test_a_command_of_the_wrong_size_is_refused_before_it_is_sent():
+    frame = drawn(client.COMMANDED, np.random.default_rng(6))
+    short = replace(frame, values={**frame.values, "thrusters": (0.0,)})
+    with pytest.raises(PacketError, match="thrusters: must have 8 numbers, got 1"):
+        pack(short)
+    less = {name: value for name, value in frame.values.items() if name != "normal"}
+    with pytest.raises(PacketError, match="normal: is missing"):
+        pack(replace(frame, values=less))
+
+
+class Holding(threading.Thread):
+    """A client that holds the joints where they began, over a link that loses and doubles.
+
+    It forgets none of what it was asked: its command depends on the measurement alone.
+    """
+
+    def __init__(self, port, *, lost=0.0, ends=math.inf):
+        super().__init__(daemon=True)
+        self.port, self.lost, self.ends = port, lost, ends
+        self.frames = 0
+
+    def run(self):
+        chance = random.Random(1)
+        with Client(port=self.port, patience=10.0) as vehicle:
+            vars(vehicle)["_socket"] = Lossy(vehicle._socket, chance, self.lost)
+            for frame in vehicle:
+                if frame.time > self.ends:
+                    return
+                self.frames += 1
+                errors = zip(frame.q_set, frame.q, frame.qd, strict=True)
+                torque = [200.0 * (q_set - q) - 20.0 * qd for q_set, q, qd in errors]
+                vehicle.send(frame, joint_torque=torque, thrusters=[0.0] * frame.thrusters)
+
+
+class Lossy:
+    """A socket that loses commands, and sends some twice."""
+
+    def __init__(self, link, chance, lost):
+        self._link, self._chance, self._lost = link, chance, lost
+
+    def send(self, data):
+        if data[:4] == client.COMMANDED:
+            if self._chance.random() < self._lost:
+                return len(data)
+            if self._chance.random() < self._lost:
+                self._link.send(data)
+        return self._link.send(data)
+
+    def __getattr__(self, name):
+        return getattr(self._link, name)
+
+
+def served(endpoint, pace=None, longest=0.4):
+    """A run of open water whose controller is behind the socket; the run and its controller."""
+    assembly = assemble(jobs.open_water(quick=True))
+    remote = UdpController(endpoint, assembly.own.vehicle, period=0.01, pace=pace)
+    guarded = SafetyWrapper(remote, assembly.own.model)
+    parts = replace(assembly.parts, controller=guarded)
+    outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)), longest=longest)
+    remote.close()
+    return outcome, remote
+
+
+def test_lockstep_is_the_same_over_a_link_that_loses_and_doubles():
+    digests = []
+    for lost in (0.0, 0.1):
+        with datagrams.listening(0) as endpoint:
+            holding = Holding(endpoint.port, lost=lost)
+            holding.start()
+            outcome, remote = served(endpoint)
+        digests.append(outcome.recording.digest())
+        assert remote.traffic.silent == 0
+    assert remote.traffic.again > 0
+    assert remote.traffic.stale > 0
+    assert digests[0] == digests[1]
+
+
+def test_a_client_that_goes_silent_leads_to_the_safety_wrappers_departure(monkeypatch):
+    monkeypatch.setattr("uuv.serve.remote_controller.PATIENCE", 0.3)
+    with datagrams.listening(0) as endpoint:
+        holding = Holding(endpoint.port, ends=0.2)
+        holding.start()
+        outcome, remote = served(endpoint)
+    assert remote.traffic.silent > 0
+    assert outcome.recording.final.abort is not None or outcome.recording.duration >= 0.4
+    assert np.isfinite(outcome.recording["p_WB"].value).all()
+
+
+def test_paced_the_run_goes_on_with_a_command_that_still_holds():
+    pace = WallClock(0.5)
+    with datagrams.listening(0) as endpoint:
+        holding = Holding(endpoint.port, lost=0.3)
+        holding.start()
+        _, remote = served(endpoint, pace=pace, longest=0.3)
+    assert remote.traffic.held > 0
+    assert remote.traffic.silent == 0
+    assert 0.0 < remote.traffic.oldest_s <= 0.2
+    assert len(pace.late) > 20
+
+
+def test_foreign_datagrams_are_counted_and_change_nothing():
+    with datagrams.listening(0) as endpoint:
+        holding = Holding(endpoint.port)
+        rng = np.random.default_rng(9)
+
+        original = Client.send
+
+        def noisy(self, measured, **words):
+            self._socket.send(rng.bytes(int(rng.integers(1, 300))))
+            other = drawn(client.COMMANDED, rng, joints=3)
+            self._socket.send(pack(replace(other, count=measured.count)))
+            original(self, measured, **words)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Client, "send", noisy)
+            holding.start()
+            outcome, remote = served(endpoint, longest=0.1)
+    assert remote.traffic.refused >= 10
+    assert remote.traffic.silent == 0
+    assert np.isfinite(outcome.recording["p_WB"].value).all()
+
+
+# --- WallClock ---
+
+
+class Clock:
+    """A clock that the test moves."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.mark.parametrize("factor", [0.1, 1.0, 5.0])
+def test_a_tick_is_due_by_the_factor(factor):
+    clock = Clock()
+    pace = WallClock(factor, clock=clock)
+    pace.arrive(0.0, WorkState.SETTLE)
+    assert pace.due(2.0) == pytest.approx(100.0 + 2.0 / factor)
+
+
+def test_lateness_is_noted_and_nothing_is_skipped():
+    clock = Clock()
+    pace = WallClock(1.0, clock=clock)
+    for tick, delay in enumerate((0.0, 0.01, 0.09, 0.0)):
+        clock.now = 100.0 + 0.01 * tick + delay
+        pace.arrive(0.01 * tick, WorkState.WORK)
+    assert pace.late == pytest.approx([0.0, 0.01, 0.09, 0.0])
+    assert not pace.pauses
+    assert pace.due(1.0) == pytest.approx(101.0)  # the clock was not moved for it
+
+
+def test_a_scan_stops_the_clock():
+    clock = Clock()
+    pace = WallClock(2.0, clock=clock)
+    pace.arrive(0.0, WorkState.SETTLE)
+    clock.now += 0.5
+    pace.arrive(1.0, WorkState.SCAN)
+    clock.now += 20.005
+    pace.arrive(1.01, WorkState.SCAN)
+    clock.now += 7.005
+    pace.arrive(1.02, WorkState.CLOSE_IN)
+    assert [length for _, length in pace.pauses] == pytest.approx([20.0, 7.0])
+    assert pace.report()["late_max_s"] == pytest.approx(0.0, abs=1e-9)
+    assert pace.due(1.02) == pytest.approx(clock.now)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, 1e6])
+def test_a_pace_that_cannot_be_kept_is_refused(factor):
+    with pytest.raises(ConfigurationError, match="times real time"):
+        WallClock(factor)

@@ -1,0 +1,182 @@
+"""Doors for other programs: `uuv serve ardupilot`, `uuv serve udp`."""
+
+import math
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from uuv.cli.carry_out import METRICS, Assignments, values_of
+from uuv.cli.json_output import file_alone, print_json
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.runs.command_line import RunOptions, parse
+
+if TYPE_CHECKING:  # a help text does without
+    from uuv.scenario import Scenario
+    from uuv.serve.ardupilot import ArduPilotDoor
+
+
+@dataclass(kw_only=True)
+class ArduPilotOptions:
+    """Physics behind ArduPilot's simulation (SITL), by its JSON interface, in lockstep.
+
+    Start SITL with `--model JSON:127.0.0.1`. Ctrl-C ends it; exit code 0.
+    """
+
+    frame: str = "vectored_6dof"
+    """ArduSub's motor frame: vectored (FRAME_CONFIG 1) or vectored_6dof (2)."""
+    vehicle: str | None = None
+    """Named vehicle (`uuv list vehicles`) whose thrusters are arranged so; default: bluerov2 for
+    vectored, bluerov2_heavy for vectored_6dof."""
+    port: int = 9002
+    """UDP port; 0: any that is free."""
+    listen: str = "127.0.0.1"
+    """Address to listen on; default: this machine alone."""
+    depth: float = 1.0
+    """Depth at the start [m]."""
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Current [m/s] to the north, east, down."""
+    bottom: float | None = None
+    """Depth of a level bottom [m], for a range finder that looks down (rng_1)."""
+    directions: tuple[int, ...] = ()
+    """MOT_n_DIRECTION of the autopilot, 1 or -1 for each motor, where they are not all 1."""
+    arm_channels: tuple[int, ...] = ()
+    """Channel of each joint of the arm, its range over 1100 to 1900 us; default: held at home."""
+    seconds: float | None = None
+    """End after so much simulated time [s]."""
+    json: bool = False
+    """Print what arrived as JSON at the end."""
+
+
+@dataclass(kw_only=True)
+class UdpOptions(RunOptions):
+    """Run a job whose controller is another process, over UDP (docs/udp.md).
+
+    Without --pace in lockstep: each command is waited for.
+    """
+
+    name: Annotated[
+        Positional[str], arg(metavar="NAME", help="A job by its name, or a scenario, FILE.toml.")
+    ]
+    port: int = 9010
+    """UDP port; 0: any that is free."""
+    listen: str = "127.0.0.1"
+    """Address to listen on; default: this machine alone."""
+    rate: float = 500.0
+    """Commands a second of simulated time [Hz]: 100 to 500."""
+    quick: bool = False
+    """The short form of the job."""
+    seed: int | None = None
+    """Seed instead of the job's."""
+    set: Assignments = ()
+    """KEY=VALUE, repeatable: values by the keys of a scenario file."""
+    trust: bool = False
+    """Run the code that a scenario file names too."""
+    json: bool = False
+    """Print metrics.json alone."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Serves until it is ended; returns the exit code."""
+    return _serve_udp(args) if verb == "serve udp" else _serve_ardupilot(args)
+
+
+def _serve_udp(args: Sequence[str]) -> int:
+    """A job with a controller in another process."""
+    options = parse(UdpOptions, args)
+    started = time.perf_counter()
+    scenario = _scenario(options)
+    from uuv.inputs import check_inputs
+
+    check_inputs(scenario, options.longest)
+    from uuv.serve.datagrams import listening
+    from uuv.serve.served_job import run_remote
+
+    with listening(options.port, options.listen) as endpoint:
+
+        def work() -> int:
+            print(f"{scenario.name} on UDP port {endpoint.port} of {options.listen}", flush=True)
+            return run_remote(scenario, options, endpoint, started, rate=options.rate)
+
+        return file_alone(work, METRICS) if options.json else work()
+
+
+def _scenario(options: UdpOptions) -> "Scenario":
+    """The scenario that the options name.
+
+    Raises:
+        ConfigurationError: There is no such job or file, or a value is wrong.
+    """
+    from uuv import jobs
+    from uuv.scenario_file import read_scenario, with_values
+
+    if options.name.endswith(".toml"):
+        scenario = read_scenario(options.name, trust=options.trust)
+    else:
+        words = {"quick": True} if options.quick else {}
+        scenario = jobs.named(options.name)(**words)
+    if options.seed is not None:
+        scenario = replace(scenario, seed=options.seed)
+    return with_values(scenario, values_of(options.set)) if options.set else scenario
+
+
+def _serve_ardupilot(args: Sequence[str]) -> int:
+    """A vehicle behind an autopilot."""
+    options = parse(ArduPilotOptions, args)
+    from uuv.serve.datagrams import answer_all, listening
+
+    if options.seconds is not None and not (
+        math.isfinite(options.seconds) and options.seconds > 0.0
+    ):
+        raise ConfigurationError(f"--seconds: must be above 0, got {options.seconds}")
+
+    with listening(options.port, options.listen) as endpoint:
+        door = _door(options)
+        longest = math.inf if options.seconds is None else options.seconds
+        name = door.vehicle.name
+        ready = f"{name} as frame {options.frame}, on UDP port {endpoint.port} of {options.listen}"
+        print(ready, file=sys.stderr if options.json else sys.stdout, flush=True)
+
+        try:
+            answer_all(endpoint, door.reply, lambda: door.vehicle.time >= longest - 1e-9)
+        except KeyboardInterrupt:  # the usual end
+            pass
+        finally:
+            _print_end(door, as_json=options.json)
+    return 0
+
+
+def _print_end(door: "ArduPilotDoor", *, as_json: bool) -> None:
+    """Print what arrived, and how much was simulated."""
+    traffic = door.traffic
+    simulated = door.vehicle.time
+    if as_json:
+        print_json({"simulated_s": simulated, **asdict(traffic)})
+        return
+
+    print(f"{simulated:.1f} s simulated; packets: {traffic.summary()}")
+    if traffic.reason:
+        print(f"last refused: {traffic.reason}")
+
+
+def _door(options: ArduPilotOptions) -> "ArduPilotDoor":
+    """Vehicle behind the door, from the options."""
+    from uuv.serve.ardupilot import ArduPilotDoor
+    from uuv.serve.served_vehicle import DiveSite
+
+    north, east, down = options.current
+    water = DiveSite(
+        depth=options.depth,
+        current_W=(north, -east, -down),
+        bottom=math.inf if options.bottom is None else options.bottom,
+    )
+    return ArduPilotDoor(
+        options.frame,
+        vehicle=options.vehicle or "",
+        water=water,
+        directions=options.directions,
+        arm_channels=options.arm_channels,
+    )

@@ -1,0 +1,178 @@
+"""Files of other tools from a run: an MCAP file, a ROS 2 bag, tables of CSV, a MATLAB file."""
+
+import csv
+import heapq
+import io
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uuv.export.topics import RosTypes, Topic, nanoseconds
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.reporting.series_tables import EVENTS, PastRun
+from uuv.sim.runs.saving import write_whole
+
+_PROFILE = "ros2"
+_LATCHED = frozenset({"/robot_description", "/clouds"})  # topics whose last message stays valid
+_QOS = (  # of a latched topic, as ROS 2 records it: transient local, reliable, depth 1
+    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
+    "  deadline: {sec: 9223372036, nsec: 854775807}\n"
+    "  lifespan: {sec: 9223372036, nsec: 854775807}\n"
+    "  liveliness: 1\n  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}\n"
+    "  avoid_ros_namespace_conventions: false\n"
+)
+_LONGEST_NAME = 63  # [characters] of a MATLAB variable
+
+
+def ordered(topics: Sequence[Topic]) -> Iterator[tuple[float, int, int]]:
+    """Time [s], topic and index of every message, in the order of time."""
+
+    def of_topic(number: int) -> Iterator[tuple[float, int, int]]:
+        for index, time in enumerate(topics[number].time):
+            yield float(time), number, index
+
+    return heapq.merge(*map(of_topic, range(len(topics))))
+
+
+def write_mcap(
+    file: Path, topics: Sequence[Topic], types: RosTypes, about: Mapping[str, str]
+) -> int:
+    """Write all messages to an MCAP file; returns their number.
+
+    Args:
+        file: New file.
+        topics: Of a run.
+        types: Message types.
+        about: Texts by name, kept as metadata.
+
+    Raises:
+        MissingLibraryError: The package mcap is not installed.
+    """
+    with wanted():
+        from mcap.writer import Writer
+
+    content = io.BytesIO()
+    writer = Writer(content)
+    writer.start(profile=_PROFILE, library="uuv-arm")
+    writer.add_metadata("run", dict(about))
+
+    schemas: dict[str, int] = {}
+    channels: list[int] = []
+    for topic in topics:
+        if topic.kind not in schemas:
+            text = types.definition(topic.kind).encode()
+            schemas[topic.kind] = writer.register_schema(topic.kind, "ros2msg", text)
+
+        qos = {"offered_qos_profiles": _QOS} if _is_latched(topic) else {}
+        channels.append(writer.register_channel(topic.name, "cdr", schemas[topic.kind], qos))
+
+    count = 0
+    for time, number, index in ordered(topics):
+        topic = topics[number]
+        stamp = nanoseconds(time)
+        data = types.encoded(topic.kind, topic.message(index))
+        writer.add_message(channels[number], stamp, data, stamp, sequence=index)
+        count += 1
+
+    writer.finish()
+    write_whole(file, content.getvalue())
+    return count
+
+
+def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:
+    """Write all messages to a ROS 2 bag, a new folder; returns their number.
+
+    Raises:
+        ConfigurationError: The folder exists.
+        MissingLibraryError: The package rosbags is not installed.
+    """
+    with wanted():
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    if folder.exists():
+        raise ConfigurationError(f"--bag {folder}: exists already; a bag needs a new folder")
+
+    count = 0
+    bag = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with bag as writer:
+        connections = [
+            writer.add_connection(topic.name, topic.kind, typestore=types.store) for topic in topics
+        ]
+        for time, number, index in ordered(topics):
+            topic = topics[number]
+            data = types.encoded(topic.kind, topic.message(index))
+            writer.write(connections[number], nanoseconds(time), data)
+            count += 1
+    return count
+
+
+def write_csv(folder: Path, run: PastRun) -> list[Path]:
+    """Write a CSV file for each table of a run, with units in the heads of columns.
+
+    Args:
+        folder: New or existing folder.
+        run: Run to export.
+
+    Returns:
+        The files.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for rate in (*run.rates, EVENTS):
+        units = run.units(rate)
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(f"{name} [{unit}]" if unit else name for name, unit in units.items())
+        writer.writerows(zip(*(run.column(name, rate).tolist() for name in units), strict=True))
+
+        files.append(folder / f"{rate}.csv")
+        write_whole(files[-1], text.getvalue().encode())
+    return files
+
+
+def write_matlab(file: Path, run: PastRun) -> None:
+    """Write a MATLAB file: a struct for each table, in it a matrix for each series, and `units`."""
+    from scipy.io import savemat
+
+    content: dict[str, Any] = {}
+    for rate in run.rates:
+        columns = run.units(rate)
+        series: dict[str, list[str]] = {}
+        for name in columns:
+            series.setdefault(_series_name(name), []).append(name)
+
+        matrices: dict[str, Any] = {
+            name: np.column_stack([run.numbers(column, rate) for column in parts])
+            for name, parts in series.items()
+        }
+        matrices["units"] = {name: columns[parts[0]] for name, parts in series.items()}
+        matrices["columns"] = {name: np.array(parts, object) for name, parts in series.items()}
+        content[rate] = matrices
+
+    content[EVENTS] = {
+        "time": run.numbers("time", EVENTS)[:, None],
+        **{
+            name: np.array(run.column(name, EVENTS).tolist(), object)
+            for name in ("state", "abort", "note")
+        },
+    }
+    buffer = io.BytesIO()
+    savemat(buffer, content, do_compression=True, long_field_names=True)
+    write_whole(file, buffer.getvalue())
+
+
+def _series_name(column: str) -> str:
+    """Name of a column's series as MATLAB allows it: letters, digits and underscores."""
+    head, _, tail = column.partition(".")
+    if head in ("believed", "body_pose"):  # whose next word is a part of the name
+        head = f"{head}_{tail.partition('.')[0]}"
+    return re.sub(r"\W", "_", head)[:_LONGEST_NAME]
+
+
+def _is_latched(topic: Topic) -> bool:
+    return any(topic.name.startswith(name) for name in _LATCHED)

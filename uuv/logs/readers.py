@@ -1,0 +1,270 @@
+"""Readers of vehicles' logs by kept libraries: ArduPilot dataflash, MAVLink telemetry, ROS.
+
+A file from elsewhere may be cut or damaged: what can be read before that is taken, and the damage
+is noted. Sizes are bounded.
+"""
+
+import contextlib
+import gc
+import importlib
+import io
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from uuv.logs.gathered import Gathered, short
+from uuv.logs.kinds import ENDINGS
+from uuv.logs.vehicle_log import (
+    ATTITUDE,
+    DEPTH,
+    FORCE,
+    POSITION,
+    PULSES,
+    RATE,
+    VELOCITY,
+    VehicleLog,
+)
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.spatial import GRAVITY, Array, shown
+
+LARGEST = 2 << 30  # [bytes] of a file
+_TO_OURS = np.array([1.0, -1.0, -1.0])  # from forward, right, down, and from north, east, down
+_MILLI = 1e-3  # of g, in a message
+_CHANNELS = 16  # servo outputs of a message
+
+Message = tuple[float, Mapping[str, Any]]  # time [s] and fields
+
+
+def read_vehicle_log(file: str | Path) -> VehicleLog:
+    """Read the log of a vehicle.
+
+    Args:
+        file: .BIN of ArduPilot, .tlog of MAVLink, .mcap, or a ROS bag (file or folder).
+
+    Raises:
+        ConfigurationError: There is no such file, it is none of these or holds nothing that is
+            read.
+        MissingLibraryError: The extra `bridge` is not installed.
+    """
+    path = Path(file)
+    what = f"log {shown(str(path))}"
+    _check_file(path, what)
+
+    ending = path.suffix.lower()
+    if ending == ".bin":
+        log = _ardupilot(path, what, _dataflash, "ArduPilot dataflash (.BIN)")
+    elif ending == ".tlog":
+        log = _ardupilot(path, what, _telemetry, "MAVLink telemetry (.tlog)")
+    else:
+        from uuv.logs.ros_logs import read_ros_log
+
+        log = read_ros_log(path, what)
+
+    if not log.messages:
+        note = f" ({log.notes[0]})" if log.notes else ""
+        raise ConfigurationError(f"{what}: holds no message of a {log.kind} log{note}")
+    return log
+
+
+def _check_file(path: Path, what: str) -> None:
+    if path.is_dir():
+        if not (path / "metadata.yaml").is_file():
+            raise ConfigurationError(f"{what}: a folder without metadata.yaml is no ROS bag")
+        return
+    if not path.is_file():
+        raise ConfigurationError(f"{what}: there is no such file")
+    if path.suffix.lower() not in ENDINGS:
+        raise ConfigurationError(f"{what}: what is read is {', '.join(ENDINGS)}, or a bag's folder")
+    if path.stat().st_size > LARGEST:
+        raise ConfigurationError(f"{what}: larger than {LARGEST >> 30} GB")
+
+
+# --- ArduPilot ---
+
+
+def _ardupilot(
+    path: Path, what: str, read: Callable[[Path, "Gathered"], None], kind: str
+) -> VehicleLog:
+    """A log of ArduPilot, whatever its container."""
+    with wanted():
+        importlib.import_module("pymavlink")
+
+    gathered = Gathered(what)
+    with _quiet():
+        try:
+            read(path, gathered)
+        except ConfigurationError:
+            raise
+        except Exception as error:  # the plain class is what pymavlink raises
+            gathered.note(f"damaged after {gathered.messages} messages: {short(error)}")
+    return gathered.log(path.name, kind)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Around pymavlink: it prints what it skips, and leaves files open where it fails."""
+    silence = io.StringIO()
+    with (
+        contextlib.redirect_stdout(silence),
+        contextlib.redirect_stderr(silence),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("ignore", ResourceWarning)
+        yield
+        gc.collect()  # what was left open is closed here, not at some later warning
+
+
+def _dataflash(path: Path, gathered: "Gathered") -> None:
+    """Messages of a .BIN, by their names there."""
+    from pymavlink import DFReader
+
+    log = DFReader.DFReader_binary(str(path), zero_time_base=True)
+    kinds = _DATAFLASH
+
+    while (message := log.recv_match()) is not None:
+        kind = message.get_type()
+        time = getattr(message, "TimeUS", None)
+        gathered.count(None if time is None else 1e-6 * time)
+
+        if kind == "PARM":
+            gathered.parameter(str(message.Name), message.Value)
+        elif kind in kinds and time is not None:
+            kinds[kind](gathered, 1e-6 * time, message)
+
+
+def _telemetry(path: Path, gathered: "Gathered") -> None:
+    """Messages of a .tlog, those of the vehicle's autopilot."""
+    from pymavlink import mavutil
+
+    log = mavutil.mavlink_connection(str(path), robust_parsing=True)
+    kinds = _TELEMETRY
+    clock = _BootClock()
+    bad = 0
+
+    while (message := log.recv_match()) is not None:
+        kind = message.get_type()
+        if kind == "BAD_DATA":
+            bad += 1
+            continue
+
+        time = clock.time_of(message)
+        gathered.count(time)
+
+        if kind == "PARAM_VALUE":
+            gathered.parameter(str(message.param_id), message.param_value)
+        elif kind in kinds and time is not None:
+            kinds[kind](gathered, time, message)
+
+    if bad:
+        gathered.note(f"{bad} parts of the file are no message")
+
+
+class _BootClock:
+    """Time [s] of telemetry by the vehicle's own clock; messages without it are put on it."""
+
+    def __init__(self) -> None:
+        self._ahead = math.inf  # [s] least difference between the recorder's clock and that
+
+    def time_of(self, message: Any) -> float | None:
+        """Time since the vehicle's start; before that is known, None."""
+        recorded = getattr(message, "_timestamp", None)
+        boot_ms = getattr(message, "time_boot_ms", 0)
+        since_start = 1e-3 * boot_ms or 1e-6 * getattr(message, "time_usec", 0)
+        if recorded is None:
+            return since_start or None
+
+        if since_start:
+            self._ahead = min(self._ahead, recorded - since_start)
+            return since_start
+        return recorded - self._ahead if math.isfinite(self._ahead) else None
+
+
+def quaternion_xyzw(roll: float, pitch: float, yaw: float) -> Array:
+    """Attitude (4,) of the hull, forward-port-up in a world with z up, from angles [rad] in NED."""
+    in_ned = Rotation.from_euler("ZYX", [yaw, pitch, roll])
+    half_turn = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
+    return (half_turn * in_ned * half_turn).as_quat()
+
+
+def _pulses(message: Any, form: str) -> Array:
+    return np.array([getattr(message, form.format(n), 0) for n in range(1, _CHANNELS + 1)])
+
+
+def _att(to: Gathered, time: float, m: Any) -> None:
+    angles = np.radians([m.Roll, m.Pitch, m.Yaw])
+    to.add(ATTITUDE, time, quaternion_xyzw(*angles), "ATT [deg], NED")
+
+
+def _imu(to: Gathered, time: float, m: Any) -> None:
+    if getattr(m, "I", 0):  # a second unit
+        return
+    to.add(RATE, time, _TO_OURS * [m.GyrX, m.GyrY, m.GyrZ], "IMU [rad/s], FRD")
+    to.add(FORCE, time, _TO_OURS * [m.AccX, m.AccY, m.AccZ], "IMU [m/s^2], FRD")
+
+
+def _xkf1(to: Gathered, time: float, m: Any) -> None:
+    if getattr(m, "C", 0):  # a second filter
+        return
+    source = "XKF1, NED: the autopilot's estimate"
+    to.add(POSITION, time, _TO_OURS * [m.PN, m.PE, m.PD], f"{source} [m]")
+    angles = np.radians([m.Roll, m.Pitch, m.Yaw])
+    velocity = _TO_OURS * [m.VN, m.VE, m.VD]
+    in_hull = Rotation.from_quat(quaternion_xyzw(*angles)).inv().apply(velocity)
+    to.add(VELOCITY, time, in_hull, f"{source} [m/s], turned into the hull")
+
+
+def _ctun(to: Gathered, time: float, m: Any) -> None:
+    to.add(DEPTH, time, np.array([-m.Alt]), "CTUN.Alt [m], up")
+
+
+def _rcou(to: Gathered, time: float, m: Any) -> None:
+    to.add(PULSES, time, _pulses(m, "C{}"), "RCOU [us]")
+
+
+def _attitude(to: Gathered, time: float, m: Any) -> None:
+    to.add(ATTITUDE, time, quaternion_xyzw(m.roll, m.pitch, m.yaw), "ATTITUDE [rad], NED")
+    rates = _TO_OURS * [m.rollspeed, m.pitchspeed, m.yawspeed]
+    to.add(RATE, time, rates, "ATTITUDE [rad/s], FRD")
+
+
+def _raw_imu(to: Gathered, time: float, m: Any) -> None:
+    if m.xacc or m.yacc or m.zacc:  # a unit that is not there sends zeros
+        force = _TO_OURS * [m.xacc, m.yacc, m.zacc] * _MILLI * GRAVITY
+        to.add(FORCE, time, force, f"{m.get_type()} [thousandths of g], FRD", rank=1)
+
+
+def _local_position(to: Gathered, time: float, m: Any) -> None:
+    source = "LOCAL_POSITION_NED: the autopilot's estimate"
+    to.add(POSITION, time, _TO_OURS * [m.x, m.y, m.z], f"{source} [m]")
+
+
+def _vfr_hud(to: Gathered, time: float, m: Any) -> None:
+    to.add(DEPTH, time, np.array([-m.alt]), "VFR_HUD.alt [m], up")
+
+
+def _servo(to: Gathered, time: float, m: Any) -> None:
+    if not getattr(m, "port", 0):
+        to.add(PULSES, time, _pulses(m, "servo{}_raw"), "SERVO_OUTPUT_RAW [us]")
+
+
+_DATAFLASH: dict[str, Callable[[Gathered, float, Any], None]] = {
+    "ATT": _att,
+    "IMU": _imu,
+    "XKF1": _xkf1,
+    "CTUN": _ctun,
+    "RCOU": _rcou,
+}
+_TELEMETRY: dict[str, Callable[[Gathered, float, Any], None]] = {
+    "ATTITUDE": _attitude,
+    "RAW_IMU": _raw_imu,
+    "SCALED_IMU2": _raw_imu,
+    "LOCAL_POSITION_NED": _local_position,
+    "VFR_HUD": _vfr_hud,
+    "SERVO_OUTPUT_RAW": _servo,
+}

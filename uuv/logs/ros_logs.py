@@ -1,0 +1,166 @@
+"""Logs of ROS: MCAP files and bags, by the types of their topics."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uuv.logs.gathered import BROKEN, Gathered, short
+from uuv.logs.vehicle_log import (
+    ATTITUDE,
+    DEPTH,
+    FORCE,
+    JOINTS,
+    POSITION,
+    PULSES,
+    RATE,
+    THRUSTS,
+    VELOCITY,
+    VehicleLog,
+)
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import wanted
+from uuv.sim.interfaces.spatial import GRAVITY, Array
+
+_WATER_DENSITY = 1025.0  # [kg/m^3] of sea water, for depths from pressures
+_AIR = 101_325.0  # [Pa] at the surface
+_NOT_MEASURED = -1.0  # begins a covariance
+_SECOND = 1e-9  # [s] of a nanosecond
+
+
+def read_ros_log(path: Path, what: str) -> VehicleLog:
+    """Read an MCAP file or a bag; topics are taken by their types, the first of each counts.
+
+    Raises:
+        ConfigurationError: It cannot be opened.
+        MissingLibraryError: The package rosbags is not installed.
+    """
+    with wanted():
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+
+    gathered = Gathered(what)
+
+    try:
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        with reader:
+            _read(reader, gathered)
+    except ConfigurationError:
+        raise
+    except (AnyReaderError, *BROKEN) as error:
+        if not gathered.messages:
+            # nothing of it is known
+            raise ConfigurationError(
+                f"{what}: is no whole bag or MCAP file ({short(error)})"
+            ) from error
+
+        gathered.note(f"damaged after {gathered.messages} messages: {short(error)}")
+    return gathered.log(path.name, "ROS (bag, MCAP)")
+
+
+def _read(reader: Any, gathered: Gathered) -> None:
+    """Add all messages of types that are read, topics in the order of their names' length."""
+    connections = [topic for topic in reader.connections if topic.msgtype in _TYPES]
+    names = {connection.topic for connection in connections}
+    order = sorted(names, key=lambda name: (len(name), name))
+
+    # What is there and of no use is noted.
+    others = sorted({topic.msgtype for topic in reader.connections} - set(_TYPES))
+    if others:
+        gathered.note(f"topics of types that are not read: {', '.join(others)}")
+
+    for connection, stamp, raw in reader.messages(connections):
+        message = reader.deserialize(raw, connection.msgtype)
+        time = _time_of(message, stamp)
+        gathered.count(time)
+        rank = order.index(connection.topic)
+        _TYPES[connection.msgtype](gathered, time, message, connection.topic, rank)
+
+
+def _time_of(message: Any, stamp: int) -> float:
+    """Time [s] of measurement where the message has one, else of recording."""
+    header = getattr(message, "header", None)
+    if header is not None and (header.stamp.sec or header.stamp.nanosec):
+        return header.stamp.sec + _SECOND * header.stamp.nanosec
+    return _SECOND * stamp
+
+
+def _xyz(vector: Any) -> Array:
+    return np.array([vector.x, vector.y, vector.z])
+
+
+def _xyzw(quaternion: Any) -> Array:
+    return np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
+
+
+def _is_rotation(xyzw: Array) -> bool:
+    return abs(float(np.linalg.norm(xyzw)) - 1.0) < 1e-2
+
+
+def _imu(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
+    source = f"{topic}: sensor_msgs/Imu"
+
+    # REP 145: a covariance that begins with -1 says that the quantity is not measured.
+    if m.angular_velocity_covariance[0] != _NOT_MEASURED:
+        to.add(RATE, time, _xyz(m.angular_velocity), source, rank=rank)
+    if m.linear_acceleration_covariance[0] != _NOT_MEASURED:
+        to.add(FORCE, time, _xyz(m.linear_acceleration), source, rank=rank)
+
+    attitude = _xyzw(m.orientation)
+    if m.orientation_covariance[0] != _NOT_MEASURED and _is_rotation(attitude):
+        to.add(ATTITUDE, time, attitude, source, rank=rank)
+
+
+def _odometry(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
+    source = f"{topic}: nav_msgs/Odometry"
+    to.add(POSITION, time, _xyz(m.pose.pose.position), source, rank=rank)
+    attitude = _xyzw(m.pose.pose.orientation)
+    if _is_rotation(attitude):
+        to.add(ATTITUDE, time, attitude, source, rank=100 + rank)  # an IMU's own comes first
+
+
+def _pose(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
+    source = f"{topic}: geometry_msgs/PoseStamped"
+    to.add(POSITION, time, _xyz(m.pose.position), source, rank=200 + rank)
+    attitude = _xyzw(m.pose.orientation)
+    if _is_rotation(attitude):
+        to.add(ATTITUDE, time, attitude, source, rank=200 + rank)
+
+
+def _twist(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
+    source = f"{topic}: a twist, hull axes"
+    twist = m.twist.twist if hasattr(m.twist, "twist") else m.twist
+    to.add(VELOCITY, time, _xyz(twist.linear), source, rank=rank)
+
+
+def _pressure(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
+    depth = (m.fluid_pressure - _AIR) / (_WATER_DENSITY * GRAVITY)
+    to.add(DEPTH, time, np.array([depth]), f"{topic}: sensor_msgs/FluidPressure [Pa]", rank=rank)
+
+
+def _joints(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
+    names = tuple(map(str, m.name))
+    source = f"{topic}: sensor_msgs/JointState"
+
+    # Efforts alone are thrusts.
+    if names and len(m.position) == len(names):
+        to.add(JOINTS, time, m.position, source, rank=rank, labels=names)
+    elif names and len(m.effort) == len(names):
+        to.add(THRUSTS, time, m.effort, f"{source}, effort [N]", rank=rank, labels=names)
+
+
+def _outputs(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
+    to.add(PULSES, time, np.asarray(m.channels), f"{topic}: mavros_msgs/RCOut [us]", rank=rank)
+
+
+_TYPES: dict[str, Callable[[Gathered, float, Any, str, int], None]] = {
+    "sensor_msgs/msg/Imu": _imu,
+    "nav_msgs/msg/Odometry": _odometry,
+    "geometry_msgs/msg/PoseStamped": _pose,
+    "geometry_msgs/msg/TwistStamped": _twist,
+    "geometry_msgs/msg/TwistWithCovarianceStamped": _twist,
+    "sensor_msgs/msg/FluidPressure": _pressure,
+    "sensor_msgs/msg/JointState": _joints,
+    "mavros_msgs/msg/RCOut": _outputs,
+}

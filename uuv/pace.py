@@ -1,0 +1,94 @@
+"""WallClock of a run: simulated time against the clock on the wall.
+
+Nothing is skipped: a run that is late goes on as fast as it can. Work that stops the vehicle's
+clock (a scan, the identification after it, the placement of the hull) is a pause and no lateness.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.loop.rollout import Moment
+
+SLOWEST = 0.01  # factor of real time
+FASTEST = 100.0  # factor of real time
+_PAUSE = 0.05  # [s] on the wall, at least
+
+
+@dataclass(slots=True)
+class WallClock:
+    """Keeps a run at a factor of real time; an observer of `uuv.sim.loop.rollout`."""
+
+    factor: float  # simulated seconds a second
+    clock: Callable[[], float] = time.perf_counter
+    late: list[float] = field(default_factory=list)  # [s] by which each tick came late
+    pauses: list[tuple[float, float]] = field(default_factory=list)  # [s] when, and how long
+    slow_ticks: tuple[int, ...] = (5,)  # of the loop, between two waits
+    _origin: float | None = None  # [s] on the wall of simulated time 0
+    _state: WorkState | None = None
+    _last: float = 0.0  # [s] on the wall of the last tick
+
+    def __post_init__(self) -> None:
+        if not SLOWEST <= self.factor <= FASTEST:
+            raise ConfigurationError(
+                f"pace: must be {SLOWEST} to {FASTEST} times real time, got {self.factor}"
+            )
+
+    def observe(self, moment: Moment) -> None:
+        """Wait until the moment is due."""
+        self.arrive(float(moment.truth.time), moment.reference.state)
+        while (wait := self.due(float(moment.truth.time)) - self.clock()) > 0.0:
+            time.sleep(wait)
+
+    def arrive(self, simulated: float, state: WorkState) -> None:
+        """Note a tick that is ready: its lateness, or the pause before it.
+
+        Args:
+            simulated: [s] time of the tick.
+            state: Of the work; a scan, and the tick after it, may stop the clock.
+        """
+        arrived = self.clock()
+        if self._origin is None:
+            self._origin = arrived - simulated / self.factor
+
+        late = arrived - self.due(simulated)
+        may_pause = state is WorkState.SCAN or state is not self._state
+        if late > _PAUSE and may_pause and arrived - self._last > _PAUSE:
+            self.pauses.append((simulated, late))
+            self._origin += late
+            late = 0.0
+
+        self.late.append(max(0.0, late))
+        self._state = state
+        self._last = arrived
+
+    def due(self, simulated: float) -> float:
+        """Time [s] on the wall at which a simulated time [s] is due."""
+        assert self._origin is not None
+        return self._origin + simulated / self.factor
+
+    def summary(self) -> str:
+        """The report in one line."""
+        report = self.report()
+        return (
+            f"pace {self.factor:g}: late by {1e3 * report['late_median_s']:.2f} ms (median), "
+            f"{1e3 * report['late_p99_s']:.2f} (99 %), {1e3 * report['late_max_s']:.1f} at most; "
+            f"{report['pauses']:.0f} pauses, {report['paused_s']:.1f} s"
+        )
+
+    def report(self) -> dict[str, float]:
+        """Lateness of the ticks and length of the pauses."""
+        late = np.array(self.late or [0.0])
+        return {
+            "factor": self.factor,
+            "ticks": float(len(self.late)),
+            "late_median_s": float(np.median(late)),
+            "late_p99_s": float(np.percentile(late, 99)),
+            "late_max_s": float(late.max()),
+            "pauses": float(len(self.pauses)),
+            "paused_s": float(sum(length for _, length in self.pauses)),
+        }

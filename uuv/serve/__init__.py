@@ -1,0 +1,1 @@
+"""Doors for other programs: a vehicle in the water that they drive over a socket."""

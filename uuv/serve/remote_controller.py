@@ -1,0 +1,308 @@
+"""A controller in another process, asked over UDP at each of its ticks.
+
+In lockstep the simulation waits for each answer. In paced mode it goes on with the last command,
+for at most `HELD` of simulated time. Without an answer for longer the command is not a number, and
+the safety wrapper departs with the tool as it does when a controller fails.
+"""
+
+import math
+import time
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from uuv.models.vehicle import Vehicle
+from uuv.pace import WallClock
+from uuv.serve import client
+from uuv.serve.client import Packet, PacketError
+from uuv.serve.datagrams import Endpoint
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    HullLoad,
+    Reference,
+    StateEstimate,
+    WorkState,
+)
+from uuv.sim.interfaces.spatial import Array
+
+HELD = 0.2  # [s] simulated, for which a command holds
+PATIENCE = 10.0  # [s] on the wall that an answer is waited for in lockstep
+GREETING = 300.0  # [s] on the wall that a client is waited for at first
+_AGAIN = 0.1  # [s] on the wall after which a frame is sent again
+_STATES = tuple(WorkState)
+
+
+@dataclass(slots=True)
+class Exchange:
+    """What went out and came in."""
+
+    sent: int = 0
+    again: int = 0  # frames that were sent again for want of an answer
+    taken: int = 0  # commands
+    stale: int = 0  # commands that came twice, or after a newer one
+    refused: int = 0  # datagrams that are no command for this vehicle
+    held: int = 0  # ticks that went on with an earlier command
+    silent: int = 0  # ticks without a command that still holds
+    oldest_s: float = 0.0  # [s] simulated, largest age of a command that was used
+
+    def summary(self) -> str:
+        """In one line."""
+        return ", ".join(f"{value:g} {name}" for name, value in asdict(self).items())
+
+
+class UdpController:
+    """Controller whose answers come from a client (`uuv.sim.interfaces.protocols.Controller`)."""
+
+    def __init__(
+        self, endpoint: Endpoint, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
+    ) -> None:
+        """Serve a vehicle's estimates at a socket.
+
+        Args:
+            endpoint: Bound socket.
+            vehicle: The vehicle as it is believed.
+            period: [s] between commands.
+            pace: WallClock of the run; None: lockstep.
+        """
+        self.period = period
+        self.traffic = Exchange()
+        self._endpoint = endpoint
+        self._joints = len(vehicle.joints)
+        self._thrusters = len(vehicle.thruster_names)
+        self._pace = pace
+        self._count = 0
+        self._answered = -1  # count of the newest command
+        self._command: Command | None = None
+        self._reference: Reference | None = None
+        self._gone = False
+
+    def init(self, estimate: StateEstimate) -> None:
+        """Wait for a client, and show it the first estimate with set points that hold it.
+
+        Raises:
+            ConfigurationError: None came, or it does not answer.
+        """
+        end = time.monotonic() + GREETING
+        while self._endpoint.peer is None:
+            self._endpoint.receive()
+            if time.monotonic() > end:
+                raise ConfigurationError(
+                    f"--port {self._endpoint.port}: no client within {GREETING:.0f} s"
+                )
+
+        self._ask(self._measured(estimate, _holding(estimate), client.START), GREETING)
+        if self._answered < self._count:
+            raise ConfigurationError(
+                f"--port {self._endpoint.port}: the client sends no command within {GREETING:.0f} s"
+            )
+        self._command = None
+
+    def step(
+        self, state: None, estimate: StateEstimate, reference: Reference
+    ) -> tuple[None, Command]:
+        """The client's command for an estimate, or the last one while it holds."""
+        if self._gone:
+            return state, self._none(estimate, reference)
+
+        # Out with the measurement, in with what answers it.
+        self._count += 1
+        frame = self._measured(estimate, reference)
+        self._reference = reference
+        if self._pace is None:
+            self._ask(frame, PATIENCE)
+        elif self._command is None and not self.traffic.silent:
+            self._ask(frame, GREETING)  # time begins when the client is ready
+            self._pace.arrive(estimate.time, reference.state)
+        else:
+            self._pace.arrive(estimate.time, reference.state)
+            self._send(frame)
+            self._listen_until(self._pace.due(estimate.time + self.period))
+
+        # The newest command, if it still holds.
+        command = self._command
+        age = math.inf if command is None else estimate.time - command.time
+        if command is None or age > HELD or (self._pace is None and self._answered < self._count):
+            self.traffic.silent += 1
+            self._gone = self._pace is None
+            return state, self._none(estimate, reference)
+
+        self.traffic.held += self._answered < self._count
+        self.traffic.oldest_s = max(self.traffic.oldest_s, age)
+        return state, _at(command, estimate.time, reference.scan)
+
+    def close(self) -> None:
+        """Tell the client that the run has ended."""
+        header = (client.VERSION, self._joints, self._thrusters, self._count, 0, 0, 0.0)
+        self._endpoint.send(client.HEADER.pack(client.ENDED, *header))
+
+    def _ask(self, frame: bytes, patience: float) -> None:
+        """Send a frame until it is answered, for `patience` [s]."""
+        end = time.monotonic() + patience
+        self._send(frame)
+
+        while self._answered < self._count and (left := end - time.monotonic()) > 0.0:
+            data = self._endpoint.receive(min(_AGAIN, left))
+            if data is not None:
+                self._take(data)
+            else:
+                self.traffic.again += 1
+                self._endpoint.send(frame)
+
+    def _listen_until(self, due: float) -> None:
+        """Take what arrives until a time [s] on the pace's clock; at least what is there."""
+        assert self._pace is not None
+        while True:
+            wait = due - self._pace.clock()
+            data = self._endpoint.receive(max(wait, 0.0))
+            if data is not None:
+                self._take(data)
+            if wait <= 0.0 and data is None:
+                return
+
+    def _send(self, frame: bytes) -> None:
+        self.traffic.sent += 1
+        self._endpoint.send(frame)
+
+    def _take(self, data: bytes) -> None:
+        """Take a datagram as a command, if it is one that is newer than the last."""
+        try:
+            frame = client.unpack(data)
+            if frame.kind == client.ENDED:  # a greeting
+                return
+            command = self._of_frame(frame)
+        except PacketError:
+            self.traffic.refused += 1
+            return
+
+        if not self._answered < frame.count <= self._count:
+            self.traffic.stale += 1
+            return
+
+        self._answered = frame.count
+        self._command = command
+        self.traffic.taken += 1
+
+    def _of_frame(self, frame: Packet) -> Command:
+        """A command as the loop has it.
+
+        Raises:
+            PacketError: It is none, or for another vehicle.
+        """
+        sizes = (frame.joints, frame.thrusters)
+        if frame.kind != client.COMMANDED or sizes != (self._joints, self._thrusters):
+            raise PacketError("no command for this vehicle")
+
+        values = frame.values
+        return Command(
+            time=frame.time,
+            joint_torque=np.array(values["joint_torque"]),
+            thrusters=np.clip(np.array(values["thrusters"]), -1.0, 1.0),
+            scan=frame.flag(client.SCAN),
+            contact=ContactEstimate(
+                force_W=np.array(values["force_W"]),
+                normal=values["normal"],
+                sigma_G=np.array(values["sigma_G"]),
+            ),
+            hull_load=self._load_of(values),
+        )
+
+    def _load_of(self, values: dict[str, Any]) -> HullLoad | None:
+        """Loads on the hull; the last object where nothing changed, as between two hull steps."""
+        wrench = np.array(values["arm_wrench_B"])
+        current = np.array(values["current_W"])
+        if not np.isfinite(wrench).all():
+            return None
+
+        last = None if self._command is None else self._command.hull_load
+        same = (
+            last is not None
+            and np.array_equal(last.arm_wrench_B, wrench)
+            and np.array_equal(last.current_W, current)
+        )
+        return last if same else HullLoad(arm_wrench_B=wrench, current_W=current)
+
+    def _measured(self, estimate: StateEstimate, reference: Reference, flags: int = 0) -> bytes:
+        """Estimate and set points as a frame."""
+        for mask, is_set in (
+            (client.SCAN, reference.scan),
+            (client.FORCE_CONTROL, reference.force_control),
+            (client.TARE, reference.tare),
+            (client.COMPLIANT, reference.compliant),
+            (client.STANDING, reference.standing),
+            (client.FRESH, reference is not self._reference),
+        ):
+            flags |= mask if is_set else 0
+
+        # The estimate.
+        values: dict[str, Any] = _pose("WB", estimate.X_WB)
+        for name in ("vision_age", "dvl_age", "imu_age", "imu_jump_age", "attitude_sigma"):
+            values[name] = getattr(estimate, name)
+        for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma", "q", "qd", "tau"):
+            values[name] = getattr(estimate, name).tolist()
+
+        # The set points.
+        values |= {
+            "set_time": reference.time,
+            "state": _STATES.index(reference.state),
+            **{f"{name}_set": value for name, value in _pose("WB", reference.X_WB).items()},
+            **{f"{name}_set": value for name, value in _pose("WG", reference.X_WG).items()},
+            "v_WB_set": reference.v_WB_W.tolist(),
+            "w_WB_set": reference.w_WB_W.tolist(),
+            "v_WG_set": reference.v_WG_W.tolist(),
+            "w_WG_set": reference.w_WG_W.tolist(),
+            "q_set": reference.q.tolist(),
+            "qd_set": reference.qd.tolist(),
+            "set_force": reference.set_force,
+            "path_s": reference.path_s,
+        }
+
+        lost = sum(1 << thruster for thruster in reference.lost_thrusters)
+        sizes = (self._joints, self._thrusters)
+        return client.pack(
+            Packet(client.MEASURED, *sizes, self._count, flags, lost, estimate.time, values)
+        )
+
+    def _none(self, estimate: StateEstimate, reference: Reference) -> Command:
+        """A command that is not a number."""
+        return Command(
+            time=estimate.time,
+            joint_torque=np.full(self._joints, np.nan),
+            thrusters=np.full(self._thrusters, np.nan),
+            scan=reference.scan,
+        )
+
+
+def _holding(estimate: StateEstimate) -> Reference:
+    """Set points that hold an estimate."""
+    still = np.zeros(3)
+    return Reference(
+        time=estimate.time,
+        state=WorkState.SETTLE,
+        X_WB=estimate.X_WB,
+        v_WB_W=still,
+        X_WG=None,
+        v_WG_W=still,
+        w_WG_W=still,
+        q=estimate.q,
+        qd=np.zeros_like(estimate.q),
+        set_force=0.0,
+        force_control=False,
+        tare=False,
+        scan=False,
+        path_s=0.0,
+    )
+
+
+def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
+    """Position and rotation, row by row, of a pose (4, 4); NaN where there is none."""
+    if X is None:
+        return {f"p_{name}": 3 * [math.nan], f"R_{name}": 9 * [math.nan]}
+    return {f"p_{name}": X[:3, 3].tolist(), f"R_{name}": X[:3, :3].ravel().tolist()}
+
+
+def _at(command: Command, time: float, scan: bool) -> Command:
+    """A command as that of a later tick."""
+    return command if command.time == time else replace(command, time=time, scan=scan)

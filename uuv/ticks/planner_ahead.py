@@ -1,0 +1,76 @@
+"""The planner's next periods as a table of set points, for one stretch of compiled ticks."""
+
+from collections.abc import Sequence
+
+from uuv.sim.interfaces.kernels.foresight import ROWS, Foresight, ReferenceTable, foresees
+from uuv.sim.interfaces.messages import Reference
+from uuv.sim.loop.rollout import Rollout
+from uuv.sim.plant.plant import Plant
+
+_IN_VAIN = 8  # periods without a table, after one whose first row was not as foreseen
+
+
+class PlannerAhead:
+    """Asks the planner of a run for its next periods, and brings its state up to those taken."""
+
+    def __init__(self, run: Rollout, plant: Plant) -> None:
+        """Take the run, and its plant, not wrapped."""
+        self._run = run
+        self._step = float(plant.model.opt.timestep)
+        self._substeps = round(plant.timestep / self._step)
+        self._foresight: Foresight | None = None
+        self._rest = 0  # periods for which nothing is asked
+        planner = run.parts.planner
+        self._planner = planner if foresees(planner) else None
+        self.table = ReferenceTable(len(plant.truth.q))
+
+    def look(self, tick: int, first: int, end: int) -> int:
+        """Fill the table for the planner's ticks from `first` on, before `end`; number of rows.
+
+        Args:
+            tick: present one, of the estimate or the one after it.
+            first: first one of the planner that is not planned yet.
+            end: one after the last one that may be run.
+        """
+        run = self._run
+        if self._planner is None:
+            return 0
+        if self._rest:
+            self._rest -= 1
+            return 0
+
+        known = tick if run.stage else tick - 1
+        times = self._times(first - known, (end - first - 1) // run.planner_ticks + 1)
+        self._foresight = self._planner.ahead(run.planner_state, run.estimate, run.target, times)
+        if self._foresight is None:
+            return 0
+        self.table.fill(self._foresight)
+        return len(self._foresight.times)
+
+    def _times(self, ticks: int, periods: int) -> Sequence[float]:
+        """Times [s] of estimates: in so many ticks, then so often; added up as MuJoCo does."""
+        time = self._run.estimate.time
+        times: list[float] = []
+
+        for _ in range(min(periods, ROWS)):
+            for _ in range(ticks * self._substeps):
+                time += self._step
+            times.append(time)
+            ticks = self._run.planner_ticks
+        return times
+
+    def close(self) -> Sequence[Reference]:
+        """Bring the planner up to the rows that were taken; their set points."""
+        foresight = self._foresight
+        if foresight is None or self._planner is None:
+            return ()
+        run = self._run
+        taken = self.table.taken
+        self.table.clear()
+        self._foresight = None
+        if not taken:
+            self._rest = _IN_VAIN
+            return ()
+
+        run.planner_state = self._planner.followed(run.planner_state, foresight, taken)
+        return foresight.references[:taken]

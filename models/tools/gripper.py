@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
-from uuv.models.naming import PAD_BODY, TOOL_GEOM
+from uuv.models.naming import OTHER_PAD, PAD_BODY, TOOL_GEOM
 from uuv.models.tools.contact import ToolContact, touching
 from uuv.models.tools.heads import add_mount
 from uuv.models.tools.sampler import DAMPING, GIVE, STIFFNESS
@@ -23,8 +23,11 @@ from uuv.sim.interfaces.spatial import Array, finite_number
 
 MOTOR = "gripper"  # tendon whose length is the opening [m], and the motor that pulls it
 FINGERS = "gripper_left", "gripper_right"  # bodies, and their slides
-PADS = TOOL_GEOM, "pad_right"  # geoms that grip; what the first one feels is the grip force
-LEAST_TIME = 0.01  # [s] of a motor: with a shorter one, held contacts chatter at steps of 2 ms
+PADS = TOOL_GEOM, TOOL_GEOM + OTHER_PAD  # geoms that grip; what the first one feels is the grip force
+_POSITIVE = (
+    *("opening", "speed", "force", "friction", "breadth", "length", "mass"),
+    *("time_constant", "stiffness"),
+)
 _FINGER_STEP = 0.004  # [s] time constant of the spindle that couples the fingers
 
 
@@ -41,13 +44,15 @@ class Gripper:
     length: float = 0.16  # [m] from the mount to the fingers' ends
     mass: float = 0.8  # [kg] of all
     time_constant: float = 0.02  # [s] in which the motor gets up to speed
+    stiffness: float = STIFFNESS  # [N/m] of the mount's spring, along the tool
+    mount_damping: float = DAMPING  # [N s/m] of it
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError for a gripper that cannot be built or cannot close."""
-        for name in ("opening", "speed", "force", "friction", "breadth", "length", "mass"):
+        for name in _POSITIVE:
             finite_number(getattr(self, name), f"gripper: {name}", above=0.0)
-        finite_number(self.time_constant, "gripper: time_constant", least=LEAST_TIME)
-        finite_number(self.loss, "gripper: loss", least=0.0)
+        for name in ("loss", "mount_damping"):
+            finite_number(getattr(self, name), f"gripper: {name}", least=0.0)
         if not self.loss < self.force:
             raise ConfigurationError(
                 f"gripper: its loss must be less than its force {self.force:g} N, got "
@@ -87,7 +92,7 @@ class Gripper:
             radius=0.5 * self.breadth,
             length=self.length,
             mass=self.mass,
-            stiffness=STIFFNESS,
+            stiffness=self.stiffness,
             give=GIVE,
             friction=self.friction,
         )
@@ -116,7 +121,8 @@ def add_gripper(
     """
     palm = gripper.palm
     mass = gripper.mass - 2.0 * gripper.finger_mass
-    held = add_mount(link, position, turn, tip, gripper.length, mass, STIFFNESS, DAMPING)
+    spring = gripper.stiffness, gripper.mount_damping
+    held = add_mount(link, position, turn, tip, gripper.length, mass, *spring)
 
     # Housing: its breadth is that of the open fingers.
     half = 0.5 * gripper.opening + gripper.thickness

@@ -49,7 +49,14 @@ def gripper() -> Tool:
 def small_gripper() -> Tool:
     """Parallel jaws with a motor, 0 to 60 mm, for a small arm."""
     return Gripper(
-        opening=0.06, force=50.0, loss=2.0, breadth=0.02, length=0.1, mass=0.2
+        opening=0.06,
+        force=50.0,
+        loss=2.0,
+        breadth=0.02,
+        length=0.1,
+        mass=0.2,
+        stiffness=5e3,
+        mount_damping=20.0,
     )
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import mujoco
 
 STIFFNESS = 1e5  # [N/m] of a pad at one contact point
-CREEP = 1e-5  # [m/s] at most, under the largest load that friction bears
+CREEP = 1e-4  # [m/s] at most, under the largest load that friction bears
 STEPS = 5.0  # time constant over the timestep; a shorter one hits harder what the jaws close on
 _LEAST = 0.9  # impedance of a contact, as MuJoCo's own
 _MOST = 0.9999  # MuJoCo takes none above it
@@ -74,11 +74,7 @@ class GripContact:
 
 
 def let_gripper_hold(
-    scene: "mujoco.MjSpec",
-    body: str,
-    *,
-    stiffness: float = STIFFNESS,
-    creep: float = CREEP,
+    scene: "mujoco.MjSpec", body: str, *, stiffness: float = STIFFNESS, creep: float = CREEP
 ) -> None:
     """Give the pads of a scene's gripper and one body, which they grip, a contact of their own.
 

@@ -23,7 +23,10 @@ from uuv.sim.interfaces.spatial import Array, finite_number
 
 MOTOR = "gripper"  # tendon whose length is the opening [m], and the motor that pulls it
 FINGERS = "gripper_left", "gripper_right"  # bodies, and their slides
-PADS = TOOL_GEOM, TOOL_GEOM + OTHER_PAD  # geoms that grip; what the first one feels is the grip force
+PADS = (
+    TOOL_GEOM,
+    TOOL_GEOM + OTHER_PAD,
+)  # geoms that grip; what the first one feels is the grip force
 _POSITIVE = (
     *("opening", "speed", "force", "friction", "breadth", "length", "mass"),
     *("time_constant", "stiffness"),

@@ -93,7 +93,9 @@ def add_head(
     Returns:
         Hydrodynamics by body name.
     """
-    held = add_mount(link, position, turn, tip, head.length, head.mass, head.stiffness, head.damping)
+    held = add_mount(
+        link, position, turn, tip, head.length, head.mass, head.stiffness, head.damping
+    )
     _dome(held, head.radius, head.length, head.friction)
     return {PAD_BODY: cylinder(0.5 * head.radius, np.zeros(3), [0.0, 0.0, head.length])}
 

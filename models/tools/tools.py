@@ -75,7 +75,9 @@ def box() -> Tool:
     return BOX
 
 
-_FORM = MadeForm("a Head, Jaws, Gripper, Tube or Box of uuv.models.tools", lambda t: isinstance(t, Tool))
+_FORM = MadeForm(
+    "a Head, Jaws, Gripper, Tube or Box of uuv.models.tools", lambda t: isinstance(t, Tool)
+)
 TOOLS: Registry[Tool] = Registry(
     "tool",
     {

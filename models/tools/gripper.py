@@ -158,6 +158,7 @@ def _add_drive(spec: mujoco.MjSpec, gripper: Gripper) -> None:
     spindle.solref = [_FINGER_STEP, 1.0]
     spindle.solimp = [0.99, 0.999, 0.001, 0.5, 2.0]
 
+    # The opening is the sum of both travels, so that the motor's force acts on each finger.
     opening = spec.add_tendon(name=MOTOR)
     for name in FINGERS:
         opening.wrap_joint(name, 1.0)
@@ -175,6 +176,7 @@ def _add_finger(
     long = gripper.length - palm
     thick = gripper.thickness
     mass = gripper.finger_mass
+
     finger = held.add_body(
         name=name,
         pos=[0.0, 0.0, palm],
@@ -183,7 +185,7 @@ def _add_finger(
         inertia=[mass * long**2 / 12.0] * 3,
         explicitinertial=True,
     )
-
+    # Its slide: speed, friction and inertia are those of the motor, by the spindle.
     finger.add_joint(
         name=name,
         type=mujoco.mjtJoint.mjJNT_SLIDE,
@@ -205,6 +207,7 @@ def _add_finger(
         rgba=[0.15, 0.15, 0.15, 1.0],
     )
 
+    # It displaces as much water as its box.
     middle = np.array([0.5 * side * thick, 0.0, 0.0])
     radius = float(np.sqrt(thick * gripper.breadth / np.pi))
-    return cylinder(radius, middle, middle + [0.0, 0.0, long])
+    return cylinder(radius, middle, [*middle[:2], long])

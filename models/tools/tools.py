@@ -48,6 +48,7 @@ def gripper() -> Tool:
 
 def small_gripper() -> Tool:
     """Parallel jaws with a motor, 0 to 60 mm, for a small arm."""
+    # A softer mount than that of the others: its palm weighs little (`grip_contact`).
     return Gripper(
         opening=0.06,
         force=50.0,

@@ -4,7 +4,7 @@ The pads close on an object of 2 kg, 9.8 N in water, with 40 N at a friction of 
 a minute, pulled across the jaws and out of them, and turned about their axis, by a load that grows
 steadily. The limits are those of the friction cone: 2 mu N of a force, and of a moment, with points
 at distance r from the axis and the moment mu_t N that a soft pad bears about each, 2 N
-sqrt((mu r)^2 + mu_t^2). The hand is fixed; the last table is a vehicle adrift that holds the object.
+sqrt((mu r)^2 + mu_t^2). The hand is fixed; in the last table a vehicle adrift holds the object.
 """
 
 from uuv.start import run_scenario  # isort: skip
@@ -33,17 +33,22 @@ from uuv.sim.plant.plant import Plant
 from uuv.sim.water.current import Current
 
 OBJECT = "gripped"
-MASS, WEIGHT = 2.0, 9.8  # [kg], [N] in water
+MASS = 2.0  # [kg]
+WEIGHT = 9.8  # [N] in water
 BOX = np.array([0.02, 0.03, 0.05])  # [m] half sides: across the pads, along the tool, along a pad
 CYLINDER = 0.025, 0.05  # [m] radius and half length, along the pads' breadth
 SPHERE = 0.025  # [m] radius
 HALF = {"box": BOX[0], "cylinder": CYLINDER[0], "sphere": SPHERE}  # [m] across the pads
 PLACE = 0.035  # [m] from the fingers' ends to the middle of the object
-# [m/s], [rad/s] over WINDOW [s] from which it slips: four times the creep, above a step's jitter
-SLIPS, TURNS, WINDOW = 4e-4, 2e-2, 0.1
-# From BELOW to BEYOND of the expected load in RAMP [s]: pads that slide part, and the motor yields
-# slowly, so that a fast load finds more than what is held for long.
-BELOW, BEYOND, RAMP = 0.9, 1.1, 20.0
+# Mean speeds over WINDOW from which it slips: four times the creep, above a step's jitter.
+WINDOW = 0.1  # [s]
+SLIPS = 4e-4  # [m/s]
+TURNS = 2e-2  # [rad/s]
+# The load grows from BELOW to BEYOND of the expected one, slowly: pads that slide part, and the
+# motor yields slowly, so that a fast load finds more than what is held for long.
+BELOW = 0.9
+BEYOND = 1.1
+RAMP = 20.0  # [s]
 SETTLE = 2.0  # [s] to close, without weight
 # Cones and impratio; None: as `let_gripper_hold` sets them.
 SETTINGS = {
@@ -55,7 +60,11 @@ SETTINGS = {
     "computed": None,
 }
 COMPUTED = "computed"
-HOLD, ACROSS, OUT, TURN, DRIFT = "hold", "pull across", "pull out", "turn", "drift"
+HOLD = "hold"
+ACROSS = "pull across"
+OUT = "pull out"
+TURN = "turn"
+DRIFT = "drift"
 TRIALS = HOLD, ACROSS, OUT, TURN, DRIFT
 VEHICLES = {"uuv_puma": "gripper", "bluerov2_heavy_alpha5": "small_gripper"}
 
@@ -159,7 +168,9 @@ def _slip(hand: "Hand", case: GripCase) -> GripRow:
     window = round(WINDOW / case.timestep)
     slips = TURNS if turning else SLIPS
     begin = hand.turn() if turning else hand.place()
-    slipped, limit, costs = False, None, []
+    limit: float | None = None
+    slipped = False
+    costs = []
     for step in range(0, count, window):
         load = (BELOW + (BEYOND - BELOW) * step / count) * cone * np.array(axis)
         hand.load(*((np.zeros(3), load) if turning else (load, np.zeros(3))))
@@ -170,7 +181,8 @@ def _slip(hand: "Hand", case: GripCase) -> GripRow:
         begin = end
         # the first window takes up what is elastic
         if step and moved > slips * WINDOW:
-            slipped, limit = True, float(np.linalg.norm(load)) if step > window else None
+            slipped = True
+            limit = float(np.linalg.norm(load)) if step > window else None
             break
 
     return GripRow(
@@ -211,10 +223,6 @@ class Hand:
         hand = spec.worldbody.add_body(name="hand", pos=[0.3, 0.2, 1.0], quat=[0.5] * 4)
         tip = hand.add_site(name=TIP_SITE)
         gripper = Gripper()
-        if not case.force <= gripper.force:
-            raise ConfigurationError(
-                f"--force must be at most {gripper.force:g} N, got {case.force:g} N"
-            )
         add_gripper(spec, hand, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), tip, gripper)
 
         along = gripper.length - PLACE
@@ -226,11 +234,8 @@ class Hand:
 
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        for name in FINGERS:
-            self.data.joint(name).qpos = HALF[case.shape] + 1e-4
-        self.data.actuator(MOTOR).ctrl = -case.force
+        _close(self.model, self.data, case)
         self._force = case.force
-        self._gripper = gripper
         self.advance(round(SETTLE / case.timestep))
 
     def load(self, force: Array, moment: Array) -> None:
@@ -276,6 +281,21 @@ class Hand:
         return 2.0 * self._force * float(np.mean(np.hypot(sliding * r, turning)))
 
 
+def _close(model: mujoco.MjModel, data: mujoco.MjData, case: GripCase) -> None:
+    """Let the jaws close, from just open enough for the object.
+
+    Raises:
+        ConfigurationError: the motor has less than the force of the case.
+    """
+    most = float(model.actuator(MOTOR).ctrlrange[1])
+    if case.force > most:
+        raise ConfigurationError(f"--force must be at most {most:g} N, got {case.force:g} N")
+
+    for name in FINGERS:
+        data.joint(name).qpos = HALF[case.shape] + 1e-4
+    data.actuator(MOTOR).ctrl = -case.force
+
+
 def _drift(case: GripCase) -> GripRow:
     """Row of a vehicle that drifts in gusts, its arm held, with the box or with nothing."""
     drifts = [_adrift(case, held=held) for held in (False, True)]
@@ -316,18 +336,19 @@ def _adrift(case: GripCase, *, held: bool) -> tuple[Steps, float, bool]:
     hold = ArmHold(plant.vehicle, plant.vehicle.q_ready)
     data = plant.data
     data.qpos[plant.vehicle.qpos] = plant.vehicle.q_ready
-    if held:
-        for name in FINGERS:
-            data.joint(name).qpos = HALF[case.shape] + 1e-4
-    data.actuator(MOTOR).ctrl = -case.force
+    _close(model, data, case)
 
     def place() -> Array:
         finger = data.body(FINGERS[0])
         return finger.xmat.reshape(3, 3).T @ (data.body(OBJECT).xpos - finger.xpos)
 
-    truth, still = plant.observe(), np.zeros(len(plant.vehicle.thruster_names))
-    begin, elapsed, iterations = np.zeros(3), 0.0, 0
-    settle, count = round(SETTLE / dt), round((SETTLE + case.duration) / dt)
+    still = np.zeros(len(plant.vehicle.thruster_names))
+    settle = round(SETTLE / dt)
+    count = round((SETTLE + case.duration) / dt)
+    begin = np.zeros(3)
+    elapsed = 0.0
+    iterations = 0
+    truth = plant.observe()
     for step in range(count):
         torque = hold.torque(truth)
         start = time.perf_counter()

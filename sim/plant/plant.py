@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from uuv.models.hydrodynamics import LAYOUT, world_row
-from uuv.models.naming import HOME_KEY, USUAL_NAMES, PartNames
+from uuv.models.naming import HOME_KEY, OTHER_PAD, USUAL_NAMES, PartNames
 from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
@@ -139,7 +139,7 @@ class Plant(WithWater):
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
-            own_geom=_carried_geoms(model, vehicle.hull),
+            own_geom=_colliding_geoms(model, vehicle.hull, names.tool + OTHER_PAD),
             added=self._soil.force,
             tau_friction=truth.tau_friction,
             contacts=self._contacts,
@@ -491,7 +491,12 @@ def _block(addresses: np.ndarray) -> slice | np.ndarray:
     return addresses
 
 
-def _carried_geoms(model: mujoco.MjModel, hull: int) -> np.ndarray:
-    """Mask (ngeom,), True for geoms of the vehicle."""
+def _colliding_geoms(model: mujoco.MjModel, hull: int, other_pad: str) -> np.ndarray:
+    """Mask (ngeom,), True for geoms of the vehicle; False for a gripper's other pad, if any."""
     root = np.asarray(model.body_rootid)
-    return root[np.asarray(model.geom_bodyid)] == root[hull]
+    mask = root[np.asarray(model.geom_bodyid)] == root[hull]
+
+    pad = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, other_pad)
+    if pad >= 0:
+        mask[pad] = False
+    return mask

@@ -16,9 +16,10 @@ is stored in the actuator's gear, so that plant, allocation and MuJoCo use the s
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import astuple, dataclass, field, fields, replace
 from functools import partial
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, Literal, Self
 
 import mujoco
 import numpy as np
@@ -33,14 +34,16 @@ from uuv.models.water.actuator_kinds import (
     set_kind,
 )
 from uuv.models.water.native_mark import mark
+from uuv.models.water.t200_sheets import ESC, SHEETS
+from uuv.models.water.thruster_sheets import Esc, Sheet, check_sheets
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, number
+from uuv.sim.interfaces.spatial import Array, finite_number, number
 
 # Columns of a row; the curve follows, as `uuv.models.water.thruster_curves` packs it.
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = (
     range(10)
 )
-HEADER = 10  # columns before the curve
+HEADER = 10  # columns before the curve; what was measured of the thruster follows the curve
 STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
 # Activations of a thruster: command after the slew limit, propeller speed
@@ -82,6 +85,9 @@ class Thruster:
     )
     # Commands, thrusts [N].
     table: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, metadata=_ROWS)
+    voltage: float = 0.0  # [V] of the curve, within the sheets; without sheets 0
+    sheets: tuple[Sheet, ...] = ()  # thrust and current over the voltage, lowest voltage first
+    esc: Esc | None = None  # from pulse width to command
 
     def __post_init__(self) -> None:
         for name in [entry.name for entry in fields(self) if entry.type is float]:
@@ -122,6 +128,13 @@ class Thruster:
                 f"thruster least_thrust: must be below forward and reverse, {self.forward} and "
                 f"{self.reverse} N, "
                 f"got {self.least_thrust}"
+            )
+
+        if self.sheets:
+            check_sheets(self.sheets, self.voltage)
+        elif self.voltage:
+            raise ConfigurationError(
+                f"thruster voltage: needs sheets beside it, got {self.voltage:g} V alone"
             )
 
         if self.polynomial is not None and self.table is not None:
@@ -212,6 +225,42 @@ class Thruster:
         forward, reverse = check_table(*points)
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
+    def thrust(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
+        """Steady thrust [N] in still water at pulse widths [us], of the same shape.
+
+        Args:
+            pulse_us: within the range of the ESC.
+            voltage: [V] within those measured; default: that of the thruster.
+
+        Raises:
+            ConfigurationError: a pulse or voltage out of range, or nothing was measured.
+        """
+        return _measured(self).thrust(pulse_us, voltage)
+
+    def current(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
+        """Steady current [A]; arguments and errors as of `thrust`."""
+        return _measured(self).current(pulse_us, voltage)
+
+    def power(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
+        """Steady electrical power [W]; arguments and errors as of `thrust`."""
+        return _measured(self).power(pulse_us, voltage)
+
+    def dead_pulses(self, voltage: float | None = None) -> tuple[float, float]:
+        """Pulses [us] between which there is no thrust; argument and errors as of `thrust`."""
+        return _measured(self).dead_pulses(voltage)
+
+    def command(self, value: float, unit: Literal["share", "N", "us"] = "share") -> float:
+        """Command in [-1, 1] of a value in another unit.
+
+        Args:
+            value: a share of full speed, a thrust [N] in still water, or a pulse width [us].
+            unit: of the value.
+
+        Raises:
+            ConfigurationError: beyond the range, of an unknown unit, or a pulse without an `esc`.
+        """
+        return _measured(self).command(value, unit)
+
 
 # [BlueRobotics 2019], 16 V sheet: pulse width [us], thrust [N].
 _T200_PULSE = (1100, 1180, 1260, 1340, 1420, 1468, 1472, 1528, 1532, 1580, 1660, 1740, 1820, 1900)
@@ -241,11 +290,14 @@ def t200(
     torque_per_thrust: float = 0.014,
     slew_rate: float = math.inf,
     least_thrust: float = 0.36,
+    voltage: float = 16.0,
 ) -> Thruster:
-    """Blue Robotics T200 at 16 V; command u: pulse of 1500 + 400 u us, dead from 1472 to 1528 us.
+    """Blue Robotics T200 at 10 to 20 V; command u: pulse of 1500 + 400 u us.
 
-    Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other
-    defaults are assumptions, since no measurement was found.
+    Measured are thrust and current, and that a turning propeller gives 0.36 N or more (317 rpm). At
+    16 V the curve has 14 points of the sheet and is dead from 1472 to 1528 us; at any other voltage
+    it is that between the sheets of 10, 14, 16 and 20 V. The other defaults are assumptions, the
+    same at each voltage, since no measurement was found.
 
     Args:
         handedness: +1 or -1, see `Thruster`.
@@ -256,11 +308,15 @@ def t200(
             N.
         slew_rate: [1/s] largest rate of the command.
         least_thrust: [N] of a turning propeller, measured.
+        voltage: [V] at the ESC.
 
     Returns:
         The thruster.
+
+    Raises:
+        ConfigurationError: a figure or a voltage is out of range.
     """
-    return Thruster.of_table(
+    at_16 = Thruster.of_table(
         _T200_PULSE,
         _T200_THRUST,
         neutral=1500.0,
@@ -270,6 +326,64 @@ def t200(
         torque_per_thrust=torque_per_thrust,
         slew_rate=slew_rate,
         least_thrust=least_thrust,
+        voltage=16.0,
+        sheets=SHEETS,
+        esc=ESC,
+    )
+    return at_16 if voltage == at_16.voltage else at_voltage(at_16, voltage)
+
+
+def from_table(
+    path: str | Path, *, voltage: float | None = None, esc: Esc | None = None, **figures: Any
+) -> Thruster:
+    """Thruster of a maker's table, a CSV file.
+
+    Columns: `pulse_us`, `force_N`, and where they were measured `voltage_V`, `current_A`,
+    `power_W` (`uuv.models.water.sheet_file`). Lag, inflow and torque, of which a table says
+    nothing, are zero unless they are given.
+
+    Args:
+        path: of the file.
+        voltage: [V] of the thruster's curve, or at which a table without that column was measured;
+            default: the middle one of the table.
+        esc: range, dead band and direction of the pulses; default: those of the table.
+        **figures: the other fields of `Thruster`, without those of the curve.
+
+    Returns:
+        The thruster.
+
+    Raises:
+        ConfigurationError: the file cannot be read, a column is missing, thrusts do not rise, or a
+            voltage is out of range.
+    """
+    from uuv.models.water.sheet_file import read_sheets
+    from uuv.models.water.thruster_curves import check_table
+
+    _refuse_curve(figures)
+    if voltage is not None:
+        voltage = finite_number(voltage, "voltage [V]", above=0.0)
+    sheets, esc = read_sheets(path, esc, voltage)
+    middle = sheets[len(sheets) // 2]
+    forward, reverse = check_table(middle.command, middle.thrust)
+    thruster = Thruster(
+        forward=forward, reverse=reverse, table=(middle.command, middle.thrust), esc=esc, **figures
+    )
+    if not middle.voltage:
+        return thruster
+    thruster = replace(thruster, sheets=sheets, voltage=middle.voltage)
+    return thruster if voltage is None else at_voltage(thruster, voltage)
+
+
+def at_voltage(thruster: Thruster, voltage: float) -> Thruster:
+    """The thruster with the curve of another voltage [V], from its sheets.
+
+    Raises:
+        ConfigurationError: it has no sheets, or the voltage is beyond them.
+    """
+    curve = _measured(thruster).between(voltage)
+    command, thrust = tuple(curve.command.tolist()), tuple(curve.thrust.tolist())
+    return replace(
+        thruster, table=(command, thrust), forward=thrust[-1], reverse=-thrust[0], voltage=voltage
     )
 
 
@@ -337,16 +451,8 @@ def detach(actuator: mujoco.MjsActuator) -> None:
 
 
 def pack(thruster: Thruster) -> Array:
-    """Encode `thruster` as a row: HEADER numbers, then its curve."""
-    from uuv.models.water import thruster_curves as rows  # brings numba
-
-    if thruster.table is not None:
-        curve = rows.pack_table(*thruster.table, thruster.least_thrust)
-    else:
-        kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
-        sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
-        curve = rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust)
-
+    """Encode `thruster` as a row: HEADER numbers, its curve, and what was measured of it."""
+    curve = _curve(thruster)
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the
     # other way.
@@ -364,7 +470,7 @@ def pack(thruster: Thruster) -> Array:
         STAMP_VALUE,
         len(curve),
     )
-    return np.array([*header, *curve])
+    return np.array([*header, *curve, *_pack_measured(thruster)])
 
 
 def unpack(row: Array) -> Thruster:
@@ -383,6 +489,7 @@ def unpack(row: Array) -> Thruster:
             f"thruster: its row of {len(row)} numbers is too short for a curve of {count}"
         )
     polynomial, table = rows.unpack(curve)
+    voltage, esc, sheets = _unpack_measured(row[HEADER + count :])
     thruster = Thruster(
         forward=float(row[FORWARD]),
         reverse=float(row[REVERSE]),
@@ -395,6 +502,9 @@ def unpack(row: Array) -> Thruster:
         least_thrust=float(row[LEAST]),
         polynomial=polynomial,
         table=table,
+        voltage=voltage,
+        sheets=sheets,
+        esc=esc,
     )
 
     # A table has its own dead band.
@@ -461,6 +571,19 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
     return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
 
 
+def sheet_blocks(table: Array) -> list[Array]:
+    """Sheets of rows `table` (m, ...) as `uuv.models.water.sheet_kernels` reads them.
+
+    Each is empty where nothing was measured over the voltage.
+    """
+    starts = [HEADER + round(float(row[COUNT])) for row in table]
+    rests = [row[start:] for row, start in zip(table, starts, strict=True)]
+    return [
+        np.array(rest[_BLOCK:]) if len(rest) > _BLOCK and rest[_BLOCK] else np.zeros(0)
+        for rest in rests
+    ]
+
+
 def curves(table: Array) -> Array:
     """Static curves (m, ...) of rows `table` (m, ...), for `uuv.models.water.thruster_curves`."""
     return np.array(table[:, HEADER:])
@@ -492,6 +615,58 @@ def _curve_ends(thruster: Thruster) -> Sequence[float]:
             "thruster dead_band: a table has its own, its commands of zero thrust"
         )
     return check_table(*thruster.table)
+
+
+def _curve(thruster: Thruster) -> Array:
+    """Static curve of a thruster, a row of `uuv.models.water.thruster_curves`."""
+    from uuv.models.water import thruster_curves as rows  # brings numba
+
+    if thruster.table is not None:
+        return rows.pack_table(*thruster.table, thruster.least_thrust)
+    kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
+    sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
+    return rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust)
+
+
+def _measured(thruster: Thruster) -> Any:
+    """What was measured of a thruster, a `MeasuredThruster`."""
+    from uuv.models.water.measured_thruster import MeasuredThruster  # brings numba
+
+    return MeasuredThruster(
+        curve=_curve(thruster),
+        sheets=thruster.sheets,
+        voltage=thruster.voltage,
+        esc=thruster.esc,
+        least_thrust=thruster.least_thrust,
+    )
+
+
+# Behind the curve, where anything was measured: voltage, numbers of the ESC, block of the sheets.
+_BLOCK = 1 + len(fields(Esc))
+
+
+def _pack_measured(thruster: Thruster) -> list[float]:
+    from uuv.models.water.sheet_kernels import pack_sheets  # brings numba
+
+    if thruster.esc is None and not thruster.sheets:
+        return []
+    pulses = [0.0] * (_BLOCK - 1) if thruster.esc is None else astuple(thruster.esc)
+    sheets = pack_sheets(thruster.sheets).tolist() if thruster.sheets else [0.0]
+    return [thruster.voltage, *pulses, *sheets]
+
+
+def _unpack_measured(rest: Array) -> tuple[float, Esc | None, tuple[Sheet, ...]]:
+    """Voltage [V], ESC and sheets of the numbers behind a curve, which may be zeros or none."""
+    from uuv.models.water.sheet_kernels import unpack_sheets
+
+    if len(rest) <= _BLOCK or not np.any(rest):
+        return 0.0, None, ()
+    voltage, *pulses = rest[:_BLOCK].tolist()
+    names = [entry.name for entry in fields(Esc)]
+    numbers = dict(zip(names, pulses, strict=True))
+    direction = round(numbers.pop("direction"))
+    esc = Esc(**numbers, direction=direction) if direction else None
+    return voltage, esc, unpack_sheets(rest[_BLOCK:]) if rest[_BLOCK] else ()
 
 
 def _refuse_curve(figures: Mapping[str, Any]) -> None:

@@ -9,6 +9,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -70,21 +71,30 @@ def read_sheets(
         )
 
     # One sheet a voltage, with the pulses for commands; a falling thrust is turned round.
-    raw = []
-    falls = []
+    raw: list[_Rows] = []
     for level in levels.tolist():
         rows = {name: column[volts == level] for name, column in columns.items()}
         order = np.argsort(rows[PULSE], kind="stable")
         rows = {name: column[order] for name, column in rows.items()}
         name = f"{what}, {level:g} V" if level else what
-        falls.append(rows[FORCE][-1] < rows[FORCE][0])
-        raw.append((name, level, _current(rows, name), rows[PULSE], rows[FORCE]))
-    if len(set(falls)) > 1:
+        raw.append(_Rows(name, level, _current(rows, name), rows[PULSE], rows[FORCE]))
+    falls = {entry.force[-1] < entry.force[0] for entry in raw}
+    if len(falls) > 1:
         raise ConfigurationError(f"{what}: the thrust rises at one voltage and falls at another")
 
-    esc = _esc_of(raw, falls[0], what) if esc is None else esc
-    sheets = [_sheet(*entry, esc) for entry in raw]
+    esc = _esc_of(raw, falls.pop(), what) if esc is None else esc
+    sheets = [_sheet(entry, esc) for entry in raw]
     return _of_one_size(sheets), esc
+
+
+class _Rows(NamedTuple):
+    """Rows of one voltage, in the order of their pulses."""
+
+    what: str  # begins a message
+    voltage: float  # [V]
+    current: Array | None  # [A]
+    pulse: Array  # [us]
+    force: Array  # [N]
 
 
 def _columns(text: str, what: str) -> dict[str, Array]:
@@ -134,19 +144,19 @@ def _current(rows: dict[str, Array], what: str) -> Array | None:
     return current
 
 
-def _esc_of(raw: Sequence[tuple], falls: bool, what: str) -> Esc:
+def _esc_of(raw: Sequence[_Rows], falls: bool, what: str) -> Esc:
     """Speed controller over the range that all sheets have, about a pulse without thrust."""
-    low = max(float(pulse[0]) for *_, pulse, _ in raw)
-    high = min(float(pulse[-1]) for *_, pulse, _ in raw)
+    low = max(float(entry.pulse[0]) for entry in raw)
+    high = min(float(entry.pulse[-1]) for entry in raw)
 
     # Where no sheet pushes; where the thrust has no zero row, where it changes its sign.
-    still = [pulse[force == 0.0] for *_, pulse, force in raw]
+    still = [entry.pulse[entry.force == 0.0] for entry in raw]
     if all(len(pulses) for pulses in still):
         first = max(float(pulses[0]) for pulses in still)
         last = min(float(pulses[-1]) for pulses in still)
     else:
-        *_, pulse, force = raw[0]
-        first = last = float(np.interp(0.0, *_rising(force, pulse)))
+        order = np.argsort(raw[0].force, kind="stable")
+        first = last = float(np.interp(0.0, raw[0].force[order], raw[0].pulse[order]))
 
     neutral = 1500.0 if first <= 1500.0 <= last else 0.5 * (first + last)
     if not low + 1.0 < neutral < high - 1.0:
@@ -156,32 +166,28 @@ def _esc_of(raw: Sequence[tuple], falls: bool, what: str) -> Esc:
     return Esc(low_us=low, neutral_us=neutral, high_us=high, direction=-1 if falls else 1)
 
 
-def _rising(force: Array, pulse: Array) -> tuple[Array, Array]:
-    order = np.argsort(force, kind="stable")
-    return force[order], pulse[order]
-
-
-def _sheet(
-    what: str, volts: float, current: Array | None, pulse: Array, force: Array, esc: Esc
-) -> Sheet:
+def _sheet(raw: _Rows, esc: Esc) -> Sheet:
     """Sheet of rows in the order of their pulses; those beyond the range are left out."""
+    what = raw.what
+    pulse = raw.pulse
     if twice := pulse[1:][np.diff(pulse) <= 0.0].tolist():
         raise ConfigurationError(f"{what}: pulse {twice[0]:g} us stands twice")
+
     inside = (pulse >= esc.low_us) & (pulse <= esc.high_us)
     if np.count_nonzero(inside) < 3:
         raise ConfigurationError(f"{what}: needs three or more rows within the range of the ESC")
 
     # Rows x, y, i: command, thrust [N], current [A].
-    amperes = np.zeros(len(pulse)) if current is None else current
-    rows = np.array([esc.command(pulse[inside]), force[inside], amperes[inside]])
+    amperes = np.zeros(len(pulse)) if raw.current is None else raw.current
+    rows = np.array([esc.command(pulse[inside]), raw.force[inside], amperes[inside]])
     rows = rows[:, np.argsort(rows[0], kind="stable")]
     _check_rise(what, rows, esc)
     x, y, i = _with_dead_band(_without_noise(rows)).tolist()
     return Sheet(
-        voltage=volts,
+        voltage=raw.voltage,
         command=tuple(x),
         thrust=tuple(y),
-        current=() if current is None else tuple(i),
+        current=() if raw.current is None else tuple(i),
     )
 
 
@@ -229,10 +235,12 @@ def _falls(before: Sequence[Array], after: Sequence[Array]) -> bool:
 def _with_dead_band(rows: Array) -> Array:
     """Rows with the two ends of the dead band for all that is within; one point where it is one."""
     y = rows[1]
-    below, above = rows[:, y < 0.0], rows[:, y > 0.0]
+    below = rows[:, y < 0.0]
+    above = rows[:, y > 0.0]
     still = rows[:, y == 0.0]
     if not still.size:
-        a, b = below[:, -1], above[:, 0]
+        a = below[:, -1]
+        b = above[:, 0]
         still = (a + (b - a) * (-a[1] / (b[1] - a[1])))[:, None]
         still[1] = 0.0
     edges = still if still.shape[1] == 1 else still[:, [0, -1]]
@@ -258,14 +266,15 @@ def _of_one_size(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
         every = np.sort(np.concatenate([pair[side] for pair in shares]))
         every = every[np.append(np.diff(every) > _SAME, True)]
         if len(every) > _FEW:
-            every = np.array([every[0], *_SHARES[_SHARES > every[0] + _SAME]])
+            every = np.array([every[0], *_SHARES[every[0] + _SAME < _SHARES]])
         grids.append(every)
     return tuple(_on_grid(sheet, *grids) for sheet in sheets)
 
 
 def _shares(sheet: Sheet) -> tuple[Array, Array]:
     """Shares in (0, 1] of the points astern and ahead, rising."""
-    x, y = np.array(sheet.command), np.array(sheet.thrust)
+    x = np.array(sheet.command)
+    y = np.array(sheet.thrust)
     still = x[y == 0.0]
     astern = (still[0] - x[y < 0.0]) / (still[0] - x[0])
     ahead = (x[y > 0.0] - still[-1]) / (x[-1] - still[-1])
@@ -276,11 +285,13 @@ def _on_grid(sheet: Sheet, astern: Array, ahead: Array) -> Sheet:
     """The sheet at other shares, by the curve through its points."""
     from uuv.models.water.thruster_curves import pack_table, thrust_at  # bring numba
 
-    x, y = np.array(sheet.command), np.array(sheet.thrust)
+    x = np.array(sheet.command)
+    y = np.array(sheet.thrust)
     still = x[y == 0.0]
-    low, high = float(still[0]), float(still[-1])
-    if low == high:  # a sheet beside it has a dead band
-        low, high = low - _SAME, high + _SAME
+    # One point becomes two where a sheet beside it has a dead band.
+    width = _SAME if still[0] == still[-1] else 0.0
+    low = still[0] - width
+    high = still[-1] + width
 
     # Ends are as they were, to the bit.
     points = np.concatenate(

@@ -13,11 +13,12 @@ voltages does (`tests/physics/test_thruster_sheets.py`).
 """
 
 from collections.abc import Sequence
+from dataclasses import astuple, fields
 from typing import NamedTuple
 
 import numpy as np
 
-from uuv.models.water.thruster_sheets import Sheet, check_sheets
+from uuv.models.water.thruster_sheets import Esc, Sheet, check_sheets
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
@@ -81,6 +82,40 @@ def unpack_sheets(block: Array) -> tuple[Sheet, ...]:
     )
 
 
+# In a row of numbers behind the curve: voltage, numbers of the ESC, block.
+_BLOCK = 1 + len(fields(Esc))
+
+
+def pack_measured(voltage: float, esc: Esc | None, sheets: Sequence[Sheet]) -> list[float]:
+    """Numbers of what was measured of a thruster; none of nothing."""
+    if esc is None and not sheets:
+        return []
+    pulses = [0.0] * (_BLOCK - 1) if esc is None else astuple(esc)
+    return [voltage, *pulses, *(pack_sheets(sheets).tolist() if sheets else [0.0])]
+
+
+def unpack_measured(rest: Array) -> tuple[float, Esc | None, tuple[Sheet, ...]]:
+    """Voltage [V], ESC and sheets of the numbers of `pack_measured`, and zeros behind them.
+
+    Raises:
+        ConfigurationError: they hold none.
+    """
+    if len(rest) <= _BLOCK or not np.any(rest):
+        return 0.0, None, ()
+    voltage, *pulses = rest[:_BLOCK].tolist()
+    numbers = dict(zip([entry.name for entry in fields(Esc)], pulses, strict=True))
+    direction = round(numbers.pop("direction"))
+    esc = Esc(**numbers, direction=direction) if direction else None
+    block = block_of(rest)
+    return voltage, esc, unpack_sheets(block) if block.size else ()
+
+
+def block_of(rest: Array) -> Array:
+    """Block of the sheets in the numbers of `pack_measured`; empty without any."""
+    sheets = len(rest) > _BLOCK and rest[_BLOCK] != 0.0
+    return np.array(rest[_BLOCK:]) if sheets else np.zeros(0)
+
+
 @kernel
 def lowest_and_highest(block):
     """Least and greatest voltage [V] of a block."""
@@ -101,7 +136,8 @@ def _weights(block, voltage):
     low = 0
     while low < count - 2 and block[_VOLTS + low + 1] < voltage:
         low += 1
-    v0, v1 = block[_VOLTS + low], block[_VOLTS + low + 1]
+    v0 = block[_VOLTS + low]
+    v1 = block[_VOLTS + low + 1]
     v = min(max(voltage, v0), v1)
     return low, low + 1, (v - v0) / (v1 - v0), (v * v - v0 * v0) / (v1 * v1 - v0 * v0)
 
@@ -121,7 +157,8 @@ def blend(block, voltage, curves):
     n = int(block[_POINTS])
     low, high, linear, square = _weights(block, voltage)
     first = _VOLTS + int(block[_SHEETS])
-    a, b = first + 3 * n * low, first + 3 * n * high
+    a = first + 3 * n * low
+    b = first + 3 * n * high
 
     for j in range(n):
         curves[0, j] = (1.0 - linear) * block[a + j] + linear * block[b + j]
@@ -143,7 +180,8 @@ def current_at(block, voltage, command):
     n = int(block[_POINTS])
     low, high, linear, square = _weights(block, voltage)
     first = _VOLTS + int(block[_SHEETS])
-    a, b = first + 3 * n * low, first + 3 * n * high
+    a = first + 3 * n * low
+    b = first + 3 * n * high
 
     # The segment, at this voltage.
     at = 0
@@ -156,7 +194,8 @@ def current_at(block, voltage, command):
 
     # Its ends.
     side = 0 if block[first + n + at] < 0.0 else n - 1
-    full0, full1 = block[a + 2 * n + side], block[b + 2 * n + side]
+    full0 = block[a + 2 * n + side]
+    full1 = block[b + 2 * n + side]
     i0 = _mixed(block[a + 2 * n + at], block[b + 2 * n + at], full0, full1, linear, square)
     i1 = _mixed(block[a + 2 * n + at + 1], block[b + 2 * n + at + 1], full0, full1, linear, square)
     share = min(max((command - x0) / (x1 - x0), 0.0), 1.0)

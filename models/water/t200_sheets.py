@@ -79,7 +79,8 @@ def _sheets() -> tuple[Sheet, ...]:
     sheets = []
     for k, (voltage, dead) in enumerate(_DEAD.items()):
         low, high = ESC.command(dead).tolist()
-        astern, ahead = 2 * k + 1, 2 * k + 2
+        astern = 2 * k + 1
+        ahead = astern + 1
         command = [*(low - share * (1.0 + low))[::-1], low, high, *(high + share * (1.0 - high))]
         sheets.append(
             Sheet(

@@ -16,10 +16,10 @@ is stored in the actuator's gear, so that plant, allocation and MuJoCo use the s
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -33,6 +33,7 @@ from uuv.models.water.actuator_kinds import (
     of_compiled,
     set_kind,
 )
+from uuv.models.water.measured_thruster import MeasuredThruster
 from uuv.models.water.native_mark import mark
 from uuv.models.water.t200_sheets import ESC, SHEETS
 from uuv.models.water.thruster_sheets import Esc, Sheet, check_sheets
@@ -55,7 +56,7 @@ _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Thruster:
+class Thruster(MeasuredThruster):
     """Parameters of one thruster: static curve, dynamics, inflow, reaction torque.
 
     With neither `polynomial` nor `table` (see `of_polynomial`, `of_table`) thrust is quadratic
@@ -225,41 +226,15 @@ class Thruster:
         forward, reverse = check_table(*points)
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
-    def thrust(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
-        """Steady thrust [N] in still water at pulse widths [us], of the same shape.
+    def static_curve(self) -> Array:
+        """Its curve, as a row of `uuv.models.water.thruster_curves`."""
+        from uuv.models.water import thruster_curves as rows  # brings numba
 
-        Args:
-            pulse_us: within the range of the ESC.
-            voltage: [V] within those measured; default: that of the thruster.
-
-        Raises:
-            ConfigurationError: a pulse or voltage out of range, or nothing was measured.
-        """
-        return _measured(self).thrust(pulse_us, voltage)
-
-    def current(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
-        """Steady current [A]; arguments and errors as of `thrust`."""
-        return _measured(self).current(pulse_us, voltage)
-
-    def power(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
-        """Steady electrical power [W]; arguments and errors as of `thrust`."""
-        return _measured(self).power(pulse_us, voltage)
-
-    def dead_pulses(self, voltage: float | None = None) -> tuple[float, float]:
-        """Pulses [us] between which there is no thrust; argument and errors as of `thrust`."""
-        return _measured(self).dead_pulses(voltage)
-
-    def command(self, value: float, unit: Literal["share", "N", "us"] = "share") -> float:
-        """Command in [-1, 1] of a value in another unit.
-
-        Args:
-            value: a share of full speed, a thrust [N] in still water, or a pulse width [us].
-            unit: of the value.
-
-        Raises:
-            ConfigurationError: beyond the range, of an unknown unit, or a pulse without an `esc`.
-        """
-        return _measured(self).command(value, unit)
+        if self.table is not None:
+            return rows.pack_table(*self.table, self.least_thrust)
+        kind = rows.QUADRATIC if self.polynomial is None else rows.POLYNOMIAL
+        sides = self.polynomial or ((0.0, self.forward), (0.0, self.reverse))
+        return rows.pack_polynomial(kind, *sides, self.dead_band, self.least_thrust)
 
 
 # [BlueRobotics 2019], 16 V sheet: pulse width [us], thrust [N].
@@ -380,8 +355,9 @@ def at_voltage(thruster: Thruster, voltage: float) -> Thruster:
     Raises:
         ConfigurationError: it has no sheets, or the voltage is beyond them.
     """
-    curve = _measured(thruster).between(voltage)
-    command, thrust = tuple(curve.command.tolist()), tuple(curve.thrust.tolist())
+    curve = thruster.between(voltage)
+    command = tuple(curve.command.tolist())
+    thrust = tuple(curve.thrust.tolist())
     return replace(
         thruster, table=(command, thrust), forward=thrust[-1], reverse=-thrust[0], voltage=voltage
     )
@@ -452,7 +428,9 @@ def detach(actuator: mujoco.MjsActuator) -> None:
 
 def pack(thruster: Thruster) -> Array:
     """Encode `thruster` as a row: HEADER numbers, its curve, and what was measured of it."""
-    curve = _curve(thruster)
+    from uuv.models.water.sheet_kernels import pack_measured  # brings numba
+
+    curve = thruster.static_curve()
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the
     # other way.
@@ -470,7 +448,8 @@ def pack(thruster: Thruster) -> Array:
         STAMP_VALUE,
         len(curve),
     )
-    return np.array([*header, *curve, *_pack_measured(thruster)])
+    measured = pack_measured(thruster.voltage, thruster.esc, thruster.sheets)
+    return np.array([*header, *curve, *measured])
 
 
 def unpack(row: Array) -> Thruster:
@@ -481,6 +460,7 @@ def unpack(row: Array) -> Thruster:
             curve, which repeats some; `changed` writes both.
     """
     from uuv.models.water import thruster_curves as rows
+    from uuv.models.water.sheet_kernels import unpack_measured
 
     count = round(float(row[COUNT]))
     curve = np.asarray(row[HEADER : HEADER + max(count, 0)])
@@ -489,7 +469,7 @@ def unpack(row: Array) -> Thruster:
             f"thruster: its row of {len(row)} numbers is too short for a curve of {count}"
         )
     polynomial, table = rows.unpack(curve)
-    voltage, esc, sheets = _unpack_measured(row[HEADER + count :])
+    voltage, esc, sheets = unpack_measured(row[HEADER + count :])
     thruster = Thruster(
         forward=float(row[FORWARD]),
         reverse=float(row[REVERSE]),
@@ -572,16 +552,10 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 
 def sheet_blocks(table: Array) -> list[Array]:
-    """Sheets of rows `table` (m, ...) as `uuv.models.water.sheet_kernels` reads them.
+    """Sheets of rows `table` (m, ...) for `uuv.models.water.sheet_kernels`; empty without any."""
+    from uuv.models.water.sheet_kernels import block_of
 
-    Each is empty where nothing was measured over the voltage.
-    """
-    starts = [HEADER + round(float(row[COUNT])) for row in table]
-    rests = [row[start:] for row, start in zip(table, starts, strict=True)]
-    return [
-        np.array(rest[_BLOCK:]) if len(rest) > _BLOCK and rest[_BLOCK] else np.zeros(0)
-        for rest in rests
-    ]
+    return [block_of(row[HEADER + round(float(row[COUNT])) :]) for row in table]
 
 
 def curves(table: Array) -> Array:
@@ -615,58 +589,6 @@ def _curve_ends(thruster: Thruster) -> Sequence[float]:
             "thruster dead_band: a table has its own, its commands of zero thrust"
         )
     return check_table(*thruster.table)
-
-
-def _curve(thruster: Thruster) -> Array:
-    """Static curve of a thruster, a row of `uuv.models.water.thruster_curves`."""
-    from uuv.models.water import thruster_curves as rows  # brings numba
-
-    if thruster.table is not None:
-        return rows.pack_table(*thruster.table, thruster.least_thrust)
-    kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
-    sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
-    return rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust)
-
-
-def _measured(thruster: Thruster) -> Any:
-    """What was measured of a thruster, a `MeasuredThruster`."""
-    from uuv.models.water.measured_thruster import MeasuredThruster  # brings numba
-
-    return MeasuredThruster(
-        curve=_curve(thruster),
-        sheets=thruster.sheets,
-        voltage=thruster.voltage,
-        esc=thruster.esc,
-        least_thrust=thruster.least_thrust,
-    )
-
-
-# Behind the curve, where anything was measured: voltage, numbers of the ESC, block of the sheets.
-_BLOCK = 1 + len(fields(Esc))
-
-
-def _pack_measured(thruster: Thruster) -> list[float]:
-    from uuv.models.water.sheet_kernels import pack_sheets  # brings numba
-
-    if thruster.esc is None and not thruster.sheets:
-        return []
-    pulses = [0.0] * (_BLOCK - 1) if thruster.esc is None else astuple(thruster.esc)
-    sheets = pack_sheets(thruster.sheets).tolist() if thruster.sheets else [0.0]
-    return [thruster.voltage, *pulses, *sheets]
-
-
-def _unpack_measured(rest: Array) -> tuple[float, Esc | None, tuple[Sheet, ...]]:
-    """Voltage [V], ESC and sheets of the numbers behind a curve, which may be zeros or none."""
-    from uuv.models.water.sheet_kernels import unpack_sheets
-
-    if len(rest) <= _BLOCK or not np.any(rest):
-        return 0.0, None, ()
-    voltage, *pulses = rest[:_BLOCK].tolist()
-    names = [entry.name for entry in fields(Esc)]
-    numbers = dict(zip(names, pulses, strict=True))
-    direction = round(numbers.pop("direction"))
-    esc = Esc(**numbers, direction=direction) if direction else None
-    return voltage, esc, unpack_sheets(rest[_BLOCK:]) if rest[_BLOCK] else ()
 
 
 def _refuse_curve(figures: Mapping[str, Any]) -> None:

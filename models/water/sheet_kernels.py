@@ -25,7 +25,7 @@ from uuv.sim.interfaces.spatial import Array
 
 # A block: sheets, points of each, 1 if there are currents. Then the voltages; then the commands,
 # thrusts and currents of the first sheet, of the next, ...
-_SHEETS, _POINTS, MEASURED, _VOLTS = range(4)
+_SHEETS, POINTS, MEASURED, _VOLTS = range(4)
 
 
 class Between(NamedTuple):
@@ -117,9 +117,9 @@ def block_of(rest: Array) -> Array:
 
 
 @kernel
-def lowest_and_highest(block):
-    """Least and greatest voltage [V] of a block."""
-    return block[_VOLTS], block[_VOLTS + int(block[_SHEETS]) - 1]
+def least_voltage(block):
+    """Least voltage [V] of a block."""
+    return block[_VOLTS]
 
 
 @kernel
@@ -154,7 +154,7 @@ def _mixed(y0, y1, full0, full1, linear, square):
 @kernel
 def blend(block, voltage, curves):
     """Write commands, thrusts [N] and currents [A] at a voltage [V] to `curves` (3, points)."""
-    n = int(block[_POINTS])
+    n = int(block[POINTS])
     low, high, linear, square = _weights(block, voltage)
     first = _VOLTS + int(block[_SHEETS])
     a = first + 3 * n * low
@@ -177,7 +177,7 @@ def blend(block, voltage, curves):
 @kernel
 def current_at(block, voltage, command):
     """Current [A] at a voltage [V] and a command in [-1, 1], linear between the points."""
-    n = int(block[_POINTS])
+    n = int(block[POINTS])
     low, high, linear, square = _weights(block, voltage)
     first = _VOLTS + int(block[_SHEETS])
     a = first + 3 * n * low

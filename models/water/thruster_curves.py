@@ -60,7 +60,7 @@ def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) 
     x = np.array(command)
     y = np.array(thrust)
     still = x[y == 0.0]
-    return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes.py_func(x, y)])
+    return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
 
 
 @kernel

@@ -34,18 +34,20 @@ class Battery:
     empty_voltage: float | None = None  # [V] without load, empty; None: as full
 
     def __post_init__(self) -> None:
-        volts = finite_number(self.voltage, "battery.voltage [V]", above=0.0, most=_MOST_VOLTS)
+        volts = finite_number(
+            self.voltage, "vehicle.battery.voltage [V]", above=0.0, most=_MOST_VOLTS
+        )
         amperehours = finite_number(
-            self.capacity_Ah, "battery.capacity_Ah", above=0.0, most=_MOST_AH
+            self.capacity_Ah, "vehicle.battery.capacity_Ah", above=0.0, most=_MOST_AH
         )
         ohms = finite_number(
-            self.resistance_ohm, "battery.resistance_ohm", least=0.0, most=_MOST_OHM
+            self.resistance_ohm, "vehicle.battery.resistance_ohm", least=0.0, most=_MOST_OHM
         )
         object.__setattr__(self, "voltage", volts)
         object.__setattr__(self, "capacity_Ah", amperehours)
         object.__setattr__(self, "resistance_ohm", ohms)
         if self.empty_voltage is not None:
             empty = finite_number(
-                self.empty_voltage, "battery.empty_voltage [V]", above=0.0, most=volts
+                self.empty_voltage, "vehicle.battery.empty_voltage [V]", above=0.0, most=volts
             )
             object.__setattr__(self, "empty_voltage", empty)

@@ -31,11 +31,11 @@ def attach(spec: mujoco.MjSpec, battery: Battery) -> None:
         if thrusters.carries(np.array(actuator.userdata))
     }
     if not table:
-        raise ConfigurationError("battery: the vehicle has no thrusters")
+        raise ConfigurationError("vehicle.battery: the vehicle has no thrusters")
     for name, thruster in table.items():
         if not thruster.sheets or not thruster.sheets[0].current:
             raise ConfigurationError(
-                f"battery: thruster {name!r} has no table of its current over the voltage (t200 "
+                f"vehicle.battery: thruster {name!r} has no table of its current over the voltage (t200 "
                 "and from_table have)"
             )
     try:
@@ -44,7 +44,7 @@ def attach(spec: mujoco.MjSpec, battery: Battery) -> None:
             for name, thruster in table.items()
         }
     except ConfigurationError as error:
-        raise ConfigurationError(f"battery: {error}") from error
+        raise ConfigurationError(f"vehicle.battery: {error}") from error
     thrusters.attach(spec, driven)
     _store(spec, battery)
 

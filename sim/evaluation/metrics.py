@@ -177,7 +177,8 @@ class Assessment:
                 else collision.failure
             )
         failed += others
-        checks = (*checks, collision)
+        energy = energy_figures(recording)
+        checks = (*checks, collision, *_of_energy(energy))
 
         if recording.interrupted:
             failed.insert(0, f"the run was interrupted {note}")
@@ -197,7 +198,7 @@ class Assessment:
             accepted=not failed,
             failed=failed,
             timings=timings,
-            energy=cast(EnergyMetrics, energy_figures(recording)),
+            energy=cast(EnergyMetrics, energy),
         )
         metrics = {**asdict(figures), **asdict(every_run)}
         del metrics["provenance"], metrics["start"]  # see `made_by`, `started`
@@ -841,3 +842,15 @@ def motion_figures(recording: "Recording") -> MotionMetrics | None:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def _of_energy(energy: EnergyMetrics | None) -> Iterable[Requirement]:
+    """What the thrusters drew, where it is known; reported only."""
+    if energy is None:
+        return
+    yield Requirement("energy of the thrusters", energy.thrusters_wh, None, "W h")
+    if energy.battery is not None:
+        yield Requirement("least voltage", energy.battery.voltage_least_v, None, "V")
+        if energy.battery.below_tables_s:
+            below = energy.battery.below_tables_s
+            yield Requirement("voltage below the thrusters' tables", below, None, "s")

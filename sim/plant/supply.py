@@ -14,7 +14,16 @@ import numpy as np
 from uuv.models.water import battery_feed
 from uuv.models.water.sheet_kernels import MEASURED, POINTS, blend, current_at, least_voltage
 from uuv.models.water.thruster_curves import FIRST, rewrite_table
-from uuv.models.water.thrusters import COUNT, FORWARD, HEADER, REVERSE, SPEED, sheet_blocks, unpack
+from uuv.models.water.thrusters import (
+    COUNT,
+    FORWARD,
+    HEADER,
+    REVERSE,
+    SPEED,
+    read,
+    sheet_blocks,
+    unpack,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
@@ -92,6 +101,27 @@ class Supply(NamedTuple):
         if self.battery[_CAPACITY] > 0.0:
             self.state[VOLTAGE] = self.state[LEAST] = self.battery[_FULL]
             set_curves(tuple(self), float(self.battery[_FULL]))
+
+
+class Drawn(NamedTuple):
+    """Draw of all thrusters at one time."""
+
+    voltage: float  # [V] of the battery; NaN: each thruster has its own
+    current: float  # [A]
+    power: float  # [W]
+
+
+def all_ahead(model: mujoco.MjModel) -> Drawn | None:
+    """Draw of the thrusters of a compiled model at full ahead; None: it was not measured."""
+    data = mujoco.MjData(model)
+    supply = Supply.of(model, data, read(model), 1.0)._replace(user=np.array(model.actuator_user))
+    if not supply.blocks.size:
+        return None
+
+    supply.start()
+    data.act[supply.activations + SPEED] = 1.0
+    feed(tuple(supply))
+    return Drawn(*supply.state[[VOLTAGE, CURRENT, ENERGY]].tolist())  # of one second
 
 
 @kernel

@@ -159,10 +159,19 @@ def test_a_plant_begins_again_with_a_full_battery() -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Battery(voltage=0.0), "battery.voltage [V]: must be positive and finite"),
-        (lambda: Battery(voltage=16.0, capacity_Ah=-1.0), "battery.capacity_Ah: must be positive"),
-        (lambda: Battery(voltage=16.0, resistance_ohm=np.nan), "battery.resistance_ohm: must be"),
-        (lambda: Battery(voltage=16.0, empty_voltage=17.0), "battery.empty_voltage [V]: must be"),
+        (lambda: Battery(voltage=0.0), "vehicle.battery.voltage [V]: must be positive and finite"),
+        (
+            lambda: Battery(voltage=16.0, capacity_Ah=-1.0),
+            "vehicle.battery.capacity_Ah: must be positive",
+        ),
+        (
+            lambda: Battery(voltage=16.0, resistance_ohm=np.nan),
+            "vehicle.battery.resistance_ohm: must be",
+        ),
+        (
+            lambda: Battery(voltage=16.0, empty_voltage=17.0),
+            "vehicle.battery.empty_voltage [V]: must be",
+        ),
         (lambda: plant(Battery(voltage=22.0), thrusters.t200()), "must be 10 to 20"),
         (
             lambda: plant(Battery(voltage=16.0), Thruster(forward=1.0, reverse=1.0)),

@@ -24,6 +24,7 @@ from uuv.check.statics import (
     FASTEST,
     Trim,
     authority,
+    full_draw,
     seen_workspace,
     strongest_current,
     tip_force,
@@ -37,6 +38,8 @@ from uuv.models.files.notes import computed
 from uuv.models.naming import HOME_KEY, READY_KEY, parts
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
+from uuv.models.water import battery_feed
+from uuv.models.water.battery import Battery
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
@@ -55,6 +58,7 @@ def check_vehicle(
     jobs: Sequence[str] = JOBS,
     forces: Sequence[float] = (),
     flow: FlowField | None = None,
+    battery: Battery | None = None,
 ) -> VehicleCheck:
     """Check a vehicle: its parts, figures and doubts, and which jobs it can begin.
 
@@ -65,6 +69,7 @@ def check_vehicle(
         jobs: Names of `uuv.check.checked_jobs.JOBS` for which a verdict is wanted.
         forces: [N] set forces in place of the jobs' own.
         flow: Flow field on top of the jobs' current.
+        battery: Of the thrusters; None: their voltage is constant.
 
     Returns:
         The check. A spec that cannot be compiled has one finding of level "fault".
@@ -77,14 +82,19 @@ def check_vehicle(
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
-        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow)
-        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, by_spec=False).run(jobs)
+        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow, battery=battery)
+        spec = vehicle_spec(name, tool, file)
+        if battery is not None:
+            battery_feed.attach(spec, battery)
+        return _Check(name, spec, arm_jobs, by_spec=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
     name = vehicle.modelname or "vehicle"
 
     try:
         spec = vehicle_spec(vehicle, tool, file)
+        if battery is not None:
+            battery_feed.attach(spec, battery)
     except UuvError as error:
         message = " ".join(str(error).split())
         code = "inertia" if "inertia" in message else "contract"
@@ -92,9 +102,8 @@ def check_vehicle(
             vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=message),)
         )
 
-    return _Check(
-        name, spec, ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow), by_spec=True
-    ).run(jobs)
+    arm_jobs = ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow, battery=battery)
+    return _Check(name, spec, arm_jobs, by_spec=True).run(jobs)
 
 
 class _Check:
@@ -249,6 +258,8 @@ class _Check:
 
             self._figure("authority", "; ".join(limits[:3]))
             self._figure("", "; ".join(limits[3:]))
+            if power := full_draw(model):
+                self._figure("supply", power)
 
         if wet:
             rate = doubts.drag_rate(model)

@@ -38,6 +38,9 @@ class CheckOptions:
     """Set forces [N] in place of the jobs' own."""
     flow: str | None = None
     """Flow field at the jobs' site: a kind, or MODULE:CLASS (docs/own_current.md)."""
+    battery: float | None = None
+    """Battery of this voltage [V] for thrusters with tables of their current; default: their
+    voltage is constant."""
     jobs: tuple[str, ...] = JOBS
     """Jobs for which a verdict is wanted."""
     json: bool = False
@@ -50,10 +53,14 @@ def main(verb: str, args: Sequence[str]) -> int:
     options = parse(CheckOptions, args)
     check_jobs(options.jobs)
     from uuv import inputs
+    from uuv.models.water.battery import Battery
     from uuv.scenario import VehicleSetup
 
     parts = None if options.parts is None else str(options.parts)
-    inputs.check_vehicle(VehicleSetup(vehicle=options.vehicle, tool=options.tool, parts=parts))
+    battery = None if options.battery is None else Battery(voltage=options.battery)
+    inputs.check_vehicle(
+        VehicleSetup(vehicle=options.vehicle, tool=options.tool, parts=parts, battery=battery)
+    )
     from uuv import first_start
     from uuv.check.check import check_vehicle
     from uuv.check.table import print_check
@@ -68,6 +75,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         jobs=options.jobs,
         forces=options.forces,
         flow=None if options.flow is None else flow_of(options.flow),
+        battery=battery,
     )
 
     if options.json:

@@ -74,9 +74,14 @@ def check_vehicle(
         ConfigurationError: Which vehicle, file or part.
     """
     _check_names(setup)
-    return vehicle_spec(
+    spec = vehicle_spec(
         setup.vehicle, setup.tool, setup.parts, needs, spares=spares, computed=False
     )
+    if setup.battery is not None:
+        from uuv.models.water import battery_feed
+
+        battery_feed.attach(spec, setup.battery)
+    return spec
 
 
 def _check_limit(scenario: Scenario, longest: float) -> None:

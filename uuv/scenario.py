@@ -14,6 +14,7 @@ import numpy as np
 
 from uuv.controllers.ik.method import Method as IkMethod
 from uuv.methods import AblatedMethod, PublishedMethod
+from uuv.models.water.battery import Battery
 from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
 from uuv.perturbations.perturbation import Perturbation
 from uuv.sensors.arm_camera import ArmCameraSetup
@@ -78,6 +79,8 @@ class VehicleSetup:
         "beside the vehicle's file.",
         group="vehicle",
     )
+
+    battery: Battery | None = None  # of the thrusters; None: each has its constant voltage
 
     def __post_init__(self) -> None:
         if self.arm_errors is not None:

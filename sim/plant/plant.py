@@ -23,6 +23,7 @@ from uuv.sim.plant.driven_water import DrivenWater, WithWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, Readout, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
+from uuv.sim.plant.supply import Supply, feed
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.plant.truth import Truth, spacing
 from uuv.sim.water.current import Current
@@ -119,6 +120,7 @@ class Plant(WithWater):
         # Thrusters, tool and soil.
         thrusters = vehicle.thruster_actuators, vehicle.thruster_table
         self._drive = Drive.of(model, self.data, thrusters)
+        self._supply = Supply.of(model, self.data, thrusters, self.timestep)
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
         if pad_site < 0:
@@ -134,6 +136,7 @@ class Plant(WithWater):
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
+        truth.supply = self._supply.state
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(
@@ -151,7 +154,7 @@ class Plant(WithWater):
             *(model.opt.wind, water, self._drive.speed, self._drive.thrust, self._contacts),
             *(self._soil.force, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
-            *(self._watch.time, self._watch.observed, self._drive.saturated),
+            *(self._watch.time, self._watch.observed, self._drive.saturated, self._supply.state),
         )
         if data is None:
             self.reset(current=current, X_WB=X_WB)
@@ -207,8 +210,10 @@ class Plant(WithWater):
             tuple(self._flow),
             tuple(self._soil),
         )
+        self._fields_of_supply = tuple(self._supply)
 
         self._drive.stop()
+        self._supply.start()
         self._soil.reset()
         self._blow()  # overwrite the flow of the last step
 
@@ -322,7 +327,7 @@ class Plant(WithWater):
         )
         thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
 
-        self._drive.commanded[:] = thrusters
+        self._drive.commanded[:] = thrusters if feed(self._fields_of_supply) else 0.0
         truth.saturated = command_thrusters(self._as_tuples[0])
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
@@ -368,6 +373,7 @@ class Plant(WithWater):
 
         return PlantRecord(
             drive=self._drive,
+            supply=self._supply,
             readout=self._readout,
             flow=self._flow,
             watch=self._watch,

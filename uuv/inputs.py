@@ -10,11 +10,12 @@ from pathlib import Path
 
 import mujoco
 
+from uuv.controllers.driving.operator_inputs import OperatorInputs
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
 from uuv.models.files.vehicle_file import check_name
 from uuv.models.tools.tools import TOOLS
 from uuv.own_vehicle import vehicle_spec
-from uuv.scenario import Scenario, VehicleSetup
+from uuv.scenario import KEYBOARD, Scenario, VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
 
@@ -38,6 +39,9 @@ def check_inputs(scenario: Scenario, longest: float | None = None) -> None:
 
     # Files of the job, and the object that it works on.
     scenario.task.check_inputs(scenario)
+    operator = scenario.operator
+    if operator is not None and operator.inputs != KEYBOARD:
+        OperatorInputs.read(operator.inputs)
     if longest is not None:
         _check_limit(scenario, longest)
     if scenario.belief.arm is not None:
@@ -81,7 +85,7 @@ def check_vehicle(
 
 def _check_limit(scenario: Scenario, longest: float) -> None:
     finite_number(longest, "longest [s]", above=0.0, most=_MOST_SECONDS)
-    least = scenario.task.least_seconds(scenario)
+    least = scenario.task.least_seconds(scenario) if scenario.operator is None else 0.0
     if longest < least:
         raise ConfigurationError(f"longest {longest:g} s: the work alone takes {least:.0f} s")
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from uuv.cli.carry_out import Assignments, values_of
 from uuv.cli.json_output import print_json
+from uuv.cli.live.named_job import NamedJobOptions, named_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions, parse
 
@@ -52,29 +52,18 @@ class ArduPilotOptions:
 
 
 @dataclass(kw_only=True)
-class UdpOptions(RunOptions):
+class UdpOptions(NamedJobOptions):
     """Run a job whose controller is another process, over UDP (docs/udp.md).
 
     Without --pace in lockstep: each command is waited for.
     """
 
-    name: Annotated[
-        Positional[str], arg(metavar="NAME", help="A job by its name, or a scenario, FILE.toml.")
-    ]
     port: int = 9010
     """UDP port; 0: any that is free."""
     listen: str = "127.0.0.1"
     """Address to listen on; default: this machine alone."""
     rate: float = 500.0
     """Commands a second of simulated time [Hz]: 100 to 500."""
-    quick: bool = False
-    """The short form of the job."""
-    seed: int | None = None
-    """Seed instead of the job's."""
-    set: Assignments = ()
-    """KEY=VALUE, repeatable: values by the keys of a scenario file."""
-    trust: bool = False
-    """Run the code that a scenario file names too."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -86,7 +75,7 @@ def _serve_udp(args: Sequence[str]) -> int:
     """A job with a controller in another process."""
     options = parse(UdpOptions, args)
     started = time.perf_counter()
-    scenario = _scenario(options)
+    scenario = named_scenario(options)
     from uuv.inputs import check_inputs
 
     check_inputs(scenario, options.longest)
@@ -96,25 +85,6 @@ def _serve_udp(args: Sequence[str]) -> int:
     with listening(options.port, options.listen) as endpoint:
         print(f"{scenario.name} on UDP port {endpoint.port} of {options.listen}", flush=True)
         return run_remote(scenario, options, endpoint, started, rate=options.rate)
-
-
-def _scenario(options: UdpOptions) -> "Scenario":
-    """The scenario that the options name.
-
-    Raises:
-        ConfigurationError: There is no such job or file, or a value is wrong.
-    """
-    from uuv import jobs
-    from uuv.scenario_file import read_scenario, with_values
-
-    if options.name.endswith(".toml"):
-        scenario = read_scenario(options.name, trust=options.trust)
-    else:
-        words = {"quick": True} if options.quick else {}
-        scenario = jobs.named(options.name)(**words)
-    if options.seed is not None:
-        scenario = replace(scenario, seed=options.seed)
-    return with_values(scenario, values_of(options.set)) if options.set else scenario
 
 
 def _serve_ardupilot(args: Sequence[str]) -> int:

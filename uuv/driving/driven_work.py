@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from uuv.controllers.driving.key_inputs import KeyInputs
 from uuv.controllers.driving.operator_inputs import LONGEST, OperatorInputs
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import INPUTS_FILE, KEYBOARD, Operator, PlacedTask, Scenario
@@ -74,7 +75,7 @@ class DrivenWork(PlacedTask):
         if operator is None:
             raise ConfigurationError(f"scenario {scenario.name!r} has no operator")
         live = operator.inputs == KEYBOARD
-        source = OperatorInputs(ended=False) if live else OperatorInputs.read(operator.inputs)
+        source = KeyInputs() if live else OperatorInputs.read(operator.inputs)
         return cls(work=work, own=own, operator=operator, source=source)
 
     @property

@@ -39,7 +39,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     from uuv.inputs import check_inputs
 
     refuse_without_screen()
-    check_inputs(scenario, options.longest)
+    check_inputs(scenario, options.longest, keyboard=True)
     from uuv.cli.live.keyboard_run import run_by_keyboard
 
     return run_by_keyboard(scenario, replace(options, pace=options.pace or 1.0), started)

@@ -89,9 +89,10 @@ class Cockpit:
 
     def reached(self, X_WB: Array, X_WG: Array, q: Array, period: float) -> Array | None:
         """Joint angles (n,) of a tool pose, near `q`; None: out of reach within a period [s]."""
-        found = solve(self.own.chain, inverse(X_WB @ self.own.vehicle.X_BA) @ X_WG, q, *_REACHED)
-        near = np.abs(found.q - q).max() <= self.limits.joint_speed * period
-        return found.q if found.converged and near else None
+        X_AG = inverse(X_WB @ self.own.vehicle.X_BA) @ X_WG
+        solution = solve(self.own.chain, X_AG, q, *_REACHED, branch="keep")
+        near = np.abs(solution.q - q).max() <= self.limits.joint_speed * period
+        return solution.q if solution.converged and near else None
 
 
 @dataclass(slots=True, eq=False)

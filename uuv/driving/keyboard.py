@@ -1,6 +1,7 @@
 """MuJoCo's viewer as an operator's window: it shows the vehicle and takes his keys."""
 
 import copy
+import threading
 import time
 import warnings
 from typing import Any
@@ -14,6 +15,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.loop.rollout import Moment
 
 _PERIOD = 0.04  # [s] on the wall between two pictures, at least
+_CLOSING = 5.0  # [s] at most
 _NO_SCREEN = (
     "drive: the keyboard needs MuJoCo's viewer, and that a screen (DISPLAY); without one: "
     "--inputs FILE"
@@ -54,9 +56,15 @@ class Window:
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = assembly.plant.data.qpos
         self._shown = 0.0  # [s] on the wall of the last picture
+        before = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
-            self._model, self._data, key_callback=keys.press, show_left_ui=False
+            self._model,
+            self._data,
+            key_callback=keys.press,
+            show_left_ui=False,
+            show_right_ui=False,
         )
+        self._drawing = set(threading.enumerate()) - before
         self._viewer.cam.lookat[:] = assembly.X_WB[:3, 3]
         self._viewer.cam.distance = 4.0
 
@@ -80,8 +88,10 @@ class Window:
         self._viewer.sync()
 
     def close(self) -> None:
-        """Close the window."""
+        """Close the window, and wait for what draws in it: it must not outlive the screen."""
         self._viewer.close()
+        for thread in self._drawing:
+            thread.join(_CLOSING)
 
 
 def _panel(moment: Moment) -> tuple[str, ...]:

@@ -111,10 +111,7 @@ def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskR
     yield (
         "free",
         TaskRow(
-            Drive(cockpit, Mode.FREE),
-            states.CLOSE_IN,
-            {more: "guarded", done: "stay"},
-            BREAK_OFF,
+            Drive(cockpit, Mode.FREE), states.CLOSE_IN, {more: "guarded", done: "stay"}, BREAK_OFF
         ),
     )
     yield (

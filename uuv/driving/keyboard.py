@@ -9,10 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from uuv.assembly import Assembly
 from uuv.controllers.driving.key_inputs import HELP, KeyInputs
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.loop.rollout import Moment
+from uuv.sim.plant.plant import Plant
 
 _PERIOD = 0.04  # [s] on the wall between two pictures, at least
 _CLOSING = 5.0  # [s] at most
@@ -46,15 +46,15 @@ class Window:
 
     slow_ticks = (10,)
 
-    def __init__(self, assembly: Assembly, keys: KeyInputs) -> None:
+    def __init__(self, plant: Plant, keys: KeyInputs) -> None:
         """Open the window on a copy of the plant's model, which the viewer may change."""
         import mujoco.viewer
 
-        self._plant = assembly.plant
+        self._plant = plant
         self._keys = keys
-        self._model = copy.copy(assembly.plant.model)
+        self._model = copy.copy(plant.model)
         self._data = mujoco.MjData(self._model)
-        self._data.qpos[:] = assembly.plant.data.qpos
+        self._data.qpos[:] = plant.data.qpos
         self._shown = 0.0  # [s] on the wall of the last picture
         before = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
@@ -65,7 +65,7 @@ class Window:
             show_right_ui=False,
         )
         self._drawing = set(threading.enumerate()) - before
-        self._viewer.cam.lookat[:] = assembly.X_WB[:3, 3]
+        self._viewer.cam.lookat[:] = plant.truth.X_WB[:3, 3]
         self._viewer.cam.distance = 4.0
 
     def observe(self, moment: Moment) -> None:

@@ -4,18 +4,15 @@ import math
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Annotated
-
-from tyro.conf import Positional, arg
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 from uuv.cli.json_output import print_json
 from uuv.cli.live.named_job import NamedJobOptions, named_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.runs.command_line import RunOptions, parse
+from uuv.sim.runs.command_line import parse
 
 if TYPE_CHECKING:  # a help text does without
-    from uuv.scenario import Scenario
     from uuv.serve.ardupilot import ArduPilotDoor
 
 

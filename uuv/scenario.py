@@ -46,6 +46,8 @@ if TYPE_CHECKING:  # a task is described, and refused, without the kernels of wh
 
 P = TypeVar("P", bound=Perturbation)
 T = TypeVar("T", bound="Task")
+INPUTS_FILE = "inputs.csv"  # in the folder of a run that an operator drove
+KEYBOARD = "keyboard"  # inputs of an operator that come while the run goes on
 LONGEST = 400.0  # [s] simulated, default limit of a run
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
 _NOT_FOLLOWED = "sensing.follow: this task has no object that it could follow"
@@ -217,6 +219,17 @@ class Control:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Operator:
+    """An operator in place of the planner (`uuv drive`)."""
+
+    inputs: str  # file of inputs (docs/your_tools.md), or KEYBOARD
+    delay: float = 0.0  # [s] between operator and vehicle
+
+    def __post_init__(self) -> None:
+        finite_number(self.delay, "operator.delay [s]", least=0.0, most=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Task(ABC):
     """What is to be done; the base of all tasks. Its fields are keys of a scenario's file."""
 
@@ -370,6 +383,7 @@ class Scenario:
     belief: Belief = field(default_factory=Belief)
     sensing: Sensing = field(default_factory=Sensing)
     control: Control = field(default_factory=Control)
+    operator: Operator | None = None  # drives the vehicle; None: the task's planner
     perturbations: tuple[Perturbation, ...] = ()  # applied in this order
     perturbation_seed: int = 0
 

@@ -27,6 +27,8 @@ class NamedJobOptions(RunOptions):
     """KEY=VALUE, repeatable: values by the keys of a scenario file."""
     trust: bool = False
     """Run the code that a scenario file names too."""
+    json: bool = False
+    """Print metrics.json alone."""
 
 
 def named_scenario(options: NamedJobOptions) -> "Scenario":

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from uuv.components.contact_parts import believed_and_built, controller
+from uuv.driving.driven_work import DrivenWork
 from uuv.models.vehicle import Vehicle
 from uuv.own_vehicle import OwnVehicle
 from uuv.perception.navigation.raw_navigation import RawNavigation
@@ -178,7 +179,7 @@ def _placed(scenario: Scenario, vehicle: OwnVehicle, rng: np.random.Generator) -
         kind = type(scenario.task).__name__
         got = type(placed).__name__
         raise ConfigurationError(f"task {kind}: place must return a PlacedTask, got {got}")
-    return placed
+    return placed if scenario.operator is None else DrivenWork.of(placed, scenario, vehicle)
 
 
 def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:

@@ -10,23 +10,27 @@ from pathlib import Path
 
 import mujoco
 
+from uuv.controllers.driving.operator_inputs import OperatorInputs
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
 from uuv.models.files.vehicle_file import check_name
 from uuv.models.tools.tools import TOOLS
 from uuv.own_vehicle import vehicle_spec
-from uuv.scenario import Scenario, VehicleSetup
+from uuv.scenario import KEYBOARD, Operator, Scenario, VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
 
 _MOST_SECONDS = 1e6  # [s] simulated in one run
 
 
-def check_inputs(scenario: Scenario, longest: float | None = None) -> None:
+def check_inputs(
+    scenario: Scenario, longest: float | None = None, *, keyboard: bool = False
+) -> None:
     """Refuses a scenario with unknown names, or files that are unreadable or lack what it needs.
 
     Args:
         scenario: The description.
         longest: [s] limit of the simulated time; None: that of the task.
+        keyboard: An operator's inputs may come while the run goes on.
 
     Raises:
         ConfigurationError: Which name or file, what is allowed, and what was given.
@@ -38,6 +42,7 @@ def check_inputs(scenario: Scenario, longest: float | None = None) -> None:
 
     # Files of the job, and the object that it works on.
     scenario.task.check_inputs(scenario)
+    _check_operator(scenario.operator, keyboard=keyboard)
     if longest is not None:
         _check_limit(scenario, longest)
     if scenario.belief.arm is not None:
@@ -74,14 +79,30 @@ def check_vehicle(
         ConfigurationError: Which vehicle, file or part.
     """
     _check_names(setup)
-    return vehicle_spec(
+    spec = vehicle_spec(
         setup.vehicle, setup.tool, setup.parts, needs, spares=spares, computed=False
     )
+    if setup.battery is not None:
+        from uuv.models.water import battery_feed
+
+        battery_feed.attach(spec, setup.battery)
+    return spec
+
+
+def _check_operator(operator: Operator | None, *, keyboard: bool) -> None:
+    if operator is None:
+        return
+    if operator.inputs != KEYBOARD:
+        OperatorInputs.read(operator.inputs)
+    elif not keyboard:
+        raise ConfigurationError(
+            f"operator.inputs: only `uuv drive` has a {KEYBOARD}; elsewhere the name of a file"
+        )
 
 
 def _check_limit(scenario: Scenario, longest: float) -> None:
     finite_number(longest, "longest [s]", above=0.0, most=_MOST_SECONDS)
-    least = scenario.task.least_seconds(scenario)
+    least = scenario.task.least_seconds(scenario) if scenario.operator is None else 0.0
     if longest < least:
         raise ConfigurationError(f"longest {longest:g} s: the work alone takes {least:.0f} s")
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from uuv.controllers.ik.method import Method as IkMethod
 from uuv.methods import AblatedMethod, PublishedMethod
+from uuv.models.water.battery import Battery
 from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
 from uuv.perturbations.perturbation import Perturbation
 from uuv.sensors.arm_camera import ArmCameraSetup
@@ -45,6 +46,8 @@ if TYPE_CHECKING:  # a task is described, and refused, without the kernels of wh
 
 P = TypeVar("P", bound=Perturbation)
 T = TypeVar("T", bound="Task")
+INPUTS_FILE = "inputs.csv"  # in the folder of a run that an operator drove
+KEYBOARD = "keyboard"  # inputs of an operator that come while the run goes on
 LONGEST = 400.0  # [s] simulated, default limit of a run
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
 _NOT_FOLLOWED = "sensing.follow: this task has no object that it could follow"
@@ -78,6 +81,8 @@ class VehicleSetup:
         "beside the vehicle's file.",
         group="vehicle",
     )
+
+    battery: Battery | None = None  # of the thrusters; None: each has its constant voltage
 
     def __post_init__(self) -> None:
         if self.arm_errors is not None:
@@ -211,6 +216,17 @@ class Control:
                 "control.without force-control, control.published force-law and "
                 "normal-force-law: give only one of them"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Operator:
+    """An operator in place of the planner (`uuv drive`)."""
+
+    inputs: str  # file of inputs (docs/your_tools.md), or KEYBOARD
+    delay: float = 0.0  # [s] between operator and vehicle
+
+    def __post_init__(self) -> None:
+        finite_number(self.delay, "operator.delay [s]", least=0.0, most=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -370,6 +386,7 @@ class Scenario:
     belief: Belief = field(default_factory=Belief)
     sensing: Sensing = field(default_factory=Sensing)
     control: Control = field(default_factory=Control)
+    operator: Operator | None = None  # drives the vehicle; None: the task's planner
     perturbations: tuple[Perturbation, ...] = ()  # applied in this order
     perturbation_seed: int = 0
 

@@ -113,4 +113,5 @@ def scaled(thruster: Thruster, gain: float) -> Thruster:
         least_thrust=gain * thruster.least_thrust,
         polynomial=None if polynomial is None else (times(polynomial[0]), times(polynomial[1])),
         table=None if table is None else (table[0], times(table[1])),
+        sheets=tuple(sheet.stronger(gain) for sheet in thruster.sheets),
     )

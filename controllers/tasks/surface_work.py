@@ -327,14 +327,14 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     yield "lift", TaskRow(lift, states.RETREAT, {PhaseEvent.DONE: "onward"}, BREAK_OFF)
     yield "onward", TaskRow(onward, states.CLOSE_IN, {PhaseEvent.DONE: "approach"}, BREAK_OFF)
 
-    yield from retreat_rows(site, job)
+    yield from retreat_rows(site.own, job)
 
 
-def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+def retreat_rows(own: WorkVehicle, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the surface to the end: release, retreat, and what follows a fault.
 
     Args:
-        site: what is known before the work.
+        own: the vehicle.
         job: speeds and limits.
 
     Returns:
@@ -347,7 +347,7 @@ def retreat_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     stop = {Reaction.STOP: "halt"}
     off = {**stop, Reaction.RISE: "rise"}
     retreat = Retreat(approach.speed, clear)
-    escape = Escape(job.escape, clear, site.own.vehicle.q_home)
+    escape = Escape(job.escape, clear, own.vehicle.q_home)
 
     yield (
         "unload",

@@ -80,7 +80,7 @@ def tap(
             "next",
             TaskRow(move, states.CLOSE_IN, {ends.MORE: "approach", ends.DONE: "parked"}, BREAK_OFF),
         )
-        yield from retreat_rows(site, job)
+        yield from retreat_rows(site.own, job)
 
     return TaskPlanner(
         rows(), surface_monitors(job), X_WB=site.X_WB_scan, q=site.own.vehicle.q_home

@@ -116,7 +116,8 @@ class MappedThruster:
         if isinstance(self.kind, str) and self.kind != _T200:
             raise ConfigurationError(
                 f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by "
-                "figures: {forward: N, reverse: N}, {of_table: ...} or {of_polynomial: ...}"
+                "figures: {forward: N, reverse: N}, {t200: {voltage: V}}, {from_table: {path: "
+                "FILE}}, {of_table: ...} or {of_polynomial: ...}"
             )
 
         object.__setattr__(self, "name", self.name or self.actuator or self.site or "")

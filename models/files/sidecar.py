@@ -69,6 +69,7 @@ SHAPES: Final[dict[str, Callable[..., BodyHydrodynamics]]] = {
 }
 _THRUSTER_MAKERS: Final[dict[str, Callable[..., Thruster]]] = {
     "t200": thrusters.t200,
+    "from_table": WithFields(thrusters.from_table, Thruster),
     "of_table": WithFields(Thruster.of_table, Thruster),
     "of_polynomial": WithFields(Thruster.of_polynomial, Thruster),
 }
@@ -444,7 +445,7 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     """What makes a form or a thruster of a table (`tables.Chooser`); any other kind makes itself.
 
     A form has one key, its name, with its fields below it. So has a thruster with one of `t200`,
-    `of_table` and `of_polynomial`; any other has the fields of Thruster.
+    `from_table`, `of_table` and `of_polynomial`; any other has the fields of Thruster.
 
     Raises:
         ConfigurationError: another form, or fields beside the name of what makes the thruster.
@@ -533,7 +534,8 @@ def _written(record: Any) -> dict[str, Any]:
         default = entry.default_factory() if entry.default_factory is not MISSING else entry.default
         if default is MISSING or not _same(content, default):
             tree[entry.name] = _tree(content)
-    return tree
+    # A table without entries would have no custom element.
+    return tree or {entry.name: _tree(getattr(record, entry.name)) for entry in fields(record)}
 
 
 def _same(value: Any, default: Any) -> bool:

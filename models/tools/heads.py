@@ -93,7 +93,9 @@ def add_head(
     Returns:
         Hydrodynamics by body name.
     """
-    held = _mount(link, position, turn, tip, head.length, head.mass, head.stiffness, head.damping)
+    held = add_mount(
+        link, position, turn, tip, head.length, head.mass, head.stiffness, head.damping
+    )
     _dome(held, head.radius, head.length, head.friction)
     return {PAD_BODY: cylinder(0.5 * head.radius, np.zeros(3), [0.0, 0.0, head.length])}
 
@@ -108,7 +110,7 @@ def add_jaws(
 ) -> dict[str, BodyHydrodynamics]:
     """Add jaws to a link, as `add_head` does a head."""
     palm = jaws.palm
-    held = _mount(
+    held = add_mount(
         link,
         position,
         turn,
@@ -180,7 +182,7 @@ def _add_finger(held: mujoco.MjsBody, name: str, side: float, jaws: Jaws) -> Bod
     return cylinder(thin, np.zeros(3), [0.0, 0.0, long])
 
 
-def _mount(
+def add_mount(
     link: mujoco.MjsBody,
     position: Array,
     turn: Array,

@@ -6,10 +6,11 @@
 """
 
 from uuv.models.registry import MadeForm, Registry
+from uuv.models.tools.gripper import Gripper
 from uuv.models.tools.heads import Head, Jaws
 from uuv.models.tools.sampler import BOX, CORER, SAMPLER, Box, Tube
 
-Tool = Tube | Box | Head | Jaws
+Tool = Tube | Box | Head | Jaws | Gripper
 
 
 def pad() -> Tool:
@@ -40,6 +41,26 @@ def jaws() -> Tool:
     return Jaws()
 
 
+def gripper() -> Tool:
+    """Parallel jaws with a motor, 0 to 100 mm, for an arm that bears some 100 N."""
+    return Gripper()
+
+
+def small_gripper() -> Tool:
+    """Parallel jaws with a motor, 0 to 60 mm, for a small arm."""
+    # A softer mount than that of the others: its palm weighs little (`grip_contact`).
+    return Gripper(
+        opening=0.06,
+        force=50.0,
+        loss=2.0,
+        breadth=0.02,
+        length=0.1,
+        mass=0.2,
+        stiffness=5e3,
+        mount_damping=20.0,
+    )
+
+
 def sampler() -> Tool:
     """Round steel tube with a domed nose, to be put into a hole."""
     return SAMPLER
@@ -55,7 +76,9 @@ def box() -> Tool:
     return BOX
 
 
-_FORM = MadeForm("a Head, Jaws, Tube or Box of uuv.models.tools", lambda t: isinstance(t, Tool))
+_FORM = MadeForm(
+    "a Head, Jaws, Gripper, Tube or Box of uuv.models.tools", lambda t: isinstance(t, Tool)
+)
 TOOLS: Registry[Tool] = Registry(
     "tool",
     {
@@ -63,6 +86,8 @@ TOOLS: Registry[Tool] = Registry(
         "small_pad": small_pad,
         "brush": brush,
         "jaws": jaws,
+        "gripper": gripper,
+        "small_gripper": small_gripper,
         "sampler": sampler,
         "corer": corer,
         "box": box,

@@ -18,7 +18,7 @@ _NOTHING = 1e-12  # share of the largest coefficient that turns no curve
 
 # A row: kind, number of points or coefficients, ends of the dead band, least thrust [N]. Then as
 # many commands, thrusts [N] and slopes of a table, or coefficients ahead and astern.
-_KIND, _COUNT, _LOW, _HIGH, _LEAST, _FIRST = range(6)
+_KIND, _COUNT, _LOW, _HIGH, _LEAST, FIRST = range(6)
 
 # coefficients ahead and astern; or commands and thrusts [N]
 Sides = tuple[tuple[float, ...], tuple[float, ...]]
@@ -63,6 +63,24 @@ def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) 
     return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
 
 
+@kernel
+def rewrite_table(curve, command, thrust):
+    """Replace commands and thrusts [N] of a tabled curve by as many others, as `pack_table`."""
+    count = int(curve[_COUNT])
+    curve[FIRST : FIRST + count] = command[:count]
+    curve[FIRST + count : FIRST + 2 * count] = thrust[:count]
+    curve[FIRST + 2 * count : FIRST + 3 * count] = _slopes(command[:count], thrust[:count])
+
+    # The dead band.
+    at = 0
+    while thrust[at] < 0.0:
+        at += 1
+    curve[_LOW] = command[at]
+    while at < count - 1 and thrust[at + 1] == 0.0:
+        at += 1
+    curve[_HIGH] = command[at]
+
+
 def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
     """Polynomial and table of a row; None for what it is not, both for a quadratic curve.
 
@@ -70,17 +88,15 @@ def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
         ConfigurationError: a row of another kind or length.
     """
     numbers = curve.tolist()
-    kind, count = (
-        (round(number) for number in numbers[:_LOW]) if len(numbers) >= _FIRST else (-1, 0)
-    )
+    kind, count = (round(number) for number in numbers[:_LOW]) if len(numbers) >= FIRST else (-1, 0)
     blocks = {QUADRATIC: 2, POLYNOMIAL: 2, TABLE: 3}.get(kind, -1)
-    if len(numbers) != _FIRST + blocks * count:
+    if len(numbers) != FIRST + blocks * count:
         raise ConfigurationError(
             f"thruster: its curve of {len(numbers)} numbers has no known kind and length"
         )
 
-    first = tuple(numbers[_FIRST : _FIRST + count])
-    second = tuple(numbers[_FIRST + count : _FIRST + 2 * count])
+    first = tuple(numbers[FIRST : FIRST + count])
+    second = tuple(numbers[FIRST + count : FIRST + 2 * count])
     if kind == TABLE:
         return None, (first, second)
     if kind == QUADRATIC:
@@ -128,10 +144,10 @@ def thrust_at(curve, command):
 
     count = int(curve[_COUNT])
     if curve[_KIND] == TABLE:
-        at = _segment(curve[_FIRST:], count, command)
-        thrust = _cubic(curve[_FIRST:], count, at, command)[0]
+        at = _segment(curve[FIRST:], count, command)
+        thrust = _cubic(curve[FIRST:], count, at, command)[0]
     else:
-        start = _FIRST if command > 0.0 else _FIRST + count
+        start = FIRST if command > 0.0 else FIRST + count
         thrust = _horner(curve[start:], count, reach)[0]
         if command < 0.0:
             thrust = -thrust
@@ -157,8 +173,8 @@ def command_for(curve, thrust):
 
     count = int(curve[_COUNT])
     if curve[_KIND] == TABLE:
-        x = curve[_FIRST : _FIRST + count]
-        y = curve[_FIRST + count : _FIRST + 2 * count]
+        x = curve[FIRST : FIRST + count]
+        y = curve[FIRST + count : FIRST + 2 * count]
         if thrust >= y[count - 1]:
             return x[count - 1]
         if thrust <= y[0]:
@@ -173,14 +189,14 @@ def command_for(curve, thrust):
         high = x[at + 1]
         command = low + (high - low) * (thrust - y[at]) / (y[at + 1] - y[at])
         for _ in range(100):
-            reached, slope = _cubic(curve[_FIRST:], count, at, command)
+            reached, slope = _cubic(curve[FIRST:], count, at, command)
             low, high, command, done = _closer(low, high, command, reached - thrust, slope)
             if done:
                 break
         return command
 
     # Polynomial in the reach beyond the dead band.
-    start, band = (_FIRST, curve[_HIGH]) if thrust > 0.0 else (_FIRST + count, -curve[_LOW])
+    start, band = (FIRST, curve[_HIGH]) if thrust > 0.0 else (FIRST + count, -curve[_LOW])
     magnitude = abs(thrust)
     if curve[_KIND] == QUADRATIC:
         reach = np.sqrt(min(magnitude / curve[start + 1], 1.0))
@@ -298,7 +314,8 @@ def _cubic(blocks, count, at, command):
     return y0 + t * (s0 + t * (a + t * b)), (s0 + t * (2.0 * a + 3.0 * t * b)) / h
 
 
-def _slopes(x: Array, y: Array) -> Array:
+@kernel
+def _slopes(x, y):
     """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, bounded ends."""
     h = np.diff(x)
     secant = np.diff(y) / np.diff(x)

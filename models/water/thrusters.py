@@ -33,16 +33,18 @@ from uuv.models.water.actuator_kinds import (
     of_compiled,
     set_kind,
 )
+from uuv.models.water.measured_thruster import MeasuredThruster
 from uuv.models.water.native_mark import mark
-from uuv.models.water.thruster_tables import T200, ThrusterTable
+from uuv.models.water.t200_sheets import ESC, SHEETS
+from uuv.models.water.thruster_sheets import Esc, Sheet, check_sheets
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, number
+from uuv.sim.interfaces.spatial import Array, finite_number, number
 
 # Columns of a row; the curve follows, as `uuv.models.water.thruster_curves` packs it.
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = (
     range(10)
 )
-HEADER = 10  # columns before the curve
+HEADER = 10  # columns before the curve; what was measured of the thruster follows the curve
 STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
 # Activations of a thruster: command after the slew limit, propeller speed
@@ -54,7 +56,7 @@ _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Thruster:
+class Thruster(MeasuredThruster):
     """Parameters of one thruster: static curve, dynamics, inflow, reaction torque.
 
     With neither `polynomial` nor `table` (see `of_polynomial`, `of_table`) thrust is quadratic
@@ -84,6 +86,9 @@ class Thruster:
     )
     # Commands, thrusts [N].
     table: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, metadata=_ROWS)
+    voltage: float = 0.0  # [V] of the curve, within the sheets; without sheets 0
+    sheets: tuple[Sheet, ...] = ()  # thrust and current over the voltage, lowest voltage first
+    esc: Esc | None = None  # from pulse width to command
 
     def __post_init__(self) -> None:
         for name in [entry.name for entry in fields(self) if entry.type is float]:
@@ -123,6 +128,13 @@ class Thruster:
             raise ConfigurationError(
                 f"thruster least_thrust: must be below forward and reverse, {self.forward} and "
                 f"{self.reverse} N, got {self.least_thrust}"
+            )
+
+        if self.sheets:
+            check_sheets(self.sheets, self.voltage)
+        elif self.voltage:
+            raise ConfigurationError(
+                f"thruster voltage: needs sheets beside it, got {self.voltage:g} V alone"
             )
 
         if self.polynomial is not None and self.table is not None:
@@ -212,8 +224,17 @@ class Thruster:
         forward, reverse = check_table(*points)
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
+    def static_curve(self) -> Array:
+        """Its curve, as a row of `uuv.models.water.thruster_curves`."""
+        from uuv.models.water import thruster_curves as rows  # brings numba
 
-_T200_VOLTAGE = 16.0  # [V]
+        if self.table is not None:
+            return rows.pack_table(*self.table, self.least_thrust)
+        kind = rows.QUADRATIC if self.polynomial is None else rows.POLYNOMIAL
+        sides = self.polynomial or ((0.0, self.forward), (0.0, self.reverse))
+        return rows.pack_polynomial(kind, *sides, self.dead_band, self.least_thrust)
+
+
 # [BlueRobotics 2019], 16 V sheet: pulse width [us], thrust [N].
 _T200_PULSE = (1100, 1180, 1260, 1340, 1420, 1468, 1472, 1528, 1532, 1580, 1660, 1740, 1820, 1900)
 _T200_THRUST = (
@@ -242,12 +263,14 @@ def t200(
     torque_per_thrust: float = 0.014,
     slew_rate: float = math.inf,
     least_thrust: float = 0.36,
-    voltage: float = _T200_VOLTAGE,
+    voltage: float = 16.0,
 ) -> Thruster:
-    """Blue Robotics T200; command u: pulse of 1500 + 400 u us, at 16 V dead from 1472 to 1528 us.
+    """Blue Robotics T200 at 10 to 20 V; command u: pulse of 1500 + 400 u us.
 
-    Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other
-    defaults are assumptions, since no measurement was found.
+    Measured are thrust and current, and that a turning propeller gives 0.36 N or more (317 rpm). At
+    16 V the curve has 14 points of the sheet and is dead from 1472 to 1528 us; at any other voltage
+    it is that between the sheets of 10, 14, 16 and 20 V. The other defaults are assumptions, the
+    same at each voltage, since no measurement was found.
 
     Args:
         handedness: +1 or -1, see `Thruster`.
@@ -258,19 +281,17 @@ def t200(
             N.
         slew_rate: [1/s] largest rate of the command.
         least_thrust: [N] of a turning propeller, measured.
-        voltage: [V] at the speed controller, from 10 to 20.
+        voltage: [V] at the ESC.
 
     Returns:
         The thruster.
 
     Raises:
-        ConfigurationError: a voltage that is not measured.
+        ConfigurationError: a figure or a voltage is out of range.
     """
-    curve = T200.points(voltage) if voltage != _T200_VOLTAGE else (_T200_PULSE, _T200_THRUST)
-    if voltage != _T200_VOLTAGE:
-        least_thrust = min(least_thrust, T200.least(voltage))
-    return Thruster.of_table(
-        *curve,
+    at_16 = Thruster.of_table(
+        _T200_PULSE,
+        _T200_THRUST,
         neutral=1500.0,
         handedness=handedness,
         time_constant=time_constant,
@@ -278,24 +299,66 @@ def t200(
         torque_per_thrust=torque_per_thrust,
         slew_rate=slew_rate,
         least_thrust=least_thrust,
+        voltage=16.0,
+        sheets=SHEETS,
+        esc=ESC,
     )
+    return at_16 if voltage == at_16.voltage else at_voltage(at_16, voltage)
 
 
-def from_table(file: str | Path, voltage: float = 0.0, **figures: Any) -> Thruster:
-    """Thruster of a maker's table (`uuv.models.water.thruster_tables`) at a voltage [V].
+def from_table(
+    path: str | Path, *, voltage: float | None = None, esc: Esc | None = None, **figures: Any
+) -> Thruster:
+    """Thruster of a maker's table, a CSV file.
+
+    Columns: `pulse_us`, `force_N`, and where they were measured `voltage_V`, `current_A`,
+    `power_W` (`uuv.models.water.sheet_file`). Lag, inflow and torque, of which a table says
+    nothing, are zero unless they are given.
 
     Args:
-        file: CSV with the columns pulse_us, force_N, and voltage_V where it has several.
-        voltage: [V], within the table's; 0 for a table without that column.
+        path: of the file.
+        voltage: [V] of the thruster's curve, or at which a table without that column was measured;
+            default: the middle one of the table.
+        esc: range, dead band and direction of the pulses; default: those of the table.
         **figures: the other fields of `Thruster`, without those of the curve.
 
+    Returns:
+        The thruster.
+
     Raises:
-        ConfigurationError: the file cannot be read, or the voltage is not in it.
+        ConfigurationError: the file cannot be read, a column is missing, thrusts do not rise, or a
+            voltage is out of range.
     """
-    table = ThrusterTable.of_csv(file)
-    pulses, thrusts = table.points(voltage)
-    full = 0.5 * float(np.ptp(table.ends))
-    return Thruster.of_table(pulses, thrusts, neutral=table.neutral, full=full, **figures)
+    from uuv.models.water.sheet_file import read_sheets
+    from uuv.models.water.thruster_curves import check_table
+
+    _refuse_curve(figures)
+    if voltage is not None:
+        voltage = finite_number(voltage, "voltage [V]", above=0.0)
+    sheets, esc = read_sheets(path, esc, voltage)
+    middle = sheets[len(sheets) // 2]
+    forward, reverse = check_table(middle.command, middle.thrust)
+    thruster = Thruster(
+        forward=forward, reverse=reverse, table=(middle.command, middle.thrust), esc=esc, **figures
+    )
+    if not middle.voltage:
+        return thruster
+    thruster = replace(thruster, sheets=sheets, voltage=middle.voltage)
+    return thruster if voltage is None else at_voltage(thruster, voltage)
+
+
+def at_voltage(thruster: Thruster, voltage: float) -> Thruster:
+    """The thruster with the curve of another voltage [V], from its sheets.
+
+    Raises:
+        ConfigurationError: it has no sheets, or the voltage is beyond them.
+    """
+    curve = thruster.between(voltage)
+    command = tuple(curve.command.tolist())
+    thrust = tuple(curve.thrust.tolist())
+    return replace(
+        thruster, table=(command, thrust), forward=thrust[-1], reverse=-thrust[0], voltage=voltage
+    )
 
 
 def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
@@ -361,16 +424,10 @@ def detach(actuator: mujoco.MjsActuator) -> None:
 
 
 def pack(thruster: Thruster) -> Array:
-    """Encode `thruster` as a row: HEADER numbers, then its curve."""
-    from uuv.models.water import thruster_curves as rows  # brings numba
+    """Encode `thruster` as a row: HEADER numbers, its curve, and what was measured of it."""
+    from uuv.models.water.sheet_kernels import pack_measured  # brings numba
 
-    if thruster.table is not None:
-        curve = rows.pack_table(*thruster.table, thruster.least_thrust)
-    else:
-        kind = rows.QUADRATIC if thruster.polynomial is None else rows.POLYNOMIAL
-        sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
-        curve = rows.pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust)
-
+    curve = thruster.static_curve()
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
     # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the
     # other way.
@@ -388,7 +445,8 @@ def pack(thruster: Thruster) -> Array:
         STAMP_VALUE,
         len(curve),
     )
-    return np.array([*header, *curve])
+    measured = pack_measured(thruster.voltage, thruster.esc, thruster.sheets)
+    return np.array([*header, *curve, *measured])
 
 
 def unpack(row: Array) -> Thruster:
@@ -399,6 +457,7 @@ def unpack(row: Array) -> Thruster:
             curve, which repeats some; `changed` writes both.
     """
     from uuv.models.water import thruster_curves as rows
+    from uuv.models.water.sheet_kernels import unpack_measured
 
     count = round(float(row[COUNT]))
     curve = np.asarray(row[HEADER : HEADER + max(count, 0)])
@@ -407,6 +466,7 @@ def unpack(row: Array) -> Thruster:
             f"thruster: its row of {len(row)} numbers is too short for a curve of {count}"
         )
     polynomial, table = rows.unpack(curve)
+    voltage, esc, sheets = unpack_measured(row[HEADER + count :])
     thruster = Thruster(
         forward=float(row[FORWARD]),
         reverse=float(row[REVERSE]),
@@ -419,6 +479,9 @@ def unpack(row: Array) -> Thruster:
         least_thrust=float(row[LEAST]),
         polynomial=polynomial,
         table=table,
+        voltage=voltage,
+        sheets=sheets,
+        esc=esc,
     )
 
     # A table has its own dead band.
@@ -482,6 +545,13 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
                 f"{model.actuator_actnum[i]}"
             )
     return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
+
+
+def sheet_blocks(table: Array) -> list[Array]:
+    """Sheets of rows `table` (m, ...) for `uuv.models.water.sheet_kernels`; empty without any."""
+    from uuv.models.water.sheet_kernels import block_of
+
+    return [block_of(row[HEADER + round(float(row[COUNT])) :]) for row in table]
 
 
 def curves(table: Array) -> Array:

@@ -8,13 +8,14 @@ None (null in JSON), and counts as missed, if the run ended before it could be m
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from uuv.models.objects.axis_steps import Steps
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.evaluation.energy_metrics import EnergyMetrics, energy_figures
 from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
 from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
 from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
@@ -176,7 +177,8 @@ class Assessment:
                 else collision.failure
             )
         failed += others
-        checks = (*checks, collision)
+        energy = energy_figures(recording)
+        checks = (*checks, collision, *_of_energy(energy))
 
         if recording.interrupted:
             failed.insert(0, f"the run was interrupted {note}")
@@ -191,9 +193,17 @@ class Assessment:
                 0, f"the time limit ended the run {after}{f': {note}' if note else ''} (--longest)"
             )
 
-        every_run = EveryRun(run=run, accepted=not failed, failed=failed, timings=timings)
+        every_run = EveryRun(
+            run=run,
+            accepted=not failed,
+            failed=failed,
+            timings=timings,
+            energy=cast(EnergyMetrics, energy),
+        )
         metrics = {**asdict(figures), **asdict(every_run)}
         del metrics["provenance"], metrics["start"]  # see `made_by`, `started`
+        if metrics["energy"] is None:
+            del metrics["energy"]
         return cls(metrics=metrics, checks=checks, failed=tuple(failed))
 
     @property
@@ -828,3 +838,15 @@ def motion_figures(recording: "Recording") -> MotionMetrics | None:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def _of_energy(energy: EnergyMetrics | None) -> Iterable[Requirement]:
+    """What the thrusters drew, where it is known; reported only."""
+    if energy is None:
+        return
+    yield Requirement("energy of the thrusters", energy.thrusters_wh, None, "W h")
+    if energy.battery is not None:
+        yield Requirement("least voltage", energy.battery.voltage_least_v, None, "V")
+        if energy.battery.below_tables_s:
+            below = energy.battery.below_tables_s
+            yield Requirement("voltage below the thrusters' tables", below, None, "s")

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from uuv.sim.evaluation.energy_metrics import EnergyMetrics
 from uuv.sim.evaluation.schemas import metric, schema_of
 from uuv.sim.runs.run_folder import FORMAT
 
@@ -83,6 +84,9 @@ class EveryRun:
     accepted: bool = metric("All of the scenario's bounds hold.")
     failed: list[str] = metric("Missed bounds, one line each.")
     timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
+    energy: EnergyMetrics = metric(
+        "Energy drawn by the thrusters; absent where their current was not measured.", default=None
+    )
     provenance: Provenance = metric("Origin of the figures.", default=None)
     start: StartMetrics = metric(
         "What the command compiled before it; absent for a run from Python.", default=None

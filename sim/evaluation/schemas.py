@@ -12,9 +12,14 @@ UNITS = {
     "_rad": "rad",
     "_deg": "deg",
     "_nm": "N m",
+    "_wh": "W h",
+    "_ah": "A h",
     "_share": "1",
     "_m": "m",
     "_n": "N",
+    "_j": "J",
+    "_w": "W",
+    "_v": "V",
     "_s": "s",
 }
 _NUMBERS = {int: "integer", float: "number", bool: "boolean", str: "string"}

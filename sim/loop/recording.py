@@ -7,7 +7,7 @@ unless a name says otherwise.
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -125,6 +125,8 @@ class Recording(RecordedSeries):
     substeps: int = 1  # physics steps per step of the loop
     interrupted: str = ""  # cause of an early end, e.g. SIGTERM
     collided: str = ""  # what collided first, and when; empty: nothing did
+    # electrical supply at the end, as `uuv.sim.plant.supply` orders it; empty: unknown
+    supply: Array = field(default_factory=lambda: np.zeros(0))
 
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
         """SHA-256 over times and values of series, bit for bit; by default of the whole trajectory.
@@ -459,6 +461,7 @@ class Recorder:
             substeps=self._substeps,
             interrupted=interrupted,
             collided=self._first_collision(),
+            supply=readonly(self._truth.supply),
         )
 
     def _first_collision(self) -> str:

@@ -20,6 +20,7 @@ from uuv.sim.native.native_memory import call_physics, f64
 from uuv.sim.native.passive_callback import WET_MARK
 from uuv.sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
+from uuv.sim.plant.supply import Supply, feed
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 
 
@@ -55,6 +56,7 @@ class PlantRecord(NamedTuple):
     """
 
     drive: Drive
+    supply: Supply
     readout: Readout
     flow: Flow
     watch: Watch
@@ -113,6 +115,8 @@ def advance(plant, joint_torque, thrusters):
     # Commands.
     plant.drive.commanded[:] = thrusters
     _call_hook(plant.commanded, plant.watch)
+    if not feed(plant.supply):
+        plant.drive.commanded[:] = 0.0
     command_thrusters(plant.drive)
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from uuv.models.hydrodynamics import LAYOUT, world_row
-from uuv.models.naming import HOME_KEY, USUAL_NAMES, PartNames
+from uuv.models.naming import HOME_KEY, OTHER_PAD, USUAL_NAMES, PartNames
 from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
@@ -23,6 +23,7 @@ from uuv.sim.plant.driven_water import DrivenWater, WithWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, Readout, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
+from uuv.sim.plant.supply import Supply, feed
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.plant.truth import Truth, spacing
 from uuv.sim.water.current import Current
@@ -119,6 +120,7 @@ class Plant(WithWater):
         # Thrusters, tool and soil.
         thrusters = vehicle.thruster_actuators, vehicle.thruster_table
         self._drive = Drive.of(model, self.data, thrusters)
+        self._supply = Supply.of(model, self.data, thrusters, self.timestep)
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
         if pad_site < 0:
@@ -134,12 +136,13 @@ class Plant(WithWater):
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
+        truth.supply = self._supply.state
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
-            own_geom=_carried_geoms(model, vehicle.hull),
+            own_geom=_colliding_geoms(model, vehicle.hull, names.tool + OTHER_PAD),
             added=self._soil.force,
             tau_friction=truth.tau_friction,
             contacts=self._contacts,
@@ -151,7 +154,7 @@ class Plant(WithWater):
             *(model.opt.wind, water, self._drive.speed, self._drive.thrust, self._contacts),
             *(self._soil.force, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
-            *(self._watch.time, self._watch.observed, self._drive.saturated),
+            *(self._watch.time, self._watch.observed, self._drive.saturated, self._supply.state),
         )
         if data is None:
             self.reset(current=current, X_WB=X_WB)
@@ -207,8 +210,10 @@ class Plant(WithWater):
             tuple(self._flow),
             tuple(self._soil),
         )
+        self._fields_of_supply = tuple(self._supply)
 
         self._drive.stop()
+        self._supply.start()
         self._soil.reset()
         self._blow()  # overwrite the flow of the last step
 
@@ -322,7 +327,7 @@ class Plant(WithWater):
         )
         thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
 
-        self._drive.commanded[:] = thrusters
+        self._drive.commanded[:] = thrusters if feed(self._fields_of_supply) else 0.0
         truth.saturated = command_thrusters(self._as_tuples[0])
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
@@ -368,6 +373,7 @@ class Plant(WithWater):
 
         return PlantRecord(
             drive=self._drive,
+            supply=self._supply,
             readout=self._readout,
             flow=self._flow,
             watch=self._watch,
@@ -491,7 +497,12 @@ def _block(addresses: np.ndarray) -> slice | np.ndarray:
     return addresses
 
 
-def _carried_geoms(model: mujoco.MjModel, hull: int) -> np.ndarray:
-    """Mask (ngeom,), True for geoms of the vehicle."""
+def _colliding_geoms(model: mujoco.MjModel, hull: int, other_pad: str) -> np.ndarray:
+    """Mask (ngeom,), True for geoms of the vehicle; False for a gripper's other pad, if any."""
     root = np.asarray(model.body_rootid)
-    return root[np.asarray(model.geom_bodyid)] == root[hull]
+    mask = root[np.asarray(model.geom_bodyid)] == root[hull]
+
+    pad = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, other_pad)
+    if pad >= 0:
+        mask[pad] = False
+    return mask

@@ -25,6 +25,7 @@ from uuv.check.statics import (
     FASTEST,
     Trim,
     authority,
+    full_draw,
     seen_workspace,
     strongest_current,
     tip_force,
@@ -40,6 +41,8 @@ from uuv.models.files.notes import computed, entries_of
 from uuv.models.naming import HOME_KEY, READY_KEY, parts
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
+from uuv.models.water import battery_feed
+from uuv.models.water.battery import Battery
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
@@ -59,6 +62,7 @@ def check_vehicle(
     forces: Sequence[float] = (),
     flow: FlowField | None = None,
     poses: int = 1,
+    battery: Battery | None = None,
 ) -> VehicleCheck:
     """Check a vehicle: parts, figures, findings, and which jobs are feasible.
 
@@ -71,6 +75,7 @@ def check_vehicle(
         flow: Flow field on top of the jobs' current.
         poses: Poses of the object that are drawn for each job of the arm; it is promised if 95 %
             of them pass.
+        battery: Of the thrusters; None: their voltage is constant.
 
     Returns:
         The check. A spec that cannot be compiled has one finding of level "fault".
@@ -83,14 +88,21 @@ def check_vehicle(
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
-        arm_jobs = ArmJobs(name, tool=tool, parts=file, forces=forces, flow=flow, poses=poses)
-        return _Check(name, vehicle_spec(name, tool, file), arm_jobs, by_spec=False).run(jobs)
+        arm_jobs = ArmJobs(
+            name, tool=tool, parts=file, forces=forces, flow=flow, poses=poses, battery=battery
+        )
+        spec = vehicle_spec(name, tool, file)
+        if battery is not None:
+            battery_feed.attach(spec, battery)
+        return _Check(name, spec, arm_jobs, by_spec=False).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # or the refusal, which is none of the spec
     name = vehicle.modelname or "vehicle"
 
     try:
         spec = vehicle_spec(vehicle, tool, file)
+        if battery is not None:
+            battery_feed.attach(spec, battery)
     except UuvError as error:
         message = " ".join(str(error).split())
         code = "inertia" if "inertia" in message else "contract"
@@ -98,12 +110,10 @@ def check_vehicle(
             vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=message),)
         )
 
-    return _Check(
-        name,
-        spec,
-        ArmJobs(name, tool=None, parts=None, forces=forces, flow=flow, poses=poses),
-        by_spec=True,
-    ).run(jobs)
+    arm_jobs = ArmJobs(
+        name, tool=None, parts=None, forces=forces, flow=flow, poses=poses, battery=battery
+    )
+    return _Check(name, spec, arm_jobs, by_spec=True).run(jobs)
 
 
 class _Check:
@@ -262,6 +272,8 @@ class _Check:
 
             self._figure("authority", "; ".join(limits[:3]))
             self._figure("", "; ".join(limits[3:]))
+            if power := full_draw(model):
+                self._figure("supply", power)
 
         if wet:
             rate = doubts.drag_rate(model)

@@ -17,6 +17,7 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.true_estimate import true_estimate
 from uuv.sim.plant.arm_hold import ArmHold
 from uuv.sim.plant.plant import Plant
+from uuv.sim.plant.supply import ENERGY
 from uuv.sim.water.current import Current
 
 SECONDS = 10.0  # simulated
@@ -34,6 +35,8 @@ class HoverFigures:
     saturated: float  # share of the time at which a thruster was at its limit
     rest: float = 0.0  # [s] longest time at rest, as a job wants it before it begins
     turn: float = 0.0  # [rad/s] largest rate of the hull over the last half
+    # [W] mean electrical power of the thrusters; None: their current was not measured
+    power: float | None = None
     said: str = ""  # what broke it off
 
 
@@ -104,7 +107,15 @@ def hover(
             drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error)
         )
 
-    return HoverFigures(drift=drift, tilt=tilt, saturated=saturated / steps, rest=rest, turn=turn)
+    joules = float(true.supply[ENERGY])
+    return HoverFigures(
+        drift=drift,
+        tilt=tilt,
+        saturated=saturated / steps,
+        rest=rest,
+        turn=turn,
+        power=None if np.isnan(joules) else joules / SECONDS,
+    )
 
 
 def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:

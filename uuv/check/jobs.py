@@ -28,6 +28,8 @@ from uuv.controllers.tasks.insertion import axis_path
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import lacks
 from uuv.models.vehicle import Vehicle
+from uuv.models.water import battery_feed
+from uuv.models.water.battery import Battery
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perception.finding.target_finder import PATH_SPACING
 from uuv.perception.seabed.terrain_path import core_path
@@ -87,9 +89,10 @@ def _hovering(
 
 
 def _kept(name: str, hovered: HoverFigures) -> JobVerdict:
+    power = "" if hovered.power is None else f", {hovered.power:.0f} W"
     figures = (
         f"{1e3 * hovered.drift:.0f} mm position error, {np.degrees(hovered.tilt):.1f} deg, "
-        f"{hovered.saturated:.0%} saturated"
+        f"{hovered.saturated:.0%} saturated{power}"
     )
 
     if hovered.said:
@@ -151,6 +154,7 @@ class ArmJobs:
         forces: Sequence[float] = (),
         flow: FlowField | None = None,
         poses: int = 1,
+        battery: Battery | None = None,
     ) -> None:
         """Take a vehicle by its name or file.
 
@@ -161,7 +165,9 @@ class ArmJobs:
             forces: [N] set forces in place of the jobs' own.
             flow: Flow field on top of the jobs' current.
             poses: Number of poses of the object that are drawn, with the seeds from 0 on.
+            battery: Of the thrusters; None: their voltage is constant.
         """
+        self._battery = battery
         self._vehicle = vehicle
         self._tool = tool
         self._flow = flow
@@ -181,9 +187,8 @@ class ArmJobs:
         # a job with a tool of its own brings it
         tool = self._tool if scenario.task.tool is None else None
         site = replace(scenario.site, flow=self._flow) if self._flow is not None else scenario.site
-        return replace(
-            scenario, site=site, vehicle=replace(scenario.vehicle, parts=self._parts, tool=tool)
-        )
+        vehicle = replace(scenario.vehicle, parts=self._parts, tool=tool, battery=self._battery)
+        return replace(scenario, site=site, vehicle=vehicle)
 
     def verdict(
         self, name: str, blocked: float, override: mujoco.MjSpec | None = None
@@ -202,6 +207,8 @@ class ArmJobs:
         try:
             vehicle = setup.vehicle if override is None else override
             spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
+            if setup.battery is not None:
+                battery_feed.attach(spec, setup.battery)
             model = spec.compile()
             lacking = lacks(model, task.spares)
             if lacking:

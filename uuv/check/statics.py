@@ -10,9 +10,11 @@ from uuv.controllers.hull.allocation import undriven_axes
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import HOME_KEY
 from uuv.models.vehicle import Vehicle
+from uuv.models.water import battery_feed
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import curves
 from uuv.sim.interfaces.spatial import Array, spread_directions
+from uuv.sim.plant.supply import all_ahead
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 FASTEST = 2.0  # [m/s] of a current that is tried
@@ -153,6 +155,23 @@ def bounds_of(vehicle: Vehicle) -> list[tuple[float, float]]:
     return [
         (thrust_at(curve, -1.0), thrust_at(curve, 1.0)) for curve in curves(vehicle.thruster_table)
     ]
+
+
+def full_draw(model: mujoco.MjModel) -> str:
+    """What all thrusters draw at full ahead; empty where their current was not measured."""
+    drawn = all_ahead(model)
+    if drawn is None:
+        return ""
+
+    # With a battery, what it gives without load and under this one.
+    full, _, charge, resistance = battery_feed.numbers_of(model).tolist()
+    under = f"{drawn.current:.0f} A and {drawn.power:.0f} W with all thrusters full ahead"
+    if not charge:
+        return f"constant voltage; {under}"
+    return (
+        f"battery {full:g} V, {charge / 3600.0:g} A h, {resistance:g} ohm; sags to "
+        f"{drawn.voltage:.1f} V, {under}"
+    )
 
 
 def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[float, float]:

@@ -104,9 +104,12 @@ VERBS = {  # by the one or two words that are typed
         "tables of the experiments, printed and checked, in a checkout",
     ),
     "serve ardupilot": Verb(
-        "serve", "ArduPilotOptions", "", "physics behind ArduPilot's simulation, over UDP"
+        "live.serve", "ArduPilotOptions", "", "physics behind ArduPilot's simulation, over UDP"
     ),
-    "serve udp": Verb("serve", "UdpOptions", "NAME", "a job, its controller another process"),
+    "serve udp": Verb("live.serve", "UdpOptions", "NAME", "a job, its controller another process"),
+    "drive": Verb(
+        "live.drive", "DriveOptions", "NAME", "a job's site, driven by inputs of a file or by keys"
+    ),
     "benchmark": Verb(
         "benchmark",
         "BenchmarkOptions",

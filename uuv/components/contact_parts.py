@@ -19,6 +19,7 @@ from uuv.methods import NAVIGATION
 from uuv.models.arms import dh_geometry
 from uuv.models.files.notes import computed
 from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
+from uuv.models.water import battery_feed
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perception.clouds.scan import SensorModel
 from uuv.perception.clouds.sonar_cloud import sonar_model
@@ -53,6 +54,8 @@ def believed_and_built(
         ConfigurationError: The vehicle is unknown, or the file of the arm does not match.
     """
     believed = vehicle_spec(vehicle.vehicle, vehicle.tool, vehicle.parts, task.tool)
+    if vehicle.battery is not None:
+        battery_feed.attach(believed, vehicle.battery)
     built = believed.copy()
     computed_parts = "\n".join(computed(believed).values())
     if vehicle.arm_errors is None and not belief.calibrated and belief.arm is None:

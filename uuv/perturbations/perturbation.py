@@ -102,6 +102,7 @@ def registry() -> Registry[Perturbation]:
         "Water": "uuv.perturbations.vehicle:Water",
         "Payload": "uuv.perturbations.vehicle:Payload",
         "Thrusters": "uuv.perturbations.vehicle:ThrusterSpread",
+        "BelievedVoltage": "uuv.perturbations.vehicle:BelievedVoltage",
         "Gears": "uuv.perturbations.vehicle:Gears",
         "Wake": "uuv.perturbations.wake:Wake",
         "Pad": "uuv.perturbations.pad:Pad",

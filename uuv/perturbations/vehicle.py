@@ -169,6 +169,7 @@ class ThrusterSpread(_Spread):
                 forward=stronger * thruster.forward,
                 reverse=stronger * thruster.reverse,
                 least_thrust=stronger * thruster.least_thrust,
+                sheets=tuple(sheet.stronger(float(stronger)) for sheet in thruster.sheets),
                 time_constant=slower * thruster.time_constant,
                 **curve,
             )
@@ -179,6 +180,37 @@ class ThrusterSpread(_Spread):
             if carriers
             else {}
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BelievedVoltage(Perturbation):
+    """The controller believes the thrusters' supply to have another voltage than it has.
+
+    The thrust allocation goes by the voltage of the vehicle's thrusters, or of its battery. The
+    true one is `error` less; the true battery sags beside that.
+    """
+
+    error: float = 0.0  # [V] believed less true
+
+    def __post_init__(self) -> None:
+        finite_number(self.error, "BelievedVoltage error [V]")
+
+    def check_inputs(self, spec: "mujoco.MjSpec") -> None:
+        """Refuses a vehicle whose thrusters have no tables over that voltage."""
+        self.on_vehicle(spec.copy(), np.random.default_rng(0))
+
+    def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
+        """Sets the true thrusters' curves, and the battery, to the lower voltage."""
+        from uuv.models.water import battery_feed
+
+        del rng
+        if not self.error:
+            return {}
+        try:
+            battery_feed.weaken(spec, self.error)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"BelievedVoltage error {self.error:g} V: {error}") from error
+        return {"voltage_error": self.error}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -90,10 +90,18 @@ def run_folder(name: str) -> Path:
 
 
 def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
-    """The scenario of a run; with the arguments and errors of `scenario_file.read_scenario`."""
+    """The scenario of a run; with the arguments and errors of `scenario_file.read_scenario`.
+
+    An operator's inputs are those that the folder keeps.
+    """
+    from uuv.scenario import INPUTS_FILE
     from uuv.scenario_file import SCENARIO_FILE, read_scenario
 
-    return read_scenario(folder / SCENARIO_FILE, trust=trust)
+    scenario = read_scenario(folder / SCENARIO_FILE, trust=trust)
+    if scenario.operator is None:
+        return scenario
+    inputs = str(folder / INPUTS_FILE)
+    return replace(scenario, operator=replace(scenario.operator, inputs=inputs))
 
 
 def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:

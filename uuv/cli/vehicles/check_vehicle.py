@@ -42,6 +42,9 @@ class CheckOptions:
     poses: Annotated[int, arg(metavar="N")] = 1
     """Poses of the object that are drawn for each job of the arm: it is promised if 95 % of them
     pass."""
+    battery: float | None = None
+    """Battery of this voltage [V] for thrusters with tables of their current; default: their
+    voltage is constant."""
     jobs: tuple[str, ...] = JOBS
     """Jobs for which a verdict is wanted."""
     json: bool = False
@@ -56,10 +59,14 @@ def main(verb: str, args: Sequence[str]) -> int:
     if options.poses < 1:
         raise ConfigurationError(f"--poses: must be at least 1, got {options.poses}")
     from uuv import inputs
+    from uuv.models.water.battery import Battery
     from uuv.scenario import VehicleSetup
 
     parts = None if options.parts is None else str(options.parts)
-    inputs.check_vehicle(VehicleSetup(vehicle=options.vehicle, tool=options.tool, parts=parts))
+    battery = None if options.battery is None else Battery(voltage=options.battery)
+    inputs.check_vehicle(
+        VehicleSetup(vehicle=options.vehicle, tool=options.tool, parts=parts, battery=battery)
+    )
     from uuv import first_start
     from uuv.check.check import check_vehicle
     from uuv.check.table import print_check
@@ -75,6 +82,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         forces=options.forces,
         flow=None if options.flow is None else flow_of(options.flow),
         poses=options.poses,
+        battery=battery,
     )
 
     if options.json:

@@ -4,18 +4,16 @@ import math
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
-from tyro.conf import Positional, arg
-
-from uuv.cli.carry_out import METRICS, Assignments, values_of
+from uuv.cli.carry_out import METRICS
 from uuv.cli.json_output import file_alone, print_json
+from uuv.cli.live.named_job import NamedJobOptions, named_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.runs.command_line import RunOptions, parse
+from uuv.sim.runs.command_line import parse
 
 if TYPE_CHECKING:  # a help text does without
-    from uuv.scenario import Scenario
     from uuv.serve.ardupilot import ArduPilotDoor
 
 
@@ -52,31 +50,18 @@ class ArduPilotOptions:
 
 
 @dataclass(kw_only=True)
-class UdpOptions(RunOptions):
+class UdpOptions(NamedJobOptions):
     """Run a job whose controller is another process, over UDP (docs/udp.md).
 
     Without --pace in lockstep: each command is waited for.
     """
 
-    name: Annotated[
-        Positional[str], arg(metavar="NAME", help="A job by its name, or a scenario, FILE.toml.")
-    ]
     port: int = 9010
     """UDP port; 0: any that is free."""
     listen: str = "127.0.0.1"
     """Address to listen on; default: this machine alone."""
     rate: float = 500.0
     """Commands a second of simulated time [Hz]: 100 to 500."""
-    quick: bool = False
-    """The short form of the job."""
-    seed: int | None = None
-    """Seed instead of the job's."""
-    set: Assignments = ()
-    """KEY=VALUE, repeatable: values by the keys of a scenario file."""
-    trust: bool = False
-    """Run the code that a scenario file names too."""
-    json: bool = False
-    """Print metrics.json alone."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -88,7 +73,7 @@ def _serve_udp(args: Sequence[str]) -> int:
     """A job with a controller in another process."""
     options = parse(UdpOptions, args)
     started = time.perf_counter()
-    scenario = _scenario(options)
+    scenario = named_scenario(options)
     from uuv.inputs import check_inputs
 
     check_inputs(scenario, options.longest)
@@ -102,25 +87,6 @@ def _serve_udp(args: Sequence[str]) -> int:
             return run_remote(scenario, options, endpoint, started, rate=options.rate)
 
         return file_alone(work, METRICS) if options.json else work()
-
-
-def _scenario(options: UdpOptions) -> "Scenario":
-    """The scenario that the options name.
-
-    Raises:
-        ConfigurationError: There is no such job or file, or a value is wrong.
-    """
-    from uuv import jobs
-    from uuv.scenario_file import read_scenario, with_values
-
-    if options.name.endswith(".toml"):
-        scenario = read_scenario(options.name, trust=options.trust)
-    else:
-        words = {"quick": True} if options.quick else {}
-        scenario = jobs.named(options.name)(**words)
-    if options.seed is not None:
-        scenario = replace(scenario, seed=options.seed)
-    return with_values(scenario, values_of(options.set)) if options.set else scenario
 
 
 def _serve_ardupilot(args: Sequence[str]) -> int:

@@ -1,0 +1,1 @@
+"""Driving: an operator's velocities and set force in place of a planned task."""

@@ -1,0 +1,289 @@
+"""Phase that an operator drives: velocities become poses of hull and tool, within limits.
+
+The tool is carried by the hull. Its way is bounded by the mode of the phase: free; guarded, where a
+set force is asked for and the tool advances slowly until it touches; in contact, where the force
+loop alone moves the tool along its axis.
+"""
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from uuv.controllers.driving.operator_inputs import OPEN, OperatorInput, OperatorInputs
+from uuv.controllers.mkps import solve
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.approach_limits import ApproachLimits
+from uuv.controllers.tasks.hull_phases import HullMotion
+from uuv.controllers.tasks.phase import (
+    ZERO,
+    Context,
+    Held,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+    ToolLine,
+    towards,
+)
+from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
+
+_UP = np.array([0.0, 0.0, 1.0])
+_REACHED = (1e-4, 1e-3)  # [m], [rad] tolerances of the inverse kinematics
+_STILL = 1e-6  # [m/s], [rad/s] below which a velocity is none
+OUT_OF_REACH = "the tool is at the end of the arm's reach"
+INPUTS_ENDED = "the inputs ended"
+
+
+class Mode(StrEnum):
+    """How the tool may move."""
+
+    FREE = "free"
+    GUARDED = "guarded"  # a force is set; slowly until contact
+    CONTACT = "contact"  # under force control; across its axis only
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveLimits:
+    """Limits of what an operator moves; those of his speeds are in `operator_inputs`."""
+
+    motion: HullMotion = field(default_factory=HullMotion)
+    near_hull: float = 0.03  # [m/s] of the hull, with a set force
+    near_yaw: float = 0.03  # [rad/s] likewise
+    near_tool: float = 0.05  # [m/s] of the tool across its axis, likewise
+    tool_acceleration: float = 0.1  # [m/s^2]
+    turn_acceleration: float = 0.3  # [rad/s^2] of hull and tool
+    joint_speed: float = 1.0  # [rad/s] above which the tool stops: near a singular posture
+    hold: float = 2.0  # [s] of rest after the last input
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cockpit:
+    """What the operator drives, and by what."""
+
+    own: WorkVehicle
+    source: OperatorInputs
+    delay: float  # [s] between operator and vehicle
+    approach: ApproachLimits
+    force_rate: float  # [N/s] of the set force
+    limits: DriveLimits = field(default_factory=DriveLimits)
+
+    def line(self, X_WB: Array, X_WG: Array, q: Array) -> ToolLine:
+        """Line of one tool pose, along whose axis the tool is withdrawn."""
+        ends = np.array([0.0, 0.01])
+        axes = np.repeat(X_WG[None, :3, :3], 2, axis=0)
+        path = ToolPath(
+            s=ends,
+            p=X_WG[:3, 3] + ends[:, None] * X_WG[:3, 0],
+            z=axes[:, :, 2],
+            x=axes[:, :, 0],
+            on_scan=np.zeros(2, dtype=bool),
+        )
+        placement = Placement(
+            X_WB=X_WB, travel_W=np.zeros(3), roll=0.0, q_start=q, margin=1.0, reached=1.0
+        )
+        return ToolLine(path, placement, 0.0)
+
+    def reached(self, X_WB: Array, X_WG: Array, q: Array, period: float) -> Array | None:
+        """Joint angles (n,) of a tool pose, near `q`; None: out of reach within a period [s]."""
+        X_AG = inverse(X_WB @ self.own.vehicle.X_BA) @ X_WG
+        solution = solve(self.own.chain, X_AG, q, *_REACHED, branch="keep")
+        near = np.abs(solution.q - q).max() <= self.limits.joint_speed * period
+        return solution.q if solution.converged and near else None
+
+
+@dataclass(slots=True, eq=False)
+class Driven:
+    """What the operator has moved so far, in `Held.plan`."""
+
+    start: float  # [s] time of the vehicle at which that of the inputs begins
+    X_WG: Array  # (4, 4) tool pose
+    q: Array  # (n,) [rad] joint angles for it
+    hull: Array = field(default_factory=lambda: np.zeros(4))  # velocities as `OperatorInput`
+    tool: Array = field(default_factory=lambda: np.zeros(3))
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+    asked_force: float = 0.0  # [N] by the last input with a closed clutch
+    ended: float = math.inf  # [s] since when there is no input any more
+    v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s]
+    w_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [rad/s]
+    v_WG_W: Array = field(default_factory=lambda: ZERO)
+    w_WG_W: Array = field(default_factory=lambda: ZERO)
+
+    def rest(self) -> None:
+        """Come to rest at once."""
+        self.hull = np.zeros(4)
+        self.tool = np.zeros(3)
+        self.turn = np.zeros(3)
+        self.v_WB_W = self.w_WB_W = self.v_WG_W = self.w_WG_W = ZERO
+
+
+@dataclass(slots=True)
+class DriveState:
+    """State of `Drive`."""
+
+    felt_for: float = 0.0  # [s] for which contact has lasted
+
+
+class Drive(Phase):
+    """Hull and tool follow the operator; more or refused where another mode is to follow."""
+
+    def __init__(self, cockpit: Cockpit, mode: Mode) -> None:
+        self._cockpit = cockpit
+        self._mode = mode
+
+    def enter(self, held: Held, now: Context) -> DriveState:
+        """Go on in this mode; in contact from rest, with the force that is felt."""
+        if self._mode is Mode.CONTACT:
+            held.plan_of(Driven).rest()
+            held.set_force = max(now.normal, 0.0)
+        else:
+            held.set_force = 0.0
+        return DriveState()
+
+    def step(self, state: DriveState, held: Held, now: Context) -> Outcome:
+        """Done some time after the last input; the other events change the mode."""
+        cockpit = self._cockpit
+        driven = held.plan_of(Driven)
+        asked = self._asked(driven, held, now)
+
+        if now.time - driven.ended >= cockpit.limits.hold and not self._moves(driven):
+            return PhaseEvent.DONE
+        if event := self._change(state, driven, now):
+            return event
+
+        if self._mode is Mode.CONTACT:
+            most = cockpit.force_rate * now.period
+            held.set_force = towards(held.set_force, driven.asked_force, most)
+        self._follow(asked, driven, held, now)
+        return None
+
+    def _asked(self, driven: Driven, held: Held, now: Context) -> OperatorInput:
+        """What the operator asks for; nothing while the clutch is open or motion is to wait."""
+        source = self._cockpit.source
+        time = now.time - driven.start
+        source.poll(time)
+        asked = source.at(time - self._cockpit.delay)
+        if asked is None:
+            if not math.isfinite(driven.ended):
+                driven.ended = now.time
+                held.note = INPUTS_ENDED
+            return OPEN
+
+        if asked.clutch and not now.paused:
+            driven.asked_force = asked.set_force
+            return asked
+        return OPEN
+
+    def _moves(self, driven: Driven) -> bool:
+        speeds = np.concatenate((driven.hull, driven.tool, driven.turn))
+        return bool(np.abs(speeds).max() > _STILL)
+
+    def _change(self, state: DriveState, driven: Driven, now: Context) -> PhaseEvent | None:
+        """Event that ends the mode."""
+        approach = self._cockpit.approach
+        if self._mode is Mode.FREE:
+            return PhaseEvent.MORE if driven.asked_force > 0.0 else None
+        if driven.asked_force == 0.0:
+            return PhaseEvent.REFUSED
+        if self._mode is Mode.CONTACT:
+            return None
+
+        state.felt_for = state.felt_for + now.period if now.normal > approach.touch else 0.0
+        return PhaseEvent.TOUCHED if state.felt_for >= approach.touch_time else None
+
+    def _follow(self, asked: OperatorInput, driven: Driven, held: Held, now: Context) -> None:
+        """Move hull and tool for one period."""
+        period = now.period
+        self._speed_up(asked, driven, held, now)
+
+        # The hull stays level; the tool is carried along
+        R_WB = held.X_WB[:3, :3]
+        X_WG = driven.X_WG
+        v_WB_W = R_WB @ driven.hull[:3]
+        w_WB_W = driven.hull[3] * _UP
+        X_WB = _moved(held.X_WB, v_WB_W, w_WB_W, period)
+        carried = v_WB_W + np.cross(w_WB_W, X_WG[:3, 3] - held.X_WB[:3, 3])
+
+        # The tool's own motion, bounded along its axis
+        axis = X_WG[:3, 2]
+        v_WG_W = carried + X_WG[:3, :3] @ driven.tool
+        v_WG_W = v_WG_W + (self._inwards(float(v_WG_W @ axis), now) - v_WG_W @ axis) * axis
+        w_WG_W = w_WB_W + X_WG[:3, :3] @ driven.turn
+        wanted = _moved(X_WG, v_WG_W, w_WG_W, period)
+
+        # Within reach, or the tool is only carried
+        q = self._cockpit.reached(X_WB, wanted, driven.q, period)
+        if q is None:
+            held.note = OUT_OF_REACH
+            if self._mode is not Mode.FREE:
+                driven.rest()
+                return
+            driven.tool = np.zeros(3)
+            driven.turn = np.zeros(3)
+            wanted = X_WB @ inverse(held.X_WB) @ X_WG
+            v_WG_W = carried
+            w_WG_W = w_WB_W
+            q = driven.q
+        elif held.note == OUT_OF_REACH:
+            held.note = ""
+
+        # As it is commanded
+        driven.v_WB_W = v_WB_W
+        driven.w_WB_W = w_WB_W
+        driven.v_WG_W = v_WG_W
+        driven.w_WG_W = w_WG_W
+        driven.X_WG = wanted
+        driven.q = q
+        held.X_WB = X_WB
+        held.q = q
+        held.line = self._cockpit.line(X_WB, wanted, q)
+
+    def _speed_up(self, asked: OperatorInput, driven: Driven, held: Held, now: Context) -> None:
+        """Change the speeds towards what is asked for, by the accelerations."""
+        limits = self._cockpit.limits
+        motion = limits.motion
+        hull = asked.hull * motion.pace(held.off(now.estimate))
+        tool = asked.tool
+        if self._mode is not Mode.FREE:
+            near = np.array([*[limits.near_hull] * 3, limits.near_yaw])
+            hull = np.clip(hull, -near, near)
+            tool = np.clip(tool, -limits.near_tool, limits.near_tool)
+
+        turning = limits.turn_acceleration
+        most = np.array([*[motion.acceleration] * 3, turning]) * now.period
+        driven.hull = driven.hull + np.clip(hull - driven.hull, -most, most)
+        most_tool = limits.tool_acceleration * now.period
+        driven.tool = driven.tool + np.clip(tool - driven.tool, -most_tool, most_tool)
+        most_turn = turning * now.period
+        driven.turn = driven.turn + np.clip(asked.turn - driven.turn, -most_turn, most_turn)
+
+    def _inwards(self, speed: float, now: Context) -> float:
+        """Speed [m/s] of the tool along its axis, as far as the mode allows it."""
+        approach = self._cockpit.approach
+        if self._mode is Mode.CONTACT:
+            return 0.0
+        if self._mode is Mode.GUARDED:
+            return min(speed, approach.touch_speed)
+        return min(speed, 0.0) if now.normal > approach.touch else speed
+
+    def setpoint(self, state: DriveState, held: Held, now: Context) -> Setpoint:
+        """Hull and tool as driven."""
+        del state, now
+        driven = held.plan_of(Driven)
+        return Setpoint(
+            X_WG=driven.X_WG,
+            v_WG_W=driven.v_WG_W,
+            w_WG_W=driven.w_WG_W,
+            v_WB_W=driven.v_WB_W,
+            w_WB_W=driven.w_WB_W,
+            set_force=held.set_force,
+            force_control=self._mode is Mode.CONTACT,
+        )
+
+
+def _moved(X: Array, v_W: Array, w_W: Array, period: float) -> Array:
+    """Pose (4, 4) after `period` [s] at a velocity (3,) [m/s] and an angular one (3,) [rad/s]."""
+    return pose(exp_so3(w_W * period) @ X[:3, :3], X[:3, 3] + v_W * period)

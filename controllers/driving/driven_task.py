@@ -1,0 +1,155 @@
+r"""Planner of a driven vehicle: rest, unfold, tare, then what the operator asks for, until it ends.
+
+settle -> unfold -> rest -> tare -> free <-> guarded -> contact -> let go -> lift -> free
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from uuv.controllers.driving.drive_phase import Cockpit, Drive, Driven, Mode
+from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.approach_limits import ApproachLimits
+from uuv.controllers.tasks.arrival import ArrivalLimits, TareSensors
+from uuv.controllers.tasks.contact_phases import Retreat, Unload
+from uuv.controllers.tasks.hull_phases import EscapeLimits, Settle, Unfold
+from uuv.controllers.tasks.monitors import Monitor, Reaction, normal_force, too_much_force
+from uuv.controllers.tasks.phase import Context, Decide, Held, HoldTool, PhaseEvent
+from uuv.controllers.tasks.settings import SurfaceSettings
+from uuv.controllers.tasks.surface_work import (
+    BREAK_OFF,
+    SurfaceTaskConfig,
+    retreat_rows,
+    surface_monitors,
+)
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
+from uuv.sim.interfaces.messages import AbortCode, WorkState
+from uuv.sim.interfaces.spatial import Array
+
+_LIFT = 0.05  # [m] by which the tool leaves a surface on which no force is set any more
+
+
+def driven_task(
+    own: WorkVehicle, source: OperatorInputs, delay: float, *, X_WB: Array
+) -> TaskPlanner:
+    """Planner that an operator's inputs take the place of.
+
+    Args:
+        own: the vehicle.
+        source: inputs of the operator; their time begins when the vehicle is ready.
+        delay: [s] between operator and vehicle.
+        X_WB: (4, 4) hull pose at the start.
+
+    Returns:
+        The planner.
+    """
+    size = own.size
+    job = SurfaceTaskConfig(
+        forces=(source.largest_force or COLUMNS["set_force"].most,),
+        force_rate=size**2 * SurfaceSettings.force_rate,
+        approach=ApproachLimits().of_size(size),
+        arrival=ArrivalLimits.of_size(size),
+        escape=EscapeLimits.of_size(size),
+    )
+    cockpit = Cockpit(
+        own=own, source=source, delay=delay, approach=job.approach, force_rate=job.force_rate
+    )
+
+    # A force where none is set
+    touched = Monitor(
+        condition=too_much_force(job.force_limit, normal_force),
+        reaction=Reaction.RETREAT,
+        code=AbortCode.FORCE_LIMIT,
+        during=frozenset({WorkState.CLOSE_IN}),
+    )
+    monitors = (*surface_monitors(job), touched)
+    return TaskPlanner(_rows(cockpit, job), monitors, X_WB=X_WB, q=own.vehicle.q_home)
+
+
+def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+    """Names and rows of a driven vehicle."""
+    own = cockpit.own
+    lift = own.size * _LIFT
+    states = WorkState
+    done = PhaseEvent.DONE
+
+    def make_ready(held: Held, now: Context) -> None:
+        """Aim at the ready posture."""
+        del now
+        q = np.array(own.vehicle.q_ready)
+        X_WG = held.X_WB @ own.vehicle.X_BA @ own.chain.forward(q)
+        held.line = cockpit.line(held.X_WB, X_WG, q)
+
+    def hand_over(held: Held, now: Context) -> None:
+        """Begin the time of the inputs."""
+        held.plan = Driven(start=now.time, X_WG=held.tool()[0], q=np.array(held.q))
+
+    def lifted(held: Held, now: Context) -> None:
+        """Go on from where the tool was lifted to."""
+        driven = held.plan_of(Driven)
+        driven.X_WG = held.tool(lift)[0]
+        q = cockpit.reached(held.X_WB, driven.X_WG, driven.q, np.inf)
+        driven.q = driven.q if q is None else q
+        driven.rest()
+        held.line = cockpit.line(held.X_WB, driven.X_WG, driven.q)
+
+    # The vehicle at rest, its arm unfolded
+    rest = Settle(job.arrival.rest)
+    make = Decide(make_ready, AbortCode.OUT_OF_REACH)
+    unfold = Unfold(job.arrival.joint_speed)
+    yield "settle", TaskRow(rest, states.SETTLE, {done: at_once("ready")}, _STAY)
+    yield "ready", TaskRow(make, states.SETTLE, {done: "unfold"}, _STAY)
+    yield "unfold", TaskRow(unfold, states.CLOSE_IN, {done: "rest"}, _STAY)
+    yield "rest", TaskRow(rest, states.CLOSE_IN, {done: "tare"}, _STAY)
+    yield "tare", TaskRow(TareSensors(), states.TARE, {done: at_once("hand over")}, _STAY)
+    start = Decide(hand_over, AbortCode.OUT_OF_REACH)
+    yield "hand over", TaskRow(start, states.TARE, {done: "free"}, _STAY)
+
+    # The operator's
+    more, refused, touch = PhaseEvent.MORE, PhaseEvent.REFUSED, PhaseEvent.TOUCHED
+    yield (
+        "free",
+        TaskRow(
+            Drive(cockpit, Mode.FREE), states.CLOSE_IN, {more: "guarded", done: "stay"}, BREAK_OFF
+        ),
+    )
+    yield (
+        "guarded",
+        TaskRow(
+            Drive(cockpit, Mode.GUARDED),
+            states.APPROACH,
+            {touch: "contact", refused: "free", done: "stay"},
+            BREAK_OFF,
+            feels=True,
+        ),
+    )
+    yield (
+        "contact",
+        TaskRow(
+            Drive(cockpit, Mode.CONTACT),
+            states.WORK,
+            {refused: "let go", done: "unload"},
+            BREAK_OFF,
+            feels=True,
+        ),
+    )
+
+    # Off the surface, and on
+    let_go = Unload(job.force_rate, job.approach.touch)
+    off = Retreat(job.approach.speed, lift)
+    onward = Decide(lifted, AbortCode.OUT_OF_REACH)
+    yield "let go", TaskRow(let_go, states.RETREAT, {done: "lift"}, BREAK_OFF)
+    yield "lift", TaskRow(off, states.RETREAT, {done: at_once("lifted")}, BREAK_OFF)
+    yield "lifted", TaskRow(onward, states.RETREAT, {done: "free"}, BREAK_OFF)
+
+    # The end
+    yield "stay", TaskRow(HoldTool(), states.DONE, leave={Reaction.STOP: "halt"})
+    yield from retreat_rows(own, job)
+
+
+# Up to the tare the vehicle stays where it is.
+_STAY = {
+    **dict.fromkeys((Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW), "held"),
+    Reaction.STOP: "halt",
+}

@@ -1,0 +1,192 @@
+"""Inputs of an operator over time: velocities of hull and tool, set force, clutch; from a CSV file.
+
+A row holds until the next one. Of the last row only the time counts: there the inputs end.
+"""
+
+import csv
+import io
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.files import text_of
+from uuv.sim.interfaces.spatial import Array, finite_number, shown
+
+LONGEST = 3600.0  # [s] of inputs
+_MOST_BYTES = 50_000_000
+_HULL, _YAW, _TOOL, _TURN, _FORCE = 0.25, 0.15, 0.1, 0.3, 120.0
+
+
+class Column(NamedTuple):
+    """A column of the file, and what it may hold."""
+
+    unit: str
+    least: float
+    most: float
+    optional: bool = False
+
+
+COLUMNS = {
+    "time": Column("s", 0.0, LONGEST),
+    # hull, along its own axes: forward, left, up; turn about the vertical
+    "surge": Column("m/s", -_HULL, _HULL),
+    "sway": Column("m/s", -_HULL, _HULL),
+    "heave": Column("m/s", -_HULL, _HULL),
+    "yaw_rate": Column("rad/s", -_YAW, _YAW),
+    # tool against the hull, along its own axes; z is the tool axis, outwards
+    "tool_x": Column("m/s", -_TOOL, _TOOL),
+    "tool_y": Column("m/s", -_TOOL, _TOOL),
+    "tool_z": Column("m/s", -_TOOL, _TOOL),
+    # force along the tool axis, 0: free; the clutch is 1 closed, 0 open
+    "set_force": Column("N", 0.0, _FORCE),
+    "clutch": Column("-", 0.0, 1.0),
+    # turns of the tool about its own axes
+    "turn_x": Column("rad/s", -_TURN, _TURN, optional=True),
+    "turn_y": Column("rad/s", -_TURN, _TURN, optional=True),
+    "turn_z": Column("rad/s", -_TURN, _TURN, optional=True),
+}
+_NAMES = tuple(COLUMNS)
+
+
+class OperatorInput(NamedTuple):
+    """What the operator asks for at one time."""
+
+    hull: Array  # (4,) [m/s, rad/s] surge, sway, heave, yaw rate
+    tool: Array  # (3,) [m/s] against the hull, tool axes
+    turn: Array  # (3,) [rad/s] likewise
+    set_force: float  # [N] along the tool axis; 0: free
+    clutch: bool  # closed; open: the vehicle comes to rest and holds what it has
+
+
+OPEN = OperatorInput(np.zeros(4), np.zeros(3), np.zeros(3), 0.0, False)
+
+
+class OperatorInputs:
+    """Inputs over time, from a file or as they come."""
+
+    def __init__(self, rows: Iterable[Sequence[float]] = (), *, ended: bool = True) -> None:
+        """Set up the inputs.
+
+        Args:
+            rows: numbers in the order of COLUMNS, their times increasing.
+            ended: False: more rows follow, and the last one holds.
+        """
+        self.rows = [tuple(row) for row in rows]
+        self._times = [row[0] for row in self.rows]
+        self.ended = ended
+
+    @property
+    def duration(self) -> float:
+        """Time [s] at which the inputs end; inf: not known yet."""
+        return self._times[-1] if self.ended else math.inf
+
+    @property
+    def largest_force(self) -> float:
+        """Largest set force [N]; that allowed, while more rows follow."""
+        forces = [row[_NAMES.index("set_force")] for row in self.rows]
+        return max(forces, default=0.0) if self.ended else COLUMNS["set_force"].most
+
+    def poll(self, time: float) -> None:
+        """Take what has come until `time` [s]; a file has all of it."""
+
+    def add(self, row: Sequence[float]) -> None:
+        """Append a row, in the order of COLUMNS."""
+        self.rows.append(tuple(row))
+        self._times.append(row[0])
+
+    def at(self, time: float) -> OperatorInput | None:
+        """Inputs at `time` [s]: with an open clutch before the first row, None from the end on."""
+        if self.ended and time >= self._times[-1]:
+            return None
+
+        k = bisect_right(self._times, time) - 1
+        if k < 0:
+            return OPEN
+        row = np.array(self.rows[k])
+        return OperatorInput(row[1:5], row[5:8], row[10:13], float(row[8]), bool(row[9]))
+
+    @classmethod
+    def read(cls, file: str | Path) -> Self:
+        """Inputs of a CSV file with a head of COLUMNS, in any order.
+
+        Raises:
+            ConfigurationError: The file cannot be read, a column is missing or unknown, or a number
+                is out of bounds; the message names line and column.
+        """
+        what = f"inputs {shown(str(file))}"
+        table = csv.reader(io.StringIO(text_of(file, "inputs", _MOST_BYTES)), strict=True)
+        rows: list[list[float]] = []
+        order: list[str] = []
+        try:
+            for cells in table:
+                words = [cell.strip() for cell in cells]
+                if not any(words):
+                    continue
+                if not order:
+                    order = _head(words, what)
+                    continue
+                rows.append(_row(words, order, f"{what}, line {table.line_num}"))
+                _check_time(rows, f"{what}, line {table.line_num}")
+        except csv.Error as error:
+            raise ConfigurationError(f"{what}, line {table.line_num}: {error}") from error
+
+        if len(rows) < 2:
+            raise ConfigurationError(f"{what}: needs at least two rows, got {len(rows)}")
+        return cls(rows)
+
+    def text(self) -> str:
+        """Content of a file that `read` reads, to the bit."""
+        lines = [",".join(repr(float(number)) for number in row) for row in self.rows]
+        return "\n".join([",".join(_NAMES), *lines, ""])
+
+
+def _head(words: list[str], what: str) -> list[str]:
+    """Names of the columns."""
+    unknown = [word for word in words if word not in COLUMNS]
+    missing = [
+        name for name, column in COLUMNS.items() if not column.optional and name not in words
+    ]
+    if unknown or missing or len(set(words)) < len(words):
+        trouble = (
+            f"no column {shown(unknown[0])}"
+            if unknown
+            else f"column {missing[0]} is missing"
+            if missing
+            else "a column comes twice"
+        )
+        raise ConfigurationError(f"{what}: {trouble}; columns are {', '.join(_NAMES)}")
+    return words
+
+
+def _row(words: list[str], order: list[str], where: str) -> list[float]:
+    """Numbers in the order of COLUMNS, of a row in the order of the file."""
+    if len(words) != len(order):
+        raise ConfigurationError(f"{where}: {len(order)} numbers expected, got {len(words)}")
+
+    numbers = dict.fromkeys(_NAMES, 0.0)
+    for name, word in zip(order, words, strict=True):
+        column = COLUMNS[name]
+        label = f"{where}: {name} [{column.unit}]"
+        try:
+            number = float(word)
+        except ValueError:
+            raise ConfigurationError(f"{label}: must be a number, got {shown(word)}") from None
+        numbers[name] = finite_number(number, label, least=column.least, most=column.most)
+
+    if numbers["clutch"] not in (0.0, 1.0):
+        raise ConfigurationError(
+            f"{where}: clutch: must be 0 (open) or 1 (closed), got {numbers['clutch']:g}"
+        )
+    return list(numbers.values())
+
+
+def _check_time(rows: list[list[float]], where: str) -> None:
+    if len(rows) > 1 and not rows[-1][0] > rows[-2][0]:
+        raise ConfigurationError(
+            f"{where}: time [s]: must increase, got {rows[-1][0]:g} after {rows[-2][0]:g}"
+        )

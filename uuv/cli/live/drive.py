@@ -1,0 +1,45 @@
+"""A job's site, driven by an operator: `uuv drive NAME`."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from uuv.cli.live.named_job import NamedJobOptions, named_scenario
+from uuv.scenario import KEYBOARD, Operator
+from uuv.sim.runs.command_line import parse
+
+
+@dataclass(kw_only=True)
+class DriveOptions(NamedJobOptions):
+    """Drive the vehicle of a job at its site, in place of the job's planner.
+
+    Velocities of hull and tool, a set force and a clutch; the controllers below, the monitors and
+    the departure stay in force (docs/your_tools.md).
+    """
+
+    inputs: str = KEYBOARD
+    """CSV file of inputs over time; default: the keyboard, in MuJoCo's viewer, in real time."""
+    delay: float = 0.0
+    """Delay [s] between operator and vehicle: 0 to 1."""
+
+
+def main(verb: str, args: Sequence[str]) -> int:
+    """Drives; returns the exit code."""
+    del verb
+    started = time.perf_counter()
+    options = parse(DriveOptions, args)
+    operator = Operator(inputs=options.inputs, delay=options.delay)
+    scenario = replace(named_scenario(options), operator=operator)
+    if options.inputs != KEYBOARD:
+        from uuv.cli.carry_out import run_job
+
+        return run_job(scenario, options, started)
+
+    from uuv.driving.keyboard import refuse_without_screen
+    from uuv.inputs import check_inputs
+
+    refuse_without_screen()
+    check_inputs(scenario, options.longest, keyboard=True)
+    from uuv.cli.live.keyboard_run import run_by_keyboard
+
+    return run_by_keyboard(scenario, replace(options, pace=options.pace or 1.0), started)

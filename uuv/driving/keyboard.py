@@ -1,0 +1,107 @@
+"""MuJoCo's viewer as an operator's window: it shows the vehicle and takes his keys."""
+
+import copy
+import threading
+import time
+import warnings
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from uuv.controllers.driving.key_inputs import HELP, KeyInputs
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.loop.rollout import Moment
+from uuv.sim.plant.plant import Plant
+
+_PERIOD = 0.04  # [s] on the wall between two pictures, at least
+_CLOSING = 5.0  # [s] at most
+_NO_SCREEN = (
+    "drive: the keyboard needs MuJoCo's viewer, and that a screen (DISPLAY); without one: "
+    "--inputs FILE"
+)
+
+
+def refuse_without_screen() -> None:
+    """Refuses the keyboard where no window can be opened.
+
+    Raises:
+        ConfigurationError: There is no screen, or no viewer.
+    """
+    try:
+        import glfw
+        import mujoco.viewer
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            opened = bool(mujoco.viewer) and glfw.init()
+    except (ImportError, OSError) as error:
+        raise ConfigurationError(_NO_SCREEN) from error
+    if not opened:
+        raise ConfigurationError(_NO_SCREEN)
+
+
+class Window:
+    """Observer with a window of its own on the run; closed, the inputs end."""
+
+    slow_ticks = (10,)
+
+    def __init__(self, plant: Plant, keys: KeyInputs) -> None:
+        """Open the window on a copy of the plant's model, which the viewer may change."""
+        import mujoco.viewer
+
+        self._plant = plant
+        self._keys = keys
+        self._model = copy.copy(plant.model)
+        self._data = mujoco.MjData(self._model)
+        self._data.qpos[:] = plant.data.qpos
+        self._shown = 0.0  # [s] on the wall of the last picture
+        before = set(threading.enumerate())
+        self._viewer: Any = mujoco.viewer.launch_passive(
+            self._model,
+            self._data,
+            key_callback=keys.press,
+            show_left_ui=False,
+            show_right_ui=False,
+        )
+        self._drawing = set(threading.enumerate()) - before
+        self._viewer.cam.lookat[:] = plant.truth.X_WB[:3, 3]
+        self._viewer.cam.distance = 4.0
+
+    def observe(self, moment: Moment) -> None:
+        """Show the vehicle, and a line about it."""
+        if not self._viewer.is_running():
+            self._keys.end()
+            return
+        if time.perf_counter() - self._shown < _PERIOD:
+            return
+
+        self._shown = time.perf_counter()
+        with self._viewer.lock():
+            self._data.qpos[:] = self._plant.data.qpos
+            self._data.time = self._plant.data.time
+            mujoco.mj_kinematics(self._model, self._data)
+        if hasattr(self._viewer, "set_texts"):  # MuJoCo 3.3 on
+            font = mujoco.mjtFontScale.mjFONTSCALE_150
+            corner = mujoco.mjtGridPos.mjGRID_TOPLEFT
+            self._viewer.set_texts((font, corner, "\n".join([*_panel(moment), *HELP]), ""))
+        self._viewer.sync()
+
+    def close(self) -> None:
+        """Close the window, and wait for what draws in it: it must not outlive the screen."""
+        self._viewer.close()
+        for thread in self._drawing:
+            thread.join(_CLOSING)
+
+
+def _panel(moment: Moment) -> tuple[str, ...]:
+    """What the operator goes by: phase, force, thrust."""
+    reference = moment.reference
+    command = moment.command
+    felt = command.contact.normal
+    thrust = float(np.abs(command.thrusters).max(initial=0.0))
+    return (
+        f"{moment.truth.time:.1f} s  {reference.state}  {reference.note}",
+        f"force: {felt:.0f} N felt, {reference.set_force:.0f} N set; "
+        f"largest thruster at {thrust:.0%}",
+    )

@@ -112,7 +112,7 @@ def _arm(
 ) -> Iterator[str]:
     """The longest chain as the arm, the others as remarks."""
     if not arms:
-        yield "# no arm was told: arm_base, tip, joints"
+        yield "# no arm was identified: arm_base, tip, joints"
         return
 
     joints = arms[0]
@@ -171,18 +171,18 @@ def _thrusters(
 
         if guessed:
             questions.append(f"thrust [N] of the thrusters {', '.join(guessed)}: it is guessed")
-        yield f"# thrusters: {len(file.thrusters)} of the file; stated here they take their place"
+        yield f"# thrusters: {len(file.thrusters)} of the file; stated here they replace them"
 
         return
 
     prior = PRIOR * (_G * max(_mass_of(root), 1.0)) ** (2.0 / 3.0)
     guesses = [body for body in spec.bodies if _PROPELLER.search(body.name)]
     if not guesses:
-        questions.append("thrusters: places, directions and thrust; none was told by a name")
+        questions.append("thrusters: positions, directions and thrust; no link has the name of one")
         yield "thrusters: []   # - {name: ahead, pos: [x, y, z], direction: [1, 0, 0], kind: t200}"
         return
 
-    questions.append("thrusters: told by the names of links; check directions and thrust [N]")
+    questions.append("thrusters: inferred from the names of links; check directions and thrust [N]")
     yield "thrusters:   # guessed"
 
     for body in guesses:

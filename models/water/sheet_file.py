@@ -108,7 +108,7 @@ def _columns(text: str, what: str) -> dict[str, Array]:
 
     used = [name for name in (PULSE, FORCE, VOLTAGE, CURRENT, POWER) if name in heading]
     if twice := [name for name in used if heading.count(name) > 1]:
-        raise ConfigurationError(f"{what}: column {twice[0]} stands twice")
+        raise ConfigurationError(f"{what}: column {twice[0]} is given twice")
 
     rows = []
     for line, cells in enumerate(reader, start=2):
@@ -171,7 +171,7 @@ def _sheet(raw: _Rows, esc: Esc) -> Sheet:
     what = raw.what
     pulse = raw.pulse
     if twice := pulse[1:][np.diff(pulse) <= 0.0].tolist():
-        raise ConfigurationError(f"{what}: pulse {twice[0]:g} us stands twice")
+        raise ConfigurationError(f"{what}: pulse {twice[0]:g} us is given twice")
 
     inside = (pulse >= esc.low_us) & (pulse <= esc.high_us)
     if np.count_nonzero(inside) < 3:

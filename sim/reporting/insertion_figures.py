@@ -79,7 +79,7 @@ def insertion_figures(
     upper, lower = figure.subplots(2, 1, sharex=True)
     upper.plot(time, 1e3 * tip_H[:, 2], color=BLUE, linewidth=1.0, label="tip")
     upper.plot(
-        time, 1e3 * asked_H[:, 2], color=ORANGE, linewidth=0.8, linestyle="--", label="asked"
+        time, 1e3 * asked_H[:, 2], color=ORANGE, linewidth=0.8, linestyle="--", label="reference"
     )
 
     upper.axhline(1e3 * truth.depth, color=FAINT, linewidth=0.6)

@@ -362,7 +362,7 @@ class _Check:
         if job in HOVERING:
             return hover_verdict(job, rigid(self._spec, model) if closed else model)
         if closed:
-            reason = f"the arm is a closed loop ({closed[0]}), and jobs know serial arms alone"
+            reason = f"the arm is a closed loop ({closed[0]}), and jobs support serial arms only"
             return JobVerdict(job=job, promised=False, code="closed-loop", said=reason)
         assert job in ARM_JOBS
         return self._jobs.verdict(job, blocked, self._spec if self._by_spec else None)

@@ -102,6 +102,6 @@ def _panel(moment: Moment) -> tuple[str, ...]:
     thrust = float(np.abs(command.thrusters).max(initial=0.0))
     return (
         f"{moment.truth.time:.1f} s  {reference.state}  {reference.note}",
-        f"force: {felt:.0f} N felt, {reference.set_force:.0f} N set; "
+        f"force: {felt:.0f} N estimated, {reference.set_force:.0f} N set; "
         f"largest thruster at {thrust:.0%}",
     )

@@ -80,7 +80,7 @@ def _check_file(path: Path, what: str) -> None:
     if not path.is_file():
         raise ConfigurationError(f"{what}: there is no such file")
     if path.suffix.lower() not in ENDINGS:
-        raise ConfigurationError(f"{what}: what is read is {', '.join(ENDINGS)}, or a bag's folder")
+        raise ConfigurationError(f"{what}: allowed are {', '.join(ENDINGS)}, or a bag's folder")
     if path.stat().st_size > LARGEST:
         raise ConfigurationError(f"{what}: larger than {LARGEST >> 30} GB")
 

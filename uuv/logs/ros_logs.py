@@ -52,7 +52,7 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
         if not gathered.messages:
             # nothing of it is known
             raise ConfigurationError(
-                f"{what}: is no whole bag or MCAP file ({short(error)})"
+                f"{what}: is not a complete bag or MCAP file ({short(error)})"
             ) from error
 
         gathered.note(f"damaged after {gathered.messages} messages: {short(error)}")

@@ -86,7 +86,7 @@ class VehicleLog:
         lines = []
 
         if not {PULSES, THRUSTS} & set(have):
-            lines.append("no servo outputs and no thrusts: what drove the vehicle is not known")
+            lines.append("no servo outputs and no thrusts: the inputs are unknown")
         if ATTITUDE not in have:
             lines.append("no attitude")
         if not {RATE, FORCE, POSITION, VELOCITY} & set(have):
@@ -97,7 +97,7 @@ class VehicleLog:
         pulses = have.get(PULSES)
         if pulses is not None and 0.0 < pulses.rate < 8.0:
             lines.append(
-                f"servo outputs at {pulses.rate:.1f} Hz: what they were in between is not known"
+                f"servo outputs at {pulses.rate:.1f} Hz: values in between are unknown"
             )
 
         driven = self.driven

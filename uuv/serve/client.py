@@ -147,7 +147,7 @@ def unpack(data: bytes) -> Packet:
     if kind not in (MEASURED, COMMANDED, ENDED):
         raise PacketError(f"a frame begins with UUVM, UUVC or UUVE, got {kind!r}")
     if version != VERSION:
-        raise PacketError(f"version {VERSION} is spoken here, got {version}")
+        raise PacketError(f"the version must be {VERSION}, got {version}")
 
     fields = _fields(kind)
     widths = [_width(size, joints, thrusters) for size in fields.values()]

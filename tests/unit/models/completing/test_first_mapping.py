@@ -72,7 +72,7 @@ def test_what_the_file_does_not_tell_is_asked(tmp_path: Path) -> None:
     asked = "\n".join(questions)
     assert "mass of rov/hull [kg]" in asked
     assert "torque limit of joint turn [N m]" in asked
-    assert "thrusters: places, directions and thrust" in asked
+    assert "thrusters: positions, directions and thrust" in asked
     assert "masses: {rov/hull: 30}   # guessed" in text
     assert vehicle_spec(file, computed=False).compile().body("hull").mass[0] == 30.0
 

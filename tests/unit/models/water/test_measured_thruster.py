@@ -216,14 +216,14 @@ def test_a_long_noisy_table_is_reduced(tmp_path: Path, rng: np.random.Generator)
 
 BAD = {
     "pulse,force_N\n1,2": "column pulse_us is missing (did you mean pulse?)",
-    "pulse_us,force_N,force_N\n1,2,3": "column force_N stands twice",
+    "pulse_us,force_N,force_N\n1,2,3": "column force_N is given twice",
     "pulse_us,force_N\n1100,-3\n1500,x\n1900,4": "line 3: must have finite numbers",
     "pulse_us,force_N\n1100,-3\n1500,nan\n1900,4": "line 3: must have finite numbers",
     "pulse_us,force_N\n1100,-3\n1500": "line 3: must have finite numbers",
     "pulse_us,force_N\n1100,-3\n1500,0": "needs three or more rows, got 2",
     "pulse_us,force_N\n1100,-3\n1500,0\n1600,5\n1900,4": "but turns at 1600 us, from 5 to 4",
     "pulse_us,force_N\n1100,3\n1500,4\n1900,5": "must rise from below zero through zero",
-    "pulse_us,force_N\n1100,-3\n1500,0\n1500,1\n1900,5": "pulse 1500 us stands twice",
+    "pulse_us,force_N\n1100,-3\n1500,0\n1500,1\n1900,5": "pulse 1500 us is given twice",
     "pulse_us,force_N,current_A\n1100,-3,1\n1500,0,0\n1900,5,3": "need column voltage_V",
     "pulse_us,force_N,voltage_V\n1100,-3,0\n1500,0,0\n1900,5,0": "values above zero",
     "pulse_us,force_N,voltage_V,current_A\n1100,-3,9,-1\n1500,0,9,0\n1900,5,9,3": "must be >= 0",

@@ -307,7 +307,7 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
         (
             "r.urdf",
             urdf('<collision><geometry><mesh filename="x.osg"/></geometry></collision>'),
-            "link 'arm': mesh 'x.osg': what is read is .stl, .obj, .msh, .dae",
+            "link 'arm': mesh 'x.osg': allowed are .stl, .obj, .msh, .dae",
         ),
         (
             "r.urdf",

@@ -54,7 +54,7 @@ def test_fields_are_read_by_their_names():
         (lambda data: data[:-1], "6 joints and 8 thrusters take"),
         (lambda data: data + b"0", "6 joints and 8 thrusters take"),
         (lambda data: b"XXXX" + data[4:], "begins with UUVM"),
-        (lambda data: data[:4] + b"\x02\x00" + data[6:], "version 1 is spoken here, got 2"),
+        (lambda data: data[:4] + b"\x02\x00" + data[6:], "the version must be 1, got 2"),
     ],
 )
 def test_what_is_no_frame_is_refused(change, message):

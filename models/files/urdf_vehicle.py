@@ -317,8 +317,7 @@ def _file_of(filename: str, folder: Path, subject: str, needed: bool, link: Elem
 
     if link.find("collision/geometry/mesh") is not None or link.find("collision") is None:
         raise ConfigurationError(
-            f"{subject} {shown(filename)}: allowed are {', '.join((*MESHES, *OTHERS))}; "
-            "convert it"
+            f"{subject} {shown(filename)}: allowed are {', '.join((*MESHES, *OTHERS))}; convert it"
         )
 
     return None  # its collision shapes stand for it

@@ -184,7 +184,12 @@ def _profile(recording: Recording, truth: TrueGround) -> Figure:
         label="true ground",
     )
     axes.plot(
-        s, 1e3 * (command[:, 2] - level), color=ORANGE, linewidth=1.0, linestyle="--", label="reference"
+        s,
+        1e3 * (command[:, 2] - level),
+        color=ORANGE,
+        linewidth=1.0,
+        linestyle="--",
+        label="reference",
     )
     axes.plot(s, 1e3 * (tip[:, 2] - level), color=BLUE, linewidth=1.0, label="tip")
 

@@ -96,9 +96,7 @@ class VehicleLog:
 
         pulses = have.get(PULSES)
         if pulses is not None and 0.0 < pulses.rate < 8.0:
-            lines.append(
-                f"servo outputs at {pulses.rate:.1f} Hz: values in between are unknown"
-            )
+            lines.append(f"servo outputs at {pulses.rate:.1f} Hz: values in between are unknown")
 
         driven = self.driven
         if driven is not None and driven < 0.1:

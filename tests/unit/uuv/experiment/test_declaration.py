@@ -442,6 +442,6 @@ def test_the_names_of_checks_on_the_page_are_those_of_the_assessments(root):
             match node:
                 case ast.Call(func=ast.Name(id="Requirement"), args=[ast.Constant(value=name), *_]):
                     written.add(name)
-    composed = {name for name in listed if name.endswith(", worst joint off")}
+    composed = {name for name in listed if name.endswith(", error of the worst joint")}
     assert listed - composed == written
     assert len(composed) == 3

@@ -394,6 +394,13 @@ def _dropped(row: Mapping[str, Any]) -> bool | None:
 grip.page = (
     Page()
     .table(
+        "Creep of the object in a minute [mm]",
+        by="setting",
+        across="shape",
+        columns=["creep"],
+        where=lambda row: row["trial"] == HOLD,
+    )
+    .table(
         "Held for a minute: creep, and cost of a step",
         by=("shape", "setting"),
         columns=["kept", "creep", "step", "iterations"],

@@ -5,6 +5,7 @@ set force is asked for and the tool advances slowly until it touches; in contact
 loop alone moves the tool along its axis.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -12,7 +13,8 @@ from enum import StrEnum
 import numpy as np
 
 from uuv.controllers.driving.operator_inputs import OPEN, OperatorInput, OperatorInputs
-from uuv.controllers.mkps import solve
+from uuv.controllers.planning.arm_margins import posture_for, singular_margin
+from uuv.controllers.planning.arm_size import reach
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.approach_limits import ApproachLimits
@@ -32,7 +34,10 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
 _UP = np.array([0.0, 0.0, 1.0])
-_REACHED = (1e-4, 1e-3)  # [m], [rad] tolerances of the inverse kinematics
+# [m] across the tool axis and back along it, from the ready posture, for an arm of size 1
+_ASIDE, _BACK = (-0.25, -0.125, 0.0, 0.125, 0.25), (0.0, -0.1, -0.2)
+_ROOM = 0.3  # [rad] of every joint to its limits, in the posture in which the drive begins
+_CALM = 0.3  # [s] at touch speed before a force counts as contact: braking is felt too
 _STILL = 1e-6  # [m/s], [rad/s] below which a velocity is none
 OUT_OF_REACH = "the tool is at the end of the arm's reach"
 INPUTS_ENDED = "the inputs ended"
@@ -56,7 +61,11 @@ class DriveLimits:
     near_tool: float = 0.05  # [m/s] of the tool across its axis, likewise
     tool_acceleration: float = 0.1  # [m/s^2]
     turn_acceleration: float = 0.3  # [rad/s^2] of hull and tool
-    joint_speed: float = 1.0  # [rad/s] above which the tool stops: near a singular posture
+    joint_speed: float = 0.6  # [rad/s] above which the tool stops
+    # [-] margin from singular postures below which the tool moves away from them only
+    singular: float = 0.2
+    roomy: float = 0.6  # [-] such a margin of the posture in which the drive begins
+    lost: float = 0.25  # [s] without contact, after which the tool approaches again
     hold: float = 2.0  # [s] of rest after the last input
 
 
@@ -88,11 +97,52 @@ class Cockpit:
         return ToolLine(path, placement, 0.0)
 
     def reached(self, X_WB: Array, X_WG: Array, q: Array, period: float) -> Array | None:
-        """Joint angles (n,) of a tool pose, near `q`; None: out of reach within a period [s]."""
+        """Joint angles (n,) of a tool pose, from `q`; None: out of reach within a period [s]."""
+        chain = self.own.chain
         X_AG = inverse(X_WB @ self.own.vehicle.X_BA) @ X_WG
-        solution = solve(self.own.chain, X_AG, q, *_REACHED, branch="keep")
-        near = np.abs(solution.q - q).max() <= self.limits.joint_speed * period
-        return solution.q if solution.converged and near else None
+        solution = posture_for(chain, X_AG, q)
+        if not solution.converged:
+            return None
+        if np.abs(solution.q - q).max() > self.limits.joint_speed * period:
+            return None
+
+        # Near a singular posture only away from it
+        margin = self._margin(solution.q)
+        near = margin < self.limits.singular
+        return None if near and margin < self._margin(q) else solution.q
+
+    def _margin(self, q: Array) -> float:
+        """Margin [-] of joint angles (n,) from singular postures."""
+        return singular_margin(self.own.chain.jacobian(q), reach(self.own.chain))
+
+    def roomy_posture(self) -> Array:
+        """Joint angles (n,) near the ready posture with room to drive the tool in.
+
+        The tool axis is that of the ready posture, whose wrist may be singular: the nearest of some
+        places around it that is not, else the least singular one.
+        """
+        chain = self.own.chain
+        size = self.own.size
+        ready = np.array(self.own.vehicle.q_ready)
+        X_AG = chain.forward(ready)
+        around = [
+            size * np.array(shift) for shift in itertools.product(_ASIDE, _ASIDE, _BACK)
+        ]
+
+        best = ready
+        most = self._margin(ready)
+        for shift in sorted(around, key=np.linalg.norm):
+            if most >= self.limits.roomy:
+                break
+            solution = posture_for(chain, X_AG @ pose(p=shift), ready)
+            room = np.minimum(solution.q - chain.limits[:, 0], chain.limits[:, 1] - solution.q)
+            if not solution.converged or room.min() < _ROOM:
+                continue
+            margin = self._margin(solution.q)
+            if margin > most:
+                best = solution.q
+                most = margin
+        return best
 
 
 @dataclass(slots=True, eq=False)
@@ -105,6 +155,7 @@ class Driven:
     hull: Array = field(default_factory=lambda: np.zeros(4))  # velocities as `OperatorInput`
     tool: Array = field(default_factory=lambda: np.zeros(3))
     turn: Array = field(default_factory=lambda: np.zeros(3))
+    along: float = 0.0  # [m/s] of the tool, along its axis
     asked_force: float = 0.0  # [N] by the last input with a closed clutch
     ended: float = math.inf  # [s] since when there is no input any more
     v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s]
@@ -117,6 +168,7 @@ class Driven:
         self.hull = np.zeros(4)
         self.tool = np.zeros(3)
         self.turn = np.zeros(3)
+        self.along = 0.0
         self.v_WB_W = self.w_WB_W = self.v_WG_W = self.w_WG_W = ZERO
 
 
@@ -124,7 +176,8 @@ class Driven:
 class DriveState:
     """State of `Drive`."""
 
-    felt_for: float = 0.0  # [s] for which contact has lasted
+    felt_for: float = 0.0  # [s] for which contact has lasted, or in contact has been lost
+    slow_for: float = 0.0  # [s] for which the tool has been slow enough for a touch to be felt
 
 
 class Drive(Phase):
@@ -188,10 +241,17 @@ class Drive(Phase):
             return PhaseEvent.MORE if driven.asked_force > 0.0 else None
         if driven.asked_force == 0.0:
             return PhaseEvent.REFUSED
-        if self._mode is Mode.CONTACT:
-            return None
 
-        state.felt_for = state.felt_for + now.period if now.normal > approach.touch else 0.0
+        # Slipped off: slowly on to the surface again
+        if self._mode is Mode.CONTACT:
+            lost = now.normal < 0.5 * approach.touch
+            state.felt_for = state.felt_for + now.period if lost else 0.0
+            return PhaseEvent.MORE if state.felt_for >= self._cockpit.limits.lost else None
+
+        slow = driven.along <= approach.touch_speed + _STILL
+        state.slow_for = state.slow_for + now.period if slow else 0.0
+        felt = now.normal > approach.touch and state.slow_for >= _CALM
+        state.felt_for = state.felt_for + now.period if felt else 0.0
         return PhaseEvent.TOUCHED if state.felt_for >= approach.touch_time else None
 
     def _follow(self, asked: OperatorInput, driven: Driven, held: Held, now: Context) -> None:
@@ -210,7 +270,8 @@ class Drive(Phase):
         # The tool's own motion, bounded along its axis
         axis = X_WG[:3, 2]
         v_WG_W = carried + X_WG[:3, :3] @ driven.tool
-        v_WG_W = v_WG_W + (self._inwards(float(v_WG_W @ axis), now) - v_WG_W @ axis) * axis
+        along = self._inwards(float(v_WG_W @ axis), driven, now)
+        v_WG_W = v_WG_W + (along - v_WG_W @ axis) * axis
         w_WG_W = w_WB_W + X_WG[:3, :3] @ driven.turn
         wanted = _moved(X_WG, v_WG_W, w_WG_W, period)
 
@@ -235,6 +296,7 @@ class Drive(Phase):
         driven.w_WB_W = w_WB_W
         driven.v_WG_W = v_WG_W
         driven.w_WG_W = w_WG_W
+        driven.along = float(v_WG_W @ axis)
         driven.X_WG = wanted
         driven.q = q
         held.X_WB = X_WB
@@ -260,14 +322,18 @@ class Drive(Phase):
         most_turn = turning * now.period
         driven.turn = driven.turn + np.clip(asked.turn - driven.turn, -most_turn, most_turn)
 
-    def _inwards(self, speed: float, now: Context) -> float:
+    def _inwards(self, speed: float, driven: Driven, now: Context) -> float:
         """Speed [m/s] of the tool along its axis, as far as the mode allows it."""
         approach = self._cockpit.approach
         if self._mode is Mode.CONTACT:
             return 0.0
-        if self._mode is Mode.GUARDED:
-            return min(speed, approach.touch_speed)
-        return min(speed, 0.0) if now.normal > approach.touch else speed
+        touches = now.normal > approach.touch
+        if self._mode is Mode.FREE:
+            return min(speed, 0.0) if touches else speed
+
+        # Guarded: from a faster motion it brakes
+        braking = driven.along - self._cockpit.limits.tool_acceleration * now.period
+        return min(speed, max(approach.touch_speed, 0.0 if touches else braking))
 
     def setpoint(self, state: DriveState, held: Held, now: Context) -> Setpoint:
         """Hull and tool as driven."""

@@ -75,9 +75,9 @@ def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskR
     done = PhaseEvent.DONE
 
     def make_ready(held: Held, now: Context) -> None:
-        """Aim at the ready posture."""
+        """Aim at the posture in which the drive begins."""
         del now
-        q = np.array(own.vehicle.q_ready)
+        q = cockpit.roomy_posture()
         X_WG = held.X_WB @ own.vehicle.X_BA @ own.chain.forward(q)
         held.line = cockpit.line(held.X_WB, X_WG, q)
 
@@ -87,6 +87,7 @@ def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskR
 
     def lifted(held: Held, now: Context) -> None:
         """Go on from where the tool was lifted to."""
+        del now
         driven = held.plan_of(Driven)
         driven.X_WG = held.tool(lift)[0]
         q = cockpit.reached(held.X_WB, driven.X_WG, driven.q, np.inf)
@@ -129,7 +130,7 @@ def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskR
         TaskRow(
             Drive(cockpit, Mode.CONTACT),
             states.WORK,
-            {refused: "let go", done: "unload"},
+            {refused: "let go", more: "guarded", done: "unload"},
             BREAK_OFF,
             feels=True,
         ),

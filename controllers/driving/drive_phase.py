@@ -62,9 +62,10 @@ class DriveLimits:
     tool_acceleration: float = 0.1  # [m/s^2]
     turn_acceleration: float = 0.3  # [rad/s^2] of hull and tool
     joint_speed: float = 0.6  # [rad/s] above which the tool stops
-    # [-] margin from singular postures below which the tool moves away from them only
-    singular: float = 0.2
-    roomy: float = 0.6  # [-] such a margin of the posture in which the drive begins
+    # [-] margin from singular postures below which the tool moves away from them only: the force
+    # loop needs some centimetres more along its axis
+    singular: float = 0.5
+    roomy: float = 0.9  # [-] such a margin of the posture in which the drive begins
     lost: float = 0.25  # [s] without contact, after which the tool approaches again
     hold: float = 2.0  # [s] of rest after the last input
 
@@ -125,9 +126,7 @@ class Cockpit:
         size = self.own.size
         ready = np.array(self.own.vehicle.q_ready)
         X_AG = chain.forward(ready)
-        around = [
-            size * np.array(shift) for shift in itertools.product(_ASIDE, _ASIDE, _BACK)
-        ]
+        around = [size * np.array(shift) for shift in itertools.product(_ASIDE, _ASIDE, _BACK)]
 
         best = ready
         most = self._margin(ready)

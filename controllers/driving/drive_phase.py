@@ -35,7 +35,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
 _UP = np.array([0.0, 0.0, 1.0])
 # [m] across the tool axis and back along it, from the ready posture, for an arm of size 1
-_ASIDE, _BACK = (-0.25, -0.125, 0.0, 0.125, 0.25), (0.0, -0.1, -0.2)
+_ASIDE = (-0.25, -0.125, 0.0, 0.125, 0.25)
+_BACK = (0.0, -0.1, -0.2)
 _ROOM = 0.3  # [rad] of every joint to its limits, in the posture in which the drive begins
 _CALM = 0.3  # [s] at touch speed before a force counts as contact: braking is felt too
 _STILL = 1e-6  # [m/s], [rad/s] below which a velocity is none
@@ -74,7 +75,7 @@ class DriveLimits:
 class Cockpit:
     """What the operator drives, and by what."""
 
-    own: WorkVehicle
+    work_vehicle: WorkVehicle
     source: OperatorInputs
     delay: float  # [s] between operator and vehicle
     approach: ApproachLimits
@@ -99,8 +100,8 @@ class Cockpit:
 
     def reached(self, X_WB: Array, X_WG: Array, q: Array, period: float) -> Array | None:
         """Joint angles (n,) of a tool pose, from `q`; None: out of reach within a period [s]."""
-        chain = self.own.chain
-        X_AG = inverse(X_WB @ self.own.vehicle.X_BA) @ X_WG
+        chain = self.work_vehicle.chain
+        X_AG = inverse(X_WB @ self.work_vehicle.vehicle.X_BA) @ X_WG
         solution = posture_for(chain, X_AG, q)
         if not solution.converged:
             return None
@@ -114,7 +115,7 @@ class Cockpit:
 
     def _margin(self, q: Array) -> float:
         """Margin [-] of joint angles (n,) from singular postures."""
-        return singular_margin(self.own.chain.jacobian(q), reach(self.own.chain))
+        return singular_margin(self.work_vehicle.chain.jacobian(q), reach(self.work_vehicle.chain))
 
     def roomy_posture(self) -> Array:
         """Joint angles (n,) near the ready posture with room to drive the tool in.
@@ -122,9 +123,9 @@ class Cockpit:
         The tool axis is that of the ready posture, whose wrist may be singular: the nearest of some
         places around it that is not, else the least singular one.
         """
-        chain = self.own.chain
-        size = self.own.size
-        ready = np.array(self.own.vehicle.q_ready)
+        chain = self.work_vehicle.chain
+        size = self.work_vehicle.size
+        ready = np.array(self.work_vehicle.vehicle.q_ready)
         X_AG = chain.forward(ready)
         around = [size * np.array(shift) for shift in itertools.product(_ASIDE, _ASIDE, _BACK)]
 
@@ -212,19 +213,19 @@ class Drive(Phase):
         self._follow(asked, driven, held, now)
         return None
 
-    def _asked(self, driven: Driven, held: Held, now: Context) -> OperatorInput:
+    def _asked(self, driven: Driven, held: Held, context: Context) -> OperatorInput:
         """What the operator asks for; nothing while the clutch is open or motion is to wait."""
         source = self._cockpit.source
-        time = now.time - driven.start
+        time = context.time - driven.start
         source.poll(time)
         asked = source.at(time - self._cockpit.delay)
         if asked is None:
             if not math.isfinite(driven.ended):
-                driven.ended = now.time
+                driven.ended = context.time
                 held.note = INPUTS_ENDED
             return OPEN
 
-        if asked.clutch and not now.paused:
+        if asked.clutch and not context.paused:
             driven.asked_force = asked.set_force
             return asked
         return OPEN
@@ -233,7 +234,7 @@ class Drive(Phase):
         speeds = np.concatenate((driven.hull, driven.tool, driven.turn))
         return bool(np.abs(speeds).max() > _STILL)
 
-    def _change(self, state: DriveState, driven: Driven, now: Context) -> PhaseEvent | None:
+    def _change(self, state: DriveState, driven: Driven, context: Context) -> PhaseEvent | None:
         """Event that ends the mode."""
         approach = self._cockpit.approach
         if self._mode is Mode.FREE:
@@ -243,20 +244,20 @@ class Drive(Phase):
 
         # Slipped off: slowly on to the surface again
         if self._mode is Mode.CONTACT:
-            lost = now.normal < 0.5 * approach.touch
-            state.felt_for = state.felt_for + now.period if lost else 0.0
+            lost = context.normal < 0.5 * approach.touch
+            state.felt_for = state.felt_for + context.period if lost else 0.0
             return PhaseEvent.MORE if state.felt_for >= self._cockpit.limits.lost else None
 
         slow = driven.along <= approach.touch_speed + _STILL
-        state.slow_for = state.slow_for + now.period if slow else 0.0
-        felt = now.normal > approach.touch and state.slow_for >= _CALM
-        state.felt_for = state.felt_for + now.period if felt else 0.0
+        state.slow_for = state.slow_for + context.period if slow else 0.0
+        felt = context.normal > approach.touch and state.slow_for >= _CALM
+        state.felt_for = state.felt_for + context.period if felt else 0.0
         return PhaseEvent.TOUCHED if state.felt_for >= approach.touch_time else None
 
-    def _follow(self, asked: OperatorInput, driven: Driven, held: Held, now: Context) -> None:
+    def _follow(self, asked: OperatorInput, driven: Driven, held: Held, context: Context) -> None:
         """Move hull and tool for one period."""
-        period = now.period
-        self._speed_up(asked, driven, held, now)
+        period = context.period
+        self._speed_up(asked, driven, held, context)
 
         # The hull stays level; the tool is carried along
         R_WB = held.X_WB[:3, :3]
@@ -269,13 +270,13 @@ class Drive(Phase):
         # The tool's own motion, bounded along its axis
         axis = X_WG[:3, 2]
         v_WG_W = carried + X_WG[:3, :3] @ driven.tool
-        along = self._inwards(float(v_WG_W @ axis), driven, now)
+        along = self._inwards(float(v_WG_W @ axis), driven, context)
         v_WG_W = v_WG_W + (along - v_WG_W @ axis) * axis
         w_WG_W = w_WB_W + X_WG[:3, :3] @ driven.turn
-        wanted = _moved(X_WG, v_WG_W, w_WG_W, period)
+        X_next = _moved(X_WG, v_WG_W, w_WG_W, period)
 
         # Within reach, or the tool is only carried
-        q = self._cockpit.reached(X_WB, wanted, driven.q, period)
+        q = self._cockpit.reached(X_WB, X_next, driven.q, period)
         if q is None:
             held.note = OUT_OF_REACH
             if self._mode is not Mode.FREE:
@@ -283,7 +284,7 @@ class Drive(Phase):
                 return
             driven.tool = np.zeros(3)
             driven.turn = np.zeros(3)
-            wanted = X_WB @ inverse(held.X_WB) @ X_WG
+            X_next = X_WB @ inverse(held.X_WB) @ X_WG
             v_WG_W = carried
             w_WG_W = w_WB_W
             q = driven.q
@@ -296,17 +297,17 @@ class Drive(Phase):
         driven.v_WG_W = v_WG_W
         driven.w_WG_W = w_WG_W
         driven.along = float(v_WG_W @ axis)
-        driven.X_WG = wanted
+        driven.X_WG = X_next
         driven.q = q
         held.X_WB = X_WB
         held.q = q
-        held.line = self._cockpit.line(X_WB, wanted, q)
+        held.line = self._cockpit.line(X_WB, X_next, q)
 
-    def _speed_up(self, asked: OperatorInput, driven: Driven, held: Held, now: Context) -> None:
+    def _speed_up(self, asked: OperatorInput, driven: Driven, held: Held, context: Context) -> None:
         """Change the speeds towards what is asked for, by the accelerations."""
         limits = self._cockpit.limits
         motion = limits.motion
-        hull = asked.hull * motion.pace(held.off(now.estimate))
+        hull = asked.hull * motion.pace(held.off(context.estimate))
         tool = asked.tool
         if self._mode is not Mode.FREE:
             near = np.array([*[limits.near_hull] * 3, limits.near_yaw])
@@ -314,24 +315,24 @@ class Drive(Phase):
             tool = np.clip(tool, -limits.near_tool, limits.near_tool)
 
         turning = limits.turn_acceleration
-        most = np.array([*[motion.acceleration] * 3, turning]) * now.period
+        most = np.array([*[motion.acceleration] * 3, turning]) * context.period
         driven.hull = driven.hull + np.clip(hull - driven.hull, -most, most)
-        most_tool = limits.tool_acceleration * now.period
+        most_tool = limits.tool_acceleration * context.period
         driven.tool = driven.tool + np.clip(tool - driven.tool, -most_tool, most_tool)
-        most_turn = turning * now.period
+        most_turn = turning * context.period
         driven.turn = driven.turn + np.clip(asked.turn - driven.turn, -most_turn, most_turn)
 
-    def _inwards(self, speed: float, driven: Driven, now: Context) -> float:
+    def _inwards(self, speed: float, driven: Driven, context: Context) -> float:
         """Speed [m/s] of the tool along its axis, as far as the mode allows it."""
         approach = self._cockpit.approach
         if self._mode is Mode.CONTACT:
             return 0.0
-        touches = now.normal > approach.touch
+        touches = context.normal > approach.touch
         if self._mode is Mode.FREE:
             return min(speed, 0.0) if touches else speed
 
         # Guarded: from a faster motion it brakes
-        braking = driven.along - self._cockpit.limits.tool_acceleration * now.period
+        braking = driven.along - self._cockpit.limits.tool_acceleration * context.period
         return min(speed, max(approach.touch_speed, 0.0 if touches else braking))
 
     def setpoint(self, state: DriveState, held: Held, now: Context) -> Setpoint:

@@ -76,7 +76,7 @@ class DelayedOperator(OperatorInputs):
             return {"heave": 0.08}
 
         if self._step == "over":
-            v = np.clip(_GAIN * R_WB.T @ (off + [0.0, 0.0, _ABOVE]), -0.2, 0.2)
+            v = np.clip(_GAIN * R_WB.T @ (off + np.array([0.0, 0.0, _ABOVE])), -0.2, 0.2)
             near = np.linalg.norm(off[:2]) < 0.03 and np.linalg.norm(estimate.v_WB_B) < 0.02
             if near:
                 self._next("down", time)

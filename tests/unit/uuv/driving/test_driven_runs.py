@@ -35,9 +35,9 @@ def test_an_operator_is_part_of_a_scenario_file(tmp_path: Path):
 def test_bad_inputs_are_refused_at_the_door(tmp_path: Path):
     with pytest.raises(ConfigurationError, match=r"operator.delay \[s\].*got 2"):
         driven("open-water", "in.csv", 2.0)
-    with pytest.raises(ConfigurationError, match="inputs .*none.csv"):
+    with pytest.raises(ConfigurationError, match=r"inputs .*none.csv"):
         check_inputs(driven("open-water", tmp_path / "none.csv"))
-    with pytest.raises(ConfigurationError, match="only .uuv drive. has a keyboard"):
+    with pytest.raises(ConfigurationError, match=r"only .uuv drive. has a keyboard"):
         check_inputs(driven("open-water", KEYBOARD))
     check_inputs(driven("open-water", KEYBOARD), keyboard=True)
 

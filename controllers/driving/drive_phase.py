@@ -5,6 +5,7 @@ set force is asked for and the tool advances slowly until it touches; in contact
 loop alone moves the tool along its axis.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -12,7 +13,8 @@ from enum import StrEnum
 import numpy as np
 
 from uuv.controllers.driving.operator_inputs import OPEN, OperatorInput, OperatorInputs
-from uuv.controllers.mkps import solve
+from uuv.controllers.planning.arm_margins import posture_for, singular_margin
+from uuv.controllers.planning.arm_size import reach
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.approach_limits import ApproachLimits
@@ -32,7 +34,11 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
 _UP = np.array([0.0, 0.0, 1.0])
-_REACHED = (1e-4, 1e-3)  # [m], [rad] tolerances of the inverse kinematics
+# [m] across the tool axis and back along it, from the ready posture, for an arm of size 1
+_ASIDE = (-0.25, -0.125, 0.0, 0.125, 0.25)
+_BACK = (0.0, -0.1, -0.2)
+_ROOM = 0.3  # [rad] of every joint to its limits, in the posture in which the drive begins
+_CALM = 0.3  # [s] at touch speed before a force counts as contact: braking is felt too
 _STILL = 1e-6  # [m/s], [rad/s] below which a velocity is none
 OUT_OF_REACH = "the tool is at the end of the arm's reach"
 INPUTS_ENDED = "the inputs ended"
@@ -56,7 +62,12 @@ class DriveLimits:
     near_tool: float = 0.05  # [m/s] of the tool across its axis, likewise
     tool_acceleration: float = 0.1  # [m/s^2]
     turn_acceleration: float = 0.3  # [rad/s^2] of hull and tool
-    joint_speed: float = 1.0  # [rad/s] above which the tool stops: near a singular posture
+    joint_speed: float = 0.6  # [rad/s] above which the tool stops
+    # [-] margin from singular postures below which the tool moves away from them only: the force
+    # loop needs some centimetres more along its axis
+    singular: float = 0.5
+    roomy: float = 0.9  # [-] such a margin of the posture in which the drive begins
+    lost: float = 0.25  # [s] without contact, after which the tool approaches again
     hold: float = 2.0  # [s] of rest after the last input
 
 
@@ -64,7 +75,7 @@ class DriveLimits:
 class Cockpit:
     """What the operator drives, and by what."""
 
-    own: WorkVehicle
+    work_vehicle: WorkVehicle
     source: OperatorInputs
     delay: float  # [s] between operator and vehicle
     approach: ApproachLimits
@@ -88,11 +99,50 @@ class Cockpit:
         return ToolLine(path, placement, 0.0)
 
     def reached(self, X_WB: Array, X_WG: Array, q: Array, period: float) -> Array | None:
-        """Joint angles (n,) of a tool pose, near `q`; None: out of reach within a period [s]."""
-        X_AG = inverse(X_WB @ self.own.vehicle.X_BA) @ X_WG
-        solution = solve(self.own.chain, X_AG, q, *_REACHED, branch="keep")
-        near = np.abs(solution.q - q).max() <= self.limits.joint_speed * period
-        return solution.q if solution.converged and near else None
+        """Joint angles (n,) of a tool pose, from `q`; None: out of reach within a period [s]."""
+        chain = self.work_vehicle.chain
+        X_AG = inverse(X_WB @ self.work_vehicle.vehicle.X_BA) @ X_WG
+        solution = posture_for(chain, X_AG, q)
+        if not solution.converged:
+            return None
+        if np.abs(solution.q - q).max() > self.limits.joint_speed * period:
+            return None
+
+        # Near a singular posture only away from it
+        margin = self._margin(solution.q)
+        near = margin < self.limits.singular
+        return None if near and margin < self._margin(q) else solution.q
+
+    def _margin(self, q: Array) -> float:
+        """Margin [-] of joint angles (n,) from singular postures."""
+        return singular_margin(self.work_vehicle.chain.jacobian(q), reach(self.work_vehicle.chain))
+
+    def roomy_posture(self) -> Array:
+        """Joint angles (n,) near the ready posture with room to drive the tool in.
+
+        The tool axis is that of the ready posture, whose wrist may be singular: the nearest of some
+        places around it that is not, else the least singular one.
+        """
+        chain = self.work_vehicle.chain
+        size = self.work_vehicle.size
+        ready = np.array(self.work_vehicle.vehicle.q_ready)
+        X_AG = chain.forward(ready)
+        around = [size * np.array(shift) for shift in itertools.product(_ASIDE, _ASIDE, _BACK)]
+
+        best = ready
+        most = self._margin(ready)
+        for shift in sorted(around, key=np.linalg.norm):
+            if most >= self.limits.roomy:
+                break
+            solution = posture_for(chain, X_AG @ pose(p=shift), ready)
+            room = np.minimum(solution.q - chain.limits[:, 0], chain.limits[:, 1] - solution.q)
+            if not solution.converged or room.min() < _ROOM:
+                continue
+            margin = self._margin(solution.q)
+            if margin > most:
+                best = solution.q
+                most = margin
+        return best
 
 
 @dataclass(slots=True, eq=False)
@@ -105,6 +155,7 @@ class Driven:
     hull: Array = field(default_factory=lambda: np.zeros(4))  # velocities as `OperatorInput`
     tool: Array = field(default_factory=lambda: np.zeros(3))
     turn: Array = field(default_factory=lambda: np.zeros(3))
+    along: float = 0.0  # [m/s] of the tool, along its axis
     asked_force: float = 0.0  # [N] by the last input with a closed clutch
     ended: float = math.inf  # [s] since when there is no input any more
     v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s]
@@ -117,6 +168,7 @@ class Driven:
         self.hull = np.zeros(4)
         self.tool = np.zeros(3)
         self.turn = np.zeros(3)
+        self.along = 0.0
         self.v_WB_W = self.w_WB_W = self.v_WG_W = self.w_WG_W = ZERO
 
 
@@ -124,7 +176,8 @@ class Driven:
 class DriveState:
     """State of `Drive`."""
 
-    felt_for: float = 0.0  # [s] for which contact has lasted
+    felt_for: float = 0.0  # [s] for which contact has lasted, or in contact has been lost
+    slow_for: float = 0.0  # [s] for which the tool has been slow enough for a touch to be felt
 
 
 class Drive(Phase):
@@ -160,19 +213,19 @@ class Drive(Phase):
         self._follow(asked, driven, held, now)
         return None
 
-    def _asked(self, driven: Driven, held: Held, now: Context) -> OperatorInput:
+    def _asked(self, driven: Driven, held: Held, context: Context) -> OperatorInput:
         """What the operator asks for; nothing while the clutch is open or motion is to wait."""
         source = self._cockpit.source
-        time = now.time - driven.start
+        time = context.time - driven.start
         source.poll(time)
         asked = source.at(time - self._cockpit.delay)
         if asked is None:
             if not math.isfinite(driven.ended):
-                driven.ended = now.time
+                driven.ended = context.time
                 held.note = INPUTS_ENDED
             return OPEN
 
-        if asked.clutch and not now.paused:
+        if asked.clutch and not context.paused:
             driven.asked_force = asked.set_force
             return asked
         return OPEN
@@ -181,23 +234,30 @@ class Drive(Phase):
         speeds = np.concatenate((driven.hull, driven.tool, driven.turn))
         return bool(np.abs(speeds).max() > _STILL)
 
-    def _change(self, state: DriveState, driven: Driven, now: Context) -> PhaseEvent | None:
+    def _change(self, state: DriveState, driven: Driven, context: Context) -> PhaseEvent | None:
         """Event that ends the mode."""
         approach = self._cockpit.approach
         if self._mode is Mode.FREE:
             return PhaseEvent.MORE if driven.asked_force > 0.0 else None
         if driven.asked_force == 0.0:
             return PhaseEvent.REFUSED
-        if self._mode is Mode.CONTACT:
-            return None
 
-        state.felt_for = state.felt_for + now.period if now.normal > approach.touch else 0.0
+        # Slipped off: slowly on to the surface again
+        if self._mode is Mode.CONTACT:
+            lost = context.normal < 0.5 * approach.touch
+            state.felt_for = state.felt_for + context.period if lost else 0.0
+            return PhaseEvent.MORE if state.felt_for >= self._cockpit.limits.lost else None
+
+        slow = driven.along <= approach.touch_speed + _STILL
+        state.slow_for = state.slow_for + context.period if slow else 0.0
+        felt = context.normal > approach.touch and state.slow_for >= _CALM
+        state.felt_for = state.felt_for + context.period if felt else 0.0
         return PhaseEvent.TOUCHED if state.felt_for >= approach.touch_time else None
 
-    def _follow(self, asked: OperatorInput, driven: Driven, held: Held, now: Context) -> None:
+    def _follow(self, asked: OperatorInput, driven: Driven, held: Held, context: Context) -> None:
         """Move hull and tool for one period."""
-        period = now.period
-        self._speed_up(asked, driven, held, now)
+        period = context.period
+        self._speed_up(asked, driven, held, context)
 
         # The hull stays level; the tool is carried along
         R_WB = held.X_WB[:3, :3]
@@ -210,12 +270,13 @@ class Drive(Phase):
         # The tool's own motion, bounded along its axis
         axis = X_WG[:3, 2]
         v_WG_W = carried + X_WG[:3, :3] @ driven.tool
-        v_WG_W = v_WG_W + (self._inwards(float(v_WG_W @ axis), now) - v_WG_W @ axis) * axis
+        along = self._inwards(float(v_WG_W @ axis), driven, context)
+        v_WG_W = v_WG_W + (along - v_WG_W @ axis) * axis
         w_WG_W = w_WB_W + X_WG[:3, :3] @ driven.turn
-        wanted = _moved(X_WG, v_WG_W, w_WG_W, period)
+        X_next = _moved(X_WG, v_WG_W, w_WG_W, period)
 
         # Within reach, or the tool is only carried
-        q = self._cockpit.reached(X_WB, wanted, driven.q, period)
+        q = self._cockpit.reached(X_WB, X_next, driven.q, period)
         if q is None:
             held.note = OUT_OF_REACH
             if self._mode is not Mode.FREE:
@@ -223,7 +284,7 @@ class Drive(Phase):
                 return
             driven.tool = np.zeros(3)
             driven.turn = np.zeros(3)
-            wanted = X_WB @ inverse(held.X_WB) @ X_WG
+            X_next = X_WB @ inverse(held.X_WB) @ X_WG
             v_WG_W = carried
             w_WG_W = w_WB_W
             q = driven.q
@@ -235,17 +296,18 @@ class Drive(Phase):
         driven.w_WB_W = w_WB_W
         driven.v_WG_W = v_WG_W
         driven.w_WG_W = w_WG_W
-        driven.X_WG = wanted
+        driven.along = float(v_WG_W @ axis)
+        driven.X_WG = X_next
         driven.q = q
         held.X_WB = X_WB
         held.q = q
-        held.line = self._cockpit.line(X_WB, wanted, q)
+        held.line = self._cockpit.line(X_WB, X_next, q)
 
-    def _speed_up(self, asked: OperatorInput, driven: Driven, held: Held, now: Context) -> None:
+    def _speed_up(self, asked: OperatorInput, driven: Driven, held: Held, context: Context) -> None:
         """Change the speeds towards what is asked for, by the accelerations."""
         limits = self._cockpit.limits
         motion = limits.motion
-        hull = asked.hull * motion.pace(held.off(now.estimate))
+        hull = asked.hull * motion.pace(held.off(context.estimate))
         tool = asked.tool
         if self._mode is not Mode.FREE:
             near = np.array([*[limits.near_hull] * 3, limits.near_yaw])
@@ -253,21 +315,25 @@ class Drive(Phase):
             tool = np.clip(tool, -limits.near_tool, limits.near_tool)
 
         turning = limits.turn_acceleration
-        most = np.array([*[motion.acceleration] * 3, turning]) * now.period
+        most = np.array([*[motion.acceleration] * 3, turning]) * context.period
         driven.hull = driven.hull + np.clip(hull - driven.hull, -most, most)
-        most_tool = limits.tool_acceleration * now.period
+        most_tool = limits.tool_acceleration * context.period
         driven.tool = driven.tool + np.clip(tool - driven.tool, -most_tool, most_tool)
-        most_turn = turning * now.period
+        most_turn = turning * context.period
         driven.turn = driven.turn + np.clip(asked.turn - driven.turn, -most_turn, most_turn)
 
-    def _inwards(self, speed: float, now: Context) -> float:
+    def _inwards(self, speed: float, driven: Driven, context: Context) -> float:
         """Speed [m/s] of the tool along its axis, as far as the mode allows it."""
         approach = self._cockpit.approach
         if self._mode is Mode.CONTACT:
             return 0.0
-        if self._mode is Mode.GUARDED:
-            return min(speed, approach.touch_speed)
-        return min(speed, 0.0) if now.normal > approach.touch else speed
+        touches = context.normal > approach.touch
+        if self._mode is Mode.FREE:
+            return min(speed, 0.0) if touches else speed
+
+        # Guarded: from a faster motion it brakes
+        braking = driven.along - self._cockpit.limits.tool_acceleration * context.period
+        return min(speed, max(approach.touch_speed, 0.0 if touches else braking))
 
     def setpoint(self, state: DriveState, held: Held, now: Context) -> Setpoint:
         """Hull and tool as driven."""

@@ -31,12 +31,12 @@ _LIFT = 0.05  # [m] by which the tool leaves a surface on which no force is set 
 
 
 def driven_task(
-    own: WorkVehicle, source: OperatorInputs, delay: float, *, X_WB: Array
+    vehicle: WorkVehicle, source: OperatorInputs, delay: float, *, X_WB: Array
 ) -> TaskPlanner:
     """Planner that an operator's inputs take the place of.
 
     Args:
-        own: the vehicle.
+        vehicle: the vehicle.
         source: inputs of the operator; their time begins when the vehicle is ready.
         delay: [s] between operator and vehicle.
         X_WB: (4, 4) hull pose at the start.
@@ -44,7 +44,7 @@ def driven_task(
     Returns:
         The planner.
     """
-    size = own.size
+    size = vehicle.size
     job = SurfaceTaskConfig(
         forces=(source.largest_force or COLUMNS["set_force"].most,),
         force_rate=size**2 * SurfaceSettings.force_rate,
@@ -53,7 +53,11 @@ def driven_task(
         escape=EscapeLimits.of_size(size),
     )
     cockpit = Cockpit(
-        own=own, source=source, delay=delay, approach=job.approach, force_rate=job.force_rate
+        work_vehicle=vehicle,
+        source=source,
+        delay=delay,
+        approach=job.approach,
+        force_rate=job.force_rate,
     )
 
     # A force where none is set
@@ -64,29 +68,79 @@ def driven_task(
         during=frozenset({WorkState.CLOSE_IN}),
     )
     monitors = (*surface_monitors(job), touched)
-    return TaskPlanner(_rows(cockpit, job), monitors, X_WB=X_WB, q=own.vehicle.q_home)
+    return TaskPlanner(_rows(cockpit, job), monitors, X_WB=X_WB, q=vehicle.vehicle.q_home)
 
 
 def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """Names and rows of a driven vehicle."""
-    own = cockpit.own
-    lift = own.size * _LIFT
+    lift = cockpit.work_vehicle.size * _LIFT
+
+    yield from _ready_rows(cockpit, job)
+    yield from _driven_rows(cockpit)
+    yield from _lift_rows(cockpit, job, lift)
+
+    # The end
+    yield "stay", TaskRow(HoldTool(), WorkState.DONE, leave={Reaction.STOP: "halt"})
+    yield from retreat_rows(cockpit.work_vehicle, job)
+
+
+def _ready_rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+    """The vehicle at rest, its arm unfolded, its torque sensors tared."""
+    vehicle = cockpit.work_vehicle
     states = WorkState
     done = PhaseEvent.DONE
 
-    def make_ready(held: Held, now: Context) -> None:
-        """Aim at the ready posture."""
-        del now
-        q = np.array(own.vehicle.q_ready)
-        X_WG = held.X_WB @ own.vehicle.X_BA @ own.chain.forward(q)
+    def make_ready(held: Held, context: Context) -> None:
+        """Aim at the posture in which the drive begins."""
+        del context
+        q = cockpit.roomy_posture()
+        X_WG = held.X_WB @ vehicle.vehicle.X_BA @ vehicle.chain.forward(q)
         held.line = cockpit.line(held.X_WB, X_WG, q)
 
-    def hand_over(held: Held, now: Context) -> None:
+    def hand_over(held: Held, context: Context) -> None:
         """Begin the time of the inputs."""
-        held.plan = Driven(start=now.time, X_WG=held.tool()[0], q=np.array(held.q))
+        held.plan = Driven(start=context.time, X_WG=held.tool()[0], q=np.array(held.q))
 
-    def lifted(held: Held, now: Context) -> None:
+    rest = Settle(job.arrival.rest)
+    aim = Decide(make_ready, AbortCode.OUT_OF_REACH)
+    unfold = Unfold(job.arrival.joint_speed)
+    start = Decide(hand_over, AbortCode.OUT_OF_REACH)
+
+    yield "settle", TaskRow(rest, states.SETTLE, {done: at_once("ready")}, _STAY)
+    yield "ready", TaskRow(aim, states.SETTLE, {done: "unfold"}, _STAY)
+    yield "unfold", TaskRow(unfold, states.CLOSE_IN, {done: "rest"}, _STAY)
+    yield "rest", TaskRow(rest, states.CLOSE_IN, {done: "tare"}, _STAY)
+    yield "tare", TaskRow(TareSensors(), states.TARE, {done: at_once("hand over")}, _STAY)
+    yield "hand over", TaskRow(start, states.TARE, {done: "free"}, _STAY)
+
+
+def _driven_rows(cockpit: Cockpit) -> Iterable[tuple[str, TaskRow]]:
+    """The operator's: a mode each, and what it changes to."""
+    ends = PhaseEvent
+    free = Drive(cockpit, Mode.FREE)
+    guarded = Drive(cockpit, Mode.GUARDED)
+    contact = Drive(cockpit, Mode.CONTACT)
+
+    # What follows each
+    after_free = {ends.MORE: "guarded", ends.DONE: "stay"}
+    after_guarded = {ends.TOUCHED: "contact", ends.REFUSED: "free", ends.DONE: "stay"}
+    after_contact = {ends.MORE: "guarded", ends.REFUSED: "let go", ends.DONE: "unload"}
+
+    yield "free", TaskRow(free, WorkState.CLOSE_IN, after_free, BREAK_OFF)
+    yield "guarded", TaskRow(guarded, WorkState.APPROACH, after_guarded, BREAK_OFF, feels=True)
+    yield "contact", TaskRow(contact, WorkState.WORK, after_contact, BREAK_OFF, feels=True)
+
+
+def _lift_rows(
+    cockpit: Cockpit, job: SurfaceTaskConfig, lift: float
+) -> Iterable[tuple[str, TaskRow]]:
+    """Off a surface by `lift` [m], and on from there."""
+    retreat = WorkState.RETREAT
+    done = PhaseEvent.DONE
+
+    def lifted(held: Held, context: Context) -> None:
         """Go on from where the tool was lifted to."""
+        del context
         driven = held.plan_of(Driven)
         driven.X_WG = held.tool(lift)[0]
         q = cockpit.reached(held.X_WB, driven.X_WG, driven.q, np.inf)
@@ -94,58 +148,13 @@ def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskR
         driven.rest()
         held.line = cockpit.line(held.X_WB, driven.X_WG, driven.q)
 
-    # The vehicle at rest, its arm unfolded
-    rest = Settle(job.arrival.rest)
-    make = Decide(make_ready, AbortCode.OUT_OF_REACH)
-    unfold = Unfold(job.arrival.joint_speed)
-    yield "settle", TaskRow(rest, states.SETTLE, {done: at_once("ready")}, _STAY)
-    yield "ready", TaskRow(make, states.SETTLE, {done: "unfold"}, _STAY)
-    yield "unfold", TaskRow(unfold, states.CLOSE_IN, {done: "rest"}, _STAY)
-    yield "rest", TaskRow(rest, states.CLOSE_IN, {done: "tare"}, _STAY)
-    yield "tare", TaskRow(TareSensors(), states.TARE, {done: at_once("hand over")}, _STAY)
-    start = Decide(hand_over, AbortCode.OUT_OF_REACH)
-    yield "hand over", TaskRow(start, states.TARE, {done: "free"}, _STAY)
-
-    # The operator's
-    more, refused, touch = PhaseEvent.MORE, PhaseEvent.REFUSED, PhaseEvent.TOUCHED
-    yield (
-        "free",
-        TaskRow(
-            Drive(cockpit, Mode.FREE), states.CLOSE_IN, {more: "guarded", done: "stay"}, BREAK_OFF
-        ),
-    )
-    yield (
-        "guarded",
-        TaskRow(
-            Drive(cockpit, Mode.GUARDED),
-            states.APPROACH,
-            {touch: "contact", refused: "free", done: "stay"},
-            BREAK_OFF,
-            feels=True,
-        ),
-    )
-    yield (
-        "contact",
-        TaskRow(
-            Drive(cockpit, Mode.CONTACT),
-            states.WORK,
-            {refused: "let go", done: "unload"},
-            BREAK_OFF,
-            feels=True,
-        ),
-    )
-
-    # Off the surface, and on
     let_go = Unload(job.force_rate, job.approach.touch)
     off = Retreat(job.approach.speed, lift)
     onward = Decide(lifted, AbortCode.OUT_OF_REACH)
-    yield "let go", TaskRow(let_go, states.RETREAT, {done: "lift"}, BREAK_OFF)
-    yield "lift", TaskRow(off, states.RETREAT, {done: at_once("lifted")}, BREAK_OFF)
-    yield "lifted", TaskRow(onward, states.RETREAT, {done: "free"}, BREAK_OFF)
 
-    # The end
-    yield "stay", TaskRow(HoldTool(), states.DONE, leave={Reaction.STOP: "halt"})
-    yield from retreat_rows(own, job)
+    yield "let go", TaskRow(let_go, retreat, {done: "lift"}, BREAK_OFF)
+    yield "lift", TaskRow(off, retreat, {done: at_once("lifted")}, BREAK_OFF)
+    yield "lifted", TaskRow(onward, retreat, {done: "free"}, BREAK_OFF)
 
 
 # Up to the tare the vehicle stays where it is.

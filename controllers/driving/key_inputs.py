@@ -7,8 +7,15 @@ from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
 STEPS = 5  # presses from rest to the largest velocity
 _FORCE_STEP = 10.0  # [N]
 # Column and sign of the step, by GLFW's code of the key; letters are their capitals' codes.
-_RIGHT, _LEFT, _DOWN, _UP, _PAGE_UP, _PAGE_DOWN = 262, 263, 264, 265, 266, 267
-_SPACE, _ENTER, _END = 32, 257, 269
+_RIGHT = 262
+_LEFT = 263
+_DOWN = 264
+_UP = 265
+_PAGE_UP = 266
+_PAGE_DOWN = 267
+_SPACE = 32
+_ENTER = 257
+_END = 269
 _KEYS = {
     # hull
     ord("I"): ("surge", 1.0),
@@ -54,11 +61,15 @@ class KeyInputs(OperatorInputs):
     def press(self, key: int) -> None:
         """Take a key by its code; others do nothing."""
         values = dict(zip([*COLUMNS][1:], self._now, strict=True))
+
+        # A step of one velocity, within its bounds
         if key in _KEYS:
             name, sign = _KEYS[key]
             most = COLUMNS[name].most
             step = round(values[name] * STEPS / most + sign)
             values[name] = most * min(max(step, -STEPS), STEPS) / STEPS
+
+        # Force, rest, clutch, end
         elif ord("0") <= key <= ord("9"):
             values["set_force"] = _FORCE_STEP * (key - ord("0"))
         elif key == _SPACE:

@@ -19,7 +19,11 @@ from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
 LONGEST = 3600.0  # [s] of inputs
 _MOST_BYTES = 50_000_000
-_HULL, _YAW, _TOOL, _TURN, _FORCE = 0.25, 0.15, 0.1, 0.3, 120.0
+_HULL = 0.25  # [m/s]
+_YAW = 0.15  # [rad/s]
+_TOOL = 0.1  # [m/s]
+_TURN = 0.3  # [rad/s]
+_FORCE = 120.0  # [N]
 
 
 class Column(NamedTuple):
@@ -122,6 +126,8 @@ class OperatorInputs:
         table = csv.reader(io.StringIO(text_of(file, "inputs", _MOST_BYTES)), strict=True)
         rows: list[list[float]] = []
         order: list[str] = []
+
+        # The head, then the rows; empty lines are passed over
         try:
             for cells in table:
                 words = [cell.strip() for cell in cells]
@@ -130,6 +136,7 @@ class OperatorInputs:
                 if not order:
                     order = _head(words, what)
                     continue
+
                 rows.append(_row(words, order, f"{what}, line {table.line_num}"))
                 _check_time(rows, f"{what}, line {table.line_num}")
         except csv.Error as error:
@@ -151,6 +158,8 @@ def _head(words: list[str], what: str) -> list[str]:
     missing = [
         name for name, column in COLUMNS.items() if not column.optional and name not in words
     ]
+
+    # The first trouble
     if unknown or missing or len(set(words)) < len(words):
         trouble = (
             f"no column {shown(unknown[0])}"

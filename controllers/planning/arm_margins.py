@@ -214,8 +214,7 @@ class ArmMargins:
                 if margin <= floor:
                     return Dropped(i, share, Limit.TORQUE, J[:3].T @ X_AG[:3, 2])
 
-                weakest = np.linalg.svd(J * _SCALE if full else J[:3], compute_uv=False)[-1]
-                margin = min(margin, weakest / (_SINGULAR if full else BENT * self._length))
+                margin = min(margin, singular_margin(J, self._length))
                 if margin <= floor:
                     return Dropped(i, share, Limit.SINGULAR, q)
 
@@ -285,6 +284,18 @@ class ArmMargins:
                 return "the arm comes too near to the object"
             case Limit.THRUST:
                 return "the thrusters cannot bear push and friction"
+
+
+def singular_margin(J: Array, length: float) -> float:
+    """Margin [-] of a posture from singular ones: 1 is roomy, 0 is singular.
+
+    Args:
+        J: (6, n) Jacobian of the tip; of an arm of fewer than six joints the position counts alone.
+        length: [m] of the stretched arm.
+    """
+    full = J.shape[1] >= FULL
+    weakest = np.linalg.svd(J * _SCALE if full else J[:3], compute_uv=False)[-1]
+    return float(weakest) / (_SINGULAR if full else BENT * length)
 
 
 def posture_for(chain: Chain, X_AG: Array, q: Array) -> IkResult:

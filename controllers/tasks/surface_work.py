@@ -330,11 +330,11 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     yield from retreat_rows(site.own, job)
 
 
-def retreat_rows(own: WorkVehicle, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+def retreat_rows(vehicle: WorkVehicle, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the surface to the end: release, retreat, and what follows a fault.
 
     Args:
-        own: the vehicle.
+        vehicle: the vehicle.
         job: speeds and limits.
 
     Returns:
@@ -347,7 +347,7 @@ def retreat_rows(own: WorkVehicle, job: SurfaceTaskConfig) -> Iterable[tuple[str
     stop = {Reaction.STOP: "halt"}
     off = {**stop, Reaction.RISE: "rise"}
     retreat = Retreat(approach.speed, clear)
-    escape = Escape(job.escape, clear, own.vehicle.q_home)
+    escape = Escape(job.escape, clear, vehicle.vehicle.q_home)
 
     yield (
         "unload",

@@ -35,8 +35,8 @@ def attach(spec: mujoco.MjSpec, battery: Battery) -> None:
     for name, thruster in table.items():
         if not thruster.sheets or not thruster.sheets[0].current:
             raise ConfigurationError(
-                f"vehicle.battery: thruster {name!r} has no table of its current over the voltage (t200 "
-                "and from_table have)"
+                f"vehicle.battery: thruster {name!r} has no table of its current over the "
+                "voltage (t200 and from_table have)"
             )
     try:
         driven = {

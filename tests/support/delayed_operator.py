@@ -15,6 +15,7 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import Moment
 
 _GAIN = 0.4  # [1/s] of the hull's velocity over its distance
+_ABOVE = 0.12  # [m] of the tool over the surface, before it is lowered
 _HALF = 0.06  # [m] of a wipe to either side
 
 
@@ -70,16 +71,16 @@ class DelayedOperator(OperatorInputs):
         lasting = time - self._since
 
         if self._step == "rise":
-            if off[2] < -0.18:
+            if off[2] < -_ABOVE:
                 self._next("over", time)
             return {"heave": 0.08}
 
         if self._step == "over":
-            v = np.clip(_GAIN * (R_WB.T @ off)[:2], -0.2, 0.2)
+            v = np.clip(_GAIN * R_WB.T @ (off + np.array([0.0, 0.0, _ABOVE])), -0.2, 0.2)
             near = np.linalg.norm(off[:2]) < 0.03 and np.linalg.norm(estimate.v_WB_B) < 0.02
             if near:
                 self._next("down", time)
-            return {"surge": float(v[0]), "sway": float(v[1])}
+            return {"surge": float(v[0]), "sway": float(v[1]), "heave": float(v[2])}
 
         if self._step == "down":
             if off[2] > -0.06:

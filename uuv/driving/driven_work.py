@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recording
 
 _AROUND = 150.0  # [s] simulated before the inputs begin, and after they end
-_FORCE_ERROR, _EXCESS = 15.0, 1.5  # [N] RMS, share of the set force: acceptance bounds
+_FORCE_ERROR = 15.0  # [N] RMS, acceptance bound
+_EXCESS = 1.5  # share of the set force that the true one may reach
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,12 +61,12 @@ class DrivenWork(PlacedTask):
         WorkState.WORK,
     )
     work: PlacedTask
-    own: OwnVehicle
+    vehicle: OwnVehicle  # as it knows itself
     operator: Operator
     source: OperatorInputs
 
     @classmethod
-    def of(cls, work: PlacedTask, scenario: Scenario, own: OwnVehicle) -> Self:
+    def of(cls, work: PlacedTask, scenario: Scenario, vehicle: OwnVehicle) -> Self:
         """The work of a scenario with an operator.
 
         Raises:
@@ -76,7 +77,7 @@ class DrivenWork(PlacedTask):
             raise ConfigurationError(f"scenario {scenario.name!r} has no operator")
         live = operator.inputs == KEYBOARD
         source = KeyInputs() if live else OperatorInputs.read(operator.inputs)
-        return cls(work=work, own=own, operator=operator, source=source)
+        return cls(work=work, vehicle=vehicle, operator=operator, source=source)
 
     @property
     def title(self) -> str:
@@ -118,7 +119,7 @@ class DrivenWork(PlacedTask):
         """The operator's."""
         from uuv.controllers.driving.driven_task import driven_task
 
-        known = self.own.at_work()
+        known = self.vehicle.at_work()
         return driven_task(known, self.source, self.operator.delay, X_WB=self.X_WB)
 
     def assess(self, ran: "RunResult", seed: int) -> Assessment:

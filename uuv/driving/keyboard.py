@@ -76,11 +76,14 @@ class Window:
         if time.perf_counter() - self._shown < _PERIOD:
             return
 
+        # The plant's pose in the window's own data
         self._shown = time.perf_counter()
         with self._viewer.lock():
             self._data.qpos[:] = self._plant.data.qpos
             self._data.time = self._plant.data.time
             mujoco.mj_kinematics(self._model, self._data)
+
+        # What the operator goes by
         if hasattr(self._viewer, "set_texts"):  # MuJoCo 3.3 on
             font = mujoco.mjtFontScale.mjFONTSCALE_150
             corner = mujoco.mjtGridPos.mjGRID_TOPLEFT

@@ -46,8 +46,8 @@ SLIPS = 4e-4  # [m/s]
 TURNS = 2e-2  # [rad/s]
 # The load grows from BELOW to BEYOND of the expected one, slowly: pads that slide part, and the
 # motor yields slowly, so that a fast load finds more than what is held for long.
-BELOW = 0.9
-BEYOND = 1.1
+BELOW = 0.9  # share
+BEYOND = 1.1  # share
 RAMP = 20.0  # [s]
 SETTLE = 2.0  # [s] to close, without weight
 # Cones and impratio; None: as `let_gripper_hold` sets them.
@@ -202,7 +202,7 @@ def angle_of(R: Array) -> float:
 
 
 @dataclass(frozen=True)
-class Steps:
+class StepCost:
     """Means over some steps."""
 
     time: float  # [s]
@@ -242,14 +242,14 @@ class Hand:
         """Set force (3,) [N] and moment (3,) [N m] in W on the object."""
         self.data.body(OBJECT).xfrc_applied = np.concatenate([force, moment])
 
-    def advance(self, count: int) -> Steps:
+    def advance(self, count: int) -> StepCost:
         """Take `count` steps."""
         iterations = 0
         begin = time.perf_counter()
         for _ in range(count):
             mujoco.mj_step(self.model, self.data)
             iterations += int(self.data.solver_niter[0])
-        return Steps((time.perf_counter() - begin) / count, iterations / count)
+        return StepCost((time.perf_counter() - begin) / count, iterations / count)
 
     def place(self) -> Array:
         """Position (3,) [m] of the object from the left finger, in W."""
@@ -309,7 +309,7 @@ def _drift(case: GripCase) -> GripRow:
     )
 
 
-def _adrift(case: GripCase, *, held: bool) -> tuple[Steps, float, bool]:
+def _adrift(case: GripCase, *, held: bool) -> tuple[StepCost, float, bool]:
     """Cost of a step, motion [m] of the object in the jaws, and whether it is there in the end."""
     spec = vehicle_spec(case.vehicle, tool=VEHICLES[case.vehicle])
     model = spec.copy().compile()
@@ -361,7 +361,7 @@ def _adrift(case: GripCase, *, held: bool) -> tuple[Steps, float, bool]:
 
     moved = float(np.linalg.norm(place() - begin)) if held else 0.0
     kept = held and truth.contact_normal > 0.0
-    return Steps(elapsed / count, iterations / count), moved, kept
+    return StepCost(elapsed / count, iterations / count), moved, kept
 
 
 def _add_object(spec: mujoco.MjSpec, shape: str, p_WO: Array, quat_wxyz: Array) -> None:
@@ -393,6 +393,13 @@ def _dropped(row: Mapping[str, Any]) -> bool | None:
 
 grip.page = (
     Page()
+    .table(
+        "Creep of the object in a minute [mm]",
+        by="setting",
+        across="shape",
+        columns=["creep"],
+        where=lambda row: row["trial"] == HOLD,
+    )
     .table(
         "Held for a minute: creep, and cost of a step",
         by=("shape", "setting"),

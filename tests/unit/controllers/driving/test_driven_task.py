@@ -1,4 +1,4 @@
-"""A driven vehicle under scripted inputs: a hull that is where it should be, and a floor to press on."""
+"""A driven vehicle under scripted inputs: a hull that is where it should be, and a floor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 PERIOD, STIFFNESS = 0.02, 3e4  # [s], [N/m]
 START = pose(exp_so3([0.0, 0.0, 0.4]), [-1.0, 0.2, 0.5])
-DOWN = 0.06  # [m] from the tool in the ready posture to the floor
+DOWN = 0.06  # [m] from the tool at the begin of the inputs to the floor
 FREE, GUARDED, CONTACT = WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.WORK
 TO_FLOOR = (30.0, {"tool_z": 0.02, "set_force": 60.0})
 
@@ -55,8 +55,7 @@ class Ride(Told):
         inputs = OperatorInputs(rows_of(self.steps))
         planner = driven_task(own, inputs, self.delay, X_WB=START)
         planner.period = PERIOD
-        ready_tip = (START @ vehicle.X_BA @ chain.forward(np.array(vehicle.q_ready)))[:3, 3]
-        floor = float(ready_tip[2]) - DOWN
+        floor = -np.inf
 
         X_WB = START
         state = command = None
@@ -74,6 +73,7 @@ class Ride(Told):
 
             if state.row == "free" and not np.isfinite(self.ready):
                 self.ready = clock["time"]
+                floor = float(tip(reference)[2]) - DOWN
             felt = 0.0 if reference.X_WG is None else (self.felt or _floor)(reference, floor)
             sent = {"joint_torque": joints, "thrusters": joints, "scan": False}
             command = Command(contact=ContactEstimate(normal=felt), **sent, **clock)

@@ -20,13 +20,17 @@ def test_a_row_holds_until_the_next_and_the_last_one_ends(tmp_path: Path):
     inputs = OperatorInputs.read(file)
 
     before, driven = inputs.at(0.49), inputs.at(1.49)
-    assert before is not None and not before.clutch
-    assert driven is not None and driven.clutch
+    assert before is not None
+    assert not before.clutch
+    assert driven is not None
+    assert driven.clutch
     assert driven.hull.tolist() == [0.2, 0.0, 0.0, 0.0]
     assert driven.turn.tolist() == [0.0, 0.0, 0.1]
 
     opened = inputs.at(3.49)
-    assert opened is not None and not opened.clutch and opened.set_force == 40.0
+    assert opened is not None
+    assert not opened.clutch
+    assert opened.set_force == 40.0
     assert inputs.at(3.5) is None
     assert inputs.largest_force == 40.0
 
@@ -37,7 +41,9 @@ def test_columns_may_come_in_any_order_without_the_turns(tmp_path: Path):
     rows = [[row[NAMES.index(name)] for name in head] for row in rows_of(STEPS)]
     file.write_text(text_of(rows, head))
     driven = OperatorInputs.read(file).at(1.0)
-    assert driven is not None and driven.hull[0] == 0.2 and not driven.turn.any()
+    assert driven is not None
+    assert driven.hull[0] == 0.2
+    assert not driven.turn.any()
 
 
 def test_what_is_written_is_read_to_the_bit(tmp_path: Path):
@@ -82,7 +88,8 @@ def test_keys_become_rows_that_a_file_repeats(tmp_path: Path):
     assert keys.at(0.5).hull[0] == 0.0  # nothing was noted since
     keys.poll(1.0)
     driven = keys.at(1.0)
-    assert driven is not None and driven.clutch
+    assert driven is not None
+    assert driven.clutch
     assert driven.hull[0] == pytest.approx(0.4 * COLUMNS["surge"].most)
     assert driven.tool[2] == pytest.approx(-0.2 * COLUMNS["tool_z"].most)
     assert driven.set_force == 60.0
@@ -92,7 +99,9 @@ def test_keys_become_rows_that_a_file_repeats(tmp_path: Path):
     keys.press(257)
     keys.poll(2.0)
     opened = keys.at(2.0)
-    assert opened is not None and not opened.hull.any() and not opened.clutch
+    assert opened is not None
+    assert not opened.hull.any()
+    assert not opened.clutch
     assert opened.set_force == 60.0
     keys.press(269)
     keys.poll(3.0)
@@ -110,4 +119,5 @@ def test_a_key_held_down_stays_within_bounds():
         keys.press(ord("K"))
     keys.poll(0.0)
     driven = keys.at(0.0)
-    assert driven is not None and driven.hull[0] == COLUMNS["surge"].least
+    assert driven is not None
+    assert driven.hull[0] == COLUMNS["surge"].least

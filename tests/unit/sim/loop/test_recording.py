@@ -52,6 +52,7 @@ class Run:
             thrust=np.zeros(6),
             current_W=np.zeros(3),
             arm_wrench_B=np.zeros(6),
+            supply=np.zeros(0),
         )
         self.target: Target | None = None
         self.X_WB = np.eye(4)  # estimated

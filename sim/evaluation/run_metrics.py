@@ -9,6 +9,7 @@ from uuv.sim.evaluation.schemas import metric, schema_of
 from uuv.sim.runs.run_folder import FORMAT
 
 SHA256 = "^[0-9a-f]{64}$"
+OPTIONAL = ("energy", "provenance", "start")  # entries of a file that are left out, not null
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -264,7 +264,8 @@ class _Check:
             limits = []
             for i, axis in enumerate(AXES):
                 back, ahead = authority(vehicle, i)
-                unit, held = ("N", "") if i < 3 else ("N m", "")
+                unit = "N" if i < 3 else "N m"
+                held = ""
                 if i < 3 and wet:
                     speed = strongest_current(model, vehicle, i, min(back, ahead))
                     held = f" ({speed:.2f} m/s)" if speed < FASTEST else f" (> {FASTEST:g} m/s)"
@@ -279,8 +280,13 @@ class _Check:
             rate = doubts.drag_rate(model)
             self._figure(
                 "time step",
+<<<<<<< HEAD
                 f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of the limit "
                 f"by drag at {hydrodynamics.DRAG_SPEED:g} m/s",
+=======
+                f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of what drag "
+                f"allows at {hydrodynamics.DRAG_SPEED:g} m/s",
+>>>>>>> t200
             )
 
     def _arm(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> float:

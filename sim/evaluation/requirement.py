@@ -26,6 +26,6 @@ class Requirement:
         if self.ok or self.bound is None:
             return ""
         if self.value is None:
-            return f"{self.name}: no figure"
+            return f"{self.name}: no value"
         figure, bound = self.value * self.scale, self.bound * self.scale
         return f"{self.name}: {figure:.3g} {self.unit}, allowed {bound:.3g} {self.unit}"

@@ -280,13 +280,8 @@ class _Check:
             rate = doubts.drag_rate(model)
             self._figure(
                 "time step",
-<<<<<<< HEAD
                 f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of the limit "
                 f"by drag at {hydrodynamics.DRAG_SPEED:g} m/s",
-=======
-                f"{1e3 * model.opt.timestep:g} ms, {model.opt.timestep * rate:.0%} of what drag "
-                f"allows at {hydrodynamics.DRAG_SPEED:g} m/s",
->>>>>>> t200
             )
 
     def _arm(self, model: mujoco.MjModel, vehicle: Vehicle, wet: bool) -> float:

@@ -91,7 +91,8 @@ def _check_operator(operator: Operator | None, *, keyboard: bool) -> None:
         OperatorInputs.read(operator.inputs)
     elif not keyboard:
         raise ConfigurationError(
-            f"control.operator.inputs: only `uuv drive` has a {KEYBOARD}; elsewhere the name of a file"
+            f"control.operator.inputs: only `uuv drive` has a {KEYBOARD}; elsewhere the name of a "
+            "file"
         )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from uuv.controllers.driving.drive_phase import Cockpit, OperatorDrive, Driven, Mode
+from uuv.controllers.driving.drive_phase import Cockpit, Driven, Mode, OperatorDrive
 from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.approach_limits import ApproachLimits

@@ -18,7 +18,7 @@ from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
 LONGEST = 3600.0  # [s] of inputs
-_MOST_BYTES = 50_000_000
+_MOST_BYTES = 50_000_000  # of a file
 _HULL = 0.25  # [m/s]
 _YAW = 0.15  # [rad/s]
 _TOOL = 0.1  # [m/s]

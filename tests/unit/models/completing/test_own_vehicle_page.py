@@ -52,7 +52,7 @@ def test_the_urdf_arm_of_the_page_hovers(
 
 
 def test_the_tools_of_the_page_are_those_that_there_are(root: Path) -> None:
-    page = (root / "docs" / "own_vehicle.md").read_text(encoding="utf-8")
+    page = (root / "docs" / "own_tool.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| [^|]*? \| (\d+) \| ([\d.]+) \| (\d+) \|$", page, flags=re.M)
     assert sorted(name for name, *_ in rows) == list(TOOLS.names())
     for name, length, mass, force in rows:

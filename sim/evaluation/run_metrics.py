@@ -86,7 +86,7 @@ class EveryRun:
     accepted: bool = metric("All of the scenario's bounds hold.")
     failed: list[str] = metric("What did not, one line each.")
     timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
-    energy: EnergyMetrics = metric(
+    energy: EnergyMetrics | None = metric(
         "What the thrusters drew; absent where their current was not measured.", default=None
     )
     provenance: Provenance = metric("What the figures were made by.", default=None)

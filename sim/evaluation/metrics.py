@@ -149,11 +149,8 @@ class Assessment:
         collision = Requirement("collision", run.collision_s, 0.0, "s")
         failed = [check.failure for check in checks if check.failure]
         if collision.failure:
-            failed.append(
-                f"{collision.failure}: {recording.collided}"
-                if recording.collided
-                else collision.failure
-            )
+            first = f": {recording.collided}" if recording.collided else ""
+            failed.append(f"{collision.failure}{first}")
         failed += others
         energy = energy_figures(recording)
         checks = (*checks, collision, *energy_checks(energy))
@@ -171,8 +168,10 @@ class Assessment:
                 0, f"the time limit ended the run {after}{f': {note}' if note else ''} (--longest)"
             )
 
-        ended = {"run": run, "accepted": not failed, "failed": failed, "timings": timings}
-        entries = {**asdict(figures), **asdict(EveryRun(**ended, energy=energy))}
+        ended = EveryRun(
+            run=run, accepted=not failed, failed=failed, timings=timings, energy=energy
+        )
+        entries = {**asdict(figures), **asdict(ended)}
         # for two of these see `made_by`, `started`
         metrics = {name: e for name, e in entries.items() if e is not None or name not in OPTIONAL}
         return cls(metrics=metrics, checks=checks, failed=tuple(failed))

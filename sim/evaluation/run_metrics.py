@@ -85,7 +85,7 @@ class EveryRun:
     accepted: bool = metric("All of the scenario's bounds hold.")
     failed: list[str] = metric("Missed bounds, one line each.")
     timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
-    energy: EnergyMetrics = metric(
+    energy: EnergyMetrics | None = metric(
         "Energy drawn by the thrusters; absent where their current was not measured.", default=None
     )
     provenance: Provenance = metric("Origin of the figures.", default=None)

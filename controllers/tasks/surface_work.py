@@ -382,10 +382,8 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         return (1.0 + limits.excess) * held.set_force + touch
 
     def too_hard(held: Held, now: Context) -> str:
-        reason = (
-            f"the force cannot be held: {now.normal:.0f} N estimated, {held.set_force:.0f} N set"
-        )
-        return reason if now.normal > allowed(held) else ""
+        forces = f"{now.normal:.0f} N estimated, {held.set_force:.0f} N set"
+        return f"the force cannot be held: {forces}" if now.normal > allowed(held) else ""
 
     def lost(held: Held, now: Context) -> str:
         del held

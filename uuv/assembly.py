@@ -179,7 +179,7 @@ def _placed(scenario: Scenario, vehicle: OwnVehicle, rng: np.random.Generator) -
         kind = type(scenario.task).__name__
         got = type(placed).__name__
         raise ConfigurationError(f"task {kind}: place must return a PlacedTask, got {got}")
-    return placed if scenario.operator is None else DrivenWork.of(placed, scenario, vehicle)
+    return placed if scenario.control.operator is None else DrivenWork.of(placed, scenario, vehicle)
 
 
 def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:

@@ -42,7 +42,7 @@ def check_inputs(
 
     # Files of the job, and the object that it works on.
     scenario.task.check_inputs(scenario)
-    _check_operator(scenario.operator, keyboard=keyboard)
+    _check_operator(scenario.control.operator, keyboard=keyboard)
     if longest is not None:
         _check_limit(scenario, longest)
     if scenario.belief.arm is not None:
@@ -96,13 +96,14 @@ def _check_operator(operator: Operator | None, *, keyboard: bool) -> None:
         OperatorInputs.read(operator.inputs)
     elif not keyboard:
         raise ConfigurationError(
-            f"operator.inputs: only `uuv drive` has a {KEYBOARD}; elsewhere the name of a file"
+            f"control.operator.inputs: only `uuv drive` has a {KEYBOARD}; elsewhere the name of a "
+            "file"
         )
 
 
 def _check_limit(scenario: Scenario, longest: float) -> None:
     finite_number(longest, "longest [s]", above=0.0, most=_MOST_SECONDS)
-    least = scenario.task.least_seconds(scenario) if scenario.operator is None else 0.0
+    least = scenario.task.least_seconds(scenario) if scenario.control.operator is None else 0.0
     if longest < least:
         raise ConfigurationError(f"longest {longest:g} s: the work alone takes {least:.0f} s")
 

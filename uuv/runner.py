@@ -15,6 +15,7 @@ from uuv.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
 from uuv.scenario import Scenario
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import readonly
 from uuv.sim.loop.recording import Recorder, Recording
 from uuv.sim.loop.rollout import Moment, Observer, Rollout, Stage, Ticks, rollout, run_on
 from uuv.sim.runs.command_line import Interrupted
@@ -220,8 +221,9 @@ def run_through(
         last = stop.last
 
     by = stop.asked if stop.last is not None else None
+    recording = begun.recorder.recording(interrupted=by.signal.name if by else "")
     return RunResult(
-        recording=begun.recorder.recording(interrupted=by.signal.name if by else ""),
+        recording=replace(recording, supply=readonly(assembly.plant.supply.state)),
         last=last,
         wall_s=time.perf_counter() - began,
         part_by_part=begun.part_by_part,

@@ -184,6 +184,17 @@ class Sensing:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Operator:
+    """An operator in place of the planner (`uuv drive`)."""
+
+    inputs: str  # file of inputs (docs/your_tools.md), or KEYBOARD
+    delay: float = 0.0  # [s] between operator and vehicle
+
+    def __post_init__(self) -> None:
+        finite_number(self.delay, "control.operator.delay [s]", least=0.0, most=1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Control:
     """Controller by name, its inverse kinematics, and methods left out (ablation)."""
 
@@ -208,6 +219,7 @@ class Control:
         everywhere=False,
     )
     elastic_gears: bool = False  # the softer joint servo for gears that twist under load
+    operator: Operator | None = None  # drives the vehicle; None: the task's planner
 
     def __post_init__(self) -> None:
         laws = {"force-law", "normal-force-law"} & {*self.published}
@@ -216,17 +228,6 @@ class Control:
                 "control.without force-control, control.published force-law and "
                 "normal-force-law: give only one of them"
             )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Operator:
-    """An operator in place of the planner (`uuv drive`)."""
-
-    inputs: str  # file of inputs (docs/your_tools.md), or KEYBOARD
-    delay: float = 0.0  # [s] between operator and vehicle
-
-    def __post_init__(self) -> None:
-        finite_number(self.delay, "operator.delay [s]", least=0.0, most=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -386,7 +387,6 @@ class Scenario:
     belief: Belief = field(default_factory=Belief)
     sensing: Sensing = field(default_factory=Sensing)
     control: Control = field(default_factory=Control)
-    operator: Operator | None = None  # drives the vehicle; None: the task's planner
     perturbations: tuple[Perturbation, ...] = ()  # applied in this order
     perturbation_seed: int = 0
 

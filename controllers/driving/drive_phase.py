@@ -173,30 +173,30 @@ class Driven:
 
 
 @dataclass(slots=True)
-class DriveState:
-    """State of `Drive`."""
+class OperatorDriveState:
+    """State of `OperatorDrive`."""
 
     felt_for: float = 0.0  # [s] for which contact has lasted, or in contact has been lost
     slow_for: float = 0.0  # [s] for which the tool has been slow enough for a touch to be felt
 
 
-class Drive(Phase):
+class OperatorDrive(Phase):
     """Hull and tool follow the operator; more or refused where another mode is to follow."""
 
     def __init__(self, cockpit: Cockpit, mode: Mode) -> None:
         self._cockpit = cockpit
         self._mode = mode
 
-    def enter(self, held: Held, now: Context) -> DriveState:
+    def enter(self, held: Held, now: Context) -> OperatorDriveState:
         """Go on in this mode; in contact from rest, with the force that is felt."""
         if self._mode is Mode.CONTACT:
             held.plan_of(Driven).rest()
             held.set_force = max(now.normal, 0.0)
         else:
             held.set_force = 0.0
-        return DriveState()
+        return OperatorDriveState()
 
-    def step(self, state: DriveState, held: Held, now: Context) -> Outcome:
+    def step(self, state: OperatorDriveState, held: Held, now: Context) -> Outcome:
         """Done some time after the last input; the other events change the mode."""
         cockpit = self._cockpit
         driven = held.plan_of(Driven)
@@ -234,7 +234,9 @@ class Drive(Phase):
         speeds = np.concatenate((driven.hull, driven.tool, driven.turn))
         return bool(np.abs(speeds).max() > _STILL)
 
-    def _change(self, state: DriveState, driven: Driven, context: Context) -> PhaseEvent | None:
+    def _change(
+        self, state: OperatorDriveState, driven: Driven, context: Context
+    ) -> PhaseEvent | None:
         """Event that ends the mode."""
         approach = self._cockpit.approach
         if self._mode is Mode.FREE:
@@ -335,7 +337,7 @@ class Drive(Phase):
         braking = driven.along - self._cockpit.limits.tool_acceleration * context.period
         return min(speed, max(approach.touch_speed, 0.0 if touches else braking))
 
-    def setpoint(self, state: DriveState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: OperatorDriveState, held: Held, now: Context) -> Setpoint:
         """Hull and tool as driven."""
         del state, now
         driven = held.plan_of(Driven)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from uuv.controllers.driving.drive_phase import Cockpit, Drive, Driven, Mode
+from uuv.controllers.driving.drive_phase import Cockpit, Driven, Mode, OperatorDrive
 from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.approach_limits import ApproachLimits
@@ -117,9 +117,9 @@ def _ready_rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str,
 def _driven_rows(cockpit: Cockpit) -> Iterable[tuple[str, TaskRow]]:
     """The operator's: a mode each, and what it changes to."""
     ends = PhaseEvent
-    free = Drive(cockpit, Mode.FREE)
-    guarded = Drive(cockpit, Mode.GUARDED)
-    contact = Drive(cockpit, Mode.CONTACT)
+    free = OperatorDrive(cockpit, Mode.FREE)
+    guarded = OperatorDrive(cockpit, Mode.GUARDED)
+    contact = OperatorDrive(cockpit, Mode.CONTACT)
 
     # What follows each
     after_free = {ends.MORE: "guarded", ends.DONE: "stay"}

@@ -7,15 +7,17 @@ from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
 STEPS = 5  # presses from rest to the largest velocity
 _FORCE_STEP = 10.0  # [N]
 # Column and sign of the step, by GLFW's code of the key; letters are their capitals' codes.
-_RIGHT = 262
-_LEFT = 263
-_DOWN = 264
-_UP = 265
-_PAGE_UP = 266
-_PAGE_DOWN = 267
-_SPACE = 32
-_ENTER = 257
-_END = 269
+_CODES = {
+    "right": 262,
+    "left": 263,
+    "down": 264,
+    "up": 265,
+    "page up": 266,
+    "page down": 267,
+    "space": 32,
+    "enter": 257,
+    "end": 269,
+}
 _KEYS = {
     # hull
     ord("I"): ("surge", 1.0),
@@ -27,12 +29,12 @@ _KEYS = {
     ord("U"): ("yaw_rate", 1.0),
     ord("O"): ("yaw_rate", -1.0),
     # tool
-    _UP: ("tool_x", 1.0),
-    _DOWN: ("tool_x", -1.0),
-    _LEFT: ("tool_y", 1.0),
-    _RIGHT: ("tool_y", -1.0),
-    _PAGE_DOWN: ("tool_z", 1.0),
-    _PAGE_UP: ("tool_z", -1.0),
+    _CODES["up"]: ("tool_x", 1.0),
+    _CODES["down"]: ("tool_x", -1.0),
+    _CODES["left"]: ("tool_y", 1.0),
+    _CODES["right"]: ("tool_y", -1.0),
+    _CODES["page down"]: ("tool_z", 1.0),
+    _CODES["page up"]: ("tool_z", -1.0),
 }
 HELP = (
     "hull: I K surge, J L sway, Y H heave, U O yaw; tool: arrows across, Page Down out, Page Up in",
@@ -72,12 +74,12 @@ class KeyInputs(OperatorInputs):
         # Force, rest, clutch, end
         elif ord("0") <= key <= ord("9"):
             values["set_force"] = _FORCE_STEP * (key - ord("0"))
-        elif key == _SPACE:
+        elif key == _CODES["space"]:
             self._now = self._at_rest(values["set_force"], values["clutch"])
             return
-        elif key == _ENTER:
+        elif key == _CODES["enter"]:
             values["clutch"] = 1.0 - values["clutch"]
-        elif key == _END:
+        elif key == _CODES["end"]:
             self._over = True
             return
         self._now = tuple(values.values())

@@ -18,7 +18,7 @@ from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
 LONGEST = 3600.0  # [s] of inputs
-_MOST_BYTES = 50_000_000
+_MOST_BYTES = 50_000_000  # of a file
 _HULL = 0.25  # [m/s]
 _YAW = 0.15  # [rad/s]
 _TOOL = 0.1  # [m/s]
@@ -26,7 +26,7 @@ _TURN = 0.3  # [rad/s]
 _FORCE = 120.0  # [N]
 
 
-class Column(NamedTuple):
+class InputColumn(NamedTuple):
     """A column of the file, and what it may hold."""
 
     unit: str
@@ -36,23 +36,23 @@ class Column(NamedTuple):
 
 
 COLUMNS = {
-    "time": Column("s", 0.0, LONGEST),
+    "time": InputColumn("s", 0.0, LONGEST),
     # hull, along its own axes: forward, left, up; turn about the vertical
-    "surge": Column("m/s", -_HULL, _HULL),
-    "sway": Column("m/s", -_HULL, _HULL),
-    "heave": Column("m/s", -_HULL, _HULL),
-    "yaw_rate": Column("rad/s", -_YAW, _YAW),
+    "surge": InputColumn("m/s", -_HULL, _HULL),
+    "sway": InputColumn("m/s", -_HULL, _HULL),
+    "heave": InputColumn("m/s", -_HULL, _HULL),
+    "yaw_rate": InputColumn("rad/s", -_YAW, _YAW),
     # tool against the hull, along its own axes; z is the tool axis, outwards
-    "tool_x": Column("m/s", -_TOOL, _TOOL),
-    "tool_y": Column("m/s", -_TOOL, _TOOL),
-    "tool_z": Column("m/s", -_TOOL, _TOOL),
+    "tool_x": InputColumn("m/s", -_TOOL, _TOOL),
+    "tool_y": InputColumn("m/s", -_TOOL, _TOOL),
+    "tool_z": InputColumn("m/s", -_TOOL, _TOOL),
     # force along the tool axis, 0: free; the clutch is 1 closed, 0 open
-    "set_force": Column("N", 0.0, _FORCE),
-    "clutch": Column("-", 0.0, 1.0),
+    "set_force": InputColumn("N", 0.0, _FORCE),
+    "clutch": InputColumn("-", 0.0, 1.0),
     # turns of the tool about its own axes
-    "turn_x": Column("rad/s", -_TURN, _TURN, optional=True),
-    "turn_y": Column("rad/s", -_TURN, _TURN, optional=True),
-    "turn_z": Column("rad/s", -_TURN, _TURN, optional=True),
+    "turn_x": InputColumn("rad/s", -_TURN, _TURN, optional=True),
+    "turn_y": InputColumn("rad/s", -_TURN, _TURN, optional=True),
+    "turn_z": InputColumn("rad/s", -_TURN, _TURN, optional=True),
 }
 _NAMES = tuple(COLUMNS)
 

@@ -9,7 +9,7 @@ from uuv.models import hydrodynamics
 from uuv.models.files.keyframes import keyframes_kept
 from uuv.models.hydrodynamics import BodyHydrodynamics, carries, density_of, unpack
 from uuv.models.naming import HOME_KEY, HULL_BODY, PAD_BODY, TIP_SITE, TOOL_FACE_SITE, TOOL_GEOM
-from uuv.models.tools import gripper, heads, sampler
+from uuv.models.tools import gripper, handle_socket, heads, sampler
 from uuv.models.tools.tools import Tool
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
@@ -71,6 +71,8 @@ def _put_on(spec: mujoco.MjSpec, tip: mujoco.MjsSite, tool: Tool) -> dict[str, B
         return heads.add_jaws(spec, link, mount, turn, tip, tool)
     if isinstance(tool, gripper.Gripper):
         return gripper.add_gripper(spec, link, mount, turn, tip, tool)
+    if isinstance(tool, handle_socket.HandleSocket):
+        return handle_socket.add_handle_socket(link, mount, turn, tip, tool)
     return sampler.add(link, mount, turn, np.array([0.0, 0.0, 1.0]), tip, tool, _IDENTITY)
 
 

@@ -7,10 +7,11 @@
 
 from uuv.models.registry import MadeForm, Registry
 from uuv.models.tools.gripper import Gripper
+from uuv.models.tools.handle_socket import HandleSocket
 from uuv.models.tools.heads import Head, Jaws
 from uuv.models.tools.sampler import BOX, CORER, SAMPLER, Box, Tube
 
-Tool = Tube | Box | Head | Jaws | Gripper
+Tool = Tube | Box | Head | Jaws | Gripper | HandleSocket
 
 
 def pad() -> Tool:
@@ -61,6 +62,11 @@ def small_gripper() -> Tool:
     )
 
 
+def handle_socket() -> Tool:
+    """Slot of 25 mm that takes a T-bar or a paddle, to be turned about the tool's axis."""
+    return HandleSocket()
+
+
 def sampler() -> Tool:
     """Round steel tube with a domed nose, to be put into a hole."""
     return SAMPLER
@@ -77,7 +83,8 @@ def box() -> Tool:
 
 
 _FORM = MadeForm(
-    "a Head, Jaws, Gripper, Tube or Box of uuv.models.tools", lambda t: isinstance(t, Tool)
+    "a Head, Jaws, Gripper, HandleSocket, Tube or Box of uuv.models.tools",
+    lambda t: isinstance(t, Tool),
 )
 TOOLS: Registry[Tool] = Registry(
     "tool",
@@ -88,6 +95,7 @@ TOOLS: Registry[Tool] = Registry(
         "jaws": jaws,
         "gripper": gripper,
         "small_gripper": small_gripper,
+        "handle_socket": handle_socket,
         "sampler": sampler,
         "corer": corer,
         "box": box,

@@ -43,9 +43,11 @@ class Battery:
         ohms = finite_number(
             self.resistance_ohm, "vehicle.battery.resistance_ohm", least=0.0, most=_MOST_OHM
         )
+
         object.__setattr__(self, "voltage", volts)
         object.__setattr__(self, "capacity_Ah", amperehours)
         object.__setattr__(self, "resistance_ohm", ohms)
+
         if self.empty_voltage is not None:
             empty = finite_number(
                 self.empty_voltage, "vehicle.battery.empty_voltage [V]", above=0.0, most=volts

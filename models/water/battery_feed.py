@@ -32,12 +32,15 @@ def attach(spec: mujoco.MjSpec, battery: Battery) -> None:
     }
     if not table:
         raise ConfigurationError("vehicle.battery: the vehicle has no thrusters")
+
     for name, thruster in table.items():
         if not thruster.sheets or not thruster.sheets[0].current:
             raise ConfigurationError(
                 f"vehicle.battery: thruster {name!r} has no table of its current over the "
                 "voltage (t200 and from_table have)"
             )
+
+    # At its voltage.
     try:
         driven = {
             name: thrusters.at_voltage(thruster, battery.voltage)
@@ -77,6 +80,7 @@ def weaken(spec: mujoco.MjSpec, volts: float) -> None:
         attach(spec, less)
         return
 
+    # Without one, the thrusters' own voltage.
     table = {}
     for actuator in spec.actuators:
         if thrusters.carries(np.array(actuator.userdata)):
@@ -88,6 +92,7 @@ def weaken(spec: mujoco.MjSpec, volts: float) -> None:
 def _store(spec: mujoco.MjSpec, battery: Battery) -> None:
     for element in [part for part in spec.numerics if part.name == NAME]:
         spec.delete(element)
+
     empty = battery.voltage if battery.empty_voltage is None else battery.empty_voltage
     numbers = [battery.voltage, empty, 3600.0 * battery.capacity_Ah, battery.resistance_ohm]
     spec.add_numeric(name=NAME, data=numbers, size=len(numbers))

@@ -18,7 +18,11 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, shown
 
-PULSE, FORCE, VOLTAGE, CURRENT, POWER = "pulse_us", "force_N", "voltage_V", "current_A", "power_W"
+PULSE = "pulse_us"
+FORCE = "force_N"
+VOLTAGE = "voltage_V"
+CURRENT = "current_A"
+POWER = "power_W"
 
 _MOST_BYTES = 5_000_000
 _MOST_SHEETS = 40
@@ -297,7 +301,8 @@ def _on_grid(sheet: Sheet, astern: Array, ahead: Array) -> Sheet:
     points = np.concatenate(
         [low + astern[::-1] * (x[0] - low), [low, high], high + ahead * (x[-1] - high)]
     )
-    points[0], points[-1] = x[0], x[-1]
+    points[0] = x[0]
+    points[-1] = x[-1]
     curve = pack_table(sheet.command, sheet.thrust, 0.0)
     thrust = [float(thrust_at(curve, at)) for at in points.tolist()]
     thrust[len(astern)] = thrust[len(astern) + 1] = 0.0

@@ -77,10 +77,12 @@ def _sheets() -> tuple[Sheet, ...]:
     thrust, current = (np.loadtxt(text.split("\n")[1:-1]) for text in (_THRUST, _CURRENT))
     share = thrust[:, 0]
     sheets = []
+
     for k, (voltage, dead) in enumerate(_DEAD.items()):
         low, high = ESC.command(dead).tolist()
         astern = 2 * k + 1
         ahead = astern + 1
+
         command = [*(low - share * (1.0 + low))[::-1], low, high, *(high + share * (1.0 - high))]
         sheets.append(
             Sheet(

@@ -1,10 +1,12 @@
 """Energy that the thrusters of a run drew, where their current was measured over the voltage."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.schemas import metric
 from uuv.sim.plant.supply import BELOW, CHARGE, ENERGY, LEAST, VOLTAGE
 
@@ -56,3 +58,15 @@ def energy_figures(recording: "Recording") -> EnergyMetrics | None:
         mean_power_w=joules / recording.duration if recording.duration > 0.0 else None,
         battery=battery,
     )
+
+
+def energy_checks(energy: EnergyMetrics | None) -> Iterable[Requirement]:
+    """What the thrusters drew, where it is known; reported only."""
+    if energy is None:
+        return
+    yield Requirement("energy of the thrusters", energy.thrusters_wh, None, "W h")
+    if energy.battery is not None:
+        yield Requirement("least voltage", energy.battery.voltage_least_v, None, "V")
+        if energy.battery.below_tables_s:
+            below = energy.battery.below_tables_s
+            yield Requirement("voltage below the thrusters' tables", below, None, "s")

@@ -8,17 +8,25 @@ None (null in JSON), and counts as missed, if the run ended before it could be m
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from uuv.models.objects.axis_steps import Steps
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.energy_metrics import EnergyMetrics, energy_figures
+from uuv.sim.evaluation.energy_metrics import energy_checks, energy_figures
 from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
 from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
-from uuv.sim.evaluation.run_metrics import EveryRun, RunMetrics, StartMetrics, Timings, run_schema
+from uuv.sim.evaluation.requirement import Requirement
+from uuv.sim.evaluation.run_metrics import (
+    OPTIONAL,
+    EveryRun,
+    RunMetrics,
+    StartMetrics,
+    Timings,
+    run_schema,
+)
 from uuv.sim.evaluation.schemas import unmeasured
 from uuv.sim.evaluation.surface_metrics import (
     ForceEstimateMetrics,
@@ -74,34 +82,6 @@ class AskedWork:
     speed: float | None = None  # [m/s] along the path; None: it is not judged
 
 
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """Metric with its acceptance bound."""
-
-    name: str
-    value: float | None
-    bound: float | None  # None: reported only
-    unit: str
-    scale: float = 1.0  # from SI to `unit`
-
-    @property
-    def ok(self) -> bool:
-        """True if there is no bound, or the value is known and within it."""
-        return self.bound is None or (
-            self.value is not None and self.value <= self.bound * (1.0 + 1e-9)
-        )
-
-    @property
-    def failure(self) -> str:
-        """Message of a missed bound; empty if there is none."""
-        if self.ok or self.bound is None:
-            return ""
-        if self.value is None:
-            return f"{self.name}: no value"
-        figure, bound = self.value * self.scale, self.bound * self.scale
-        return f"{self.name}: {figure:.3g} {self.unit}, allowed {bound:.3g} {self.unit}"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessment:
     """Metrics of a run against the truth, and whether it is accepted."""
@@ -143,10 +123,8 @@ class Assessment:
         final = recording.final
         state, note = final.state.value, final.note
         if recording.interrupted:
-            state, note = (
-                INTERRUPTED,
-                (f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"),
-            )
+            note = f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"
+            state = INTERRUPTED
 
         cut = not recording.interrupted and final.state not in (WorkState.DONE, WorkState.ABORT)
         abort = AbortCode.TIME_LIMIT if cut else final.abort
@@ -171,14 +149,11 @@ class Assessment:
         collision = Requirement("collision", run.collision_s, 0.0, "s")
         failed = [check.failure for check in checks if check.failure]
         if collision.failure:
-            failed.append(
-                f"{collision.failure}: {recording.collided}"
-                if recording.collided
-                else collision.failure
-            )
+            first = f": {recording.collided}" if recording.collided else ""
+            failed.append(f"{collision.failure}{first}")
         failed += others
         energy = energy_figures(recording)
-        checks = (*checks, collision, *_of_energy(energy))
+        checks = (*checks, collision, *energy_checks(energy))
 
         if recording.interrupted:
             failed.insert(0, f"the run was interrupted {note}")
@@ -193,17 +168,12 @@ class Assessment:
                 0, f"the time limit ended the run {after}{f': {note}' if note else ''} (--longest)"
             )
 
-        every_run = EveryRun(
-            run=run,
-            accepted=not failed,
-            failed=failed,
-            timings=timings,
-            energy=cast(EnergyMetrics, energy),
+        ended = EveryRun(
+            run=run, accepted=not failed, failed=failed, timings=timings, energy=energy
         )
-        metrics = {**asdict(figures), **asdict(every_run)}
-        del metrics["provenance"], metrics["start"]  # see `made_by`, `started`
-        if metrics["energy"] is None:
-            del metrics["energy"]
+        entries = {**asdict(figures), **asdict(ended)}
+        # for two of these see `made_by`, `started`
+        metrics = {name: e for name, e in entries.items() if e is not None or name not in OPTIONAL}
         return cls(metrics=metrics, checks=checks, failed=tuple(failed))
 
     @property
@@ -838,15 +808,3 @@ def motion_figures(recording: "Recording") -> MotionMetrics | None:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _of_energy(energy: EnergyMetrics | None) -> Iterable[Requirement]:
-    """What the thrusters drew, where it is known; reported only."""
-    if energy is None:
-        return
-    yield Requirement("energy of the thrusters", energy.thrusters_wh, None, "W h")
-    if energy.battery is not None:
-        yield Requirement("least voltage", energy.battery.voltage_least_v, None, "V")
-        if energy.battery.below_tables_s:
-            below = energy.battery.below_tables_s
-            yield Requirement("voltage below the thrusters' tables", below, None, "s")

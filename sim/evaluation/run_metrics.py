@@ -9,6 +9,7 @@ from uuv.sim.evaluation.schemas import metric, schema_of
 from uuv.sim.runs.run_folder import FORMAT
 
 SHA256 = "^[0-9a-f]{64}$"
+OPTIONAL = ("energy", "provenance", "start")  # entries of a file that are left out, not null
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +85,7 @@ class EveryRun:
     accepted: bool = metric("All of the scenario's bounds hold.")
     failed: list[str] = metric("Missed bounds, one line each.")
     timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
-    energy: EnergyMetrics = metric(
+    energy: EnergyMetrics | None = metric(
         "Energy drawn by the thrusters; absent where their current was not measured.", default=None
     )
     provenance: Provenance = metric("Origin of the figures.", default=None)

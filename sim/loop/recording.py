@@ -461,7 +461,6 @@ class Recorder:
             substeps=self._substeps,
             interrupted=interrupted,
             collided=self._first_collision(),
-            supply=readonly(self._truth.supply),
         )
 
     def _first_collision(self) -> str:

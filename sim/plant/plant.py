@@ -103,12 +103,8 @@ class Plant(WithWater):
         # Water, and the marks by which a simulation that went wrong is noticed; a model without
         # coefficients has no row for them and needs none.
         wet = hydrodynamics.carries_hydrodynamics(model)
-        if (
-            not wet
-            and vehicle.hull_dof >= 0
-            and not model.opt.density
-            and np.any(model.opt.gravity)
-        ):
+        falls = vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity)
+        if falls and not wet:
             warnings.warn(
                 "the vehicle has no hydrodynamic coefficients: it falls as in a vacuum",
                 PhysicsWarning,
@@ -120,7 +116,7 @@ class Plant(WithWater):
         # Thrusters, tool and soil.
         thrusters = vehicle.thruster_actuators, vehicle.thruster_table
         self._drive = Drive.of(model, self.data, thrusters)
-        self._supply = Supply.of(model, self.data, thrusters, self.timestep)
+        self.supply = Supply.of(model, self.data, thrusters, self.timestep)
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
         if pad_site < 0:
@@ -136,7 +132,6 @@ class Plant(WithWater):
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
-        truth.supply = self._supply.state
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(
@@ -154,7 +149,7 @@ class Plant(WithWater):
             *(model.opt.wind, water, self._drive.speed, self._drive.thrust, self._contacts),
             *(self._soil.force, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
-            *(self._watch.time, self._watch.observed, self._drive.saturated, self._supply.state),
+            *(self._watch.time, self._watch.observed, self._drive.saturated, self.supply.state),
         )
         if data is None:
             self.reset(current=current, X_WB=X_WB)
@@ -204,16 +199,11 @@ class Plant(WithWater):
 
         # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple
         # more slowly.
-        self._as_tuples = (
-            tuple(self._drive),
-            tuple(self._readout),
-            tuple(self._flow),
-            tuple(self._soil),
-        )
-        self._fields_of_supply = tuple(self._supply)
+        records = self._drive, self._readout, self._flow, self._soil, self.supply
+        self._as_tuples = tuple(tuple(record) for record in records)
 
         self._drive.stop()
-        self._supply.start()
+        self.supply.start()
         self._soil.reset()
         self._blow()  # overwrite the flow of the last step
 
@@ -296,7 +286,7 @@ class Plant(WithWater):
 
         self.begin(command)
         model, data, truth, last = self.model, self.data, self.truth, self.substeps - 1
-        _, readout, _, soil = self._as_tuples
+        _, readout, _, soil, _ = self._as_tuples
 
         for substep in range(last):
             feel_soil(soil)
@@ -327,13 +317,13 @@ class Plant(WithWater):
         )
         thrusters = fitting(command.thrusters, truth.propeller_speed.shape, "thruster command")
 
-        self._drive.commanded[:] = thrusters if feed(self._fields_of_supply) else 0.0
+        self._drive.commanded[:] = thrusters if feed(self._as_tuples[4]) else 0.0
         truth.saturated = command_thrusters(self._as_tuples[0])
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
     def finish(self) -> None:
         """Read gears and contacts, set the next flow: the part of a step after its integration."""
-        drive, readout, flow, _ = self._as_tuples
+        drive, readout, flow, _, _ = self._as_tuples
         last = self.substeps - 1
 
         self._watch.observed[0] = False
@@ -373,7 +363,7 @@ class Plant(WithWater):
 
         return PlantRecord(
             drive=self._drive,
-            supply=self._supply,
+            supply=self.supply,
             readout=self._readout,
             flow=self._flow,
             watch=self._watch,
@@ -413,10 +403,8 @@ class Plant(WithWater):
 
     def publish(self) -> None:
         """Bring the numbers of `truth` up to date after compiled steps; its arrays are live."""
-        self.truth.time, self.truth.saturated = (
-            float(self._watch.time[0]),
-            bool(self._drive.saturated[0]),
-        )
+        self.truth.time = float(self._watch.time[0])
+        self.truth.saturated = bool(self._drive.saturated[0])
         self._contact()
 
     def _contact(self) -> None:

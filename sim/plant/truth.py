@@ -42,7 +42,6 @@ class Truth:
         "qd",
         "qdd",
         "saturated",
-        "supply",
         "tau_drive",
         "tau_friction",
         "thrust",
@@ -74,7 +73,6 @@ class Truth:
     propeller_speed: Array  # (m,) normalised, lags the commands
     thrust: Array  # (m,) [N] in the last physics step
     saturated: bool  # a thruster command was at its limit
-    supply: Array  # (STATE,) electrical supply, as `uuv.sim.plant.supply` orders it
     current_W: Array  # (3,) [m/s]
     # (6,) [N, N m] of the arm on the hull, at its origin; NaN if the plant does not measure it
     arm_wrench_B: Array
@@ -131,7 +129,6 @@ class Truth:
         truth.joint_damping = vehicle.damping_in(data.model)
         truth.propeller_speed = drive.speed
         truth.thrust = drive.thrust
-        truth.supply = np.zeros(0)  # that of the plant, once it has one
 
         truth.current_W = np.zeros(3)
         truth.arm_wrench_B = np.full(6, np.nan)

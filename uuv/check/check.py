@@ -264,7 +264,8 @@ class _Check:
             limits = []
             for i, axis in enumerate(AXES):
                 back, ahead = authority(vehicle, i)
-                unit, held = ("N", "") if i < 3 else ("N m", "")
+                unit = "N" if i < 3 else "N m"
+                held = ""
                 if i < 3 and wet:
                     speed = strongest_current(model, vehicle, i, min(back, ahead))
                     held = f" ({speed:.2f} m/s)" if speed < FASTEST else f" (> {FASTEST:g} m/s)"

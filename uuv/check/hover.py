@@ -107,15 +107,15 @@ def hover(
             drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error)
         )
 
-    joules = float(true.supply[ENERGY])
-    return HoverFigures(
-        drift=drift,
-        tilt=tilt,
-        saturated=saturated / steps,
-        rest=rest,
-        turn=turn,
-        power=None if np.isnan(joules) else joules / SECONDS,
-    )
+    share = saturated / steps
+    power = _mean_power(plant)
+    return HoverFigures(drift=drift, tilt=tilt, saturated=share, rest=rest, turn=turn, power=power)
+
+
+def _mean_power(plant: Plant) -> float | None:
+    """Electrical power [W] of the thrusters over the check's time; None: it was not measured."""
+    joules = float(plant.supply.state[ENERGY])
+    return None if np.isnan(joules) else joules / SECONDS
 
 
 def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:

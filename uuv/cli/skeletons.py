@@ -357,7 +357,7 @@ from uuv.models.tools.tools import TOOLS
 
 
 def NAME():
-    """The tool: a Head, Jaws, Gripper, Tube or Box of `uuv.models.tools`, lengths in metres."""
+    """The tool, of a class of `uuv.models.tools` such as Head or Gripper, lengths in metres."""
     return replace(TOOLS.load("pad"), radius=0.08)
 ''',
     test="""from uuv.own_vehicle import vehicle_spec

@@ -72,7 +72,7 @@ class DrivenWork(PlacedTask):
         Raises:
             ConfigurationError: There is no operator, or his inputs cannot be read.
         """
-        operator = scenario.operator
+        operator = scenario.control.operator
         if operator is None:
             raise ConfigurationError(f"scenario {scenario.name!r} has no operator")
         live = operator.inputs == KEYBOARD

@@ -11,6 +11,7 @@ import numpy as np
 
 from uuv.controllers.driving.key_inputs import HELP, KeyInputs
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import Moment
 from uuv.sim.plant.plant import Plant
 
@@ -46,8 +47,8 @@ class Window:
 
     slow_ticks = (10,)
 
-    def __init__(self, plant: Plant, keys: KeyInputs) -> None:
-        """Open the window on a copy of the plant's model, which the viewer may change."""
+    def __init__(self, plant: Plant, X_WB: Array, keys: KeyInputs) -> None:
+        """Open the window on a copy of the plant's model; it looks at the hull's pose `X_WB`."""
         import mujoco.viewer
 
         self._plant = plant
@@ -65,7 +66,7 @@ class Window:
             show_right_ui=False,
         )
         self._drawing = set(threading.enumerate()) - before
-        self._viewer.cam.lookat[:] = plant.truth.X_WB[:3, 3]
+        self._viewer.cam.lookat[:] = X_WB[:3, 3]
         self._viewer.cam.distance = 4.0
 
     def observe(self, moment: Moment) -> None:

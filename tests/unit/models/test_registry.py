@@ -80,7 +80,7 @@ def test_what_goes_wrong_in_another_package_is_told_with_its_name(boxes, name, s
 @pytest.mark.parametrize(
     ("registry", "form"),
     [
-        (TOOLS, "a Head, Jaws, Gripper, Tube or Box of uuv.models.tools"),
+        (TOOLS, "a Head, Jaws, Gripper, HandleSocket, Tube or Box of uuv.models.tools"),
         (SOILS, "a uuv.models.site.soil.Soil"),
         (VEHICLES, "a mujoco.MjSpec"),
         (SENSORS, "a sensor and its uuv.perception.SensorModel or None"),

@@ -29,7 +29,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     started = time.perf_counter()
     options = parse(DriveOptions, args)
     operator = Operator(inputs=options.inputs, delay=options.delay)
-    scenario = replace(named_scenario(options), operator=operator)
+    scenario = named_scenario(options)
+    scenario = replace(scenario, control=replace(scenario.control, operator=operator))
     if options.inputs != KEYBOARD:
         from uuv.cli.carry_out import run_job
 

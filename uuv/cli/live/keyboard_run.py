@@ -32,7 +32,7 @@ def run_by_keyboard(scenario: Scenario, options: RunOptions, started: float) -> 
             return assembly
 
         if isinstance(placed.source, KeyInputs):
-            windows.append(Window(assembly.plant, placed.source))
+            windows.append(Window(assembly.plant, assembly.X_WB, placed.source))
         observers = (*assembly.loop.observers, *windows)
         return replace(assembly, loop=replace(assembly.loop, observers=observers))
 

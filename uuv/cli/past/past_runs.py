@@ -98,10 +98,11 @@ def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
     from uuv.scenario_file import SCENARIO_FILE, read_scenario
 
     scenario = read_scenario(folder / SCENARIO_FILE, trust=trust)
-    if scenario.operator is None:
+    operator = scenario.control.operator
+    if operator is None:
         return scenario
-    inputs = str(folder / INPUTS_FILE)
-    return replace(scenario, operator=replace(scenario.operator, inputs=inputs))
+    operator = replace(operator, inputs=str(folder / INPUTS_FILE))
+    return replace(scenario, control=replace(scenario.control, operator=operator))
 
 
 def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:

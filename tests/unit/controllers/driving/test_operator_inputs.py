@@ -85,7 +85,9 @@ def test_keys_become_rows_that_a_file_repeats(tmp_path: Path):
     keys.poll(0.0)
     for key in (ord("I"), ord("I"), 266, ord("6"), ord("?")):
         keys.press(key)
-    assert keys.at(0.5).hull[0] == 0.0  # nothing was noted since
+    before = keys.at(0.5)  # nothing was noted since
+    assert before is not None
+    assert before.hull[0] == 0.0
     keys.poll(1.0)
     driven = keys.at(1.0)
     assert driven is not None

@@ -11,7 +11,7 @@ from driving_rows import rows_of, text_of
 from uuv import jobs
 from uuv.assembly import assemble
 from uuv.controllers.driving.operator_inputs import OperatorInputs
-from uuv.driving.driven_work import drive_figures
+from uuv.driving.driven_work import DrivenWork, drive_figures
 from uuv.inputs import check_inputs
 from uuv.runner import run
 from uuv.scenario import INPUTS_FILE, KEYBOARD, Operator, Scenario
@@ -23,7 +23,8 @@ from uuv.tasks.surface_work import PlacedSurfaceWork
 
 def driven(job: str, inputs: Path | str, delay: float = 0.0, **words: str) -> Scenario:
     operator = Operator(inputs=str(inputs), delay=delay)
-    return replace(jobs.named(job)(**words), operator=operator)
+    scenario = jobs.named(job)(**words)
+    return replace(scenario, control=replace(scenario.control, operator=operator))
 
 
 def test_an_operator_is_part_of_a_scenario_file(tmp_path: Path):
@@ -69,7 +70,9 @@ def test_a_hull_is_driven_in_open_water_and_its_inputs_are_kept(tmp_path: Path):
 def test_an_operator_presses_and_wipes_with_a_delay(delay: float, error: float, excess: float):
     scenario = driven("clean-barrel", KEYBOARD, delay, sensor="survey")
     assembly = assemble(scenario)
-    work = assembly.placed.work
+    placed = assembly.placed
+    assert isinstance(placed, DrivenWork)
+    work = placed.work
     assert isinstance(work, PlacedSurfaceWork)
 
     # The middle of the path, as surveyed

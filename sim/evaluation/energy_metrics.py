@@ -8,7 +8,6 @@ import numpy as np
 
 from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.schemas import metric
-from uuv.sim.plant.supply import BELOW, CHARGE, ENERGY, LEAST, VOLTAGE
 
 if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recording
@@ -28,7 +27,7 @@ class BatteryMetrics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergyMetrics:
-    """What all thrusters drew; arm and electronics draw nothing."""
+    """Energy drawn by all thrusters; arm and electronics draw nothing."""
 
     thrusters_j: float = metric("Electrical energy.", minimum=0)
     thrusters_wh: float = metric("The same.", minimum=0)
@@ -39,6 +38,9 @@ class EnergyMetrics:
 
 def energy_figures(recording: "Recording") -> EnergyMetrics | None:
     """Energy of a run; None where the thrusters have no tables of their current."""
+    # imports the simulation, which the help of a command does without
+    from uuv.sim.plant.supply import BELOW, CHARGE, ENERGY, LEAST, VOLTAGE
+
     supply = recording.supply
     if not supply.size or np.isnan(supply[ENERGY]):
         return None

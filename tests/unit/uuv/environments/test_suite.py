@@ -392,7 +392,7 @@ def wiped(force: float = 60.0, y: float = 0.0, gap: float | None = None) -> Wipe
 def test_wiping_is_done_within_the_bounds_and_spoiled_outside():
     assert wiped().done
     assert wiped(force=62.5).done
-    assert "off by 3.9 N RMS" in wiped(force=64.0).failed
+    assert "force error 3.9 N RMS" in wiped(force=64.0).failed
     assert "force error 10.0 N" in wiped(force=70.0).failed
     assert "4.0 mm path error" in wiped(y=0.004).failed
     assert wiped(gap=0.05).failed == "contact lost"

@@ -6,9 +6,9 @@ from typing import Any, cast
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.spatial import finite_number
 
-_MOST_VOLTS = 1000.0
-_MOST_AH = 1e5
-_MOST_OHM = 10.0
+_MOST_VOLTS = 1000.0  # [V]
+_MOST_AH = 1e5  # [A h]
+_MOST_OHM = 10.0  # [ohm]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,12 +6,9 @@ from typing import Any, cast
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.spatial import finite_number
 
-# largest voltage [V]
-_MOST_VOLTS = 1000.0
-# largest capacity [A h]
-_MOST_AH = 1e5
-# largest resistance [ohm]
-_MOST_OHM = 10.0
+_MOST_VOLTS = 1000.0  # [V]
+_MOST_AH = 1e5  # [A h]
+_MOST_OHM = 10.0  # [ohm]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,10 +24,8 @@ VOLTAGE = "voltage_V"
 CURRENT = "current_A"
 POWER = "power_W"
 
-# size of a file
-_MOST_BYTES = 5_000_000
-# voltages of a file
-_MOST_SHEETS = 40
+_MOST_BYTES = 5_000_000  # of a file
+_MOST_SHEETS = 40  # of a table
 _MOST_POINTS = 5000  # of a sheet
 # share of the full thrust by which it may fall towards the ends: noise, which is pooled
 _NOISE = 0.01

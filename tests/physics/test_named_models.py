@@ -168,7 +168,7 @@ def test_description_says_what_the_model_has(name):
     told, model = models.describe(name), compiled(name)
     assert told.source
     assert (told.name, told.floating) == (name, name in FLOATING)
-    assert (told.thrusters == 1) == (name in UNDERACTUATED)
+    assert (told.thrusters == 1) == (name == "remus100")
     assert (told.dof, told.thrusters) == (
         model.nv,
         sum(n.startswith("thruster_") for n in actuators(model)),

@@ -129,6 +129,10 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
     described = as_json(scenario)
 
     # Keys that came later are left out at their defaults, so that the digest stays.
+    if scenario.vehicle.battery is None:
+        del described["vehicle"]["battery"]
+    if scenario.control.operator is None:
+        del described["control"]["operator"]
     if not scenario.sensing.follow:
         del described["sensing"]["follow"]
     if scenario.site.flow is None:

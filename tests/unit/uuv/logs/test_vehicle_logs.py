@@ -22,6 +22,7 @@ DIRECTIONS = (-1, -1, 1, 1, -1, 1, 1, -1)
 ANGLES = (0.1, -0.25, 1.3)  # [rad] roll, pitch, yaw in NED
 RATES = (0.2, -0.1, 0.3)  # [rad/s] forward, right, down
 N = 120
+_STRUCT: dict[str, str] = {"N": "16s", "e": "i"}  # letters of dataflash that struct has otherwise
 
 
 def pulses_at(row):
@@ -65,7 +66,7 @@ def flash(tmp_path_factory):
     head = b"\xa3\x95"
 
     def described(number, name, form, labels):
-        size = 3 + struct.calcsize("<" + "".join({"N": "16s", "e": "i"}.get(c, c) for c in form))
+        size = 3 + struct.calcsize("<" + "".join(_STRUCT.get(c, c) for c in form))
         return head + struct.pack(
             "<BBB4s16s64s", 128, number, size, name.encode(), form.encode(), labels.encode()
         )

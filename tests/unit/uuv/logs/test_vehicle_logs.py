@@ -22,7 +22,6 @@ DIRECTIONS = (-1, -1, 1, 1, -1, 1, 1, -1)
 ANGLES = (0.1, -0.25, 1.3)  # [rad] roll, pitch, yaw in NED
 RATES = (0.2, -0.1, 0.3)  # [rad/s] forward, right, down
 N = 120
-_STRUCT: dict[str, str] = {"N": "16s", "e": "i"}  # letters of dataflash that struct has otherwise
 
 
 def pulses_at(row):
@@ -66,7 +65,8 @@ def flash(tmp_path_factory):
     head = b"\xa3\x95"
 
     def described(number, name, form, labels):
-        size = 3 + struct.calcsize("<" + "".join(_STRUCT.get(c, c) for c in form))
+        letters = form.replace("N", "16s").replace("e", "i")  # as struct has them
+        size = 3 + struct.calcsize("<" + letters)
         return head + struct.pack(
             "<BBB4s16s64s", 128, number, size, name.encode(), form.encode(), labels.encode()
         )

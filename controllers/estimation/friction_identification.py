@@ -284,19 +284,5 @@ class FrictionMotion:
             q = self._middle + self._swing * np.sin(phase)
             qd = np.zeros(len(self._middle))
 
-        return state, Reference(
-            time=estimate.time,
-            state=work,
-            X_WB=self._X_WB,
-            v_WB_W=np.zeros(3),
-            X_WG=None,
-            v_WG_W=np.zeros(3),
-            w_WG_W=np.zeros(3),
-            q=q,
-            qd=np.array(qd, dtype=np.float64),
-            set_force=0.0,
-            force_control=False,
-            tare=False,
-            scan=False,
-            path_s=0.0,
-        )
+        speeds = np.array(qd, dtype=np.float64)
+        return state, Reference.holding(estimate.time, self._X_WB, q, qd=speeds, state=work)

@@ -35,7 +35,7 @@ def settle(xml: Element, name: str) -> list[str]:
         A line about each kind of change.
 
     Raises:
-        ConfigurationError: a limit that is no number.
+        ConfigurationError: a limit is not a number.
     """
     changes: dict[str, list[str]] = {}
     held: dict[str, float] = {}
@@ -148,7 +148,7 @@ def speeds(xml: Element, name: str) -> dict[str, float]:
     """Rated speed [rad/s] or [m/s] of each joint that states one.
 
     Raises:
-        ConfigurationError: it is no number.
+        ConfigurationError: it is not a number.
     """
     stated = {}
 

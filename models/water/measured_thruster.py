@@ -1,5 +1,6 @@
 """Thrust, current and power of a thruster over pulse width and voltage, from measured sheets."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -11,7 +12,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 
 
-class MeasuredThruster:
+class MeasuredThruster(ABC):
     """Base of a thruster: what its sheets and its speed controller say.
 
     Pulses [us] must be in the range of the ESC, voltages [V] in that of the sheets; without one it
@@ -25,9 +26,9 @@ class MeasuredThruster:
     esc: Esc | None
     least_thrust: float  # [N]
 
+    @abstractmethod
     def static_curve(self) -> Array:
         """Its own static curve, as a row of `uuv.models.water.thruster_curves`."""
-        raise NotImplementedError
 
     def thrust(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
         """Steady thrust [N] in still water."""

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Any, Self
 
 import numpy as np
 
@@ -468,6 +469,31 @@ class Reference:
     target: Target | None = None  # that the work goes by: the mean of several finds; None: none yet
     # for navigation; None: the tool moves, or nothing new is to be said
     at_rest: ToolAtRest | None = None
+
+    @classmethod
+    def holding(cls, time: float, X_WB: Array, q: Array, **others: Any) -> Self:
+        """Set points that hold a hull pose (4, 4) and joint angles (n,) [rad], free of contact.
+
+        Args:
+            time: [s]
+            X_WB: Hull pose.
+            q: Joint angles.
+            **others: Fields that differ, such as `qd` or `state`, which is SETTLE.
+        """
+        at_rest = {
+            "state": WorkState.SETTLE,
+            "v_WB_W": _STILL,
+            "X_WG": None,
+            "v_WG_W": _STILL,
+            "w_WG_W": _STILL,
+            "qd": np.zeros_like(q),
+            "set_force": 0.0,
+            "force_control": False,
+            "tare": False,
+            "scan": False,
+            "path_s": 0.0,
+        }
+        return cls(time=time, X_WB=X_WB, q=q, **(at_rest | others))
 
     @property
     def in_contact(self) -> bool:

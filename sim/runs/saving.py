@@ -2,18 +2,28 @@
 
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from uuv.sim.interfaces.errors import ConfigurationError
 
 
 def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None = None) -> None:
-    """Write `content`, text in UTF-8, to `file` atomically: a reader sees the old file or the new.
+    """Write `content`, text in UTF-8, to `file`; otherwise as `whole_file`."""
+    with whole_file(file, part_in=part_in) as stream:
+        stream.write(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def whole_file(file: str | Path, *, part_in: Path | None = None) -> Iterator[BinaryIO]:
+    """Stream whose content becomes `file` at the end, atomically: a reader sees the old or the new.
+
+    Where the block raises, the old one stays.
 
     Args:
         file: File to write.
-        content: Its whole content.
         part_in: Folder of the temporary file, on the same file system; None: that of `file`.
 
     Raises:
@@ -28,7 +38,7 @@ def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None 
         try:
             part.unlink(missing_ok=True)
             with open(part, "wb", opener=_not_through_a_link) as stream:
-                stream.write(content.encode() if isinstance(content, str) else content)
+                yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
             part.replace(path)

@@ -144,22 +144,7 @@ class StationExpert:
             else (task.X_WH, _STILL)
         )
 
-        reference = Reference(
-            time=estimate.time,
-            state=WorkState.SETTLE,
-            X_WB=X_WB,
-            v_WB_W=v_WB_W,
-            X_WG=None,
-            v_WG_W=_STILL,
-            w_WG_W=_STILL,
-            q=self._home,
-            qd=np.zeros_like(self._home),
-            set_force=0.0,
-            force_control=False,
-            tare=False,
-            scan=False,
-            path_s=0.0,
-        )
+        reference = Reference.holding(estimate.time, X_WB, self._home, v_WB_W=v_WB_W)
 
         return np.clip(self._control.step(self._state, estimate, reference, self._arm_B), -1.0, 1.0)
 

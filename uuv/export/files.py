@@ -14,7 +14,7 @@ from uuv.export.topics import RosTypes, Topic, nanoseconds
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.reporting.series_tables import EVENTS, PastRun
-from uuv.sim.runs.saving import write_whole
+from uuv.sim.runs.saving import whole_file, write_whole
 
 _PROFILE = "ros2"
 _LATCHED = frozenset({"/robot_description", "/clouds"})  # topics whose last message stays valid
@@ -55,13 +55,28 @@ def write_mcap(
     with wanted():
         from mcap.writer import Writer
 
-    content = io.BytesIO()
-    writer = Writer(content)
-    writer.start(profile=_PROFILE, library="uuv-arm")
-    writer.add_metadata("run", dict(about))
+    with whole_file(file) as stream:
+        writer = Writer(stream)
+        writer.start(profile=_PROFILE, library="uuv-arm")
+        writer.add_metadata("run", dict(about))
+        channels = _channels(writer, topics, types)
 
+        count = 0
+        for time, number, index in ordered(topics):
+            topic = topics[number]
+            stamp = nanoseconds(time)
+            data = types.encoded(topic.kind, topic.message(index))
+            writer.add_message(channels[number], stamp, data, stamp, sequence=index)
+            count += 1
+
+        writer.finish()
+    return count
+
+
+def _channels(writer: Any, topics: Sequence[Topic], types: RosTypes) -> list[int]:
+    """Channel of each topic in an MCAP file, with the definition of its type."""
     schemas: dict[str, int] = {}
-    channels: list[int] = []
+    channels = []
     for topic in topics:
         if topic.kind not in schemas:
             text = types.definition(topic.kind).encode()
@@ -69,18 +84,7 @@ def write_mcap(
 
         qos = {"offered_qos_profiles": _QOS} if _is_latched(topic) else {}
         channels.append(writer.register_channel(topic.name, "cdr", schemas[topic.kind], qos))
-
-    count = 0
-    for time, number, index in ordered(topics):
-        topic = topics[number]
-        stamp = nanoseconds(time)
-        data = types.encoded(topic.kind, topic.message(index))
-        writer.add_message(channels[number], stamp, data, stamp, sequence=index)
-        count += 1
-
-    writer.finish()
-    write_whole(file, content.getvalue())
-    return count
+    return channels
 
 
 def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:

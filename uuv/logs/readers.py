@@ -36,6 +36,8 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array, shown
 LARGEST = 2 << 30  # [bytes] of a file
 _TO_OURS = np.array([1.0, -1.0, -1.0])  # from forward, right, down, and from north, east, down
 _MILLI = 1e-3  # of g, in a message
+_AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
+_GROUND_STATION = 255  # usual system number
 _CHANNELS = 16  # servo outputs of a message
 
 Message = tuple[float, Mapping[str, Any]]  # time [s] and fields
@@ -139,12 +141,13 @@ def _dataflash(path: Path, gathered: "Gathered") -> None:
 
 
 def _telemetry(path: Path, gathered: "Gathered") -> None:
-    """Messages of a .tlog, those of the vehicle's autopilot."""
+    """Messages of a .tlog, those of the first vehicle's autopilot."""
     from pymavlink import mavutil
 
     log = mavutil.mavlink_connection(str(path), robust_parsing=True)
     kinds = _TELEMETRY
     clock = _BootClock()
+    vehicle: int | None = None
     bad = 0
 
     while (message := log.recv_match()) is not None:
@@ -152,6 +155,13 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
         if kind == "BAD_DATA":
             bad += 1
             continue
+
+        # A ground station, a companion computer and another vehicle may speak too.
+        system = message.get_srcSystem()
+        foreign = system == _GROUND_STATION or vehicle not in (None, system)
+        if foreign or message.get_srcComponent() != _AUTOPILOT:
+            continue
+        vehicle = system
 
         time = clock.time_of(message)
         gathered.count(time)

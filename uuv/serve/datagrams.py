@@ -19,10 +19,11 @@ _PATIENCE = 0.2  # [s] after which a signal is looked for
 
 @dataclass(slots=True)
 class Endpoint:
-    """A bound socket, and the address that the last datagram came from."""
+    """A bound socket, and the address that it answers to."""
 
     bound: socket.socket
-    peer: tuple[str, int] | None = None
+    peer: tuple[str, int] | None = None  # that is answered
+    sender: tuple[str, int] | None = None  # of the last datagram
 
     @property
     def port(self) -> int:
@@ -34,7 +35,7 @@ class Endpoint:
         self.bound.settimeout(patience)
 
         try:
-            data, self.peer = self.bound.recvfrom(_LARGEST)
+            data, self.sender = self.bound.recvfrom(_LARGEST)
         except (TimeoutError, BlockingIOError):
             return None
         except ConnectionError:  # the peer of the last answer is gone; others may come
@@ -42,8 +43,12 @@ class Endpoint:
 
         return data
 
+    def answer_there(self) -> None:
+        """Answer from now on to where the last datagram came from: it was understood."""
+        self.peer = self.sender
+
     def send(self, data: bytes) -> bool:
-        """Send to where the last datagram came from; False: there is no way there."""
+        """Send to the peer; False: there is none, or no way there."""
         if self.peer is None:
             return False
         try:
@@ -88,4 +93,5 @@ def answer_all(
     while not ended():
         data = endpoint.receive()
         if data is not None and (content := reply(data)):
+            endpoint.answer_there()
             endpoint.send(content)

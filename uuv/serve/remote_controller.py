@@ -5,6 +5,7 @@ for at most `HELD` of simulated time. Without an answer for longer the command i
 the safety wrapper departs with the tool as it does when a controller fails.
 """
 
+import contextlib
 import math
 import time
 from dataclasses import asdict, dataclass, replace
@@ -31,6 +32,7 @@ from uuv.sim.interfaces.spatial import Array
 HELD = 0.2  # [s] simulated, for which a command holds
 PATIENCE = 10.0  # [s] on the wall that an answer is waited for in lockstep
 GREETING = 300.0  # [s] on the wall that a client is waited for at first
+_AT_ONCE = 64  # datagrams that are taken after a tick is due
 _AGAIN = 0.1  # [s] on the wall after which a frame is sent again
 _STATES = tuple(WorkState)
 
@@ -85,15 +87,9 @@ class UdpController:
         Raises:
             ConfigurationError: None came, or it does not answer.
         """
-        end = time.monotonic() + GREETING
-        while self._endpoint.peer is None:
-            self._endpoint.receive()
-            if time.monotonic() > end:
-                raise ConfigurationError(
-                    f"--port {self._endpoint.port}: no client within {GREETING:.0f} s"
-                )
-
-        self._ask(self._measured(estimate, _holding(estimate), client.START), GREETING)
+        await_client(self._endpoint)
+        held = Reference.holding(estimate.time, estimate.X_WB, estimate.q)
+        self._ask(self._measured(estimate, held, client.START), GREETING)
         if self._answered < self._count:
             raise ConfigurationError(
                 f"--port {self._endpoint.port}: the client sends no command within {GREETING:.0f} s"
@@ -154,12 +150,16 @@ class UdpController:
     def _listen_until(self, due: float) -> None:
         """Take what arrives until a time [s] on the pace's clock; at least what is there."""
         assert self._pace is not None
+        left = _AT_ONCE
         while True:
             wait = due - self._pace.clock()
             data = self._endpoint.receive(max(wait, 0.0))
             if data is not None:
                 self._take(data)
-            if wait <= 0.0 and data is None:
+
+            # A flood of datagrams does not hold up the run.
+            left -= wait <= 0.0
+            if wait <= 0.0 and (data is None or left == 0):
                 return
 
     def _send(self, frame: bytes) -> None:
@@ -170,11 +170,13 @@ class UdpController:
         """Take a datagram as a command, if it is one that is newer than the last."""
         try:
             frame = client.unpack(data)
-            if frame.kind == client.ENDED:  # a greeting
-                return
-            command = self._of_frame(frame)
+            command = None if frame.kind == client.ENDED else self._of_frame(frame)
         except PacketError:
             self.traffic.refused += 1
+            return
+
+        self._endpoint.answer_there()  # a client that comes again may have another port
+        if command is None:  # a greeting
             return
 
         if not self._answered < frame.count <= self._count:
@@ -275,25 +277,20 @@ class UdpController:
         )
 
 
-def _holding(estimate: StateEstimate) -> Reference:
-    """Set points that hold an estimate."""
-    still = np.zeros(3)
-    return Reference(
-        time=estimate.time,
-        state=WorkState.SETTLE,
-        X_WB=estimate.X_WB,
-        v_WB_W=still,
-        X_WG=None,
-        v_WG_W=still,
-        w_WG_W=still,
-        q=estimate.q,
-        qd=np.zeros_like(estimate.q),
-        set_force=0.0,
-        force_control=False,
-        tare=False,
-        scan=False,
-        path_s=0.0,
-    )
+def await_client(endpoint: Endpoint, patience: float = GREETING) -> None:
+    """Wait for the first frame of a client; what is none does not count.
+
+    Raises:
+        ConfigurationError: None came within `patience` [s].
+    """
+    end = time.monotonic() + patience
+    while endpoint.peer is None:
+        data = endpoint.receive()
+        with contextlib.suppress(PacketError):
+            if data is not None and client.unpack(data).kind != client.MEASURED:
+                endpoint.answer_there()
+        if time.monotonic() > end:
+            raise ConfigurationError(f"--port {endpoint.port}: no client within {patience:.0f} s")
 
 
 def _pose(name: str, X: Array | None) -> dict[str, list[float]]:

@@ -10,7 +10,7 @@ from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.pace import WallClock
 from uuv.scenario import Scenario
 from uuv.serve.datagrams import Endpoint
-from uuv.serve.remote_controller import UdpController
+from uuv.serve.remote_controller import UdpController, await_client
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
@@ -51,6 +51,7 @@ def run_remote(
         parts = replace(assembly.parts, controller=SafetyWrapper(remote, believed.model))
         return replace(assembly, loop=replace(assembly.loop, parts=parts))
 
+    await_client(endpoint)  # here, where Ctrl-C ends the command at once
     try:
         return command(
             scenario,

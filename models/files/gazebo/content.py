@@ -80,7 +80,7 @@ def numbers_in(
         counts: that are allowed; none: any.
 
     Raises:
-        ConfigurationError: they are no numbers, or of another count.
+        ConfigurationError: an entry is not a number, or their count differs.
     """
     text = element.findtext(tag)
     if text is None:

@@ -1,4 +1,4 @@
-"""Cases of random scenes: what is seen, what is known of it beforehand, and its identification."""
+"""Cases of random scenes: the depth frame, the coarse pose it is identified from, the result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

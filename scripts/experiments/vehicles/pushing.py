@@ -272,23 +272,7 @@ class StayPut:
         Returns:
             State, reference.
         """
-        none = np.zeros(3)
-        return state, Reference(
-            time=estimate.time,
-            state=WorkState.WORK,
-            X_WB=state,
-            v_WB_W=none,
-            X_WG=None,
-            v_WG_W=none,
-            w_WG_W=none,
-            q=self._q,
-            qd=np.zeros(len(self._q)),
-            set_force=0.0,
-            force_control=False,
-            tare=False,
-            scan=False,
-            path_s=0.0,
-        )
+        return state, Reference.holding(estimate.time, state, self._q, state=WorkState.WORK)
 
 
 def holdable_directions(

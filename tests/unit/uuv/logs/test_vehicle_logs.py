@@ -34,6 +34,10 @@ def tlog(tmp_path_factory):
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
     link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    others = [  # a ground station, a camera on board, another vehicle
+        mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+        for system, component in ((255, 1), (1, 100), (7, 1))
+    ]
     messages = [(0.0, link.param_value_encode(b"FRAME_CONFIG", 2.0, 9, 9, 0))]
     messages += [
         (0.0, link.param_value_encode(f"MOT_{n}_DIRECTION".encode(), float(sign), 9, 9, n))
@@ -52,9 +56,15 @@ def tlog(tmp_path_factory):
         ]
 
     file = tmp_path_factory.mktemp("logs") / "dive.tlog"
-    stamps = [struct.pack(">Q", 1_700_000_000_000_000 + round(1e6 * t)) for t, _ in messages]
+    packed = [(time, message.pack(link)) for time, message in messages]
+    for other in others:
+        foreign = other.attitude_encode(5000 + 50 * N, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        packed.append((0.05 * N, foreign.pack(other)))
+    packed.insert(0, packed[-3])  # the ground station speaks first
+
+    stamps = [struct.pack(">Q", 1_700_000_000_000_000 + round(1e6 * time)) for time, _ in packed]
     file.write_bytes(
-        b"".join(stamp + m.pack(link) for stamp, (_, m) in zip(stamps, messages, strict=True))
+        b"".join(stamp + data for stamp, (_, data) in zip(stamps, packed, strict=True))
     )
     return file
 

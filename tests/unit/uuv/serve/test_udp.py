@@ -2,6 +2,7 @@
 
 import math
 import random
+import socket
 import threading
 from dataclasses import replace
 
@@ -169,17 +170,21 @@ def test_foreign_datagrams_are_counted_and_change_nothing():
         rng = np.random.default_rng(9)
 
         original = Client.send
+        stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
         def noisy(self, measured, **words):
-            self._socket.send(rng.bytes(int(rng.integers(1, 300))))
             other = drawn(client.COMMANDED, rng, joints=3)
             self._socket.send(pack(replace(other, count=measured.count)))
             original(self, measured, **words)
+            # The stranger speaks last.
+            stranger.sendto(rng.bytes(int(rng.integers(1, 300))), ("127.0.0.1", endpoint.port))
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Client, "send", noisy)
             holding.start()
-            outcome, remote = served(endpoint, longest=0.1)
+            outcome, remote = served(endpoint, pace=WallClock(0.2), longest=0.1)
+        stranger.close()
+    assert remote.traffic.taken >= 6  # of 10: no measurement went to the stranger
     assert remote.traffic.refused >= 10
     assert remote.traffic.silent == 0
     assert np.isfinite(outcome.recording["p_WB"].value).all()

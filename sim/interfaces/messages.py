@@ -480,6 +480,7 @@ class Reference:
             q: Joint angles.
             **others: Fields that differ, such as `qd` or `state`, which is SETTLE.
         """
+        # All that a planner says of motion and contact: nothing.
         at_rest = {
             "state": WorkState.SETTLE,
             "v_WB_W": _STILL,
@@ -493,6 +494,7 @@ class Reference:
             "scan": False,
             "path_s": 0.0,
         }
+
         return cls(time=time, X_WB=X_WB, q=q, **(at_rest | others))
 
     @property

@@ -87,6 +87,16 @@ def _channels(writer: Any, topics: Sequence[Topic], types: RosTypes) -> list[int
     return channels
 
 
+def check_bag(folder: Path) -> None:
+    """Refuse a folder for a bag that is there already.
+
+    Raises:
+        ConfigurationError: It is.
+    """
+    if folder.exists():
+        raise ConfigurationError(f"bag {folder}: exists already; a bag needs a new folder")
+
+
 def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:
     """Write all messages to a ROS 2 bag, a new folder; returns their number.
 
@@ -96,17 +106,25 @@ def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:
     """
     with wanted():
         from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+        from rosbags.rosbag2.metadata import parse_qos
 
-    if folder.exists():
-        raise ConfigurationError(f"--bag {folder}: exists already; a bag needs a new folder")
+    check_bag(folder)
+    latched = parse_qos(_QOS)
 
     count = 0
     bag = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
     bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with bag as writer:
         connections = [
-            writer.add_connection(topic.name, topic.kind, typestore=types.store) for topic in topics
+            writer.add_connection(
+                topic.name,
+                topic.kind,
+                typestore=types.store,
+                offered_qos_profiles=latched if _is_latched(topic) else (),
+            )
+            for topic in topics
         ]
+
         for time, number, index in ordered(topics):
             topic = topics[number]
             data = types.encoded(topic.kind, topic.message(index))

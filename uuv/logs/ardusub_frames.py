@@ -42,6 +42,7 @@ FRAMES = {
         dtype=np.float64,
     ),
 }
+FRAME_CONFIGS = {1: "vectored", 2: "vectored_6dof"}  # by the autopilot's parameter
 USUAL_VEHICLES = {"vectored": "bluerov2", "vectored_6dof": "bluerov2_heavy"}  # by the frame
 
 # Rows of a wrench in hull axes (forward, port, up) for the axes of the factors, and their signs:

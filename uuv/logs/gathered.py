@@ -3,21 +3,33 @@
 import contextlib
 import math
 import struct
+from array import array
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from uuv.logs.ardusub_frames import FRAME_CONFIGS, FRAMES
 from uuv.logs.vehicle_log import LABELS, UNITS, Stream, VehicleLog
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.spatial import Array
 
-MOST = 5_000_000  # messages of a log
-_FRAMES = {1: "vectored", 2: "vectored_6dof"}  # FRAME_CONFIG of ArduSub
+MOST = 5_000_000  # messages of a log that are read
 # What libraries raise at a file that is cut or forged.
 BROKEN = (
     *(ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, OSError),
     *(OverflowError, RuntimeError, AssertionError, struct.error, ZeroDivisionError),
 )
+Key = tuple[str, int, str]  # quantity, rank and description of a source
+
+
+@dataclass(slots=True)
+class _Samples:
+    """Samples of one source, packed."""
+
+    labels: tuple[str, ...]
+    time: array = field(default_factory=lambda: array("d"))
+    values: array = field(default_factory=lambda: array("d"))
 
 
 class Gathered:
@@ -26,15 +38,14 @@ class Gathered:
     def __init__(self, what: str) -> None:
         """For a log of that description."""
         self.what = what
-        self.messages = 0
-        self._first = math.inf
-        self._last = -math.inf
+        self.messages = 0  # that were read
+        self.has_position = True  # the autopilot's filter has a source for it, by its own word
         self._parameters: dict[str, float] = {}
-        self._rows: dict[tuple[str, int, str], list[tuple[float, Array]]] = {}
-        self._labels: dict[str, tuple[str, ...]] = {}
+        self._sources: dict[Key, _Samples] = {}
+        self._left_out: dict[str, int] = {}  # samples by reason
         self._notes: list[str] = []
 
-    def count(self, time: float | None) -> None:
+    def count(self) -> None:
         """Note a message.
 
         Raises:
@@ -43,18 +54,20 @@ class Gathered:
         self.messages += 1
         if self.messages > MOST:
             raise ConfigurationError(f"{self.what}: more than {MOST} messages")
-        if time is not None and math.isfinite(time):
-            self._first = min(self._first, time)
-            self._last = max(self._last, time)
 
     def note(self, line: str) -> None:
         """Keep a line for the reader of the log."""
         self._notes.append(one_line(line))
 
+    def leave_out(self, reason: str) -> None:
+        """Count a sample that is not taken."""
+        self._left_out[reason] = self._left_out.get(reason, 0) + 1
+
     def parameter(self, name: str, value: Any) -> None:
-        """Keep a parameter of the autopilot."""
+        """Keep a parameter of the autopilot, if it is a number."""
         with contextlib.suppress(TypeError, ValueError):
-            self._parameters[name] = float(value)
+            if math.isfinite(number := float(value)):
+                self._parameters[name] = number
 
     def add(
         self,
@@ -66,69 +79,89 @@ class Gathered:
         rank: int = 0,
         labels: tuple[str, ...] = (),
     ) -> None:
-        """Add a sample; of several sources of a quantity that of the lowest rank is taken."""
+        """Add a sample; of several sources of a quantity that of the lowest rank is taken.
+
+        Args:
+            quantity: Such as `ATTITUDE` (`uuv.logs.vehicle_log`).
+            time: [s]
+            values: (k,) in SI units and our axes.
+            source: Message or topic, with unit and axes there.
+            rank: Of the source.
+            labels: Names of the values, where the log names them; their order may change.
+        """
         sample = np.asarray(values, dtype=np.float64)
-        if math.isfinite(time) and np.isfinite(sample).all():
-            self._rows.setdefault((quantity, rank, source), []).append((time, sample))
-            if labels:
-                self._labels[quantity] = labels
+        if not (math.isfinite(time) and np.isfinite(sample).all()):
+            self.leave_out(f"{quantity}: not finite")
+            return
+
+        key = quantity, rank, source
+        names = labels or tuple(str(i + 1) for i in range(len(sample)))
+        samples = self._sources.setdefault(key, _Samples(names))
+        if samples.labels != names:
+            if sorted(samples.labels) != sorted(names):
+                self.leave_out(f"{source}: other names than at first")
+                return
+            sample = sample[[names.index(name) for name in samples.labels]]
+
+        samples.time.append(time)
+        samples.values.extend(sample)
 
     def log(self, name: str, kind: str) -> VehicleLog:
         """The log of all that was added."""
         streams: dict[str, Stream] = {}
-        for quantity, _, source in sorted(self._rows, key=lambda key: key[:2]):
-            if quantity not in streams:
-                rows = next(
-                    rows
-                    for key, rows in self._rows.items()
-                    if (key[0], key[2]) == (quantity, source)
-                )
-                streams[quantity] = self._stream(quantity, rows, source)
+        for key in sorted(self._sources, key=lambda key: key[:2]):
+            if key[0] not in streams and len(self._sources[key].time) > 1:
+                streams[key[0]] = self._stream(key)
 
-        # What the autopilot's parameters say of its motors.
-        motors = [
-            int(self._parameters[name])
-            for name in (f"MOT_{n}_DIRECTION" for n in range(1, 9))
-            if name in self._parameters
-        ]
-        frame = _FRAMES.get(int(self._parameters.get("FRAME_CONFIG", -1)), "")
+        start = min((float(stream.time[0]) for stream in streams.values()), default=0.0)
+        end = max((float(stream.time[-1]) for stream in streams.values()), default=0.0)
+        for reason, count in self._left_out.items():
+            self.note(f"{count} samples left out: {reason}")
 
-        # Only as many as the frame has.
-        count = {"vectored": 6, "vectored_6dof": 8}.get(frame, len(motors))
+        frame = FRAME_CONFIGS.get(int(self._parameters.get("FRAME_CONFIG", -1)), "")
         return VehicleLog(
             name=name,
             kind=kind,
-            duration=max(0.0, self._last - self._first) if self.messages else 0.0,
+            duration=end - start,
             messages=self.messages,
-            streams=streams,
+            streams={quantity: stream.from_time(start) for quantity, stream in streams.items()},
             frame=frame,
-            directions=tuple(motors[:count]),
+            directions=self._directions(frame),
             notes=tuple(self._notes),
         )
 
-    def _stream(self, quantity: str, rows: list[tuple[float, Array]], source: str) -> Stream:
+    def _directions(self, frame: str) -> tuple[int, ...]:
+        """MOT_n_DIRECTION of the motors of a frame; empty if one of them is not known."""
+        motors = range(1, len(FRAMES[frame]) + 1) if frame else ()
+        known = [self._parameters.get(f"MOT_{motor}_DIRECTION") for motor in motors]
+        stated = [int(direction) for direction in known if direction in (1.0, -1.0)]
+        return tuple(stated) if len(stated) == len(known) else ()
+
+    def _stream(self, key: Key) -> Stream:
         """Samples in the order of time; one that repeats a time, or goes back, is left out."""
-        width = len(rows[0][1])
-        kept = [row for row in rows if len(row[1]) == width]
-        time = np.array([row[0] for row in kept])
-        values = np.array([row[1] for row in kept])
+        quantity, _, source = key
+        samples = self._sources[key]
+        time = np.array(samples.time)
+        values = np.array(samples.values).reshape(len(time), -1)
 
-        rising = np.r_[True, time[1:] > np.maximum.accumulate(time)[:-1]]
-
+        rising = _rising(time)
         if not rising.all():
             self.note(f"{quantity}: {int((~rising).sum())} samples whose time does not rise")
 
         # Names and unit, of the quantity or of the log.
-        labels, unit = LABELS.get(
-            quantity,
-            (
-                self._labels.get(quantity, tuple(str(i + 1) for i in range(width))),
-                UNITS.get(quantity, ""),
-            ),
-        )
+        labels, unit = LABELS.get(quantity, (samples.labels, UNITS.get(quantity, "")))
+        return Stream(time[rising], values[rising], labels, unit, source)
 
-        start = self._first if math.isfinite(self._first) else 0.0
-        return Stream(time[rising] - start, values[rising], labels, unit, source)
+
+def _rising(time: Array) -> np.ndarray:
+    """Mask (N,) of times that rise, without outliers: a single time that is wrong costs itself.
+
+    Seen from the front a time must exceed all before it, from the back be below all after it; an
+    outlier ahead spoils the first way, one behind the second.
+    """
+    ahead = np.r_[True, time[1:] > np.maximum.accumulate(time)[:-1]]
+    behind = np.r_[time[:-1] < np.minimum.accumulate(time[::-1])[::-1][1:], True]
+    return ahead if ahead.sum() >= behind.sum() else behind
 
 
 def short(error: BaseException) -> str:

@@ -49,8 +49,7 @@ def write_picture(file: Path, log: VehicleLog) -> None:
 
 def _pulses(axis: Any, log: VehicleLog) -> None:
     pulses = log.streams[PULSES]
-    motors = len(log.directions) or pulses.values.shape[1]
-    for motor in range(motors):
+    for motor in range(log.motors):
         axis.step(
             pulses.time, pulses.values[:, motor], where="post", lw=0.8, label=f"motor {motor + 1}"
         )

@@ -9,6 +9,7 @@ import gc
 import importlib
 import io
 import math
+import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -38,6 +39,13 @@ _TO_OURS = np.array([1.0, -1.0, -1.0])  # from forward, right, down, and from no
 _MILLI = 1e-3  # of g, in a message
 _AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 _GROUND_STATION = 255  # usual system number
+_RESTART = 1.0  # [s] by which a clock may go back without being a new one
+_WRAP = 2**32 * 1e-6  # [s] after which microseconds of 32 bits begin anew
+# Status of ArduPilot's filter: horizontal position relative or absolute; constant, for want of one.
+_PLACED = 8 | 16
+_CONSTANT = 128
+_NO_SOURCE = "the autopilot's filter had no source of the position"
+_BESIDE = ("BAD_DATA", "PARAM_VALUE", "EKF_STATUS_REPORT")  # messages without a sample
 _CHANNELS = 16  # servo outputs of a message
 
 Message = tuple[float, Mapping[str, Any]]  # time [s] and fields
@@ -78,12 +86,13 @@ def _check_file(path: Path, what: str) -> None:
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
             raise ConfigurationError(f"{what}: a folder without metadata.yaml is no ROS bag")
-        return
-    if not path.is_file():
+    elif not path.is_file():
         raise ConfigurationError(f"{what}: there is no such file")
-    if path.suffix.lower() not in ENDINGS:
+    elif path.suffix.lower() not in ENDINGS:
         raise ConfigurationError(f"{what}: allowed are {', '.join(ENDINGS)}, or a bag's folder")
-    if path.stat().st_size > LARGEST:
+
+    files = path.iterdir() if path.is_dir() else (path,)
+    if sum(file.stat().st_size for file in files) > LARGEST:
         raise ConfigurationError(f"{what}: larger than {LARGEST >> 30} GB")
 
 
@@ -98,27 +107,31 @@ def _ardupilot(
         importlib.import_module("pymavlink")
 
     gathered = Gathered(what)
-    with _quiet():
+    with _quiet() as printed:
         try:
             read(path, gathered)
         except ConfigurationError:
             raise
         except Exception as error:  # the plain class is what pymavlink raises
             gathered.note(f"damaged after {gathered.messages} messages: {short(error)}")
+
+    skipped = sum(map(int, re.findall(r"[Ss]kipped (\d+) bad bytes", printed.getvalue())))
+    if skipped:
+        gathered.note(f"{skipped} bytes of the file are no message")
     return gathered.log(path.name, kind)
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _quiet() -> Iterator[io.StringIO]:
     """Around pymavlink: it prints what it skips, and leaves files open where it fails."""
-    silence = io.StringIO()
+    printed = io.StringIO()
     with (
-        contextlib.redirect_stdout(silence),
-        contextlib.redirect_stderr(silence),
+        contextlib.redirect_stdout(printed),
+        contextlib.redirect_stderr(printed),
         warnings.catch_warnings(),
     ):
         warnings.simplefilter("ignore", ResourceWarning)
-        yield
+        yield printed
         gc.collect()  # what was left open is closed here, not at some later warning
 
 
@@ -127,17 +140,13 @@ def _dataflash(path: Path, gathered: "Gathered") -> None:
     from pymavlink import DFReader
 
     log = DFReader.DFReader_binary(str(path), zero_time_base=True)
-    kinds = _DATAFLASH
 
-    while (message := log.recv_match()) is not None:
-        kind = message.get_type()
-        time = getattr(message, "TimeUS", None)
-        gathered.count(None if time is None else 1e-6 * time)
-
-        if kind == "PARM":
+    while (message := log.recv_match(type=["PARM", *_DATAFLASH])) is not None:
+        gathered.count()
+        if message.get_type() == "PARM":
             gathered.parameter(str(message.Name), message.Value)
-        elif kind in kinds and time is not None:
-            kinds[kind](gathered, 1e-6 * time, message)
+        else:
+            _DATAFLASH[message.get_type()](gathered, 1e-6 * message.TimeUS, message)
 
 
 def _telemetry(path: Path, gathered: "Gathered") -> None:
@@ -145,12 +154,11 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
     from pymavlink import mavutil
 
     log = mavutil.mavlink_connection(str(path), robust_parsing=True)
-    kinds = _TELEMETRY
     clock = _BootClock()
     vehicle: int | None = None
     bad = 0
 
-    while (message := log.recv_match()) is not None:
+    while (message := log.recv_match(type=[*_BESIDE, *_TELEMETRY])) is not None:
         kind = message.get_type()
         if kind == "BAD_DATA":
             bad += 1
@@ -163,36 +171,51 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
             continue
         vehicle = system
 
+        gathered.count()
         time = clock.time_of(message)
-        gathered.count(time)
-
         if kind == "PARAM_VALUE":
             gathered.parameter(str(message.param_id), message.param_value)
-        elif kind in kinds and time is not None:
-            kinds[kind](gathered, time, message)
+        elif kind == "EKF_STATUS_REPORT":  # which has no time, and needs none
+            gathered.has_position = _has_position(int(message.flags))
+        elif time is not None:
+            _TELEMETRY[kind](gathered, time, message)
 
     if bad:
         gathered.note(f"{bad} parts of the file are no message")
+    if clock.restarts:
+        gathered.note(f"the vehicle restarted {clock.restarts} times; its clock is made to go on")
 
 
 class _BootClock:
     """Time [s] of telemetry by the vehicle's own clock; messages without it are put on it."""
 
     def __init__(self) -> None:
+        self.restarts = 0
         self._ahead = math.inf  # [s] least difference between the recorder's clock and that
+        self._boot = 0.0  # [s] newest time since the vehicle's start
+        self._shift = 0.0  # [s] of that, since the vehicle began anew
 
     def time_of(self, message: Any) -> float | None:
-        """Time since the vehicle's start; before that is known, None."""
-        recorded = getattr(message, "_timestamp", None)
-        boot_ms = getattr(message, "time_boot_ms", 0)
-        since_start = 1e-3 * boot_ms or 1e-6 * getattr(message, "time_usec", 0)
-        if recorded is None:
-            return since_start or None
+        """Time since the vehicle's first start; before that is known, None."""
+        recorded = float(message._timestamp)
+        by_recorder = recorded - self._ahead if math.isfinite(self._ahead) else None
 
-        if since_start:
-            self._ahead = min(self._ahead, recorded - since_start)
-            return since_start
-        return recorded - self._ahead if math.isfinite(self._ahead) else None
+        boot_ms = getattr(message, "time_boot_ms", 0)
+        if boot_ms:
+            boot = 1e-3 * boot_ms
+            if boot < self._boot - _RESTART and by_recorder is not None:
+                self.restarts += 1
+                self._shift = by_recorder - boot
+            self._boot = boot
+            self._ahead = min(self._ahead, recorded - boot - self._shift)
+            return boot + self._shift
+
+        # Microseconds since the start, of 32 bits in some messages, or of an epoch in others.
+        if by_recorder is None:
+            return None
+        since_start = 1e-6 * getattr(message, "time_usec", 0) + self._shift
+        since_start += round((by_recorder - since_start) / _WRAP) * _WRAP
+        return since_start if abs(since_start - by_recorder) < _RESTART else by_recorder
 
 
 def quaternion_xyzw(roll: float, pitch: float, yaw: float) -> Array:
@@ -221,12 +244,27 @@ def _imu(to: Gathered, time: float, m: Any) -> None:
 def _xkf1(to: Gathered, time: float, m: Any) -> None:
     if getattr(m, "C", 0):  # a second filter
         return
+    if not to.has_position:
+        to.leave_out(_NO_SOURCE)
+        return
+
     source = "XKF1, NED: the autopilot's estimate"
     to.add(POSITION, time, _TO_OURS * [m.PN, m.PE, m.PD], f"{source} [m]")
     angles = np.radians([m.Roll, m.Pitch, m.Yaw])
     velocity = _TO_OURS * [m.VN, m.VE, m.VD]
     in_hull = Rotation.from_quat(quaternion_xyzw(*angles)).inv().apply(velocity)
     to.add(VELOCITY, time, in_hull, f"{source} [m/s], turned into the hull")
+
+
+def _xkf4(to: Gathered, time: float, m: Any) -> None:
+    del time
+    if not getattr(m, "C", 0):
+        to.has_position = _has_position(int(m.SS))
+
+
+def _has_position(status: int) -> bool:
+    """Whether the autopilot's filter knows where it is: without GPS and DVL it assumes to stand."""
+    return bool(status & _PLACED) and not status & _CONSTANT
 
 
 def _ctun(to: Gathered, time: float, m: Any) -> None:
@@ -250,6 +288,9 @@ def _raw_imu(to: Gathered, time: float, m: Any) -> None:
 
 
 def _local_position(to: Gathered, time: float, m: Any) -> None:
+    if not to.has_position:
+        to.leave_out(_NO_SOURCE)
+        return
     source = "LOCAL_POSITION_NED: the autopilot's estimate"
     to.add(POSITION, time, _TO_OURS * [m.x, m.y, m.z], f"{source} [m]")
 
@@ -267,6 +308,7 @@ _DATAFLASH: dict[str, Callable[[Gathered, float, Any], None]] = {
     "ATT": _att,
     "IMU": _imu,
     "XKF1": _xkf1,
+    "XKF4": _xkf4,
     "CTUN": _ctun,
     "RCOU": _rcou,
 }

@@ -26,6 +26,7 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array
 _WATER_DENSITY = 1025.0  # [kg/m^3] of sea water, for depths from pressures
 _AIR = 101_325.0  # [Pa] at the surface
 _NOT_MEASURED = -1.0  # begins a covariance
+_RC_OUT = "std_msgs/Header header\nuint16[] channels\n"  # of a package that is not in ROS
 _SECOND = 1e-9  # [s] of a nanosecond
 
 
@@ -38,19 +39,20 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
     """
     with wanted():
         from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     gathered = Gathered(what)
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg(_RC_OUT, "mavros_msgs/msg/RCOut"))
 
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader = AnyReader([path], default_typestore=types)
         with reader:
             _read(reader, gathered)
     except ConfigurationError:
         raise
     except (AnyReaderError, *BROKEN) as error:
         if not gathered.messages:
-            # nothing of it is known
             raise ConfigurationError(
                 f"{what}: is not a complete bag or MCAP file ({short(error)})"
             ) from error
@@ -70,10 +72,13 @@ def _read(reader: Any, gathered: Gathered) -> None:
     if others:
         gathered.note(f"topics of types that are not read: {', '.join(others)}")
 
+    if not connections:  # of which the reader would make all
+        return
+
     for connection, stamp, raw in reader.messages(connections):
         message = reader.deserialize(raw, connection.msgtype)
         time = _time_of(message, stamp)
-        gathered.count(time)
+        gathered.count()
         rank = order.index(connection.topic)
         _TYPES[connection.msgtype](gathered, time, message, connection.topic, rank)
 

@@ -4,10 +4,11 @@ World: z up, x to the north where the log knows it (of a ROS log: its own). Hull
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from uuv.logs.ardusub_frames import FRAMES, NEUTRAL
 from uuv.sim.interfaces.spatial import Array
 
 ATTITUDE = "attitude"
@@ -30,7 +31,6 @@ LABELS = {  # of a stream's columns, and their unit
 UNITS = {PULSES: "us", THRUSTS: "N", JOINTS: "rad"}
 _GAP = 5.0  # median steps without a sample are a gap
 _STILL = 40.0  # [us] a pulse that differs by less from neutral hardly drives
-_NEUTRAL = 1500.0  # [us]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +47,10 @@ class Stream:
     def rate(self) -> float:
         """Samples a second [Hz], by the median step; 0 for a single sample."""
         return 1.0 / float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
+
+    def from_time(self, start: float) -> "Stream":
+        """The same with times since `start` [s]."""
+        return replace(self, time=self.time - start)
 
     @property
     def gaps(self) -> tuple[int, float]:
@@ -76,9 +80,14 @@ class VehicleLog:
         if pulses is None:
             return None
 
-        motors = pulses.values[:, : len(self.directions) or None]
-        on = (motors > 0.0) & (np.abs(motors - _NEUTRAL) > _STILL)
+        motors = pulses.values[:, : self.motors]
+        on = (motors > 0.0) & (np.abs(motors - NEUTRAL) > _STILL)
         return float(on.any(axis=1).mean())
+
+    @property
+    def motors(self) -> int:
+        """Number of outputs that are motors': the first ones; all, where no frame is known."""
+        return len(FRAMES[self.frame]) if self.frame else self.streams[PULSES].values.shape[1]
 
     def lacking(self) -> list[str]:
         """What an identification of the water needs or wants, and is not there; in words."""
@@ -93,6 +102,8 @@ class VehicleLog:
             lines.append("no motion: none of rates, specific force, position, velocity")
         if PULSES in have and not self.frame:
             lines.append("no motor frame: which output is which thruster is not known")
+        if PULSES in have and self.frame and not self.directions:
+            lines.append("no MOT_n_DIRECTION of each motor: whether a pulse drives ahead or astern")
 
         pulses = have.get(PULSES)
         if pulses is not None and 0.0 < pulses.rate < 8.0:

@@ -24,7 +24,7 @@ from uuv.serve.served_vehicle import DiveSite, ServedVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 
 _COUNTS = 1 << 32  # the frame count begins anew after as many
-_FEW = 1 << 16  # packets; a count that falls by fewer, not to the start, came late
+_FEW = 1 << 16  # packets; by fewer a count rises in a gap, or falls in one that came late
 _FIRST = 1  # a count up to this one is that of a start
 _DOWN = 1  # number of the range finder that looks down
 _TO_FRD = np.array([1.0, -1.0, -1.0])  # from forward, port, up; also from our world to NED
@@ -88,8 +88,13 @@ class ArduPilotDoor:
         self._count = -1  # of the last packet; -1: none yet
         self._answer = b""
 
-    def reply(self, datagram: bytes) -> bytes:
+    def reply(self, datagram: bytes, interrupts: bool = False) -> bytes:
         """Answer (JSON) to a datagram; empty where it is no packet.
+
+        Args:
+            datagram: As it arrived.
+            interrupts: Another sender's than the last one's, who spoke just now: it counts if an
+                autopilot begins with it.
 
         Raises:
             HydrodynamicsError: The motion diverged.
@@ -97,10 +102,10 @@ class ArduPilotDoor:
         try:
             packet = servo_packet(datagram)
         except ConfigurationError as error:
-            self.traffic.refused += 1
-            self.traffic.reason = str(error)
-            return b""
+            return self._refuse(str(error))
 
+        if interrupts and packet.frame_count > _FIRST:
+            return self._refuse(f"packet {packet.frame_count} of a second sender")
         if self._count >= 0 and not self._is_next(packet.frame_count):
             return self._answer
 
@@ -110,6 +115,12 @@ class ArduPilotDoor:
         self._answer = answer(self._motion())
         return self._answer
 
+    def _refuse(self, reason: str) -> bytes:
+        """Count a datagram that is not answered."""
+        self.traffic.refused += 1
+        self.traffic.reason = reason
+        return b""
+
     def _is_next(self, count: int) -> bool:
         """Whether a count asks for a step; a gap before it and a restart are noted."""
         traffic = self.traffic
@@ -118,7 +129,7 @@ class ArduPilotDoor:
         if ahead == 0:
             traffic.repeated += 1
             return False
-        if count > self._count or ahead < _FEW:  # the count may have begun anew after the last
+        if ahead < _FEW:  # the count may have begun anew after the last
             traffic.lost += ahead - 1
             return True
 

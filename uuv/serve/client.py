@@ -16,6 +16,7 @@ import contextlib
 import math
 import socket
 import struct
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -52,6 +53,10 @@ MEASUREMENT: dict[str, int | str] = {
     "q": "n",
     "qd": "n",
     "tau": "n",
+    "tau_doubt": "n",
+    "object_moved_W": 3,
+    "gyro_off_B": 3,
+    "attitude_off_B": 3,
     # Set points.
     "set_time": 1,
     "state": 1,
@@ -67,6 +72,7 @@ MEASUREMENT: dict[str, int | str] = {
     "qd_set": "n",
     "set_force": 1,
     "path_s": 1,
+    "lost_thrust": "m",
 }
 # Numbers of a frame with a command after its header; m: one for each thruster.
 COMMAND: dict[str, int | str] = {
@@ -79,6 +85,8 @@ COMMAND: dict[str, int | str] = {
     "current_W": 3,
 }
 LARGEST = 16_384  # [bytes] of a frame
+_GREETING = 300.0  # [s] that the first frame is waited for
+_PATIENCE = 0.5  # [s] after which hello is said again
 _UNKNOWN = (math.nan,)
 
 
@@ -122,8 +130,8 @@ def pack(frame: Packet) -> bytes:
             raise PacketError(f"{name}: is missing")
 
         value = frame.values[name]
-        entries = [value] if isinstance(value, int | float) else list(value)
         width = _width(size, frame.joints, frame.thrusters)
+        entries = [float(value)] if size == 1 else list(value)
 
         if len(entries) != width:
             raise PacketError(f"{name}: must have {width} numbers, got {len(entries)}")
@@ -142,7 +150,7 @@ def unpack(data: bytes) -> Packet:
     """
     if len(data) < HEADER.size:
         raise PacketError(f"a frame has at least {HEADER.size} bytes, got {len(data)}")
-    kind, version, joints, thrusters, count, flags, lost, time = HEADER.unpack_from(data)
+    kind, version, joints, thrusters, count, flags, lost, stamp = HEADER.unpack_from(data)
 
     if kind not in (MEASURED, COMMANDED, ENDED):
         raise PacketError(f"a frame begins with UUVM, UUVC or UUVE, got {kind!r}")
@@ -164,7 +172,7 @@ def unpack(data: bytes) -> Packet:
         part = numbers[start : start + width]
         values[name] = part[0] if size == 1 else part
         start += width
-    return Packet(kind, joints, thrusters, count, flags, lost, time, values)
+    return Packet(kind, joints, thrusters, count, flags, lost, stamp, values)
 
 
 def _fields(kind: bytes) -> dict[str, int | str]:
@@ -179,14 +187,15 @@ class Client:
     """Connection to `uuv serve udp`: iterate over its measurements, and send a command for each."""
 
     def __init__(
-        self, host: str = "127.0.0.1", port: int = PORT, *, patience: float = 60.0
+        self, host: str = "127.0.0.1", port: int = PORT, *, patience: float = 10.0
     ) -> None:
-        """Say hello, so that the simulation knows where to send.
+        """Open the connection.
 
         Args:
             host: Address of the simulation.
             port: Its port.
-            patience: [s] without a frame after which the simulation is taken as gone.
+            patience: [s] without a frame after which the simulation is taken as gone; the first
+                frame is waited for 300 s, for a simulation may have to compile.
         """
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.connect((host, port))
@@ -201,39 +210,60 @@ class Client:
         self._socket.close()
 
     def __iter__(self) -> Iterator[Packet]:
-        """Measurements, the newest each time, until the simulation ends."""
-        waited = 0.0
-        self.hello()
-        while waited < self._patience:
-            self._socket.settimeout(0.5)
-            try:
-                frame = unpack(self._socket.recv(LARGEST))
-            except (TimeoutError, ConnectionError):
-                waited += 0.5
+        """Measurements until the simulation ends, the newest each time.
+
+        One with the flag START begins a run; its answer is not carried out.
+
+        Raises:
+            TimeoutError: The simulation is gone.
+        """
+        end = time.monotonic() + _GREETING
+        while True:
+            frame = self._newest()
+            if frame is None:
+                if time.monotonic() > end:
+                    raise TimeoutError("no frame of the simulation")
                 self.hello()
                 continue
-            except PacketError:
-                continue
 
-            waited = 0.0
+            end = time.monotonic() + self._patience
             if frame.kind == ENDED:
                 return
-            if frame.kind != MEASURED or frame.count < self._count:
-                continue  # a greeting, or a measurement that came late
-
             if frame.count == self._count:  # asked again: the answer was lost
                 if self._sent:
-                    self._socket.send(self._sent)
+                    self._transmit(self._sent)
                 continue
+            if frame.count < self._count and not frame.flag(START):
+                continue  # it came late
 
             self._count = frame.count
             self._sent = b""
             yield frame
 
+    def _newest(self) -> Packet | None:
+        """Newest frame that is there, or comes within half a second."""
+        newest: Packet | None = None
+        self._socket.settimeout(_PATIENCE)
+        while True:
+            try:
+                frame = unpack(self._socket.recv(LARGEST))
+            except PacketError:
+                continue
+            except ConnectionError:  # nobody listens yet, or any more
+                time.sleep(0.0 if newest else _PATIENCE)
+                return newest
+            except (TimeoutError, BlockingIOError):
+                return newest
+
+            if frame.kind != COMMANDED:
+                newest = frame
+            if frame.kind == ENDED:
+                return newest
+            self._socket.settimeout(0.0)
+
     def hello(self) -> None:
         """Ask for measurements."""
-        with contextlib.suppress(ConnectionError):  # nobody listens yet
-            self._socket.send(HEADER.pack(ENDED, VERSION, 0, 0, 0, 0, 0, 0.0))
+        self._transmit(HEADER.pack(ENDED, VERSION, 0, 0, 0, 0, 0, 0.0))
 
     def send(
         self,
@@ -272,4 +302,8 @@ class Client:
             measured, kind=COMMANDED, flags=measured.flags & SCAN, lost=0, values=values
         )
         self._sent = pack(command)
-        self._socket.send(self._sent)
+        self._transmit(self._sent)
+
+    def _transmit(self, data: bytes) -> None:
+        with contextlib.suppress(ConnectionError):  # nobody listens
+            self._socket.send(data)

@@ -6,7 +6,9 @@ size is bounded, and nothing in them is executed.
 
 import contextlib
 import ipaddress
+import math
 import socket
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -14,6 +16,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 LOOPBACK = "127.0.0.1"
 _LARGEST = 65_507  # [bytes] of a datagram's content
+_SILENCE = 2.0  # [s] of a peer after which another may take over
 _PATIENCE = 0.2  # [s] after which a signal is looked for
 
 
@@ -24,6 +27,7 @@ class Endpoint:
     bound: socket.socket
     peer: tuple[str, int] | None = None  # that is answered
     sender: tuple[str, int] | None = None  # of the last datagram
+    heard: float = -math.inf  # [s] time.monotonic() at which the peer was last understood
 
     @property
     def port(self) -> int:
@@ -46,6 +50,11 @@ class Endpoint:
     def answer_there(self) -> None:
         """Answer from now on to where the last datagram came from: it was understood."""
         self.peer = self.sender
+        self.heard = time.monotonic()
+
+    def interrupts(self, silence: float) -> bool:
+        """Whether the last datagram is of another than the peer, who spoke within `silence` [s]."""
+        return self.sender != self.peer and time.monotonic() - self.heard < silence
 
     def send(self, data: bytes) -> bool:
         """Send to the peer; False: there is none, or no way there."""
@@ -66,12 +75,12 @@ def listening(port: int, address: str = LOOPBACK) -> Iterator[Endpoint]:
         ConfigurationError: No port or address, or it is in use.
     """
     if not 0 <= port <= 65_535:
-        raise ConfigurationError(f"--port: must be 0 to 65535, got {port}")
+        raise ConfigurationError(f"port: must be 0 to 65535, got {port}")
     try:
         family = socket.AF_INET6 if ipaddress.ip_address(address).version == 6 else socket.AF_INET
     except ValueError as error:
         raise ConfigurationError(
-            f"--listen: must be an IP address of this machine, got {address!r}"
+            f"listen: must be an IP address of this machine, got {address!r}"
         ) from error
 
     # Closed at the end, whatever happens.
@@ -81,17 +90,23 @@ def listening(port: int, address: str = LOOPBACK) -> Iterator[Endpoint]:
 
         except OSError as error:
             raise ConfigurationError(
-                f"--port {port}: cannot listen on {address} ({error.strerror or error})"
+                f"port {port}: cannot listen on {address} ({error.strerror or error})"
             ) from error
         yield Endpoint(bound)
 
 
 def answer_all(
-    endpoint: Endpoint, reply: Callable[[bytes], bytes], ended: Callable[[], bool]
+    endpoint: Endpoint, reply: Callable[[bytes, bool], bytes], ended: Callable[[], bool]
 ) -> None:
-    """Answer datagrams until `ended` is true; an empty reply is not sent."""
+    """Answer datagrams until `ended` is true.
+
+    Args:
+        endpoint: Bound socket.
+        reply: Answer to a datagram, empty for none, and whether it interrupts the peer's.
+        ended: Asked between two datagrams.
+    """
     while not ended():
         data = endpoint.receive()
-        if data is not None and (content := reply(data)):
+        if data is not None and (content := reply(data, endpoint.interrupts(_SILENCE))):
             endpoint.answer_there()
             endpoint.send(content)

@@ -32,7 +32,10 @@ def pose(p: Sequence[float], R: Sequence[float]) -> Array:
 
 def estimate_of(frame: Packet) -> StateEstimate:
     """The estimate in a measurement."""
-    names = ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma", "q", "qd", "tau")
+    names = (
+        *("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma", "q", "qd", "tau"),
+        *("object_moved_W", "gyro_off_B", "attitude_off_B"),
+    )
     arrays: dict[str, Any] = {name: np.array(getattr(frame, name)) for name in names}
 
     return StateEstimate(
@@ -43,6 +46,7 @@ def estimate_of(frame: Packet) -> StateEstimate:
         dvl_age=frame.dvl_age,
         imu_age=frame.imu_age,
         imu_jump_age=frame.imu_jump_age,
+        tau_doubt=None if np.isnan(frame.tau_doubt).any() else np.array(frame.tau_doubt),
         **arrays,
     )
 
@@ -71,6 +75,7 @@ def reference_of(frame: Packet) -> Reference:
         compliant=frame.flag(client.COMPLIANT),
         standing=frame.flag(client.STANDING),
         lost_thrusters=lost,
+        lost_thrust=tuple(frame.lost_thrust[i] for i in lost),
     )
 
 
@@ -84,11 +89,11 @@ def main(job: str, port: int = client.PORT) -> None:
     with client.Client(port=port) as vehicle:
         for frame in vehicle:
             estimate = estimate_of(frame)
-            # The time tells too: the frame with the flag may be lost.
-            if reference is None or frame.flag(client.FRESH) or frame.set_time != reference.time:
+            if reference is None or frame.flag(client.FRESH):
                 reference = reference_of(frame)
-            if state is None:
+            if state is None or frame.flag(client.START):
                 state = controller.init(estimate)
+
             if frame.flag(client.START):
                 idle = [0.0] * frame.joints
                 vehicle.send(frame, joint_torque=idle, thrusters=[0.0] * frame.thrusters)

@@ -32,6 +32,7 @@ from uuv.sim.interfaces.spatial import Array
 HELD = 0.2  # [s] simulated, for which a command holds
 PATIENCE = 10.0  # [s] on the wall that an answer is waited for in lockstep
 GREETING = 300.0  # [s] on the wall that a client is waited for at first
+_SILENCE = 1.0  # [s] on the wall, of the client, after which another may take over
 _AT_ONCE = 64  # datagrams that are taken after a tick is due
 _AGAIN = 0.1  # [s] on the wall after which a frame is sent again
 _STATES = tuple(WorkState)
@@ -77,8 +78,10 @@ class UdpController:
         self._pace = pace
         self._count = 0
         self._answered = -1  # count of the newest command
+        self._sent: dict[int, float] = {}  # [s] simulated time by the count of a frame
         self._command: Command | None = None
-        self._reference: Reference | None = None
+        self._reference: Reference | None = None  # last one that was sent
+        self._since = 0  # count from which it was
         self._gone = False
 
     def init(self, estimate: StateEstimate) -> None:
@@ -92,7 +95,7 @@ class UdpController:
         self._ask(self._measured(estimate, held, client.START), GREETING)
         if self._answered < self._count:
             raise ConfigurationError(
-                f"--port {self._endpoint.port}: the client sends no command within {GREETING:.0f} s"
+                f"port {self._endpoint.port}: the client sends no command within {GREETING:.0f} s"
             )
         self._command = None
 
@@ -105,8 +108,10 @@ class UdpController:
 
         # Out with the measurement, in with what answers it.
         self._count += 1
-        frame = self._measured(estimate, reference)
+        if reference is not self._reference:
+            self._since = self._count
         self._reference = reference
+        frame = self._measured(estimate, reference)
         if self._pace is None:
             self._ask(frame, PATIENCE)
         elif self._command is None and not self.traffic.silent:
@@ -169,6 +174,8 @@ class UdpController:
     def _take(self, data: bytes) -> None:
         """Take a datagram as a command, if it is one that is newer than the last."""
         try:
+            if self._endpoint.interrupts(_SILENCE):
+                raise PacketError("a second client")
             frame = client.unpack(data)
             command = None if frame.kind == client.ENDED else self._of_frame(frame)
         except PacketError:
@@ -183,8 +190,10 @@ class UdpController:
             self.traffic.stale += 1
             return
 
+        # Its age is that of the measurement, whatever the client says.
         self._answered = frame.count
-        self._command = command
+        self._command = replace(command, time=self._sent[frame.count])
+        self._sent = {count: time for count, time in self._sent.items() if count > frame.count}
         self.traffic.taken += 1
 
     def _of_frame(self, frame: Packet) -> Command:
@@ -215,7 +224,7 @@ class UdpController:
         """Loads on the hull; the last object where nothing changed, as between two hull steps."""
         wrench = np.array(values["arm_wrench_B"])
         current = np.array(values["current_W"])
-        if not np.isfinite(wrench).all():
+        if not (np.isfinite(wrench).all() and np.isfinite(current).all()):
             return None
 
         last = None if self._command is None else self._command.hull_load
@@ -234,7 +243,7 @@ class UdpController:
             (client.TARE, reference.tare),
             (client.COMPLIANT, reference.compliant),
             (client.STANDING, reference.standing),
-            (client.FRESH, reference is not self._reference),
+            (client.FRESH, self._answered < self._since),  # until the client has had them
         ):
             flags |= mask if is_set else 0
 
@@ -242,8 +251,13 @@ class UdpController:
         values: dict[str, Any] = _pose("WB", estimate.X_WB)
         for name in ("vision_age", "dvl_age", "imu_age", "imu_jump_age", "attitude_sigma"):
             values[name] = getattr(estimate, name)
-        for name in ("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma", "q", "qd", "tau"):
+        for name in (
+            *("v_WB_B", "w_WB_B", "a_WB_B", "position_sigma", "q", "qd", "tau"),
+            *("object_moved_W", "gyro_off_B", "attitude_off_B"),
+        ):
             values[name] = getattr(estimate, name).tolist()
+        doubt = estimate.tau_doubt
+        values["tau_doubt"] = self._joints * [math.nan] if doubt is None else doubt.tolist()
 
         # The set points.
         values |= {
@@ -259,13 +273,22 @@ class UdpController:
             "qd_set": reference.qd.tolist(),
             "set_force": reference.set_force,
             "path_s": reference.path_s,
+            "lost_thrust": self._lost_thrust(reference),
         }
 
+        self._sent[self._count] = estimate.time
         lost = sum(1 << thruster for thruster in reference.lost_thrusters)
         sizes = (self._joints, self._thrusters)
         return client.pack(
             Packet(client.MEASURED, *sizes, self._count, flags, lost, estimate.time, values)
         )
+
+    def _lost_thrust(self, reference: Reference) -> list[float]:
+        """Thrust [N] that each thruster gives although it is not to be used."""
+        thrusts = self._thrusters * [0.0]
+        for thruster, thrust in zip(reference.lost_thrusters, reference.lost_thrust, strict=False):
+            thrusts[thruster] = thrust
+        return thrusts
 
     def _none(self, estimate: StateEstimate, reference: Reference) -> Command:
         """A command that is not a number."""
@@ -290,7 +313,7 @@ def await_client(endpoint: Endpoint, patience: float = GREETING) -> None:
             if data is not None and client.unpack(data).kind != client.MEASURED:
                 endpoint.answer_there()
         if time.monotonic() > end:
-            raise ConfigurationError(f"--port {endpoint.port}: no client within {patience:.0f} s")
+            raise ConfigurationError(f"port {endpoint.port}: no client within {patience:.0f} s")
 
 
 def _pose(name: str, X: Array | None) -> dict[str, list[float]]:

@@ -39,7 +39,7 @@ def run_remote(
         UuvError: The rate is out of bounds, no client came, or the work could not begin.
     """
     if not (math.isfinite(rate) and SLOWEST <= rate <= FASTEST):
-        raise ConfigurationError(f"--rate [Hz]: must be {SLOWEST:g} to {FASTEST:g}, got {rate:g}")
+        raise ConfigurationError(f"rate [Hz]: must be {SLOWEST:g} to {FASTEST:g}, got {rate:g}")
 
     pace = None if options.pace is None else WallClock(options.pace)
     remotes: list[UdpController] = []

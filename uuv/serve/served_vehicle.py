@@ -152,9 +152,12 @@ class ServedVehicle:
 
     @property
     def altitude(self) -> float:
-        """Distance [m] from the hull's origin along its own down axis to the bottom, or inf."""
+        """Distance [m] from the hull's origin along its own down axis to the bottom, or inf.
+
+        The bottom is no obstacle: below it the distance is 0.
+        """
         R_WB = np.empty(9)
         mujoco.mju_quat2Mat(R_WB, self.quat_WB_wxyz)
         down = float(R_WB.reshape(3, 3)[2, 2])
         height = self.water.bottom + float(self.p_WB[2])
-        return height / down if down > 0.0 else math.inf
+        return max(height, 0.0) / down if down > 0.0 else math.inf

@@ -75,6 +75,11 @@ def _commands(log: VehicleLog, pulses: Stream, vehicle: Vehicle) -> Stream:
             f"log {log.name}: servo outputs without a motor frame that is known (FRAME_CONFIG): "
             "which thruster each drives is not known"
         )
+    if not log.directions:
+        raise ConfigurationError(
+            f"log {log.name}: MOT_n_DIRECTION of the motors is not in it: whether a pulse drives "
+            "ahead or astern is not known"
+        )
     motors = MotorMap.of(
         log.frame, vehicle.thruster_wrench, directions=log.directions, vehicle="the vehicle"
     )

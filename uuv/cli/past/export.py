@@ -40,6 +40,11 @@ def main(verb: str, args: Sequence[str]) -> int:
         if file is not None and not file.parent.is_dir():
             raise ConfigurationError(f"export: there is no folder {str(file.parent)!r}")
 
+    if options.bag is not None:
+        from uuv.export.files import check_bag
+
+        check_bag(options.bag)
+
     written = _exported(folder, options)
     if options.json:
         print_json(written)

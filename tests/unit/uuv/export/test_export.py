@@ -12,6 +12,7 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from run_records import every_run
+from untyped import untyped
 from uuv import models
 from uuv.cli.main import main
 from uuv.export.robot_description import robot_description
@@ -165,6 +166,16 @@ def test_messages_are_the_series_by_the_readers_of_ros(kind, export, folder, run
     points = cloud.data.view("<f4").reshape(-1, 3)
     assert np.array_equal(points, PastRun.of(folder).clouds["scan"].astype("<f4"))
     assert "<robot" in read["/robot_description"][0][1].data
+
+
+def test_what_stays_valid_is_latched_in_the_bag_as_in_the_mcap_file(export, tmp_path):
+    assert export("--mcap", tmp_path / "run.mcap", "--bag", tmp_path / "bag")[0] == 0
+    for path in (tmp_path / "run.mcap", tmp_path / "bag"):
+        with AnyReader([path]) as bag:
+            profiles = {c.topic: untyped(c.ext).offered_qos_profiles for c in bag.connections}
+        latched = {topic: qos for topic, qos in profiles.items() if qos}
+        assert set(latched) == {"/robot_description", "/clouds/scan"}
+        assert {qos[0].durability.name for qos in latched.values()} == {"TRANSIENT_LOCAL"}
 
 
 def test_messages_are_in_the_order_of_time(export, tmp_path):

@@ -191,19 +191,35 @@ def test_a_cut_file_is_read_up_to_there_and_a_foreign_one_refused(file, tmp_path
 
 @pytest.mark.parametrize("kind", ["tlog", "flash", "bag"])
 def test_damage_is_read_or_refused_in_one_line_and_never_silent(kind, request, tmp_path):
-    whole = request.getfixturevalue(kind).read_bytes()
-    suffix = {"tlog": ".tlog", "flash": ".BIN", "bag": ".mcap"}[kind]
+    source = request.getfixturevalue(kind)
+    whole = source.read_bytes()
     rng = np.random.default_rng(17)
     for trial in range(4):
         content = bytearray(whole)
-        for at in rng.integers(0, len(content), 30):
+        for at in rng.integers(0, len(content), 10):
             content[at] = rng.integers(256)
-        file = tmp_path / f"{trial}{suffix}"
-        file.write_bytes(content[: rng.integers(1, len(content))])
+        file = tmp_path / f"{trial}{source.suffix}"
+        file.write_bytes(content)
+
         log = read_or_refuse(file)
         for stream in log.streams.values() if log else ():
             assert np.isfinite(stream.values).all()
             assert (np.diff(stream.time) > 0).all()
+        if log and any(len(stream.time) < N for stream in log.streams.values()):
+            assert log.notes
+
+
+def test_a_time_that_is_wrong_costs_one_sample(flash, tmp_path):
+    content = bytearray(flash.read_bytes())
+    at = content.index(b"\xa3\x95\x02", len(content) // 2) + 3  # TimeUS of an ATT
+    content[at + 6] ^= 0x40
+    file = tmp_path / "flipped.BIN"
+    file.write_bytes(content)
+
+    log = read_vehicle_log(file)
+    assert len(log.streams[vehicle_log.ATTITUDE].time) == N - 1
+    assert log.duration == pytest.approx(read_vehicle_log(flash).duration, abs=0.1)
+    assert any("time does not rise" in line for line in log.notes)
 
 
 def read_or_refuse(file):
@@ -299,3 +315,138 @@ def test_the_verb_says_rates_motors_and_what_is_missing(tlog, tmp_path, monkeypa
     assert content["frame"] == "vectored_6dof"
     assert content["streams"]["servo pulses"]["rate_hz"] == pytest.approx(20.0)
     assert (tmp_path / "log.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def telemetry(file, packets):
+    """A .tlog of (recorder's time [s], message) of one vehicle."""
+    from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+    link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    stamped = [
+        struct.pack(">Q", round(1e6 * (1_700_000_000 + time))) + message(link).pack(link)
+        for time, message in packets
+    ]
+    file.write_bytes(b"".join(stamped))
+    return read_vehicle_log(file)
+
+
+def test_microseconds_of_32_bits_begin_anew(tmp_path):
+    def servo(boot):
+        return lambda link: link.servo_output_raw_encode(round(1e6 * boot) % 2**32, 0, *[1500] * 8)
+
+    def attitude(boot):
+        return lambda link: link.attitude_encode(round(1e3 * boot), *ANGLES, *RATES)
+
+    begin = 4290.0  # [s] since the vehicle's start; the wrap is at 4294.967
+    packets = []
+    for row in range(100):
+        packets += [(0.1 * row, attitude(begin + 0.1 * row)), (0.1 * row, servo(begin + 0.1 * row))]
+    streams = telemetry(tmp_path / "long.tlog", packets).streams
+    pulses = streams[vehicle_log.PULSES]
+    assert len(pulses.time) == 100
+    assert pulses.time == pytest.approx(streams[vehicle_log.ATTITUDE].time, abs=1e-3)
+
+
+def test_a_vehicle_that_restarts_goes_on_in_time(tmp_path):
+    def attitude(boot):
+        return lambda link: link.attitude_encode(round(1e3 * boot), *ANGLES, *RATES)
+
+    before = [(0.1 * row, attitude(50.0 + 0.1 * row)) for row in range(40)]
+    after = [(10.0 + 0.1 * row, attitude(2.0 + 0.1 * row)) for row in range(40)]
+    log = telemetry(tmp_path / "restarted.tlog", [*before, *after])
+    time = log.streams[vehicle_log.ATTITUDE].time
+    assert len(time) == 80
+    assert time[40] == pytest.approx(10.0, abs=0.01)
+    assert any("restarted 1 times" in line for line in log.notes)
+
+
+def test_a_filter_without_a_source_of_position_gives_none(tmp_path):
+    def status(flags):
+        return lambda link: link.ekf_status_report_encode(flags, 0, 0, 0, 0, 0)
+
+    def position(boot):
+        return lambda link: link.local_position_ned_encode(
+            round(1e3 * boot), 1.0, 2.0, 3.0, 0.0, 0.0, 0.0
+        )
+
+    def packets(flags):
+        return [(0.0, status(flags)), *((0.1 * row, position(5 + 0.1 * row)) for row in range(9))]
+
+    assert vehicle_log.POSITION in telemetry(tmp_path / "placed.tlog", packets(831)).streams
+    log = telemetry(tmp_path / "still.tlog", packets(0x00A7))
+    assert vehicle_log.POSITION not in log.streams
+    assert any("9 samples left out" in line for line in log.notes)
+
+
+def test_a_direction_that_is_missing_leaves_all_unknown(tmp_path, vehicle):
+    def parameter(name, value):
+        return lambda link: link.param_value_encode(name.encode(), value, 9, 9, 0)
+
+    packets = [(0.0, parameter("FRAME_CONFIG", 2.0))]
+    packets += [(0.0, parameter(f"MOT_{n}_DIRECTION", 1.0)) for n in range(1, 9) if n != 3]
+    for row in range(60):
+        packets += [
+            (
+                0.1 * row,
+                lambda link, row=row: link.attitude_encode(5000 + 100 * row, *ANGLES, *RATES),
+            ),
+            (
+                0.1 * row,
+                lambda link, row=row: link.servo_output_raw_encode(
+                    5_000_000 + 100_000 * row, 0, *[1600] * 8
+                ),
+            ),
+        ]
+    log = telemetry(tmp_path / "less.tlog", packets)
+    assert log.directions == ()
+    assert log.driven == 1.0
+    assert any("MOT_n_DIRECTION" in line for line in log.lacking())
+    with pytest.raises(ConfigurationError, match="MOT_n_DIRECTION"):
+        read_as_water_log(
+            tmp_path / "less.tlog", vehicle, thrusters=vehicle.thruster_names, joints={}
+        )
+
+
+@pytest.fixture
+def joints(tmp_path):
+    """A bag of two topics with joint states; the names of the first one change their order."""
+    types = RosTypes()
+    folder = tmp_path / "arm"
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kind = "sensor_msgs/msg/JointState"
+        arm, gripper = (
+            writer.add_connection(topic, kind, typestore=types.store)
+            for topic in ("/joint_states", "/gripper/joint_states")
+        )
+        for row in range(20):
+            names = ["a", "b"] if row % 2 == 0 else ["b", "a"]
+            for topic, name, value in (
+                (arm, names, [1.0, 2.0] if row % 2 == 0 else [2.0, 1.0]),
+                (gripper, ["left", "right"], [8.0, 9.0]),
+            ):
+                message = types.make(
+                    "JointState",
+                    header=types.header(0.1 * row + 1.0, ""),
+                    name=name,
+                    position=np.array(value),
+                    velocity=np.zeros(2),
+                    effort=np.zeros(2),
+                )
+                writer.write(topic, round(1e8 * row + 1e9), types.encoded(kind, message))
+    return folder
+
+
+def test_joints_keep_their_names_whatever_their_order_and_other_topics(joints):
+    stream = read_vehicle_log(joints).streams[vehicle_log.JOINTS]
+    assert stream.labels == ("a", "b")
+    assert np.array_equal(stream.values, np.tile([1.0, 2.0], (20, 1)))
+
+
+def test_a_bag_without_a_type_that_is_read_says_so(tmp_path):
+    types = RosTypes()
+    kind = "std_msgs/msg/String"
+    with Writer(tmp_path / "talk", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/chatter", kind, typestore=types.store)
+        writer.write(topic, 0, types.encoded(kind, types.make("String", data="hello")))
+    with pytest.raises(ConfigurationError, match="std_msgs/msg/String"):
+        read_vehicle_log(tmp_path / "talk")

@@ -209,6 +209,19 @@ def test_what_is_no_packet_is_not_answered(data, message):
     assert door.traffic.refused == 1
 
 
+def test_a_second_sender_is_not_answered_until_it_begins_anew():
+    door = ArduPilotDoor("vectored")
+    for count in range(20):
+        door.reply(packet(count))
+    assert door.reply(packet(4_000_000_000), interrupts=True) == b""
+    assert door.reply(packet(7), interrupts=True) == b""
+    assert (door.traffic.refused, door.traffic.restarts) == (2, 0)
+    assert motion(door.reply(packet(20)))["timestamp"] == pytest.approx(21 / RATE)
+
+    # An autopilot that was restarted has another port.
+    assert motion(door.reply(packet(0), interrupts=True))["timestamp"] == pytest.approx(1 / RATE)
+
+
 def test_random_datagrams_change_nothing():
     door = ArduPilotDoor("vectored")
     rng = np.random.default_rng(11)

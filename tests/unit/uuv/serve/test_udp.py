@@ -5,6 +5,7 @@ import random
 import socket
 import threading
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,11 +15,11 @@ from uuv.assembly import assemble
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.pace import WallClock
 from uuv.runner import run
-from uuv.serve import client, datagrams
+from uuv.serve import client, datagrams, own_controller
 from uuv.serve.client import Client, Packet, PacketError, pack, unpack
 from uuv.serve.remote_controller import UdpController
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.messages import FaultKind, WorkState
 
 
 def drawn(kind, rng, joints=6, thrusters=8):
@@ -116,10 +117,10 @@ class Lossy:
         return getattr(self._link, name)
 
 
-def served(endpoint, pace=None, longest=0.4):
-    """A run of open water whose controller is behind the socket; the run and its controller."""
-    assembly = assemble(jobs.open_water(quick=True))
-    remote = UdpController(endpoint, assembly.own.vehicle, period=0.01, pace=pace)
+def served(endpoint, *, pace=None, longest=0.4, scenario=None, period=0.01):
+    """A run, of open water by default, with its controller behind the socket; and that one."""
+    assembly = assemble(scenario or jobs.open_water(quick=True))
+    remote = UdpController(endpoint, assembly.own.vehicle, period=period, pace=pace)
     guarded = SafetyWrapper(remote, assembly.own.model)
     parts = replace(assembly.parts, controller=guarded)
     outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)), longest=longest)
@@ -146,10 +147,62 @@ def test_a_client_that_goes_silent_leads_to_the_safety_wrappers_departure(monkey
     with datagrams.listening(0) as endpoint:
         holding = Holding(endpoint.port, ends=0.2)
         holding.start()
-        outcome, remote = served(endpoint)
-    assert remote.traffic.silent > 0
-    assert outcome.recording.final.abort is not None or outcome.recording.duration >= 0.4
-    assert np.isfinite(outcome.recording["p_WB"].value).all()
+        outcome, remote = served(endpoint, longest=1.0)
+    assert remote.traffic.silent == 1  # the wrapper asks no more after the first
+    command = outcome.result.last.command
+    assert [fault.kind for fault in command.faults] == [FaultKind.CONTROLLER]
+    assert 0.2 < command.faults[0].time < 0.3
+    assert np.isfinite(command.joint_torque).all()
+
+
+def test_the_projects_own_controller_gives_the_built_in_trajectory_to_the_bit():
+    scenario = jobs.clean_barrel(quick=True)
+    built_in = run(assemble(scenario), longest=0.4)
+    with datagrams.listening(0) as endpoint:
+        arguments = ("clean-barrel", endpoint.port)
+        threading.Thread(target=own_controller.main, args=arguments, daemon=True).start()
+        outcome, _ = served(endpoint, scenario=scenario, period=0.002)
+    assert outcome.recording.digest() == built_in.recording.digest()
+
+
+def test_the_age_of_a_command_is_the_measurements_whatever_the_client_says():
+    lies = [math.nan, 1e9]
+    original = client.pack
+
+    def lying(frame):
+        lie = lies.pop() if frame.kind == client.COMMANDED and lies else frame.time
+        return original(replace(frame, time=lie))
+
+    with datagrams.listening(0) as endpoint, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(client, "pack", lying)
+        Holding(endpoint.port).start()
+        _, remote = served(endpoint, longest=0.1)
+    assert remote.traffic.silent == 0
+    assert remote.traffic.oldest_s == 0.0
+
+
+def test_a_simulation_that_begins_again_is_a_new_run_for_the_client():
+    with datagrams.listening(0) as endpoint:
+        Holding(endpoint.port).start()
+        for _ in range(2):  # the first one ends without a word
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(UdpController, "close", lambda _: None)
+                _, remote = served(endpoint, longest=0.1)
+            assert remote.traffic.taken >= 10
+
+
+def test_a_client_gives_up_when_the_simulation_is_gone(monkeypatch):
+    monkeypatch.setattr(client, "_GREETING", 0.3)
+    with datagrams.listening(0) as endpoint:
+        port = endpoint.port
+    with Client(port=port) as vehicle, pytest.raises(TimeoutError, match="no frame"):
+        next(iter(vehicle))
+
+
+def test_the_page_has_the_states_as_they_are_numbered():
+    page = (Path(__file__).parents[4] / "docs" / "udp.md").read_text(encoding="utf-8")
+    listed = ", ".join(f"{number} {state}" for number, state in enumerate(WorkState))
+    assert listed in " ".join(page.split())
 
 
 def test_paced_the_run_goes_on_with_a_command_that_still_holds():

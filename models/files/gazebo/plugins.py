@@ -185,8 +185,7 @@ def _ardupilot_limits(
 
             if multiplier and kind == "COMMAND":
                 ends = (multiplier * offset, multiplier * (1.0 + offset))
-                if min(ends) < 0.0 < max(ends):
-                    limits[joint] = min(ends), max(ends)
+                limits[joint] = min(ends), max(ends)
 
     return limits
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from uuv.models.files.holding import follow
 from uuv.models.files.mesh_shapes import MESHES, OTHERS, LinkMesh, add_meshes
-from uuv.models.files.ros_packages import mesh_file
+from uuv.models.files.ros_packages import look_anew, mesh_file
 from uuv.models.files.urdf import UrdfRobot, parse
 from uuv.models.files.urdf_joints import listed, taken_mimics
 from uuv.models.files.urdf_places import (
@@ -64,6 +64,7 @@ def spec_of_urdf(
         ConfigurationError: an inertia that no body has, a mesh that is needed and not there, or
             MuJoCo does not accept it.
     """
+    look_anew()
     robot, notes = with_floating_root(robot) if floats else (robot, [])
     notes += robot.notes
     coupled = taken_mimics(robot.xml, robot.name)

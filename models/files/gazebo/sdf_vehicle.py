@@ -11,7 +11,7 @@ from uuv.models.files.gazebo.plugins import content_of
 from uuv.models.files.gazebo.sdf import WORLD, SdfJoint, SdfModel, tree_order
 from uuv.models.files.holding import follow
 from uuv.models.files.mesh_shapes import MESHES, OTHERS, LinkMesh, add_meshes
-from uuv.models.files.ros_packages import mesh_file
+from uuv.models.files.ros_packages import look_anew, mesh_file
 from uuv.models.files.urdf_joints import limits_of, listed, taken_mimics
 from uuv.models.files.urdf_places import INERTIA_ENTRIES, LONGEST, figure, origin_of
 from uuv.models.files.urdf_vehicle import as_vehicle, mended_tensor
@@ -50,6 +50,7 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
     Raises:
         ConfigurationError: numbers that are none, or an inertia that no body has.
     """
+    look_anew()
     spec = mujoco.MjSpec()
     spec.modelname = model.xml.get("name", "")
     spec.compiler.degree = False

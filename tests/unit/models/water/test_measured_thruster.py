@@ -124,6 +124,13 @@ def test_a_command_in_share_newtons_or_pulses() -> None:
     assert t200.command(share) == share
 
 
+@pytest.mark.parametrize("newtons", [-30.0, -5.0, 2.0, 17.0, 45.0])
+def test_a_pulse_for_newtons_gives_them_at_the_usual_voltage(newtons: float) -> None:
+    t200 = thrusters.t200()
+    pulse = float(t200_sheets.ESC.pulse(t200.command(newtons, "N")))
+    assert t200.thrust(pulse) == pytest.approx(newtons, abs=1e-9)
+
+
 def test_an_esc_has_range_dead_band_and_direction() -> None:
     esc = Esc(low_us=1000.0, neutral_us=1400.0, high_us=2000.0, dead_band_us=25.0, direction=-1)
     assert esc.command([1000.0, 1380.0, 1400.0, 1700.0, 2000.0]).tolist() == [1, 0, 0, -0.5, -1]

@@ -89,10 +89,7 @@ class Plant(WithWater):
             PhysicsWarning: The vehicle has no coefficients, and the model no fluid of MuJoCo's.
         """
         _check(model, substeps)
-        hydrodynamics.install()
-        hydrodynamics.check(model)
-        hydrodynamics.check_constants(model)
-        fill_up(model)
+        _make_ready(model)
         self.model = model
         self.vehicle = vehicle = Vehicle.of(model, names)
         self.data = mujoco.MjData(model) if data is None else data
@@ -451,6 +448,14 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
         )
     if not isinstance(substeps, int) or substeps < 1:
         raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
+
+
+def _make_ready(model: mujoco.MjModel) -> None:
+    """Install the process's callbacks, check the model's water, and fill its battery up."""
+    hydrodynamics.install()
+    hydrodynamics.check(model)
+    hydrodynamics.check_constants(model)
+    fill_up(model)
 
 
 def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_gain: float) -> Watch:

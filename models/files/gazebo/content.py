@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any, Self, overload
 from xml.etree.ElementTree import Element
 
 from uuv.models.files.gazebo.entries import ReadEntry, Way
 from uuv.models.files.parts_file import MappedThruster
 from uuv.models.files.urdf_places import figure
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import GRAVITY, Array, shown
+from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number, shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,6 +77,12 @@ class FileContent:
         return {**density, "bodies": self.bodies}
 
 
+@overload
+def number_in(element: Element, tag: str, name: str) -> float | None: ...
+@overload
+def number_in(element: Element, tag: str, name: str, default: float) -> float: ...
+
+
 def number_in(element: Element, tag: str, name: str, default: float | None = None) -> float | None:
     """Number of a child element; `default` where it is missing.
 
@@ -85,6 +91,15 @@ def number_in(element: Element, tag: str, name: str, default: float | None = Non
     """
     text = element.findtext(tag)
     return default if text is None else figure(text.strip(), f"{name}: <{tag}>")
+
+
+def positive_in(element: Element, tag: str, name: str, default: float) -> float:
+    """Number above zero of a child element; `default` where it is missing.
+
+    Raises:
+        ConfigurationError: it is none, or not above zero.
+    """
+    return finite_number(number_in(element, tag, name, default), f"{name}: <{tag}>", above=0.0)
 
 
 def numbers_in(

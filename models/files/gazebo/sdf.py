@@ -287,7 +287,7 @@ def _of_axis(axis: Element, as_urdf: Element, subject: str) -> dict[str, float]:
         )
         shifted = offset - multiplier * reference
         follows = {"multiplier": f"{multiplier!r}", "offset": f"{shifted!r}"}
-        SubElement(as_urdf, "mimic", joint=mimic.get("joint", ""), **follows)
+        SubElement(as_urdf, "mimic", {"joint": mimic.get("joint", ""), **follows})
 
     dynamics = axis.find("dynamics")
     if dynamics is None:

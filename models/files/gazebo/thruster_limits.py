@@ -81,7 +81,8 @@ def _told_ends(
     if one_way:
         which = "ahead" if ahead > astern else "astern"
         least = _ONE_WAY * max(astern, ahead)
-        astern, ahead = max(astern, least), max(ahead, least)
+        astern = max(astern, least)
+        ahead = max(ahead, least)
         why = f"the file lets it push {which} only; {_ONE_WAY:.0%} the other way, as good as none"
         content.tell(part, "thrust the other way", f"{least:.4g} N", "guessed", why)
 

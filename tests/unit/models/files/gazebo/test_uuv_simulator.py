@@ -187,9 +187,14 @@ def test_a_curve_of_a_command_becomes_that_of_a_share(
             (PRIOR, 0.01 * PRIOR),
             ["the file lets it push ahead only", "guessed (no limit in the file"],
         ),
+        (
+            "<thrustMin>-40</thrustMin><thrustMax>40</thrustMax><gain>0</gain>",
+            (PRIOR, PRIOR),
+            ["guessed (no thrust within its limits in the file"],
+        ),
     ],
 )
-def test_a_thruster_that_pushes_one_way_gets_next_to_nothing_the_other(
+def test_a_stated_zero_counts_one_way_is_next_to_nothing_the_other(
     tmp_path: Path, limits, ends, entries
 ) -> None:
     (tmp_path / "rov.urdf").write_text(urdf(FOSSEN, thruster(0, BASIC, limits)))
@@ -259,6 +264,8 @@ def test_water_that_would_feed_energy_in_is_reduced_and_said(tmp_path: Path) -> 
 
 
 def test_a_number_that_is_none_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="<fluid_density>: must be positive and finite"):
+        spec_of(tmp_path, urdf(FOSSEN).replace("1028.0", "0"))
     with pytest.raises(ConfigurationError, match="water of link 'rov/base_link': <volume>: expect"):
         spec_of(tmp_path, urdf(FOSSEN, volume="<volume>much</volume>"))
     with pytest.raises(ConfigurationError, match="<added_mass>: expected 36 numbers"):

@@ -26,7 +26,9 @@ HOME_KEY = "home"  # arm folded; the vehicle is trimmed so
 TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without it the tip
 READY_KEY = "ready"  # arm bent; inverse kinematics starts there
 TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"  # contacts of this geom are work, all others collisions
-OTHER_PAD = "_right"  # of a gripper, after the tool's name: what this geom touches, is work too
+# After the tool's name; what these geoms of a gripper or a socket touch, is work too.
+OTHER_PAD = "_right"
+SLOT_BOTTOM = "_bottom"
 # What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them
 # fit into one message.
 _PARTS = (

@@ -107,8 +107,8 @@ def vehicle_spec(
     Every door takes this way: jobs, `uuv check`, the environments.
 
     Args:
-        vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF or URDF, or a
-            spec, which is left as it is.
+        vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF, URDF, xacro or
+            SDF, or a spec, which is left as it is.
         tool: of `uuv.models.tools.tools.TOOLS`, in place of its own; None: its own.
         parts: file that maps its names to those of the contract; None: the one beside its file.
         needs: tool of a task, put on if none is asked for and its own has another shape.

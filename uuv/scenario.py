@@ -59,8 +59,8 @@ class VehicleSetup:
 
     vehicle: str = option(
         "uuv_puma",
-        "A name of `uuv list vehicles`, a file with the named parts, MJCF or URDF "
-        "(docs/own_vehicle.md), or MODULE:FUNCTION.",
+        "A name of `uuv list vehicles`, a file with the named parts, MJCF, URDF, xacro or "
+        "SDF (docs/own_vehicle.md), or MODULE:FUNCTION.",
         group="vehicle",
     )
     arm_errors: int | None = option(

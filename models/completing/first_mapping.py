@@ -9,16 +9,16 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from uuv.models.files.gazebo.thruster_limits import PRIOR
+from uuv.models.files.gazebo.thruster_limits import prior_thrust
 from uuv.models.files.holding import TURNING, followed, massless
 from uuv.models.files.vehicle_file import VehicleFile
 from uuv.models.naming import HULL_BODY
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import GRAVITY
 
 _LEAST = 2  # joints in a row from which on they are taken for an arm
 _PROPELLER = re.compile(r"thruster|propeller|prop(?![a-z])|\bthr", re.IGNORECASE)
 _CAMERA = re.compile(r"cam", re.IGNORECASE)
-_G = 9.81  # [m/s^2]
 
 
 def first_mapping(file: VehicleFile) -> tuple[str, list[str]]:
@@ -175,7 +175,7 @@ def _thrusters(
 
         return
 
-    prior = PRIOR * (_G * max(_mass_of(root), 1.0)) ** (2.0 / 3.0)
+    prior = prior_thrust(GRAVITY * max(_mass_of(root), 1.0))
     guesses = [body for body in spec.bodies if _PROPELLER.search(body.name)]
     if not guesses:
         questions.append("thrusters: positions, directions and thrust; no link has the name of one")

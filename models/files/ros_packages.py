@@ -45,7 +45,8 @@ def mesh_file(name: str, folder: Path) -> Path | None:
     """File of a mesh that a vehicle's file names, whatever its format; None: there is none.
 
     A plain path counts from the file's folder. A package is looked for (`package_folder`), and
-    where it is not found, the end of the path below the file's folder or those above.
+    where it is not found, the end of the path below the file's folder or those above, with at
+    least one folder, and last its name beside the file.
 
     Args:
         name: path, file://, package:// or model://.
@@ -66,12 +67,19 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         if (marked := package_folder(package, folder)) is not None:
             tried.append(marked / rest)
 
-    # The end of the path, below the file's folder or those above.
+    # The end of the path below the file's folder or those above, with a folder of its own: of a
+    # bare name there may be another vehicle's. Beside the file the name will do.
     parts = Path(plain).parts
     near = [folder, *folder.parents][:_ABOVE]
-    tried += [base.joinpath(*parts[k:]) for k in range(len(parts)) for base in near]
+    tried += [base.joinpath(*parts[k:]) for k in range(len(parts) - 1) for base in near]
+    tried.append(folder / Path(plain).name)
 
     return next((path.resolve() for path in tried if path.is_file()), None)
+
+
+def look_anew() -> None:
+    """Forget what packages there are: some may have come since."""
+    _below.cache_clear()
 
 
 def _stated() -> list[str]:
@@ -89,7 +97,7 @@ def _is_package(folder: Path) -> bool:
 
 @lru_cache(maxsize=64)
 def _below(base: Path) -> dict[str, Path]:
-    """Packages below a folder by their folders' names, those near it first."""
+    """Packages below a folder by their folders' names, those near it first; see `look_anew`."""
     packages: dict[str, Path] = {}
     for folder in islice(_folders(base), _MOST):
         if folder.name not in packages and _is_package(folder):

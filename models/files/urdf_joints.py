@@ -6,7 +6,8 @@ one of vehicles and MuJoCo's own see the same:
 - stated limits count, of a `continuous` joint too;
 - missing ones, and those beyond every arm, are none: the joint turns or slides without end;
 - equal ones hold the joint there: it is fixed;
-- a lower one above the upper is refused where the joint is used (`limits_of`).
+- a lower one above the upper is refused where the joint is used (`limits_of`);
+- an effort or a velocity below zero (SDF's -1) or infinite is none.
 """
 
 from collections.abc import Mapping
@@ -42,6 +43,7 @@ def settle(xml: Element, name: str) -> list[str]:
     joints = {joint.get("name", ""): joint for joint in xml.findall("joint")}
 
     for joint_name, joint in joints.items():
+        _settle_ratings(joint)
         if joint.get("type") not in DRIVEN:
             continue
         subject = f"{name}: joint {joint_name!r}"
@@ -145,7 +147,7 @@ def taken_mimics(xml: Element, name: str) -> dict[str, tuple[str, float, float]]
 
 
 def speeds(xml: Element, name: str) -> dict[str, float]:
-    """Rated speed [rad/s] or [m/s] of each joint that states one.
+    """Rated speed [rad/s] or [m/s] of each settled joint that states one.
 
     Raises:
         ConfigurationError: it is not a number.
@@ -157,7 +159,7 @@ def speeds(xml: Element, name: str) -> dict[str, float]:
         text = None if limit is None else limit.get("velocity")
         if text is not None:
             joint_name = joint.get("name", "")
-            stated[joint_name] = abs(figure(text, f"{name}: joint {joint_name!r}: velocity"))
+            stated[joint_name] = figure(text, f"{name}: joint {joint_name!r}: velocity")
 
     return stated
 
@@ -206,6 +208,18 @@ def _settled(joint: Element, subject: str) -> str:
         limit.attrib.update(lower=repr(lower), upper=repr(upper))
 
     return change
+
+
+def _settle_ratings(joint: Element) -> None:
+    """Take out efforts and velocities that mean no limit; other words fail where they are used."""
+    for limit in joint.findall("limit"):
+        for rating in ("effort", "velocity"):
+            try:
+                stated = float(limit.get(rating, "0"))
+            except ValueError:
+                continue
+            if stated < 0.0 or np.isinf(stated):
+                del limit.attrib[rating]
 
 
 def _stated(joint: Element, subject: str) -> tuple[float | None, float | None]:

@@ -9,6 +9,14 @@ import numpy as np
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked_place, exp_so3, finite_number, pose, shown
 
+INERTIA_ENTRIES = (  # of a tensor, by their names in URDF and SDF
+    (0, 0, "ixx"),
+    (1, 1, "iyy"),
+    (2, 2, "izz"),
+    (0, 1, "ixy"),
+    (0, 2, "ixz"),
+    (1, 2, "iyz"),
+)
 LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millimetres
 
 
@@ -75,6 +83,12 @@ def numbers_of(text: str | None, default: tuple[float, float, float], subject: s
         raise ConfigurationError(f"{subject}: expected three numbers, got {shown(text)}") from error
 
     return checked_place(numbers, (3,), subject, LONGEST)
+
+
+def end_of(joint: Element, which: str) -> str:
+    """Link at an end of a joint, "parent" or "child"; empty: it states none."""
+    end = joint.find(which)
+    return "" if end is None else end.get("link", "")
 
 
 def figure(text: str, name: str) -> float:

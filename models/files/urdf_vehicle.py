@@ -16,10 +16,17 @@ import numpy as np
 
 from uuv.models.files.holding import follow
 from uuv.models.files.mesh_shapes import MESHES, OTHERS, LinkMesh, add_meshes
-from uuv.models.files.ros_packages import mesh_file
+from uuv.models.files.ros_packages import look_anew, mesh_file
 from uuv.models.files.urdf import UrdfRobot, parse
 from uuv.models.files.urdf_joints import listed, taken_mimics
-from uuv.models.files.urdf_places import figure, numbers_of, origin_of, set_origin
+from uuv.models.files.urdf_places import (
+    INERTIA_ENTRIES,
+    end_of,
+    figure,
+    numbers_of,
+    origin_of,
+    set_origin,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
 
@@ -57,6 +64,7 @@ def spec_of_urdf(
         ConfigurationError: an inertia that no body has, a mesh that is needed and not there, or
             MuJoCo does not accept it.
     """
+    look_anew()
     robot, notes = with_floating_root(robot) if floats else (robot, [])
     notes += robot.notes
     coupled = taken_mimics(robot.xml, robot.name)
@@ -108,14 +116,14 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
     notes: list[str] = []
 
     if robot.root == _WORLD:
-        hung = [joint for joint in robot.xml.findall("joint") if _end(joint, "parent") == _WORLD]
+        hung = [joint for joint in robot.xml.findall("joint") if end_of(joint, "parent") == _WORLD]
         if len(hung) == 1 and hung[0].get("type") in ("floating", "fixed"):
             robot.xml.remove(hung[0])
             for link in robot.xml.findall("link"):
                 if link.get("name") == _WORLD:
                     robot.xml.remove(link)
 
-            notes.append(f"link world left out: {_end(hung[0], 'child')} floats")
+            notes.append(f"link world left out: {end_of(hung[0], 'child')} floats")
             settled = robot.notes
             robot = replace(parse(ElementTree.tostring(robot.xml), robot.name), notes=settled)
 
@@ -125,8 +133,8 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
 
     # MuJoCo needs a mass at the root: it may take that of a link fixed to it.
     for joint in robot.xml.findall("joint"):
-        child = links[_end(joint, "child")]
-        fixed = joint.get("type") == "fixed" and _end(joint, "parent") == robot.root
+        child = links[end_of(joint, "child")]
+        fixed = joint.get("type") == "fixed" and end_of(joint, "parent") == robot.root
         if fixed and _weighs(child):
             _take_inertia(links[robot.root], child, joint, robot.name)
             change = f"it takes that of {child.get('name', '')!r}, which is fixed to it"
@@ -206,7 +214,7 @@ def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
         )
 
         if changed:
-            for i, j, key in _ENTRIES:
+            for i, j, key in INERTIA_ENTRIES:
                 inertia.set(key, repr(float(tensor[i, j])))
             mended.append(link.get("name", ""))
 
@@ -237,19 +245,9 @@ def mended_tensor(tensor: Array, subject: str, remedy: str) -> tuple[Array, bool
     return R @ np.diag(principal) @ R.T, True
 
 
-_ENTRIES = (
-    (0, 0, "ixx"),
-    (1, 1, "iyy"),
-    (2, 2, "izz"),
-    (0, 1, "ixy"),
-    (0, 2, "ixz"),
-    (1, 2, "iyz"),
-)
-
-
 def _tensor(inertia: Element, subject: str) -> np.ndarray:
     tensor = np.zeros((3, 3))
-    for i, j, key in _ENTRIES:
+    for i, j, key in INERTIA_ENTRIES:
         tensor[i, j] = tensor[j, i] = figure(inertia.get(key, "0"), f"{subject} {key}")
     return tensor
 
@@ -335,11 +333,6 @@ def _loose_joints(xml: Element) -> Iterator[str]:
         yield f"joints held at zero, floating or planar: {listed(held)}"
 
 
-def _end(joint: Element, which: str) -> str:
-    end = joint.find(which)
-    return "" if end is None else end.get("link", "")
-
-
 def _weighs(link: Element) -> bool:
     mass = link.find("inertial/mass")
     try:
@@ -362,4 +355,6 @@ def _take_inertia(root: Element, child: Element, joint: Element, name: str) -> N
     # Or the shapes of the child would weigh.
     empty = ElementTree.SubElement(child, "inertial")
     ElementTree.SubElement(empty, "mass", value="0")
-    ElementTree.SubElement(empty, "inertia", dict.fromkeys((key for *_, key in _ENTRIES), "0"))
+    ElementTree.SubElement(
+        empty, "inertia", dict.fromkeys((key for *_, key in INERTIA_ENTRIES), "0")
+    )

@@ -1,4 +1,4 @@
-"""The reader of vehicles, whatever describes one: a name, a function, MJCF, URDF, SDF, or a spec.
+"""The reader of vehicles: a name, a function, MJCF, URDF, xacro, SDF, or a spec.
 
     file = read("rov.urdf")  # with its rov.water.yaml and rov.parts.yaml
     file.spec                # under the names of the file
@@ -40,7 +40,7 @@ class VehicleFile:
     name: str  # with which messages begin
     spec: mujoco.MjSpec
     notes: tuple[str, ...] = ()  # lines about what was left out
-    bare: bool = False  # its format, URDF, has neither free joints nor motors
+    bare: bool = False  # its format, URDF or SDF, has neither free joints nor motors
     has_tool: bool = False  # it was made with the tool that was asked for
     parts: PartsMap | None = None  # its mapping to the contract; None: it has none
     parts_name: str = ""  # with which messages about the mapping begin
@@ -60,11 +60,11 @@ def read(
     """Read a vehicle, with its water under the names of its file.
 
     An MJCF's coefficients are in its user data, in custom elements, or in a sidecar
-    (`uuv.models.files.sidecar`); a URDF's in a sidecar.
+    (`uuv.models.files.sidecar`); those of a URDF or SDF in plugins of Gazebo, or in a sidecar.
 
     Args:
-        vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF or URDF, or a
-            spec, which is left as it is.
+        vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF, URDF, xacro or
+            SDF, or a spec, which is left as it is.
         parts: mapping of its names (`uuv.models.files.parts_file`); None: `NAME.parts.yaml`
             beside its file, if there is one.
         water: sidecar of the file; None: `NAME.water.yaml` beside it, if there is one.
@@ -109,8 +109,8 @@ def check_name(vehicle: str) -> bool:
     if Path(vehicle).suffix:
         return False
     raise ConfigurationError(
-        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF, URDF "
-        f"or SDF{did_you_mean(vehicle, names)}"
+        f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF, URDF, "
+        f"xacro or SDF{did_you_mean(vehicle, names)}"
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from uuv.models.files.ros_packages import package_folder
+from uuv.models.files.ros_packages import look_anew, package_folder
 from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from uuv.sim.interfaces.extras import wanted
 
@@ -49,6 +49,7 @@ def expanded(
             f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf, or {error}"
         ) from error
 
+    look_anew()
     warned = io.StringIO()  # its warnings
     try:
         with _packages_around(path.parent), contextlib.redirect_stderr(warned):

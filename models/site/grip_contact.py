@@ -7,7 +7,8 @@ load f [N] along the surface, it does so at
 
 with its impedance d, its inverse weight A [1/kg] and the time constant of friction (MuJoCo
 documentation, Computation). `impratio` is therefore computed here, of the creep that is allowed.
-Pyramidal cones couple friction to the normal direction instead, and drop the object.
+Pyramidal cones couple friction to the normal direction instead; with an impratio of 1, MuJoCo's
+own, they drop the object.
 """
 
 import math
@@ -148,7 +149,7 @@ def _check_timestep(model: "mujoco.MjModel") -> None:
 
 
 def _geoms_that_touch(scene: "mujoco.MjSpec", body: str) -> list[str]:
-    """Names of the geoms of a body that touch something; those without one get one."""
+    """Names of the geoms of a body that touch something; those without a name get one."""
     if scene.body(body) is None:
         raise ConfigurationError(f"grip: the scene has no body {body!r}")
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
-from uuv.models.naming import OTHER_PAD, PAD_BODY, TOOL_GEOM
+from uuv.models.naming import OTHER_PAD, PAD_BODY, SLOT_BOTTOM, TOOL_GEOM
 from uuv.models.tools.contact import ToolContact, touching
 from uuv.models.tools.heads import add_mount
 from uuv.models.tools.sampler import DAMPING, GIVE, STIFFNESS
@@ -42,7 +42,7 @@ class HandleSocket:
 
     @property
     def contact(self) -> ToolContact:
-        """Walls and mount."""
+        """Walls and bottom of the slot, and mount."""
         return ToolContact(
             shape=f"slot of {1e3 * self.slot:.0f} mm",
             radius=float(np.hypot(0.5 * self.slot + self.wall, 0.5 * self.breadth)),
@@ -81,9 +81,8 @@ def add_handle_socket(
     half = 0.5 * socket.slot + socket.wall
     palm = socket.length - socket.depth
 
-    # The bottom of the slot.
+    # The body below the slot.
     held.add_geom(
-        name="socket_bottom",
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[half, 0.5 * socket.breadth, 0.5 * palm],
         pos=[0.0, 0.0, 0.5 * palm],
@@ -93,7 +92,18 @@ def add_handle_socket(
         rgba=[0.25, 0.28, 0.33, 1.0],
     )
 
-    # The walls, from the bottom to the end of the tool.
+    # The bottom of the slot, a plate at the end of that body, and the walls, each of which touches.
+    thick = min(socket.wall, palm)
+    held.add_geom(
+        name=TOOL_GEOM + SLOT_BOTTOM,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[half, 0.5 * socket.breadth, 0.5 * thick],
+        pos=[0.0, 0.0, palm - 0.5 * thick],
+        **touching(socket.friction),
+        rgba=[0.7, 0.72, 0.75, 1.0],
+    )
+
+    # From the bottom to the end of the tool.
     for name, side in ((TOOL_GEOM, 1.0), (TOOL_GEOM + OTHER_PAD, -1.0)):
         held.add_geom(
             name=name,

@@ -31,15 +31,17 @@ class MeasuredThruster(ABC):
         """Its own static curve, as a row of `uuv.models.water.thruster_curves`."""
 
     def thrust(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
-        """Steady thrust [N] in still water."""
+        """Steady thrust [N] in still water: of its own curve, which is simulated, or of its sheets
+        at a `voltage` [V].
+        """
         from uuv.models.water.thruster_curves import pack_table, thrust_at  # bring numba
 
         commands = self._drive.command(pulse_us)
-        if self.sheets:
+        if voltage is None:
+            row = self.static_curve()
+        elif self.sheets:
             at = self.between(voltage)
             row = pack_table(at.command.tolist(), at.thrust.tolist(), self.least_thrust)
-        elif voltage is None:
-            row = self.static_curve()
         else:
             raise ConfigurationError(
                 f"voltage [V]: this thruster was measured at none, got {voltage}"

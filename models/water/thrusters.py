@@ -267,7 +267,8 @@ def t200(
 ) -> Thruster:
     """Blue Robotics T200 at 10 to 20 V; command u: pulse of 1500 + 400 u us.
 
-    Measured are thrust and current, and that a turning propeller gives 0.36 N or more (317 rpm). At
+    Measured are thrust and current, and at 16 V that a turning propeller gives 0.36 N or more (317
+    rpm). That is taken at each voltage: 0.29 N astern, of the sheets of 10 and 14 V, are cut. At
     16 V the curve has 14 points of the sheet and is dead from 1472 to 1528 us; at any other voltage
     it is that between the sheets of 10, 14, 16 and 20 V. The other defaults are assumptions, the
     same at each voltage, since no measurement was found.

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from uuv.models.hydrodynamics import LAYOUT, world_row
-from uuv.models.naming import HOME_KEY, OTHER_PAD, USUAL_NAMES, PartNames
+from uuv.models.naming import HOME_KEY, USUAL_NAMES, PartNames
 from uuv.models.vehicle import Vehicle
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
@@ -21,9 +21,9 @@ from uuv.sim.native.passive_callback import WET_MARK
 from uuv.sim.plant.compiled_step import PlantRecord, Watch, next_flow, verdict
 from uuv.sim.plant.driven_water import DrivenWater, WithWater, check_current
 from uuv.sim.plant.reaction_wrench import ReactionWrench
-from uuv.sim.plant.readout import CONTACTS, Readout, gears_and_contacts, places_of
+from uuv.sim.plant.readout import CONTACTS, Readout, colliding_geoms, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
-from uuv.sim.plant.supply import Supply, feed
+from uuv.sim.plant.supply import Supply, feed, fill_up
 from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 from uuv.sim.plant.truth import Truth, spacing
 from uuv.sim.water.current import Current
@@ -89,9 +89,7 @@ class Plant(WithWater):
             PhysicsWarning: The vehicle has no coefficients, and the model no fluid of MuJoCo's.
         """
         _check(model, substeps)
-        hydrodynamics.install()
-        hydrodynamics.check(model)
-        hydrodynamics.check_constants(model)
+        _make_ready(model)
         self.model = model
         self.vehicle = vehicle = Vehicle.of(model, names)
         self.data = mujoco.MjData(model) if data is None else data
@@ -137,7 +135,7 @@ class Plant(WithWater):
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
             gears=_rows_of_friction(model, vehicle),
-            own_geom=_colliding_geoms(model, vehicle.hull, names.tool + OTHER_PAD),
+            own_geom=colliding_geoms(model, vehicle.hull, names.tool),
             added=self._soil.force,
             tau_friction=truth.tau_friction,
             contacts=self._contacts,
@@ -452,6 +450,14 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
         raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
 
 
+def _make_ready(model: mujoco.MjModel) -> None:
+    """Install the process's callbacks, check the model's water, and fill its battery up."""
+    hydrodynamics.install()
+    hydrodynamics.check(model)
+    hydrodynamics.check_constants(model)
+    fill_up(model)
+
+
 def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_gain: float) -> Watch:
     """Marks of one simulation; `water` is the world's row, `least_gain` [s] as of `Watch`."""
     return Watch(
@@ -483,14 +489,3 @@ def _block(addresses: np.ndarray) -> slice | np.ndarray:
     ):
         return slice(int(addresses[0]), int(addresses[0]) + len(addresses))
     return addresses
-
-
-def _colliding_geoms(model: mujoco.MjModel, hull: int, other_pad: str) -> np.ndarray:
-    """Mask (ngeom,), True for geoms of the vehicle; False for a gripper's other pad, if any."""
-    root = np.asarray(model.body_rootid)
-    mask = root[np.asarray(model.geom_bodyid)] == root[hull]
-
-    pad = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, other_pad)
-    if pad >= 0:
-        mask[pad] = False
-    return mask

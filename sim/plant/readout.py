@@ -12,6 +12,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from uuv.models.naming import OTHER_PAD, SLOT_BOTTOM, TOOL_GEOM
+from uuv.models.tools.gripper import FINGERS
 from uuv.models.water.mujoco_library import library
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.interfaces.kernels import kernel
@@ -55,6 +57,40 @@ _PROBE = """
   </worldbody>
 </mujoco>
 """
+
+
+def colliding_geoms(model: mujoco.MjModel, hull: int, tool: str) -> np.ndarray:
+    """Mask (ngeom,), True for geoms of the vehicle whose contacts are collisions.
+
+    The tool's own geom is True. What else touches of our gripper or socket is False: the pad or
+    wall across, and the bottom of the slot.
+
+    Args:
+        model: compiled.
+        hull: its body.
+        tool: name of the tool's geom, maybe with the prefix of an attached vehicle.
+    """
+    root = np.asarray(model.body_rootid)
+    body = np.asarray(model.geom_bodyid)
+    mask = root[body] == root[hull]
+    prefix = tool.removesuffix(TOOL_GEOM)
+    if prefix == tool:
+        return mask  # none of ours
+
+    kind = mujoco.mjtObj.mjOBJ_GEOM
+    pad, across, bottom = (
+        mujoco.mj_name2id(model, kind, tool + part) for part in ("", OTHER_PAD, SLOT_BOTTOM)
+    )
+    finger = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, prefix + FINGERS[1])
+    socket = min(pad, across, bottom) >= 0 and body[pad] == body[across] == body[bottom]
+    gripper = min(across, finger) >= 0 and model.jnt_bodyid[finger] == body[across]
+
+    if socket:
+        mask[[across, bottom]] = False
+    elif gripper:
+        mask[across] = False
+
+    return mask
 
 
 def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarray:

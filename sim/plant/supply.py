@@ -103,6 +103,18 @@ class Supply(NamedTuple):
             set_curves(tuple(self), float(self.battery[_FULL]))
 
 
+def fill_up(model: mujoco.MjModel) -> None:
+    """Set the thrusters' curves in a model to those of its battery's voltage without load.
+
+    A plant leaves those of its last step there; of a model without a battery nothing changes.
+
+    Raises:
+        ConfigurationError: as `Supply.of`.
+    """
+    if battery_feed.numbers_of(model).any():
+        Supply.of(model, mujoco.MjData(model), read(model), 1.0).start()
+
+
 class Drawn(NamedTuple):
     """Draw of all thrusters at one time."""
 

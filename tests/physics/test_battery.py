@@ -160,6 +160,13 @@ def test_a_plant_begins_again_with_a_full_battery() -> None:
     np.testing.assert_allclose(rov.model.actuator_user, rows, rtol=1e-12, atol=1e-12)
 
 
+def test_a_second_plant_of_a_model_is_as_the_first() -> None:
+    rov = plant(Battery(voltage=15.0, resistance_ohm=0.06), thrusters.t200())
+    run(rov, [0.7, -0.4], 200)
+    again = Plant(rov.model, current=Current([0.1, 0.0, 0.0]))
+    assert np.array_equal(again.vehicle.thruster_table, rov.vehicle.thruster_table)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

@@ -67,7 +67,8 @@ def check_vehicle(
     """Check a vehicle: parts, figures, findings, and which jobs are feasible.
 
     Args:
-        vehicle: A name, a file (MJCF or URDF), MODULE:FUNCTION, or a spec, which is left as it is.
+        vehicle: A name, a file (MJCF, URDF, xacro or SDF), MODULE:FUNCTION, or a spec, which is
+            left as it is.
         parts_file: Mapping of its names; None: the one beside its file.
         tool: Tool of `uuv.models.tools.tools.TOOLS` on its tip; None: its own.
         jobs: Names of `uuv.check.checked_jobs.JOBS` for which a verdict is wanted.

@@ -12,8 +12,7 @@ from uuv.models.files.holding import TURNING, hold
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, TIP_SITE
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError
-from uuv.sim.interfaces.messages import Command, Reference, WorkState
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.messages import Command, Reference
 from uuv.sim.loop.true_estimate import true_estimate
 from uuv.sim.plant.arm_hold import ArmHold
 from uuv.sim.plant.plant import Plant
@@ -23,6 +22,7 @@ from uuv.sim.water.current import Current
 SECONDS = 10.0  # simulated
 _PERIOD = 0.02  # [s] of station keeping
 _LATE = 0.5  # share of the time from which on a vehicle should be at rest
+_HERE = np.eye(4)  # X_WB to hold
 _LOST = 50.0  # [m] from its place at which a vehicle counts as gone
 
 
@@ -75,7 +75,9 @@ def hover(
         for tick in range(round(SECONDS / plant.timestep)):
             if tick % ticks == 0:
                 estimate = true_estimate(true)
-                thrusters = control.step(state, estimate, _reference(true.time, q), arm_B)
+                thrusters = control.step(
+                    state, estimate, Reference.holding(true.time, _HERE, q), arm_B
+                )
 
             torque = none if hold is None else hold.torque(true)
             plant.step(
@@ -138,23 +140,3 @@ def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
         held.delete(site)
     held.body(ARM_BASE_BODY).name = f"{ARM_BASE_BODY}_held"
     return hydrodynamics.compile(held)
-
-
-def _reference(time: float, q: Array) -> Reference:
-    none = np.zeros(3)
-    return Reference(
-        time=time,
-        state=WorkState.SETTLE,
-        X_WB=np.eye(4),
-        v_WB_W=none,
-        X_WG=None,
-        v_WG_W=none,
-        w_WG_W=none,
-        q=q,
-        qd=np.zeros(len(q)),
-        set_force=0.0,
-        force_control=False,
-        tare=False,
-        scan=False,
-        path_s=0.0,
-    )

@@ -281,7 +281,9 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
 
 
 def seen_workspace(search: PostureSearch, X_BC: Array) -> float:
-    """Share of a ball before the camera, as wide as the arm's reach, that the tip comes to.
+    """Share of the volume before the camera that the tip reaches.
+
+    The volume is a ball as wide as the arm's reach.
 
     Args:
         search: Of the arm's postures.

@@ -1,15 +1,16 @@
 """Water and thrusters that a file carries, and where each of its numbers is from."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self, overload
 from xml.etree.ElementTree import Element
 
 from uuv.models.files.gazebo.entries import ReadEntry, Way
 from uuv.models.files.parts_file import MappedThruster
 from uuv.models.files.urdf_places import figure
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, shown
+from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number, shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,14 +27,32 @@ class ModelFacts:
 
     name: str  # with which errors begin
     masses: Mapping[str, float]  # [kg] of each link, with what is fixed to it
+    weight: float  # [N] of the whole in air
     joints: Mapping[str, DrivenJoint]
     # [m^3] and centre (3,) [m] of each link's collision shapes; of those that are known
     volumes: Mapping[str, tuple[float, Array]] = field(default_factory=dict)
 
-    @property
-    def weight(self) -> float:
-        """Weight [N] in air."""
-        return 9.81 * sum(self.masses.values())
+    @classmethod
+    def of(
+        cls, name: str, stated: Mapping[str, float], carriers: Mapping[str, str], **others: Any
+    ) -> Self:
+        """Facts by the mass of each link alone.
+
+        Args:
+            name: of the model.
+            stated: [kg] of each link.
+            carriers: link that each link which is fixed to one is fixed to.
+            **others: joints and volumes.
+        """
+        masses = dict(stated)
+        for link, mass in stated.items():
+            passed = {link}
+            while (link := carriers.get(link, "")) in masses and link not in passed:
+                passed.add(link)
+                masses[link] += mass
+
+        weight = GRAVITY * math.fsum(stated.values())
+        return cls(name=name, masses=masses, weight=weight, **others)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -58,6 +77,12 @@ class FileContent:
         return {**density, "bodies": self.bodies}
 
 
+@overload
+def number_in(element: Element, tag: str, name: str) -> float | None: ...
+@overload
+def number_in(element: Element, tag: str, name: str, default: float) -> float: ...
+
+
 def number_in(element: Element, tag: str, name: str, default: float | None = None) -> float | None:
     """Number of a child element; `default` where it is missing.
 
@@ -66,6 +91,15 @@ def number_in(element: Element, tag: str, name: str, default: float | None = Non
     """
     text = element.findtext(tag)
     return default if text is None else figure(text.strip(), f"{name}: <{tag}>")
+
+
+def positive_in(element: Element, tag: str, name: str, default: float) -> float:
+    """Number above zero of a child element; `default` where it is missing.
+
+    Raises:
+        ConfigurationError: it is none, or not above zero.
+    """
+    return finite_number(number_in(element, tag, name, default), f"{name}: <{tag}>", above=0.0)
 
 
 def numbers_in(

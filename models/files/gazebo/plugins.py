@@ -11,7 +11,13 @@ import numpy as np
 
 from uuv.models.files import gz_sim
 from uuv.models.files.gazebo import uuv_simulator
-from uuv.models.files.gazebo.content import FileContent, ModelFacts, number_in, numbers_in
+from uuv.models.files.gazebo.content import (
+    FileContent,
+    ModelFacts,
+    number_in,
+    numbers_in,
+    positive_in,
+)
 from uuv.models.files.gazebo.thruster_limits import limited_thruster
 from uuv.models.files.urdf_places import figure
 from uuv.models.hydrodynamics import BodyHydrodynamics
@@ -58,8 +64,11 @@ def _gz_hydrodynamics(plugin: Element, facts: ModelFacts, content: FileContent) 
         content.tell(link, "water", "", "left out", "the model has no such link")
         return
 
-    density = number_in(plugin, "water_density", facts.name)
-    content.water_density = density or content.water_density
+    density = _GZ_DENSITY
+    if plugin.find("water_density") is not None:
+        density = positive_in(plugin, "water_density", facts.name, _GZ_DENSITY)
+        content.water_density = density
+
     parameters = {}
 
     for element in plugin:
@@ -76,7 +85,7 @@ def _gz_hydrodynamics(plugin: Element, facts: ModelFacts, content: FileContent) 
     for name in parameters.keys() - known.keys():
         content.tell(link, name, "", "left out", "unknown to gz-sim's Hydrodynamics")
 
-    volume, center = _volume_of(link, facts, density or _GZ_DENSITY, content)
+    volume, center = _volume_of(link, facts, density, content)
     known = _signed(known, link, content)
     water = gz_sim.body_hydrodynamics(known, volume=volume, center_of_buoyancy=center)
     content.bodies[link] = _body_tree(water)
@@ -147,11 +156,9 @@ def _gz_thruster(
     if most is None and name in limits:
         least, most = limits[name]
 
-    coefficient = number_in(plugin, "thrust_coefficient", subject)
-    factor = abs(coefficient or 0.0) * (
-        number_in(plugin, "fluid_density", subject, _GZ_DENSITY) or _GZ_DENSITY
-    )
-    factor *= (number_in(plugin, "propeller_diameter", subject, _DIAMETER) or _DIAMETER) ** 4
+    factor = abs(number_in(plugin, "thrust_coefficient", subject, 0.0))
+    factor *= positive_in(plugin, "fluid_density", subject, _GZ_DENSITY)
+    factor *= positive_in(plugin, "propeller_diameter", subject, _DIAMETER) ** 4
     bounds = {"thrust": (least, most), "command": (None, None)}
     curve = (lambda w: factor * w * np.abs(w)) if factor > 0.0 else None
     content.thrusters.append(
@@ -179,14 +186,13 @@ def _ardupilot_limits(
         for control in plugin.findall("control"):
             subject = f"{facts.name}: control of ArduPilot"
             multiplier = number_in(control, "multiplier", subject)
-            offset = number_in(control, "offset", subject, 0.0) or 0.0
+            offset = number_in(control, "offset", subject, 0.0)
             kind = (control.findtext("type") or "COMMAND").strip()
             joint = (control.findtext("jointName") or "").strip()
 
             if multiplier and kind == "COMMAND":
                 ends = (multiplier * offset, multiplier * (1.0 + offset))
-                if min(ends) < 0.0 < max(ends):
-                    limits[joint] = min(ends), max(ends)
+                limits[joint] = min(ends), max(ends)
 
     return limits
 
@@ -212,7 +218,7 @@ def _px4_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
     center = [0.0, 0.0, 0.0]
 
     if buoyancy is not None:
-        factor = number_in(buoyancy, "compensation", subject, 1.0) or 1.0
+        factor = number_in(buoyancy, "compensation", subject, 1.0)
         center = numbers_in(buoyancy, "origin", subject, (3,)) or center
 
     density = content.water_density or _GZ_DENSITY
@@ -237,10 +243,10 @@ def _px4_motor(plugin: Element, facts: ModelFacts, content: FileContent) -> None
         return
 
     subject = f"{facts.name}: motor {name}"
-    constant = number_in(plugin, "motorConstant", subject, 0.0) or 0.0
+    constant = number_in(plugin, "motorConstant", subject, 0.0)
     speed = number_in(plugin, "maxRotVelocity", subject)
     bounds = {"thrust": (None, None), "command": (None, None) if speed is None else (-speed, speed)}
-    lag = number_in(plugin, "timeConstantUp", subject, 0.0) or 0.0
+    lag = number_in(plugin, "timeConstantUp", subject, 0.0)
     content.thrusters.append(
         limited_thruster(
             name.removesuffix("_joint"),

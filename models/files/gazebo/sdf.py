@@ -17,11 +17,11 @@ import numpy as np
 
 from uuv.models.files.gazebo.content import DrivenJoint
 from uuv.models.files.urdf_joints import DRIVEN, settle
-from uuv.models.files.urdf_places import LONGEST, rotation_from_rpy
+from uuv.models.files.urdf_places import LONGEST, figure, rotation_from_rpy
 from uuv.models.files.xml_files import xml_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
-from uuv.sim.interfaces.spatial import Array, checked_place, inverse, pose, shown
+from uuv.sim.interfaces.spatial import Array, checked, checked_place, inverse, pose, shown
 
 _TURNS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic"}
 _OF_MODEL = ("", "__model__")
@@ -123,9 +123,21 @@ class SdfModel:
             default = element.get("attached_to", "")
 
         place = element.find("pose")
-        base = default if place is None else place.get("relative_to", default)
+        base = default if place is None else place.get("relative_to") or default
 
         return self.X_MF(base, passed) @ pose_of(element, self.name)
+
+    def X_LP(self, link: str, part: Element) -> Array:
+        """Pose (4, 4) of a link's shape or inertia in the link.
+
+        Raises:
+            ConfigurationError: it is no six numbers, or relative to what the model has not.
+        """
+        place = part.find("pose")
+        base = "" if place is None else place.get("relative_to", "")
+        X_FP = pose_of(part, f"{self.name}: link {link!r}")
+
+        return inverse(self.X_MF(link)) @ self.X_MF(base) @ X_FP if base else X_FP
 
     @cached_property
     def _frames(self) -> dict[str, Element]:
@@ -155,7 +167,7 @@ class SdfModel:
         SubElement(as_urdf, "axis", xyz=" ".join(f"{entry!r}" for entry in axis.tolist()))
         numbers: dict[str, float] = {}
         if axis_element is not None:
-            numbers = _of_axis(axis_element, as_urdf)
+            numbers = _of_axis(axis_element, as_urdf, subject)
 
         return SdfJoint(
             name=name,
@@ -236,7 +248,7 @@ def pose_of(element: Element, name: str) -> Array:
     subject = f"{name}: pose of {element.get('name') or element.tag}"
     if place.get("rotation_format") == "quat_xyzw":
         raise ConfigurationError(f"{subject}: a quaternion is not read; write roll, pitch, yaw")
-    numbers = _numbers(place.text or "", 6, subject)
+    numbers = checked_place(_numbers(place.text or "", 6, subject), (6,), subject, LONGEST)
     angles = np.radians(numbers[3:]) if place.get("degrees") == "true" else numbers[3:]
 
     return pose(rotation_from_rpy(angles), numbers[:3])
@@ -255,7 +267,7 @@ def tree_order(model: SdfModel) -> Iterator[tuple[str, SdfJoint | None]]:
         waiting += [(onward.child, onward) for onward in carried.get(link, [])]
 
 
-def _of_axis(axis: Element, as_urdf: Element) -> dict[str, float]:
+def _of_axis(axis: Element, as_urdf: Element, subject: str) -> dict[str, float]:
     """Write limits and leader of an axis into an element of a URDF; damping and friction."""
     limit = axis.find("limit")
     if limit is not None:
@@ -268,12 +280,14 @@ def _of_axis(axis: Element, as_urdf: Element) -> dict[str, float]:
     mimic = axis.find("mimic")
 
     if mimic is not None and as_urdf.get("type") in DRIVEN:
-        follows = {"joint": mimic.get("joint", "")}
-        for tag in ("multiplier", "offset"):
-            if text := (mimic.findtext(tag) or "").strip():
-                follows[tag] = text
-
-        SubElement(as_urdf, "mimic", follows)
+        # SDF: q = multiplier (q_leader - reference) + offset.
+        multiplier, offset, reference = (
+            figure((mimic.findtext(tag) or usual).strip(), f"{subject}: mimic's {tag}")
+            for tag, usual in (("multiplier", "1"), ("offset", "0"), ("reference", "0"))
+        )
+        shifted = offset - multiplier * reference
+        follows = {"multiplier": f"{multiplier!r}", "offset": f"{shifted!r}"}
+        SubElement(as_urdf, "mimic", {"joint": mimic.get("joint", ""), **follows})
 
     dynamics = axis.find("dynamics")
     if dynamics is None:
@@ -283,7 +297,7 @@ def _of_axis(axis: Element, as_urdf: Element) -> dict[str, float]:
     for tag in ("damping", "friction"):
         text = (dynamics.findtext(tag) or "").strip()
         if text:
-            numbers[tag] = float(_numbers(text, 1, f"joint {as_urdf.get('name')!r}: {tag}")[0])
+            numbers[tag] = figure(text, f"{subject}: {tag}")
 
     return numbers
 
@@ -296,4 +310,4 @@ def _numbers(text: str, count: int, subject: str) -> Array:
             f"{subject}: expected {count} numbers, got {shown(text)}"
         ) from error
 
-    return checked_place(numbers, (count,), subject, LONGEST)
+    return checked(numbers, (count,), subject)

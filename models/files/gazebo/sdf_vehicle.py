@@ -8,15 +8,21 @@ import numpy as np
 
 from uuv.models.files.gazebo.content import FileContent, ModelFacts
 from uuv.models.files.gazebo.plugins import content_of
-from uuv.models.files.gazebo.sdf import WORLD, SdfJoint, SdfModel, pose_of, tree_order
+from uuv.models.files.gazebo.sdf import WORLD, SdfJoint, SdfModel, tree_order
 from uuv.models.files.holding import follow
 from uuv.models.files.mesh_shapes import MESHES, OTHERS, LinkMesh, add_meshes
-from uuv.models.files.ros_packages import mesh_file
+from uuv.models.files.ros_packages import look_anew, mesh_file
 from uuv.models.files.urdf_joints import limits_of, listed, taken_mimics
-from uuv.models.files.urdf_places import LONGEST, figure, origin_of
+from uuv.models.files.urdf_places import INERTIA_ENTRIES, LONGEST, figure, origin_of
 from uuv.models.files.urdf_vehicle import as_vehicle, mended_tensor
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, checked_place, inverse, quat_wxyz_from_rotation
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    inverse,
+    quat_wxyz_from_rotation,
+)
 
 _LENGTHS = {  # numbers of each shape: tag of it, count
     "box": (("size", 3),),
@@ -44,6 +50,7 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
     Raises:
         ConfigurationError: numbers that are none, or an inertia that no body has.
     """
+    look_anew()
     spec = mujoco.MjSpec()
     spec.modelname = model.xml.get("name", "")
     spec.compiler.degree = False
@@ -52,6 +59,7 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
     volumes: dict[str, tuple[float, Array]] = {}
     meshes: list[LinkMesh] = []
     missing: set[str] = set()
+    others: list[str] = []
     dry: list[str] = []
     bodies: dict[str, mujoco.MjsBody] = {WORLD: spec.worldbody}
 
@@ -59,14 +67,17 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
         body = _add_body(model, bodies, link, joint)
         element = model.links[link]
         bodies[link] = body
-        masses[link] = _give_inertia(body, element, f"{model.name}: link {link!r}")
+        masses[link] = _give_inertia(body, element, model)
         if not masses[link]:
             dry.append(link)
-        volumes[link] = _give_shapes(body, element, model.name, folder, meshes, missing)
+        volumes[link] = _give_shapes(body, element, model, folder, meshes, missing, others)
 
     notes = [*model.notes]
     if dry:
         notes.append(f"links without mass (SDF itself would take 1 kg): {listed(dry)}")
+
+    if others:
+        notes.append(f"shapes left out, not of {', '.join((*_GEOMS, 'mesh'))}: {listed(others)}")
 
     if missing:
         endings = ", ".join((*MESHES, *OTHERS))
@@ -77,8 +88,8 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
     notes += add_meshes(spec, meshes)
     as_vehicle(spec)
 
-    facts = ModelFacts(
-        name=model.name, masses=_lumped(model, masses), joints=model.driven, volumes=volumes
+    facts = ModelFacts.of(
+        model.name, masses, _carriers(model), joints=model.driven, volumes=volumes
     )
     return spec, notes, content_of(model.xml.iter("plugin"), facts)
 
@@ -90,14 +101,13 @@ def _as_robot(model: SdfModel) -> Element:
     return robot
 
 
-def _lumped(model: SdfModel, masses: dict[str, float]) -> dict[str, float]:
-    """Mass [kg] of each link with what is fixed to it."""
-    lumped = dict(masses)
-    for link, joint in reversed(list(tree_order(model))):
-        if joint is not None and joint.element.get("type") == "fixed" and joint.parent in lumped:
-            lumped[joint.parent] += lumped[link]
-
-    return lumped
+def _carriers(model: SdfModel) -> dict[str, str]:
+    """Link that each link which is fixed to one is fixed to."""
+    return {
+        link: joint.parent
+        for link, joint in tree_order(model)
+        if joint is not None and joint.element.get("type") == "fixed"
+    }
 
 
 def _add_body(
@@ -130,7 +140,7 @@ def _add_body(
     added.damping = [joint.damping, *np.array(added.damping)[1:]]
     added.frictionloss = joint.friction
     limit = joint.element.find("limit")
-    effort = 0.0 if limit is None else abs(figure(limit.get("effort", "0"), f"joint {joint.name}"))
+    effort = 0.0 if limit is None else figure(limit.get("effort", "0"), f"joint {joint.name}")
 
     if 0.0 < effort < LONGEST * LONGEST:
         added.actfrcrange = [-effort, effort]
@@ -146,17 +156,18 @@ def _about(joint: SdfJoint, motion: Array) -> Array:
     return shift @ motion @ inverse(shift)
 
 
-def _give_inertia(body: mujoco.MjsBody, link: Element, subject: str) -> float:
+def _give_inertia(body: mujoco.MjsBody, link: Element, model: SdfModel) -> float:
     """Give a body the inertia of its link; its mass [kg]."""
+    subject = f"{model.name}: link {body.name!r}"
     inertial = link.find("inertial")
     mass = 0.0 if inertial is None else float(_of(inertial, "mass", 1, subject, "1")[0])
     if inertial is None or not mass > 0.0:
         return 0.0
-    X = pose_of(inertial, subject)
+    X = model.X_LP(body.name, inertial)
     tensor = np.zeros((3, 3))
     stated = inertial.find("inertia")
 
-    for i, j, tag in ((0, 0, "ixx"), (1, 1, "iyy"), (2, 2, "izz"), *_OFF):
+    for i, j, tag in INERTIA_ENTRIES:
         default = "1" if i == j else "0"
         entry = default if stated is None else stated.findtext(tag) or default
         tensor[i, j] = tensor[j, i] = figure(entry, f"{subject}: {tag}")
@@ -171,26 +182,30 @@ def _give_inertia(body: mujoco.MjsBody, link: Element, subject: str) -> float:
     return mass
 
 
-_OFF = ((0, 1, "ixy"), (0, 2, "ixz"), (1, 2, "iyz"))
-
-
 def _give_shapes(
     body: mujoco.MjsBody,
     link: Element,
-    name: str,
+    model: SdfModel,
     folder: Path,
     meshes: list[LinkMesh],
     missing: set[str],
+    others: list[str],
 ) -> tuple[float, Array]:
-    """Add the shapes of a link; volume [m^3] and its centre (3,) of those that collide."""
+    """Add the shapes of a link; volume [m^3] and its centre (3,) of those that collide.
+
+    Meshes go to a list of their own; names of those that are `missing`, and of shapes of `others`
+    kinds, are collected.
+    """
+    name = model.name
     total = 0.0
     moment = np.zeros(3)
 
     for shape in [*link.findall("visual"), *link.findall("collision")]:
         collides = shape.tag == "collision"
-        X = pose_of(shape, name)
+        X = model.X_LP(body.name, shape)
         geometry = shape.find("geometry")
-        kind = next((kind for kind in geometry if kind.tag != "empty"), None) if geometry else None
+        kinds = [] if geometry is None else [kind for kind in geometry if kind.tag != "empty"]
+        kind = next(iter(kinds), None)
         if kind is None:
             continue
 
@@ -220,6 +235,8 @@ def _give_shapes(
             if collides:
                 total += volume
                 moment += volume * X[:3, 3]
+        else:
+            others.append(f"{kind.tag} of {body.name}")
 
     return total, moment / total if total > 0.0 else np.zeros(3)
 
@@ -241,6 +258,7 @@ def _size_of(kind: Element, subject: str) -> tuple[list[float], float]:
     numbers = np.concatenate(
         [_of(kind, tag, count, subject, None) for tag, count in _LENGTHS[kind.tag]]
     )
+    checked_place(numbers, numbers.shape, f"{subject}: {kind.tag}", LONGEST)
     if not np.all(numbers > 0.0):
         raise ConfigurationError(f"{subject}: lengths of a {kind.tag} must be positive")
     if kind.tag == "box":
@@ -264,4 +282,4 @@ def _of(element: Element, tag: str, count: int, subject: str, default: str | Non
         raise ConfigurationError(f"{subject}: <{element.tag}> lacks <{tag}>")
     numbers = [figure(word, f"{subject}: <{tag}>") for word in text.split()]
 
-    return checked_place(numbers, (count,), f"{subject}: <{tag}>", LONGEST)
+    return checked(numbers, (count,), f"{subject}: <{tag}>")

@@ -11,11 +11,17 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
 # [N^(1/3)] thrust over the vehicle's weight to 2/3: BlueROV2 50 N at 98 N, RexROV 1600 N at 18 kN
-PRIOR = 2.35
+_PRIOR = 2.35
+_ONE_WAY = 0.01  # share of its thrust that a thruster gets the other way, where the file has none
 _POINTS = 21  # of a curve, each way
 _FARTHEST = 1e6  # command up to which a curve is followed
 
 Limits = Mapping[str, tuple[float | None, float | None]]
+
+
+def prior_thrust(weight: float) -> float:
+    """Thrust [N] of each thruster of a vehicle of a weight [N], where nothing states it."""
+    return _PRIOR * weight ** (2.0 / 3.0)
 
 
 def limited_thruster(
@@ -41,16 +47,7 @@ def limited_thruster(
         content: gets entries about it.
     """
     part = f"thruster {name}"
-    astern, ahead = _ends(curve, limits)
-
-    if not (np.isfinite(ahead) and ahead > 0.0 and np.isfinite(astern) and astern > 0.0):
-        prior = PRIOR * weight ** (2.0 / 3.0)
-        ahead = ahead if np.isfinite(ahead) and ahead > 0.0 else prior
-        astern = astern if np.isfinite(astern) and astern > 0.0 else prior
-        why = "no limit in the file: 2.35 N of weight^(2/3); `thrusters:` in the mapping states it"
-        content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", "guessed", why)
-    else:
-        content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", "read", "its limits")
+    astern, ahead = _told_ends(_ends(curve, limits), part, weight, content)
 
     if time_constant > 0.0:
         content.tell(part, "time constant", f"{time_constant:g} s", "read", "its dynamics")
@@ -67,15 +64,51 @@ def limited_thruster(
     )
 
 
+def _told_ends(
+    ends: tuple[float, float], part: str, weight: float, content: FileContent
+) -> tuple[float, float]:
+    """Thrust [N] astern and ahead, both positive, by what `_ends` returned; told."""
+    astern, ahead = ends
+    pushes = max(ahead, astern) > 0.0  # else its limits and its curve allow none
+    if not pushes:
+        astern = ahead = np.inf
+    prior = prior_thrust(weight)
+    guessed = np.isinf([astern, ahead]).any()
+    astern, ahead = (prior if np.isinf(end) else end for end in (astern, ahead))
+
+    # A thruster of ours turns either way.
+    one_way = min(astern, ahead) <= 0.0
+    if one_way:
+        which = "ahead" if ahead > astern else "astern"
+        least = _ONE_WAY * max(astern, ahead)
+        astern = max(astern, least)
+        ahead = max(ahead, least)
+        why = f"the file lets it push {which} only; {_ONE_WAY:.0%} the other way, as good as none"
+        content.tell(part, "thrust the other way", f"{least:.4g} N", "guessed", why)
+
+    why = "its limits"
+    if guessed:
+        lacks = "no limit in the file" if pushes else "no thrust within its limits in the file"
+        why = f"{lacks}: {_PRIOR:g} N of weight^(2/3); `thrusters:` in the mapping states it"
+    way = "guessed" if guessed else "read"
+    content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", way, why)
+
+    return astern, ahead
+
+
 def _ends(curve: Callable[[Array], Array] | None, limits: Limits) -> tuple[float, float]:
-    """Thrust [N] astern and ahead at the limits, both positive; infinite: none is stated."""
+    """Thrust [N] astern and ahead at the limits; infinite: none is stated.
+
+    One that is not positive: there is none that way.
+    """
     least, most = limits["thrust"]
     low, high = limits["command"]
     astern = np.inf if least is None else -least
     ahead = np.inf if most is None else most
 
     if curve is not None:
-        reach = curve(np.array([low or -_FARTHEST, high or _FARTHEST]))
+        ends = -_FARTHEST if low is None else low, _FARTHEST if high is None else high
+        reach = curve(np.array(ends))
         bounded = np.abs(curve(np.array([-2.0 * _FARTHEST, 2.0 * _FARTHEST]))) <= np.abs(reach)
         if low is not None or bounded[0]:
             astern = min(astern, -float(reach[0]))

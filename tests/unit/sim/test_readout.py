@@ -11,6 +11,7 @@ from uuv.sim.plant.readout import (
     LEAST,
     MOST,
     NORMAL,
+    colliding_geoms,
     gears_and_contacts,
     places_of,
 )
@@ -113,3 +114,45 @@ def test_what_touches_beside_the_pad_is_a_collision():
         data.time = 0.25
         mujoco.mj_forward(model, data)
     assert met.tolist() == [model.geom("arm").id, model.geom("floor").id, 0.25]
+
+
+TOOLS = """
+<mujoco>
+  <worldbody>
+    <geom name="{p}floor" type="plane" size="3 3 .1"/>
+    <body name="{p}hull" pos=".1 .2 .3" euler="10 20 30"> <freejoint/>
+      <geom name="{p}shell" size=".1"/>
+      <body name="{p}pad" pos=".3 0 .1"> <joint name="{p}pad" type="slide"/>
+        <geom name="{p}pad" size=".1"/> {same}
+        <body pos=".1 0 0"> <joint name="{p}{joint}" type="slide"/> {other}
+          <geom name="{p}tip" size=".02"/> </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("prefix", ["", "second/"])
+@pytest.mark.parametrize(
+    ("same", "other", "joint", "excused"),
+    [
+        ([], ["pad_right"], "gripper_right", ["pad_right"]),
+        (["pad_right", "pad_bottom"], [], "j", ["pad_right", "pad_bottom"]),
+        ([], ["pad_right"], "j", []),  # a part of a user's that is called so
+        (["pad_right"], [], "j", []),
+        (["pad_bottom"], ["pad_right"], "j", []),
+    ],
+)
+def test_what_else_touches_is_excused_on_a_gripper_or_a_socket_alone(
+    prefix: str, same: list[str], other: list[str], joint: str, excused: list[str]
+) -> None:
+    same_text, other_text = (
+        "".join(f'<geom name="{prefix}{name}" size=".05"/>' for name in names)
+        for names in (same, other)
+    )
+    text = TOOLS.format(p=prefix, same=same_text, other=other_text, joint=joint)
+    model = mujoco.MjModel.from_xml_string(text)
+    mask = colliding_geoms(model, model.body(f"{prefix}hull").id, f"{prefix}pad")
+    free = {model.geom(int(i)).name.removeprefix(prefix) for i in np.flatnonzero(~mask)}
+    assert free == {"floor", *excused}

@@ -49,6 +49,36 @@ def test_packages_are_found_above_beside_and_in_the_workspace(tmp_path: Path, mo
     assert package_folder("arm_description", lonely) == other
 
 
+def test_a_package_that_comes_later_is_there_for_the_next_reading(tmp_path: Path) -> None:
+    rov = package(tmp_path / "src" / "mine" / "rov_description", "urdf/rov.urdf")
+    file = rov / "urdf" / "rov.urdf"
+    file.write_text(URDF.format(mesh="package://hull_description/meshes/hull.stl"))
+    without = vehicle_spec(file)
+    assert any(line.endswith("hull.stl") for line in computed(without).values())
+
+    hull = package(tmp_path / "src" / "theirs" / "hull_description") / "meshes"
+    hull.mkdir()
+    trimesh.creation.box((0.4, 0.2, 0.3)).export(hull / "hull.stl")
+    assert vehicle_spec(file).compile().ngeom == 1
+
+
+def test_a_mesh_of_another_vehicle_is_not_taken_for_its_bare_name(tmp_path: Path) -> None:
+    urdf = tmp_path / "rov" / "urdf"
+    urdf.mkdir(parents=True)
+    (tmp_path / "base_link.stl").write_text("")  # of another vehicle
+    assert mesh_file("package://arm/meshes/base_link.stl", urdf) is None
+    assert mesh_file("base_link.stl", urdf) is None
+
+    # With a folder of its path, or beside the file, it is.
+    (urdf / "base_link.stl").write_text("")
+    beside = urdf / "base_link.stl"
+    assert mesh_file("package://arm/meshes/base_link.stl", urdf) == beside
+    (tmp_path / "rov" / "meshes").mkdir()
+    below = tmp_path / "rov" / "meshes" / "base_link.stl"
+    below.write_text("")
+    assert mesh_file("package://arm/meshes/base_link.stl", urdf) == below
+
+
 def test_a_mesh_of_collada_is_a_shape_in_metres(tmp_path: Path, within) -> None:
     box = trimesh.creation.box((0.4, 0.2, 0.3))
     text = box.export(file_type="dae").decode()

@@ -73,6 +73,17 @@ def test_limits_are_the_same_at_every_door(tmp_path: Path, turn, limits) -> None
     )
 
 
+@pytest.mark.parametrize("endless", ["-1", "inf"])
+def test_a_rating_below_zero_or_without_end_is_none(tmp_path: Path, endless: str) -> None:
+    text = robot(f'type="revolute">{limit("-0.5", "0.7")}')
+    text = text.replace('effort="9" velocity="1"', f'effort="{endless}" velocity="{endless}"')
+    robot_read = urdf_files.parse(text)
+    assert robot_read.speeds == {"bend": 1.0}
+    assert vehicle_of(tmp_path, text).compile().actuator("turn").ctrlrange[1] == 9.0
+    with pytest.raises(ConfigurationError, match="joint 'turn' has no torque limit"):
+        vehicle_of(tmp_path, text, MAPPING.partition("joints")[0])
+
+
 def test_what_is_not_taken_as_it_stands_is_said(tmp_path: Path) -> None:
     spec = vehicle_of(tmp_path, robot(f'type="continuous">{limit("-0.5", "0.7")}'))
     assert (

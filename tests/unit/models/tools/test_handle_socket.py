@@ -13,24 +13,29 @@ THICK = 0.015  # [m] of the bar
 STICTION = 4.0  # [N m] of the valve
 
 
-def turning() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """A wrist with a socket on a hinge, over a T-bar on a stiff hinge of the same axis."""
+HINGE = mujoco.mjtJoint.mjJNT_HINGE
+
+
+def over_a_bar(
+    kind: mujoco.mjtJoint = HINGE, stiction: float = STICTION
+) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """A wrist with a socket on a hinge, over a T-bar on a stiff joint of the same axis."""
     spec = mujoco.MjSpec()
     spec.option.timestep = 0.001
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     base = spec.worldbody.add_body(name="base", pos=[0.1, 0.2, -0.3], quat=TURNED)
 
-    hinge = {"type": mujoco.mjtJoint.mjJNT_HINGE, "axis": [0.0, 0.0, 1.0]}
+    axis = [0.0, 0.0, 1.0]
     wrist = base.add_body(name="wrist", mass=0.5, inertia=[1e-3] * 3, explicitinertial=True)
-    wrist.add_joint(name="wrist", damping=0.5, **hinge)
+    wrist.add_joint(name="wrist", type=HINGE, axis=axis, damping=0.5)
     tip = wrist.add_site(name="tip")
     add_handle_socket(wrist, np.zeros(3), np.array([1.0, 0, 0, 0]), tip, HandleSocket())
 
     bar = base.add_body(name="bar", pos=[0.0, 0.0, HandleSocket().length - 0.015])
     # so stiff that it does not creep
     sticks = [0.9999, 0.9999, 0.001, 0.5, 2.0]
-    bar.add_joint(name="valve", frictionloss=STICTION, solimp_friction=sticks, **hinge)
+    bar.add_joint(name="valve", type=kind, axis=axis, frictionloss=stiction, solimp_friction=sticks)
     size = [0.5 * THICK, 0.06, 0.01]
     geom = mujoco.mjtGeom.mjGEOM_BOX
     bar.add_geom(type=geom, size=size, mass=1.0, contype=2, conaffinity=1)
@@ -40,7 +45,7 @@ def turning() -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_the_wrist_turns_by_the_play_and_then_the_valve_turns_with_it(sense: float) -> None:
-    model, data = turning()
+    model, data = over_a_bar()
     play = HandleSocket().backlash(THICK)
     assert play > np.radians(5.0)
     data.joint("wrist").qfrc_applied = sense * 0.5 * STICTION
@@ -54,6 +59,19 @@ def test_the_wrist_turns_by_the_play_and_then_the_valve_turns_with_it(sense: flo
     mujoco.mj_step(model, data, nstep=300)
     assert sense * float(data.joint("valve").qpos[0]) > np.radians(20.0)
     assert abs(float(data.joint(PAD_BODY).qpos[0])) < 1e-3
+
+
+def test_the_bottom_of_the_slot_bears_a_bar_that_is_pressed_home() -> None:
+    model, data = over_a_bar(mujoco.mjtJoint.mjJNT_SLIDE, 0.0)
+    socket = HandleSocket()
+    press = 0.9 * socket.contact.most_force
+    data.joint("valve").qfrc_applied = -press
+    mujoco.mj_step(model, data, nstep=3000)
+
+    give = float(data.joint(PAD_BODY).qpos[0])
+    assert give == pytest.approx(-press / socket.contact.stiffness, rel=0.01)
+    face = socket.length - 0.015 - 0.01 + float(data.joint("valve").qpos[0])
+    assert face == pytest.approx(socket.length - socket.depth + give, abs=1e-3)
 
 
 def test_the_play_is_none_for_a_bar_as_thick_as_the_slot_and_a_thicker_one_is_refused() -> None:

@@ -116,6 +116,86 @@ def test_water_and_thrusters_of_gz_sim_are_those_put_in_by_hand(tmp_path: Path, 
     within("axis", axis - [1.0, 0.0, 0.0], 1e-12)
 
 
+@pytest.mark.parametrize("endless", ["-1", "inf"])
+def test_efforts_and_velocities_without_limit_are_none(tmp_path: Path, endless: str) -> None:
+    file = written(tmp_path)
+    text = file.read_text().replace("<effort>9<", f"<effort>{endless}<")
+    file.write_text(text.replace("<velocity>2<", f"<velocity>{endless}<"))
+    vehicle = read(file)
+    assert vehicle.speeds == {}
+    joints = {joint.name: joint for joint in vehicle.spec.joints}
+    assert not np.any(joints["turn"].actfrcrange)
+    assert joints["bend"].actfrcrange.tolist() == [-5.0, 5.0]
+
+
+def test_a_heavy_hull_is_no_long_way(tmp_path: Path) -> None:
+    file = written(tmp_path)
+    text = file.read_text().replace("<mass>20<", "<mass>12000<")
+    text = text.replace("<damping>0.7<", "<damping>2e4<")
+    file.write_text(text)
+    spec = read(file).spec
+    assert spec.body("base").mass == 12000.0
+    assert spec.joint("turn").damping[0] == 2e4
+
+
+def test_what_is_fixed_to_a_link_weighs_once(tmp_path: Path) -> None:
+    fixed = """<link name="foam"><pose relative_to="mount">0.1 0 0.2 0 0.1 0</pose>
+      <inertial><mass>3</mass></inertial></link><joint name="foam_joint" type="fixed">
+      <parent>mount</parent><child>foam</child></joint>"""
+    thrusts = []
+    for folder, more, mass in (("with", fixed, "17"), ("without", "", "20")):
+        (tmp_path / folder).mkdir()
+        file = written(tmp_path / folder, more + THRUSTER.replace("{limits}", ""))
+        file.write_text(file.read_text().replace("<mass>20<", f"<mass>{mass}<"))
+        thrusts.append(read(file).thrusters[0].thruster.forward)
+    assert thrusts[0] == pytest.approx(thrusts[1], rel=1e-12)
+
+
+def test_a_shape_lies_in_the_frame_that_its_pose_names(tmp_path: Path, within) -> None:
+    frame = '<frame name="datum"><pose relative_to="upper">0.3 -0.2 0.1 0.4 0 0.2</pose></frame>'
+    file = written(tmp_path, frame)
+    direct = read(file).spec
+    # The box of the base, in a frame on the upper link.
+    named = '<pose relative_to="datum">0.5 0.1 0.06 0.1 0 0</pose>'
+    file.write_text(file.read_text().replace("<pose>0 0 0.06 0 0 0</pose>", named))
+    spec = read(file).spec
+    from scipy.spatial.transform import Rotation
+
+    def frame_of(p, rpy) -> np.ndarray:
+        X = np.eye(4)
+        X[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+        X[:3, 3] = p
+        return X
+
+    X_BU = frame_of([0.3, 0.1, -0.2], [0.2, 0.1, -0.3])
+    X_UD = frame_of([0.3, -0.2, 0.1], [0.4, 0.0, 0.2])
+    expected = X_BU @ X_UD @ frame_of([0.5, 0.1, 0.06], [0.1, 0.0, 0.0])
+    (box,) = spec.body("base").geoms
+    within("place", box.pos - expected[:3, 3], 1e-12)
+    w, x, y, z = box.quat
+    within("axes", Rotation.from_quat([x, y, z, w]).as_matrix() - expected[:3, :3], 1e-12)
+    assert direct.body("base").geoms[0].pos.tolist() == [0.0, 0.0, 0.06]
+
+    file.write_text(file.read_text().replace('"datum">0.5', '"nowhere">0.5'))
+    with pytest.raises(ConfigurationError, match="no link, joint or frame 'nowhere'"):
+        read(file)
+
+
+def test_a_follower_counts_from_its_reference(tmp_path: Path) -> None:
+    mimic = """<mimic joint="turn" axis="axis"><multiplier>-0.5</multiplier><offset>0.2</offset>
+      <reference>0.3</reference></mimic>"""
+    file = written(tmp_path)
+    file.write_text(
+        file.read_text().replace(
+            '<xyz expressed_in="__model__">0 1 0</xyz>',
+            f'<xyz expressed_in="__model__">0 1 0</xyz>{mimic}',
+        )
+    )
+    (equality,) = read(file).spec.equalities
+    # 0.2 - 0.5 (q - 0.3)
+    assert equality.data[:2] == pytest.approx([0.35, -0.5])
+
+
 def test_limits_of_ardupilots_commands_are_those_of_thrust(tmp_path: Path) -> None:
     control = """<plugin name="ArduPilotPlugin" filename="libArduPilotPlugin.so">
       <control channel="0"><jointName>prop_joint</jointName><type>COMMAND</type>
@@ -151,6 +231,12 @@ def test_px4s_plugins_are_read(tmp_path: Path) -> None:
             "closed loop: link hand has a second joint, loop, left out",
         ),
         ('<link name="alone"/>', "links that no joint holds, left out: alone"),
+        (
+            '<link name="cone"><collision name="c"><geometry><cone><radius>1</radius></cone>'
+            '</geometry></collision></link><joint name="j" type="fixed"><parent>base</parent>'
+            "<child>cone</child></joint>",
+            "shapes left out, not of box, cylinder, capsule, sphere, ellipsoid, mesh: cone of cone",
+        ),
         (
             "<include><uri>model://camera</uri></include>",
             "<include> within the model left out: model://camera",

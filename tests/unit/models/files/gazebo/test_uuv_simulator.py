@@ -24,6 +24,8 @@ LINEAR = np.array([5.0, 6.0, 7.0, 0.8, 0.9, 1.1])
 QUADRATIC = np.array([40.0, 60.0, 80.0, 3.0, 4.0, 5.0])
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 
+PRIOR = 2.35 * (9.81 * 20.002) ** (2.0 / 3.0)  # [N] of each thruster of the vehicle below
+
 
 def row(numbers) -> str:
     return " ".join(repr(float(entry)) for entry in np.ravel(numbers))
@@ -162,6 +164,60 @@ def test_a_curve_of_a_command_becomes_that_of_a_share(
     within("thrust at minus half [N]", thrust_at(curve, -0.5) - between[1], 0.05)
 
 
+@pytest.mark.parametrize(
+    ("limits", "ends", "entries"),
+    [
+        (  # 0.02 N 50^2 ahead
+            "<clampMin>0</clampMin><clampMax>50</clampMax>",
+            (50.0, 0.5),
+            ["the other way 0.5 N, guessed (the file lets it push ahead only", "read (its limits)"],
+        ),
+        (
+            "<clampMin>-50</clampMin><clampMax>0</clampMax>",
+            (0.5, 50.0),
+            ["the file lets it push astern only", "read (its limits)"],
+        ),
+        (
+            "<thrustMin>0</thrustMin><thrustMax>40</thrustMax>",
+            (40.0, 0.4),
+            ["the file lets it push ahead only", "thrust 40 and -0.4 N, read (its limits)"],
+        ),
+        (
+            "<thrustMin>0</thrustMin>",
+            (PRIOR, 0.01 * PRIOR),
+            ["the file lets it push ahead only", "guessed (no limit in the file"],
+        ),
+        (
+            "<thrustMin>-40</thrustMin><thrustMax>40</thrustMax><gain>0</gain>",
+            (PRIOR, PRIOR),
+            ["guessed (no thrust within its limits in the file"],
+        ),
+    ],
+)
+def test_a_stated_zero_counts_one_way_is_next_to_nothing_the_other(
+    tmp_path: Path, limits, ends, entries
+) -> None:
+    (tmp_path / "rov.urdf").write_text(urdf(FOSSEN, thruster(0, BASIC, limits)))
+    file = read(tmp_path / "rov.urdf")
+    kind = file.thrusters[0].thruster
+    assert (kind.forward, kind.reverse) == pytest.approx(ends, rel=1e-9)
+    text = "\n".join(entry.line() for entry in file.entries)
+    assert all(entry in text for entry in entries)
+
+
+def test_what_is_fixed_to_a_link_weighs_once(tmp_path: Path) -> None:
+    # 20 kg fixed to a link without mass
+    text = urdf(FOSSEN, thruster(0, BASIC)).replace(
+        '<link name="rov/base_link">',
+        '<link name="rov/foot"/><joint name="rov/foot_joint" type="fixed">'
+        '<origin xyz="0.1 -0.2 0.3" rpy="0.1 0.2 -0.3"/><parent link="rov/foot"/>'
+        '<child link="rov/base_link"/></joint><link name="rov/base_link">',
+    )
+    (tmp_path / "rov.urdf").write_text(text)
+    (mapped,) = read(tmp_path / "rov.urdf").thrusters
+    assert mapped.thruster.forward == pytest.approx(PRIOR, rel=1e-9)
+
+
 def test_what_is_guessed_and_left_out_is_told_with_its_reason(tmp_path: Path) -> None:
     fin = '<gazebo><plugin name="f" filename="libuuv_fin_ros_plugin.so"><linkName>fin0</linkName>'
     block = f"{fin}</plugin></gazebo>"
@@ -170,8 +226,7 @@ def test_what_is_guessed_and_left_out_is_told_with_its_reason(tmp_path: Path) ->
     lines = [entry.line() for entry in read(tmp_path / "rov.urdf").entries]
     text = "\n".join(lines)
     assert "rov/base_link: volume 0.0194553 m^3, read (neutrally_buoyant)" in text
-    prior = 2.35 * (9.81 * 20.002) ** (2.0 / 3.0)  # [N]
-    assert f"thrust {prior:.4g} and -{prior:.4g} N, guessed (no limit in the file" in text
+    assert f"thrust {PRIOR:.4g} and -{PRIOR:.4g} N, guessed (no limit in the file" in text
     assert "fin0: fin, left out (fins are held still, without lift)" in text
 
 
@@ -209,6 +264,8 @@ def test_water_that_would_feed_energy_in_is_reduced_and_said(tmp_path: Path) -> 
 
 
 def test_a_number_that_is_none_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="<fluid_density>: must be positive and finite"):
+        spec_of(tmp_path, urdf(FOSSEN).replace("1028.0", "0"))
     with pytest.raises(ConfigurationError, match="water of link 'rov/base_link': <volume>: expect"):
         spec_of(tmp_path, urdf(FOSSEN, volume="<volume>much</volume>"))
     with pytest.raises(ConfigurationError, match="<added_mass>: expected 36 numbers"):

@@ -44,7 +44,9 @@ def command(
     options: RunOptions,
     started: float,
     after: str = "",
-    assembled: Callable[..., Assembly] = assemble,
+    *,
+    changed: Callable[[Assembly], Assembly] = lambda assembly: assembly,
+    observers_of: Callable[[Assembly], Sequence[Observer]] = lambda _: (),
 ) -> int:
     """Runs a scenario with progress on screen, and writes its results to a new folder.
 
@@ -53,8 +55,8 @@ def command(
         options: Folder, recording and viewer.
         started: [s] time.perf_counter() at the start of the command.
         after: Appended to the title of log and report.
-        assembled: Assembles the scenario, as `uuv.assembly.assemble` does: first for the rehearsal,
-            then for the run.
+        changed: Assembly of the run in place of the usual one; not asked for the rehearsal.
+        observers_of: More observers of the run, which the rehearsal does without.
 
     Returns:
         The exit code.
@@ -83,20 +85,20 @@ def command(
     folder = new_folder(scenario.name, options.out, scenario.seed)
 
     # Rehearsal, which loads all compiled code.
-    trial = assembled(to_rehearse(scenario), full=options.record)
+    trial = assemble(to_rehearse(scenario), full=options.record)
     for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     rehearse(trial)
     del trial  # its parts may hold state, and have moved on
 
-    assembly = assembled(scenario, full=options.record)
+    assembly = changed(assemble(scenario, full=options.record))
     plant, placed = assembly.plant, assembly.placed
     title, longest = placed.title + after, options.longest or placed.longest
     # Before the run, which stores the current in the model.
     made_by = provenance(scenario.name, as_dict(scenario), plant.model)
 
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
-    observers: list[Observer] = _paced(options)
+    observers: list[Observer] = [*_paced(options), *observers_of(assembly)]
     start = first_start.noted(compiled)
     write_scenario(scenario, folder / SCENARIO_FILE)
 

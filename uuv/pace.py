@@ -1,7 +1,8 @@
-"""WallClock of a run: simulated time against the clock on the wall.
+"""Real-time pacing: keeps a run at a factor of real time and measures its lateness.
 
 Nothing is skipped: a run that is late goes on as fast as it can. Work that stops the vehicle's
-clock (a scan, the identification after it, the placement of the hull) is a pause and no lateness.
+clock (a scan, the identification after it, the placement of the hull) is a pause and no lateness;
+what a run was late by before a pause it still is after it.
 """
 
 import time
@@ -21,16 +22,15 @@ _PAUSE = 0.05  # [s] on the wall, at least
 
 @dataclass(slots=True)
 class WallClock:
-    """Keeps a run at a factor of real time; an observer of `uuv.sim.loop.rollout`."""
+    """Real-time pacing of a run; an observer of `uuv.sim.loop.rollout`."""
 
     factor: float  # simulated seconds a second
     clock: Callable[[], float] = time.perf_counter
-    late: list[float] = field(default_factory=list)  # [s] by which each tick came late
+    late: list[float] = field(default_factory=list)  # [s] by which a run came late to each wait
     pauses: list[tuple[float, float]] = field(default_factory=list)  # [s] when, and how long
     slow_ticks: tuple[int, ...] = (5,)  # of the loop, between two waits
     _origin: float | None = None  # [s] on the wall of simulated time 0
     _state: WorkState | None = None
-    _last: float = 0.0  # [s] on the wall of the last tick
 
     def __post_init__(self) -> None:
         if not SLOWEST <= self.factor <= FASTEST:
@@ -45,7 +45,7 @@ class WallClock:
             time.sleep(wait)
 
     def arrive(self, simulated: float, state: WorkState) -> None:
-        """Note a tick that is ready: its lateness, or the pause before it.
+        """Note that a tick is ready to wait: its lateness, and the pause before it.
 
         Args:
             simulated: [s] time of the tick.
@@ -55,16 +55,17 @@ class WallClock:
         if self._origin is None:
             self._origin = arrived - simulated / self.factor
 
-        late = arrived - self.due(simulated)
+        # Since the last wait, beyond the time that was due
+        late = max(0.0, arrived - self.due(simulated))
+        pause = late - (self.late[-1] if self.late else 0.0)
         may_pause = state is WorkState.SCAN or state is not self._state
-        if late > _PAUSE and may_pause and arrived - self._last > _PAUSE:
-            self.pauses.append((simulated, late))
-            self._origin += late
-            late = 0.0
+        if pause > _PAUSE and may_pause:
+            self.pauses.append((simulated, pause))
+            self._origin += pause
+            late -= pause
 
-        self.late.append(max(0.0, late))
+        self.late.append(late)
         self._state = state
-        self._last = arrived
 
     def due(self, simulated: float) -> float:
         """Time [s] on the wall at which a simulated time [s] is due."""
@@ -81,11 +82,11 @@ class WallClock:
         )
 
     def report(self) -> dict[str, float]:
-        """Lateness of the ticks and length of the pauses."""
+        """Lateness at the waits and length of the pauses."""
         late = np.array(self.late or [0.0])
         return {
             "factor": self.factor,
-            "ticks": float(len(self.late)),
+            "waits": float(len(self.late)),
             "late_median_s": float(np.median(late)),
             "late_p99_s": float(np.percentile(late, 99)),
             "late_max_s": float(late.max()),

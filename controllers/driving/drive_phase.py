@@ -67,7 +67,8 @@ class DriveLimits:
     # loop needs some centimetres more along its axis
     singular: float = 0.5
     roomy: float = 0.9  # [-] such a margin of the posture in which the drive begins
-    lost: float = 0.25  # [s] without contact, after which the tool approaches again
+    # [s] without contact, after which the tool approaches again; before the work ends for it
+    lost: float
     hold: float = 2.0  # [s] of rest after the last input
 
 
@@ -80,7 +81,7 @@ class Cockpit:
     delay: float  # [s] between operator and vehicle
     approach: ApproachLimits
     force_rate: float  # [N/s] of the set force
-    limits: DriveLimits = field(default_factory=DriveLimits)
+    limits: DriveLimits
 
     def line(self, X_WB: Array, X_WG: Array, q: Array) -> ToolLine:
         """Line of one tool pose, along whose axis the tool is withdrawn."""
@@ -100,18 +101,25 @@ class Cockpit:
 
     def reached(self, X_WB: Array, X_WG: Array, q: Array, period: float) -> Array | None:
         """Joint angles (n,) of a tool pose, from `q`; None: out of reach within a period [s]."""
-        chain = self.work_vehicle.chain
-        X_AG = inverse(X_WB @ self.work_vehicle.vehicle.X_BA) @ X_WG
-        solution = posture_for(chain, X_AG, q)
-        if not solution.converged:
-            return None
-        if np.abs(solution.q - q).max() > self.limits.joint_speed * period:
+        q_next = self.posture(X_WB, X_WG, q)
+        if q_next is None or np.abs(q_next - q).max() > self.limits.joint_speed * period:
             return None
 
         # Near a singular posture only away from it
-        margin = self._margin(solution.q)
+        margin = self._margin(q_next)
         near = margin < self.limits.singular
-        return None if near and margin < self._margin(q) else solution.q
+        return None if near and margin < self._margin(q) else q_next
+
+    def posture(self, X_WB: Array, X_WG: Array, q: Array) -> Array | None:
+        """Joint angles (n,) of a tool pose, of those around `q`, however far; None: none."""
+        X_AG = inverse(X_WB @ self.work_vehicle.vehicle.X_BA) @ X_WG
+        solution = posture_for(self.work_vehicle.chain, X_AG, q)
+        return solution.q if solution.converged else None
+
+    def tool_at(self, X_WB: Array, q: Array) -> Array:
+        """Tool pose (4, 4) of joint angles (n,), W."""
+        work_vehicle = self.work_vehicle
+        return X_WB @ work_vehicle.vehicle.X_BA @ work_vehicle.chain.forward(q)
 
     def _margin(self, q: Array) -> float:
         """Margin [-] of joint angles (n,) from singular postures."""
@@ -281,7 +289,9 @@ class OperatorDrive(Phase):
         q = self._cockpit.reached(X_WB, X_next, driven.q, period)
         if q is None:
             held.note = OUT_OF_REACH
-            if self._mode is not Mode.FREE:
+            carried_in = float(carried @ axis)
+            into_contact = carried_in > self._inwards(carried_in, driven, context)
+            if self._mode is not Mode.FREE or into_contact:
                 driven.rest()
                 return
             driven.tool = np.zeros(3)

@@ -1,13 +1,29 @@
-r"""Planner of a driven vehicle: rest, unfold, tare, then what the operator asks for, until it ends.
+"""Planner of a driven vehicle: rest, unfold, tare, then what the operator asks for, until it ends.
 
-settle -> unfold -> rest -> tare -> free <-> guarded -> contact -> let go -> lift -> free
+| phase | next |
+|---|---|
+| settle, unfold, rest, tare | the next of them; after the tare free |
+| free | guarded with a set force; stay when the inputs have ended |
+| guarded | contact at the touch; free without a set force; stay when the inputs have ended |
+| contact | guarded when it slips off; let go without a set force; unload when the inputs end |
+| let go, lift | off the surface, and free |
+| unload | retreat, and the end |
+
+Reactions to faults are those of any surface task.
 """
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from uuv.controllers.driving.drive_phase import Cockpit, Driven, Mode, OperatorDrive
+from uuv.controllers.driving.drive_phase import (
+    OUT_OF_REACH,
+    Cockpit,
+    Driven,
+    DriveLimits,
+    Mode,
+    OperatorDrive,
+)
 from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.approach_limits import ApproachLimits
@@ -28,6 +44,8 @@ from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import Array
 
 _LIFT = 0.05  # [m] by which the tool leaves a surface on which no force is set any more
+# of the time after which a lost contact ends the work: the tool approaches again before that
+_LOST = 0.5
 
 
 def driven_task(
@@ -58,6 +76,7 @@ def driven_task(
         delay=delay,
         approach=job.approach,
         force_rate=job.force_rate,
+        limits=DriveLimits(lost=_LOST * job.contact.lost_time),
     )
 
     # A force where none is set
@@ -86,7 +105,6 @@ def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskR
 
 def _ready_rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """The vehicle at rest, its arm unfolded, its torque sensors tared."""
-    vehicle = cockpit.work_vehicle
     states = WorkState
     done = PhaseEvent.DONE
 
@@ -94,8 +112,7 @@ def _ready_rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str,
         """Aim at the posture in which the drive begins."""
         del context
         q = cockpit.roomy_posture()
-        X_WG = held.X_WB @ vehicle.vehicle.X_BA @ vehicle.chain.forward(q)
-        held.line = cockpit.line(held.X_WB, X_WG, q)
+        held.line = cockpit.line(held.X_WB, cockpit.tool_at(held.X_WB, q), q)
 
     def hand_over(held: Held, context: Context) -> None:
         """Begin the time of the inputs."""
@@ -139,12 +156,16 @@ def _lift_rows(
     done = PhaseEvent.DONE
 
     def lifted(held: Held, context: Context) -> None:
-        """Go on from where the tool was lifted to."""
-        del context
+        """Go on from where the tool was lifted to, or from where the arm stands below it."""
         driven = held.plan_of(Driven)
-        driven.X_WG = held.tool(lift)[0]
-        q = cockpit.reached(held.X_WB, driven.X_WG, driven.q, np.inf)
-        driven.q = driven.q if q is None else q
+        X_WG = held.tool(lift)[0]
+        q = cockpit.posture(held.X_WB, X_WG, driven.q)
+        if q is None:
+            held.note = OUT_OF_REACH
+            q = np.array(context.estimate.q)
+            X_WG = cockpit.tool_at(held.X_WB, q)
+        driven.X_WG = X_WG
+        driven.q = q
         driven.rest()
         held.line = cockpit.line(held.X_WB, driven.X_WG, driven.q)
 

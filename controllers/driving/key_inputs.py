@@ -1,57 +1,80 @@
 """Keys as an operator's inputs: a press changes a velocity by a step, and it stays."""
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
-from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
+from uuv.controllers.driving.operator_inputs import COLUMNS, LONGEST, OperatorInputs
 
 STEPS = 5  # presses from rest to the largest velocity
 _FORCE_STEP = 10.0  # [N]
-# Column and sign of the step, by GLFW's code of the key; letters are their capitals' codes.
-_CODES = {
-    "right": 262,
-    "left": 263,
-    "down": 264,
-    "up": 265,
-    "page up": 266,
-    "page down": 267,
-    "space": 32,
-    "enter": 257,
-    "end": 269,
+_AFTER = 1e-9  # [s] far below any period
+
+
+class _Key(NamedTuple):
+    """A key; a letter's code is that of the capital."""
+
+    name: str
+    code: int  # of GLFW
+
+
+class _Axis(NamedTuple):
+    """A column whose value two keys change by a step."""
+
+    column: str
+    help: str
+    more: _Key
+    less: _Key
+
+
+def _letter(name: str) -> _Key:
+    return _Key(name, ord(name))
+
+
+_HULL = (
+    _Axis("surge", "surge", _letter("I"), _letter("K")),
+    _Axis("sway", "sway", _letter("J"), _letter("L")),
+    _Axis("heave", "heave", _letter("Y"), _letter("H")),
+    _Axis("yaw_rate", "yaw", _letter("U"), _letter("O")),
+)
+_TOOL = (
+    _Axis("tool_x", "x", _Key("Up", 265), _Key("Down", 264)),
+    _Axis("tool_y", "y", _Key("Left", 263), _Key("Right", 262)),
+    _Axis("tool_z", "out and in", _Key("Page Down", 267), _Key("Page Up", 266)),
+)
+_SPACE = _Key("Space", 32)
+_ENTER = _Key("Enter", 257)
+_END = _Key("End", 269)
+_STEPPED = {
+    key.code: (axis.column, sign)
+    for axis in (*_HULL, *_TOOL)
+    for key, sign in ((axis.more, 1.0), (axis.less, -1.0))
 }
-_KEYS = {
-    # hull
-    ord("I"): ("surge", 1.0),
-    ord("K"): ("surge", -1.0),
-    ord("J"): ("sway", 1.0),
-    ord("L"): ("sway", -1.0),
-    ord("Y"): ("heave", 1.0),
-    ord("H"): ("heave", -1.0),
-    ord("U"): ("yaw_rate", 1.0),
-    ord("O"): ("yaw_rate", -1.0),
-    # tool
-    _CODES["up"]: ("tool_x", 1.0),
-    _CODES["down"]: ("tool_x", -1.0),
-    _CODES["left"]: ("tool_y", 1.0),
-    _CODES["right"]: ("tool_y", -1.0),
-    _CODES["page down"]: ("tool_z", 1.0),
-    _CODES["page up"]: ("tool_z", -1.0),
-}
+
+
+def _help(axes: Sequence[_Axis]) -> str:
+    return ", ".join(f"{axis.more.name} {axis.less.name} {axis.help}" for axis in axes)
+
+
 HELP = (
-    "hull: I K surge, J L sway, Y H heave, U O yaw; tool: arrows across, Page Down out, Page Up in",
-    "0 to 9: set force of 0 to 90 N; Space: rest; Enter: clutch; End: end",
+    f"hull: {_help(_HULL)}",
+    f"tool: {_help(_TOOL)}",
+    f"0 to 9: set force of 0 to {9.0 * _FORCE_STEP:.0f} N; {_SPACE.name}: rest; "
+    f"{_ENTER.name}: clutch; {_END.name}: end",
 )
 
 
 class KeyInputs(OperatorInputs):
     """Inputs by key presses, with the clutch closed at first; their times are noted as they come.
 
-    Presses come from another thread: each replaces one tuple.
+    Presses come from another thread: each replaces one tuple. After `LONGEST` the inputs end.
     """
 
     def __init__(self) -> None:
         super().__init__(ended=False)
         self._now = self._at_rest(0.0, 1.0)
         self._over = False
+        self._polled = 0.0  # [s] last time at which keys were taken
 
     @staticmethod
     def _at_rest(set_force: float, clutch: float) -> tuple[float, ...]:
@@ -65,8 +88,8 @@ class KeyInputs(OperatorInputs):
         values = dict(zip([*COLUMNS][1:], self._now, strict=True))
 
         # A step of one velocity, within its bounds
-        if key in _KEYS:
-            name, sign = _KEYS[key]
+        if key in _STEPPED:
+            name, sign = _STEPPED[key]
             most = COLUMNS[name].most
             step = round(values[name] * STEPS / most + sign)
             values[name] = most * min(max(step, -STEPS), STEPS) / STEPS
@@ -74,12 +97,12 @@ class KeyInputs(OperatorInputs):
         # Force, rest, clutch, end
         elif ord("0") <= key <= ord("9"):
             values["set_force"] = _FORCE_STEP * (key - ord("0"))
-        elif key == _CODES["space"]:
+        elif key == _SPACE.code:
             self._now = self._at_rest(values["set_force"], values["clutch"])
             return
-        elif key == _CODES["enter"]:
+        elif key == _ENTER.code:
             values["clutch"] = 1.0 - values["clutch"]
-        elif key == _CODES["end"]:
+        elif key == _END.code:
             self._over = True
             return
         self._now = tuple(values.values())
@@ -90,10 +113,18 @@ class KeyInputs(OperatorInputs):
 
     def poll(self, time: float) -> None:
         """Note what has changed since the last row, at `time` [s]."""
-        if self.ended or (self.rows and time <= self.rows[-1][0]):
+        if self.ended or not math.isfinite(time) or (self.rows and time <= self.rows[-1][0]):
             return
-        if self._over and math.isfinite(time):
-            self.add((time, *self._now))
+        self._polled = time
+        if self.rows and (self._over or time >= LONGEST):
+            self.add((min(time, LONGEST), *self._now))
             self.ended = True
         elif not self.rows or self.rows[-1][1:] != self._now:
             self.add((time, *self._now))
+
+    def kept(self) -> list[tuple[float, ...]]:
+        """Rows of a file that repeats them; of keys that have not ended, up to the last poll."""
+        if self.ended:
+            return self.rows
+        rows = self.rows or [(0.0, *self._now)]
+        return [*rows, (max(self._polled, rows[-1][0]) + _AFTER, *rows[-1][1:])]

@@ -92,8 +92,9 @@ class OperatorInputs:
     @property
     def largest_force(self) -> float:
         """Largest set force [N]; that allowed, while more rows follow."""
-        forces = [row[_NAMES.index("set_force")] for row in self.rows]
-        return max(forces, default=0.0) if self.ended else COLUMNS["set_force"].most
+        if not self.ended:
+            return COLUMNS["set_force"].most
+        return max((row[_NAMES.index("set_force")] for row in self.rows[:-1]), default=0.0)
 
     def poll(self, time: float) -> None:
         """Take what has come until `time` [s]; a file has all of it."""
@@ -146,9 +147,13 @@ class OperatorInputs:
             raise ConfigurationError(f"{what}: needs at least two rows, got {len(rows)}")
         return cls(rows)
 
+    def kept(self) -> list[tuple[float, ...]]:
+        """Rows of a file that repeats the inputs."""
+        return self.rows
+
     def text(self) -> str:
         """Content of a file that `read` reads, to the bit."""
-        lines = [",".join(repr(float(number)) for number in row) for row in self.rows]
+        lines = [",".join(repr(float(number)) for number in row) for row in self.kept()]
         return "\n".join([",".join(_NAMES), *lines, ""])
 
 

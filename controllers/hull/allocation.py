@@ -134,7 +134,7 @@ def undriven_axes(B: Array) -> tuple[str, ...]:
         return ()
     for axes in (("pitch",), ("roll",), RIGHTED):
         if _spans(np.delete(B, [AXES.index(axis) for axis in axes], axis=0)):
-            lacking = np.linalg.svd(B)[0][:, np.linalg.matrix_rank(B) :]
+            lacking = np.linalg.svd(B)[0][:, _rank(B) :]
             weights = np.abs(lacking).max(axis=1)
             either = len(axes) == 1 and _spans(np.delete(B, AXES.index("roll"), axis=0))
             # of two that would do, the one that the thrusters reach less
@@ -145,7 +145,12 @@ def undriven_axes(B: Array) -> tuple[str, ...]:
 
 
 def _spans(rows: Array) -> bool:
-    return bool(rows.size) and int(np.linalg.matrix_rank(rows, tol=_REACHED)) == len(rows)
+    return bool(rows.size) and _rank(rows) == len(rows)
+
+
+def _rank(rows: Array) -> int:
+    """Number of directions that thrusters reach (`_REACHED`), not that above rounding."""
+    return int(np.linalg.matrix_rank(rows, tol=_REACHED))
 
 
 class Allocation:
@@ -183,8 +188,7 @@ class Allocation:
             raise ConfigurationError(f"headroom: must be in (0, 1], got {headroom}")
 
         spared = {AXES.index(axis) for axis in undriven_axes(vehicle.thruster_wrench)}
-        levels = [[axis for axis in level if axis not in spared] for level in _levels(priorities)]
-        levels = [level for level in levels if level]
+        levels = _driven_levels(priorities, spared)
         self._set_up(vehicle, levels, effort, headroom, np.zeros(m, dtype=bool))
         if not self.record.numbers[_SPANS]:
             driven = sum(map(len, levels))
@@ -232,7 +236,7 @@ class Allocation:
         weights[order] = np.array(HULL.gap_weights)[order]
         r.H[:], right = normal_equations(weights[:, None] * B, effort)
         r.right[:] = right * weights
-        spans = np.linalg.matrix_rank(rows) == axes
+        spans = _spans(rows)
         r.numbers[:] = axes, spans, np.any(r.least > 0.0), len(patterns)
 
     @property
@@ -284,10 +288,7 @@ class Allocation:
         if priorities is not None:
             driven = {axis for level in levels for axis in level}
             spared = {AXES.index(axis) for axis in undriven_axes(vehicle.thruster_wrench)} - driven
-            levels = [
-                [axis for axis in level if axis not in spared] for level in _levels(priorities)
-            ]
-            levels = [level for level in levels if level]
+            levels = _driven_levels(priorities, spared)
         left._set_up(vehicle, levels, effort, headroom, lost)
         return left
 
@@ -346,6 +347,21 @@ def _axis(name: str) -> int:
     if name not in AXES:
         raise ConfigurationError(f"axis {name!r}: expected one of {list(AXES)}")
     return AXES.index(name)
+
+
+def _driven_levels(priorities: Sequence[Sequence[str]], spared: set[int]) -> list[list[int]]:
+    """Axis indices of each priority level without those `spared`; an empty level drops out.
+
+    Raises:
+        ConfigurationError: As `_levels`, or nothing is left to drive.
+    """
+    levels = [[axis for axis in level if axis not in spared] for level in _levels(priorities)]
+    levels = [level for level in levels if level]
+    if not levels:
+        raise ConfigurationError(
+            f"priorities: no thruster drives any axis of them, got {priorities!r}"
+        )
+    return levels
 
 
 def _levels(priorities: Sequence[Sequence[str]]) -> list[list[int]]:

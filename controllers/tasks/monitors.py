@@ -51,8 +51,10 @@ BoundsOfPeriod = Callable[[Held], EstimateBounds]
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """Condition that is known not to hold while the estimate is within bounds, and no fault is
-    reported.
+    """Condition with bounds of the estimate within which it is false (no fault reported).
+
+    Compiled ticks, for which the bounds are, stop at a new fault; with a known one the safety
+    wrapper's tick (`GuardTick.ready`) sends each tick to Python.
     """
 
     condition: Condition

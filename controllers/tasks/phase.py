@@ -261,6 +261,9 @@ class Phase:
     def foresee(self, state: Any, held: Held) -> Foreseen | None:
         """The next periods, where `step` and `setpoint` read time and period alone of `Context`.
 
+        Of its estimate they may use what does not change while that is within the bounds given
+        here: the hull counts as being at its reference.
+
         Both are then called ahead of time on copies of `state` and `held`, whose fields they may
         assign, but whose arrays and parts they must not change. A phase that overrides one of them
         gives this too, or nothing of it is foreseen; one that goes by the time in all periods

@@ -199,7 +199,7 @@ class TaskPlanner:
             if not time < foreseen.until:
                 break
             narrow = steady.and_within(*[of_period(trial.held) for of_period in varying])
-            context = Context(time, self.period, estimate, target, None)
+            context = self._foreseen(time, trial.held, estimate, target)
             ended = phase.step(trial.phase, trial.held, context) is not None
             reference = None if ended else self._reference(trial, context)
             if reference is None or not is_plain(reference):
@@ -220,11 +220,21 @@ class TaskPlanner:
             after = _copied(state)
             phase = self._rows[state.row].phase
             for time in foresight.times[:periods]:
-                context = Context(time, self.period, *foresight.seen, None)
+                context = self._foreseen(time, after.held, *foresight.seen)
                 phase.step(after.phase, after.held, context)
 
         after.false_at = [foresight.times[periods - 1]] * len(self._monitors)
         return after
+
+    def _foreseen(
+        self, time: float, held: Held, estimate: StateEstimate, target: Target | None
+    ) -> Context:
+        """What a phase sees in a foreseen period: the hull where it is to be.
+
+        The hull's own place is that of the present step, and the reference moves on: a lag would
+        grow that no vehicle has. The true one is watched by the bounds.
+        """
+        return Context(time, self.period, replace(estimate, X_WB=held.X_WB), target, None)
 
     def _advance(self, state: TaskState, now: Context) -> str | None:
         """Watch, and step the present phase; the name of the row entered after it, if any."""

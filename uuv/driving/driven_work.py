@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recording
 
 _AROUND = 150.0  # [s] simulated before the inputs begin, and after they end
+_STRIDE = 0.1  # [s] between the places of the tip whose distances are a way: its jitter is none
 _FORCE_ERROR = 15.0  # [N] RMS, acceptance bound
 _EXCESS = 1.5  # share of the set force that the true one may reach
 
@@ -164,14 +165,26 @@ def drive_figures(recording: "Recording") -> DriveFigures:
     peak = float(recording["contact_most"].scalar.max())
     largest = float(recording["set_force"].scalar.max())
 
-    # Way across the steps that are both in contact
-    p_WG = recording["p_pad"].value
     touches = work & ~is_lost(recording["contact_least"].scalar)
-    way = np.linalg.norm(np.diff(p_WG, axis=0), axis=1)[touches[1:] & touches[:-1]]
+    rows = slice(None, None, max(1, math.ceil(_STRIDE / recording.timestep)))
+    tip, axis = (recording[name].value[rows] for name in ("p_pad", "tool_axis"))
     return DriveFigures(
         pressed_s=float(work.sum() * recording.timestep),
         force_error_rms_n=float(np.sqrt(np.mean(error**2))) if error.size else None,
         force_peak_n=peak,
         force_peak_share=peak / largest if largest > 0.0 else None,
-        wiped_m=float(way.sum()),
+        wiped_m=way_across(tip, axis, touches[rows]),
     )
+
+
+def way_across(tip: "Array", axis: "Array", touches: np.ndarray) -> float:
+    """Way [m] of a tip across the tool axis, between neighbouring rows that are both in contact.
+
+    Args:
+        tip: (N, 3) [m], W.
+        axis: (N, 3) unit tool axis, W.
+        touches: (N,) bool: in contact.
+    """
+    step = np.diff(tip, axis=0)
+    across = step - np.sum(step * axis[:-1], axis=1)[:, None] * axis[:-1]
+    return float(np.linalg.norm(across, axis=1)[touches[1:] & touches[:-1]].sum())

@@ -42,6 +42,21 @@ def refuse_without_screen() -> None:
         raise ConfigurationError(_NO_SCREEN)
 
 
+class View:
+    """How a viewer draws, kept against its own keys: digits hide groups, letters toggle flags."""
+
+    def __init__(self, option: mujoco.MjvOption, scene: mujoco.MjvScene | None) -> None:
+        """Keep the present state of an option, and of the flags of a scene."""
+        arrays = [option.geomgroup, option.sitegroup, option.flags]
+        arrays += [] if scene is None else [scene.flags]
+        self._kept = [(array, array.copy()) for array in arrays]
+
+    def restore(self) -> None:
+        """Undo all changes since."""
+        for array, kept in self._kept:
+            array[:] = kept
+
+
 class Window:
     """Observer with a window of its own on the run; closed, the inputs end."""
 
@@ -68,6 +83,8 @@ class Window:
         self._drawing = set(threading.enumerate()) - before
         self._viewer.cam.lookat[:] = X_WB[:3, 3]
         self._viewer.cam.distance = 4.0
+        self._viewer.sync()
+        self._view = View(self._viewer.opt, self._viewer.user_scn)
 
     def observe(self, moment: Moment) -> None:
         """Show the vehicle, and a line about it."""
@@ -83,6 +100,7 @@ class Window:
             self._data.qpos[:] = self._plant.data.qpos
             self._data.time = self._plant.data.time
             mujoco.mj_kinematics(self._model, self._data)
+            self._view.restore()
 
         # What the operator goes by
         if hasattr(self._viewer, "set_texts"):  # MuJoCo 3.3 on

@@ -68,7 +68,7 @@ class UdpController:
             endpoint: Bound socket.
             vehicle: The vehicle as it is believed.
             period: [s] between commands.
-            pace: WallClock of the run; None: lockstep.
+            pace: Real-time pacing of the run; None: lockstep.
         """
         self.period = period
         self.traffic = Exchange()

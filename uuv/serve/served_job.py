@@ -1,10 +1,9 @@
 """A job whose controller is another process: what `uuv serve udp` runs."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
-from uuv.assembly import Assembly, assemble
+from uuv.assembly import Assembly
 from uuv.command import command
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.pace import WallClock
@@ -58,7 +57,7 @@ def run_remote(
             replace(options, pace=None),
             started,
             ", controller over UDP",
-            _after_rehearsal(with_remote),
+            changed=with_remote,
         )
     finally:
         for remote in remotes:
@@ -66,16 +65,3 @@ def run_remote(
             print(f"frames: {remote.traffic.summary()}")
         if pace is not None:
             print(pace.summary())
-
-
-def _after_rehearsal(change: Callable[[Assembly], Assembly]) -> Callable[..., Assembly]:
-    """Assembles a scenario, as changed from the second time on: the first one is the rehearsal."""
-    calls = 0
-
-    def assembled(scenario: Scenario, *, full: bool = True) -> Assembly:
-        nonlocal calls
-        calls += 1
-        assembly = assemble(scenario, full=full)
-        return assembly if calls == 1 else change(assembly)
-
-    return assembled

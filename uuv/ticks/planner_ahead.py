@@ -7,7 +7,8 @@ from uuv.sim.interfaces.messages import Reference
 from uuv.sim.loop.rollout import Rollout
 from uuv.sim.plant.plant import Plant
 
-_IN_VAIN = 8  # periods without a table, after one whose first row was not as foreseen
+# calls of `look` that are answered without asking, after a table of which no row was taken
+_REST = 8
 
 
 class PlannerAhead:
@@ -19,7 +20,7 @@ class PlannerAhead:
         self._step = float(plant.model.opt.timestep)
         self._substeps = round(plant.timestep / self._step)
         self._foresight: Foresight | None = None
-        self._rest = 0  # periods for which nothing is asked
+        self._rest = 0  # calls of `look` for which nothing is asked
         planner = run.parts.planner
         self._planner = planner if foresees(planner) else None
         self.table = ReferenceTable(len(plant.truth.q))
@@ -69,7 +70,7 @@ class PlannerAhead:
         self.table.clear()
         self._foresight = None
         if not taken:
-            self._rest = _IN_VAIN
+            self._rest = _REST
             return ()
 
         run.planner_state = self._planner.followed(run.planner_state, foresight, taken)

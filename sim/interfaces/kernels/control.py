@@ -30,9 +30,8 @@ from uuv.sim.interfaces.spatial import Array
 UNSOUND = 3  # nothing was done: the estimate is not finite, or too old
 BROKEN = 4  # done, but the command is not finite
 STOPPED = 5  # done; Python goes on with this tick, for a frame is wanted, or a fault was found
-REFUSED = 7  # done, but the command has another shape than the vehicle: the plant says so
 NO_POSE = 6  # nothing was commanded: the tool's target is no pose
-
+REFUSED = 7  # done, but the command has another shape than the vehicle: the plant says so
 
 Made = TypeVar("Made")
 Complete = Callable[[StateEstimate], StateEstimate]

@@ -19,7 +19,9 @@ from uuv.sim.interfaces.records import FOLLOWS, ReferenceRecord, reference_recor
 from uuv.sim.interfaces.spatial import Array
 
 ROWS = 64  # most periods that a table holds
-_ROUNDING = 1e-9  # share of a bound by which the table's are narrower: the planner decides there
+# Share of a bound by which that of the table is narrower. A kernel may round a magnitude otherwise
+# than the planner: a value that one of them has beyond the bound goes to the planner in any case.
+_ROUNDING = 1e-9
 
 
 class EstimateBounds(NamedTuple):
@@ -29,7 +31,7 @@ class EstimateBounds(NamedTuple):
     speed: float = np.inf  # [m/s] of the hull
     turn: float = np.inf  # [rad/s] of the hull
     normal: float = np.inf  # [N] estimated normal force
-    slack: float = np.inf  # [N] its negative: minus the least force
+    slack: float = np.inf  # [N] minus the estimated normal force: -8.0 asks for 8 N or more
     force: float = np.inf  # [N] magnitude of the estimated contact force, in any direction
     sigma: float = np.inf  # [N] standard deviation of the normal force
     moved: float = np.inf  # [m] of the object, as the camera on the arm sees it

@@ -61,21 +61,14 @@ def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
         )
         presses = i > steps // 3
         X_WG = VEHICLE.X_BA @ CHAIN_TIP
-        reference = Reference(
-            time=t,
+        reference = Reference.holding(
+            t,
+            np.eye(4),
+            start,
             state=WorkState.WORK,
-            X_WB=np.eye(4),
-            v_WB_W=STILL,
             X_WG=X_WG if presses else None,
-            v_WG_W=STILL,
-            w_WG_W=STILL,
-            q=start,
-            qd=np.zeros(N),
             set_force=40.0 if presses else 0.0,
             force_control=presses,
-            tare=False,
-            scan=False,
-            path_s=0.0,
         )
         rows.append((estimate, reference))
     return rows

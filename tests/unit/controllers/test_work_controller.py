@@ -49,22 +49,7 @@ def estimate(X_WB: Array, q: Array, tau: Array, qd: Array = HELD) -> StateEstima
 
 
 def reference(X_WB: Array, q: Array, X_WG: Array | None = None, force: float = 0.0) -> Reference:
-    return Reference(
-        time=0.0,
-        state=WorkState.WORK,
-        X_WB=X_WB,
-        v_WB_W=STILL,
-        X_WG=X_WG,
-        v_WG_W=STILL,
-        w_WG_W=STILL,
-        q=q,
-        qd=HELD,
-        set_force=force,
-        force_control=False,
-        tare=False,
-        scan=False,
-        path_s=0.0,
-    )
+    return Reference.holding(0.0, X_WB, q, state=WorkState.WORK, X_WG=X_WG, set_force=force)
 
 
 def anywhere(rng: np.random.Generator) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from untyped import untyped
-from uuv.assembly import assemble
+from uuv.assembly import Assembly, assemble
 from uuv.command import command
 from uuv.jobs import clean_barrel
 from uuv.perturbations.perturbation import Loop, Perturbation
@@ -121,6 +121,27 @@ def test_a_command_runs_as_without_its_rehearsal(worn: Scenario, tmp_path):
     assert untyped(rehearsed.plant).steps == round(REHEARSAL / ran.plant.timestep)
     assert untyped(ran.plant).steps == untyped(ran.observers[0]).seen == ticks
     assert untyped(rehearsed.observers[0]).seen == 0
+
+
+def test_what_a_door_adds_is_for_the_run_alone(worn: Scenario, tmp_path):
+    changed: list[Assembly] = []
+    counting = Counting()
+
+    def noted(assembly: Assembly) -> Assembly:
+        changed.append(replace(assembly))
+        return changed[-1]
+
+    def counted(assembly: Assembly) -> list[Counting]:
+        assert assembly is changed[-1]
+        return [counting]
+
+    options = RunOptions(record=False, out=tmp_path / "out", longest=SECONDS)
+    with pytest.raises(ConfigurationError, match="the work could not start"):
+        command(worn, options, 0.0, changed=noted, observers_of=counted)
+    assert len(changed) == 1
+    ran = Worn.loops[-1]
+    assert changed[0].loop.plant is ran.plant
+    assert counting.seen == round(SECONDS / ran.plant.timestep)
 
 
 def test_a_run_from_python_is_the_same(worn: Scenario):

@@ -4,6 +4,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from uuv.cli.carry_out import METRICS, Output, run_printed
+from uuv.cli.json_output import file_alone
 from uuv.cli.live.named_job import NamedJobOptions, named_scenario
 from uuv.scenario import KEYBOARD, Operator
 from uuv.sim.runs.command_line import parse
@@ -32,9 +34,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     scenario = named_scenario(options)
     scenario = replace(scenario, control=replace(scenario.control, operator=operator))
     if options.inputs != KEYBOARD:
-        from uuv.cli.carry_out import run_job
-
-        return run_job(scenario, options, started)
+        return run_printed(scenario, options, Output(json=options.json), started)
 
     from uuv.driving.keyboard import refuse_without_screen
     from uuv.inputs import check_inputs
@@ -43,4 +43,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     check_inputs(scenario, options.longest, keyboard=True)
     from uuv.cli.live.keyboard_run import run_by_keyboard
 
-    return run_by_keyboard(scenario, replace(options, pace=options.pace or 1.0), started)
+    def work() -> int:
+        return run_by_keyboard(scenario, replace(options, pace=options.pace or 1.0), started)
+
+    return file_alone(work, METRICS) if options.json else work()

@@ -1,8 +1,6 @@
 """A run that keys drive, with its window."""
 
-from dataclasses import replace
-
-from uuv.assembly import Assembly, assemble
+from uuv.assembly import Assembly
 from uuv.command import command
 from uuv.controllers.driving.key_inputs import KeyInputs
 from uuv.driving.driven_work import DrivenWork
@@ -20,24 +18,16 @@ def run_by_keyboard(scenario: Scenario, options: RunOptions, started: float) -> 
         started: [s] time.perf_counter() at the start of the command.
     """
     windows: list[Window] = []
-    rehearsed = False
 
-    def with_window(scenario: Scenario, *, full: bool = True) -> Assembly:
-        """The scenario assembled; the first one is the rehearsal, which nobody looks at."""
-        nonlocal rehearsed
-        assembly = assemble(scenario, full=full)
+    def window_of(assembly: Assembly) -> list[Window]:
         placed = assembly.placed
-        if not rehearsed or not isinstance(placed, DrivenWork):
-            rehearsed = True
-            return assembly
-
-        if isinstance(placed.source, KeyInputs):
-            windows.append(Window(assembly.plant, assembly.X_WB, placed.source))
-        observers = (*assembly.loop.observers, *windows)
-        return replace(assembly, loop=replace(assembly.loop, observers=observers))
+        assert isinstance(placed, DrivenWork)
+        assert isinstance(placed.source, KeyInputs)
+        windows.append(Window(assembly.plant, assembly.X_WB, placed.source))
+        return windows
 
     try:
-        return command(scenario, options, started, assembled=with_window)
+        return command(scenario, options, started, observers_of=window_of)
     finally:
         for window in windows:
             window.close()

@@ -200,21 +200,14 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
         qd=np.zeros(n),
         tau=np.zeros(n),
     )
-    press = Reference(
-        time=0.0,
+    press = Reference.holding(
+        0.0,
+        np.eye(4),
+        vehicle.q_ready,
         state=WorkState.WORK,
-        X_WB=np.eye(4),
-        v_WB_W=still,
         X_WG=X_WG,
-        v_WG_W=still,
-        w_WG_W=still,
-        q=vehicle.q_ready,
-        qd=np.zeros(n),
         set_force=60.0,
         force_control=True,
-        tare=False,
-        scan=False,
-        path_s=0.0,
     )
     tuning = ArmTuning()
     controller = WorkController(model, tuning=tuning)

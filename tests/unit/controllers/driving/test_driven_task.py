@@ -10,6 +10,7 @@ import pytest
 from driving_rows import Steps, rows_of
 from told import Told
 from uuv import models
+from uuv.controllers.driving.drive_phase import OUT_OF_REACH
 from uuv.controllers.driving.driven_task import driven_task
 from uuv.controllers.driving.operator_inputs import OperatorInputs
 from uuv.controllers.mkps import Chain
@@ -58,13 +59,15 @@ class Ride(Told):
         floor = -np.inf
 
         X_WB = START
-        state = command = None
+        state = command = reference = None
         zero = np.zeros(3)
         joints = np.zeros(6)
         motion = dict.fromkeys(("v_WB_B", "w_WB_B", "a_WB_B"), zero)
         for tick in range(12_000):
             clock: dict[str, Any] = {"time": tick * PERIOD}
             arm = dict.fromkeys(("q", "qd", "tau"), joints)
+            if reference is not None:
+                arm["q"] = reference.q
             estimate = StateEstimate(X_WB=X_WB, **motion, **arm, **clock)
             state = state or planner.init(estimate)
             state, reference = planner.step(state, estimate, None, command)
@@ -193,3 +196,50 @@ def test_the_tool_stops_at_the_end_of_the_arms_reach(within):
     moved = tip(carried) - tip(stopped) - (carried.X_WB - stopped.X_WB)[:3, 3]
     within("tool against the hull [m]", moved, 1e-9)
     assert np.linalg.norm((carried.X_WB - stopped.X_WB)[:3, 3]) > 0.2
+
+
+def test_a_hull_does_not_carry_a_tool_at_the_end_of_its_reach_into_an_object(within):
+    stop = -np.inf  # [m] height of the drawn-in tool, 3 cm over a floor
+
+    def below(reference: Reference, floor: float) -> float:
+        del floor
+        nonlocal stop
+        low = float(tip(reference)[2])
+        if reference.X_WB[2, 3] == START[2, 3]:
+            stop = max(stop, low)
+        return STIFFNESS * max(0.0, stop - 0.03 - low)
+
+    steps = ((20.0, {"tool_z": -0.1}), (5.0, {"heave": -0.05}), (3.0, {"heave": 0.05}))
+    ride = Ride(steps, felt=below).run()
+    assert ride.end.state is WorkState.DONE, ride.end.note
+    lowest = min(float(tip(r)[2]) for r in ride.references if r.time > ride.ready + 20.0)
+    within("into the floor [m]", lowest - (stop - 0.03), 1e-3)  # 6 N are felt after 0.2 mm
+
+    # Off it again, with the hull
+    assert float(tip(ride.end)[2]) - lowest > 0.1
+
+
+def test_a_tool_that_cannot_be_lifted_as_far_as_it_should_can_be_driven_on(within):
+    under: list[float] = []  # [m] height of a floor 2 cm under the drawn-in tool
+
+    def near(reference: Reference, floor: float) -> float:
+        del floor
+        if reference.state is GUARDED and not under:
+            under.append(float(tip(reference)[2]) - 0.02)
+        return _floor(reference, under[0]) if under else 0.0
+
+    steps = (
+        (8.0, {"tool_z": -0.1}),
+        (12.0, {"tool_z": 0.02, "set_force": 60.0}),
+        (10.0, {}),
+        (4.0, {"tool_x": 0.02}),
+    )
+    ride = Ride(steps, felt=near).run()
+    assert CONTACT in ride.states
+    assert ride.end.state is WorkState.DONE
+    assert OUT_OF_REACH in {r.note for r in ride.of(FREE) if r.time - ride.ready > 20.0}
+
+    # From where the arm stands
+    before, after = ride.at(30.0), ride.at(36.0)
+    within("in the surface [m]", under[0] - tip(before)[2], 1e-2)
+    assert np.linalg.norm(tip(after) - tip(before)) > 0.05

@@ -7,7 +7,7 @@ import pytest
 
 from driving_rows import rows_of, text_of
 from uuv.controllers.driving.key_inputs import KeyInputs
-from uuv.controllers.driving.operator_inputs import COLUMNS, OperatorInputs
+from uuv.controllers.driving.operator_inputs import COLUMNS, LONGEST, OperatorInputs
 from uuv.sim.interfaces.errors import ConfigurationError
 
 NAMES = tuple(COLUMNS)
@@ -33,6 +33,10 @@ def test_a_row_holds_until_the_next_and_the_last_one_ends(tmp_path: Path):
     assert opened.set_force == 40.0
     assert inputs.at(3.5) is None
     assert inputs.largest_force == 40.0
+
+    # The last row only ends them.
+    ending = [*rows_of(STEPS)[:-1], [99.0 if name != "time" else 3.5 for name in NAMES]]
+    assert OperatorInputs(ending).largest_force == 40.0
 
 
 def test_columns_may_come_in_any_order_without_the_turns(tmp_path: Path):
@@ -113,6 +117,50 @@ def test_keys_become_rows_that_a_file_repeats(tmp_path: Path):
     file.write_text(keys.text())
     kept = OperatorInputs.read(file)
     assert kept.rows == keys.rows
+
+
+@pytest.mark.parametrize("polls", [(), (0.0,), (0.0, 0.5, 1.0, 1.5)])
+def test_keys_that_have_not_ended_are_repeated_up_to_the_last_poll(
+    tmp_path: Path, polls: tuple[float, ...]
+):
+    keys = KeyInputs()
+    asked = []
+    for time in polls:
+        keys.press(ord("I"))
+        keys.poll(time)
+        asked.append(keys.at(time))
+
+    file = tmp_path / "kept.csv"
+    file.write_text(keys.text())
+    again = OperatorInputs.read(file)
+    for time, one in zip(polls, asked, strict=True):
+        other = again.at(time)
+        assert one is not None
+        assert other is not None
+        assert one.hull.tolist() == other.hull.tolist()
+        assert one.clutch is other.clutch
+    assert again.at(max(polls, default=0.0) + 0.01) is None
+
+
+def test_a_window_that_is_closed_at_once_leaves_inputs_that_end(tmp_path: Path):
+    keys = KeyInputs()
+    keys.end()
+    keys.poll(0.0)
+    keys.poll(0.01)
+    assert keys.at(0.01) is None
+    file = tmp_path / "kept.csv"
+    file.write_text(keys.text())
+    assert OperatorInputs.read(file).rows == keys.rows
+
+
+def test_keys_end_where_those_of_a_file_must(tmp_path: Path):
+    keys = KeyInputs()
+    keys.poll(LONGEST - 0.5)
+    keys.poll(LONGEST + 0.5)
+    assert keys.at(LONGEST) is None
+    file = tmp_path / "kept.csv"
+    file.write_text(keys.text())
+    assert OperatorInputs.read(file).duration == LONGEST
 
 
 def test_a_key_held_down_stays_within_bounds():

@@ -74,22 +74,7 @@ def test_the_tick_of_the_controller_calls_it(rng):
     """
     estimate = pressed(rng)
     controller = WorkController(OWN, estimator=KernelContact(OWN, by_three_joints, arm=ARM))
-    held = Reference(
-        time=0.0,
-        state=WorkState.WORK,
-        X_WB=X_WB,
-        v_WB_W=STILL,
-        X_WG=None,
-        v_WG_W=STILL,
-        w_WG_W=STILL,
-        q=estimate.q,
-        qd=np.zeros(N),
-        set_force=0.0,
-        force_control=False,
-        tare=False,
-        scan=False,
-        path_s=0.0,
-    )
+    held = Reference.holding(0.0, X_WB, estimate.q, state=WorkState.WORK)
     alone = KernelContact(OWN, by_three_joints, arm=ARM)
     state, other, tau = controller.init(estimate), alone.init(estimate), np.zeros(N)
     for k in range(4):

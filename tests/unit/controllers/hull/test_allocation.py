@@ -491,6 +491,43 @@ def test_what_weight_and_buoyancy_right_is_left_out(vehicle, lift, axes, within)
     within("thrust", Allocation(craft).thrust(asked) - thrust, 1e-11)
 
 
+@pytest.mark.parametrize(
+    ("lift", "axes"),
+    [
+        (((0.0, 0.2), (0.0, -0.2)), ("pitch",)),
+        (((0.3, 0.0), (-0.3, 0.0)), ("roll",)),
+        (((0.0, 0.0),), ("pitch", "roll")),
+    ],
+)
+def test_levers_of_a_rounded_angle_do_not_reach_an_axis(vehicle, lift, axes, within):
+    """As those of rpy="1.5707963 0 0", above rounding and of no use."""
+    B = vectored(lift)
+    noisy = B + np.random.default_rng(5).uniform(-1e-8, 1e-8, B.shape)
+    assert undriven_axes(noisy) == axes
+    wrench_B = np.array([20.0, -30.0, 40.0, 5.0, -6.0, 7.0])
+    limits = Thruster(forward=400.0, reverse=400.0)
+    plain, other = (
+        Allocation(with_thrusters(vehicle, each, limits)).thrust(wrench_B) for each in (B, noisy)
+    )
+    within("thrust [N]", other - plain, 1e-4)  # 4e-6
+
+
+def test_an_axis_that_is_reached_by_noise_alone_is_refused(vehicle):
+    B = np.delete(eight(), 0, axis=1)
+    B[1] = 1e-8 * np.arange(B.shape[1])  # sway
+    craft = with_thrusters(vehicle, B, Thruster(forward=40.0, reverse=40.0))
+    with pytest.raises(ConfigurationError, match="do not span all six"):
+        Allocation(craft)
+
+
+def test_priorities_of_axes_that_nothing_drives_are_refused(vehicle):
+    craft = with_thrusters(
+        vehicle, vectored(((0.0, 0.0),)), Thruster(forward=400.0, reverse=400.0)
+    )
+    with pytest.raises(ConfigurationError, match="no thruster drives any"):
+        Allocation(craft, priorities=[("pitch",), ("roll",)])
+
+
 def test_what_nothing_rights_is_refused(vehicle):
     B = np.delete(eight(), 0, axis=1)
     B[1] = 0.0  # nothing drives sway

@@ -67,21 +67,8 @@ def at_work(rng: np.random.Generator, force: float) -> tuple[StateEstimate, Comm
         scan=False,
         contact=ContactEstimate(force_W=force_W, normal=force),
     )
-    reference = Reference(
-        time=0.0,
-        state=WorkState.WORK,
-        X_WB=X_WB,
-        v_WB_W=np.zeros(3),
-        X_WG=X_WG,
-        v_WG_W=np.zeros(3),
-        w_WG_W=np.zeros(3),
-        q=np.zeros(N),
-        qd=np.zeros(N),
-        set_force=force,
-        force_control=True,
-        tare=False,
-        scan=False,
-        path_s=0.0,
+    reference = Reference.holding(
+        0.0, X_WB, np.zeros(N), state=WorkState.WORK, X_WG=X_WG, set_force=force, force_control=True
     )
     return sound, command, reference
 

@@ -39,21 +39,8 @@ N, M = len(VEHICLE.joints), len(VEHICLE.thruster_names)
 COMMAND = np.array([0.7, -0.75, 0.65, 0.8, 0.7, -0.75])  # of the thrusters
 
 
-REFERENCE = Reference(
-    time=0.0,
-    state=WorkState.WORK,
-    X_WB=pose(exp_so3([0.3, -0.2, 0.9]), [1.0, 2.0, -8.0]),
-    v_WB_W=np.zeros(3),
-    X_WG=None,
-    v_WG_W=np.zeros(3),
-    w_WG_W=np.zeros(3),
-    q=np.zeros(N),
-    qd=np.zeros(N),
-    set_force=0.0,
-    force_control=False,
-    tare=False,
-    scan=False,
-    path_s=0.0,
+REFERENCE = Reference.holding(
+    0.0, pose(exp_so3([0.3, -0.2, 0.9]), [1.0, 2.0, -8.0]), np.zeros(N), state=WorkState.WORK
 )
 
 

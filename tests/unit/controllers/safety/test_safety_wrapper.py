@@ -31,22 +31,7 @@ DT = 0.002
 MODEL = models.load("uuv_puma").compile()
 VEHICLE = Vehicle.of(MODEL)
 N, M = len(VEHICLE.joints), len(VEHICLE.thruster_names)
-REFERENCE = Reference(
-    time=0.0,
-    state=WorkState.WORK,
-    X_WB=np.eye(4),
-    v_WB_W=np.zeros(3),
-    X_WG=None,
-    v_WG_W=np.zeros(3),
-    w_WG_W=np.zeros(3),
-    q=np.zeros(N),
-    qd=np.zeros(N),
-    set_force=0.0,
-    force_control=False,
-    tare=False,
-    scan=False,
-    path_s=0.0,
-)
+REFERENCE = Reference.holding(0.0, np.eye(4), np.zeros(N), state=WorkState.WORK)
 
 
 @dataclass

@@ -183,6 +183,46 @@ def test_foreseen_periods_are_those_of_steps_one_by_one(name: str, taken: int):
         assert kept.row == after.row
 
 
+def trailing(lag: float) -> Callable[[float, Held], StateEstimate]:
+    """Estimates of a hull that is `lag` [m] behind its reference."""
+
+    def trail(time: float, held: Held) -> StateEstimate:
+        back = lag * np.array([0.6, -0.48, 0.64])
+        return at_rest(time=time, X_WB=pose(held.X_WB[:3, :3], held.X_WB[:3, 3] - back))
+
+    return trail
+
+
+@pytest.mark.parametrize(
+    ("phase", "lag"),
+    [
+        (MoveHull(HullMotion(), lambda _: X_WB_far), 0.175),  # slower from 0.18 on
+        (Settle(RestLimits(time=1.6, error=0.06)), 0.0599),
+    ],
+)
+def test_a_hull_just_within_a_bound_has_the_periods_of_steps_one_by_one(phase: Phase, lag: float):
+    task = planner(phase)
+    trail = trailing(lag)
+    state = task.init(trail(0.0, Held(X_WB, X_WB, np.zeros(6))))
+    for k in range(110):  # the move is at its fastest
+        estimate = trail(k * PERIOD, state.held)
+        state, _ = task.step(state, estimate, None, felt(30.0))
+    assert state.row == "phase"
+
+    # Foreseen, and one by one.
+    times = [estimate.time + (k + 1) * PERIOD for k in range(20)]
+    foresight = task.ahead(state, estimate, None, times)
+    assert foresight is not None
+    assert len(foresight.references) == len(times)
+    kept = deepcopy(state)
+    after = task.followed(state, foresight, 12)
+    for k, time in enumerate(times):
+        if k == 12:
+            assert after.held.X_WB == pytest.approx(kept.held.X_WB, abs=0.0)
+        kept, reference = task.step(kept, trail(time, kept.held), None, felt(25.0))
+        assert same(reference, foresight.references[k])
+
+
 @pytest.mark.parametrize("name", PHASES)
 def test_the_state_before_is_as_it_was_and_fewer_periods_can_be_followed(name: str):
     task = planner(PHASES[name]())

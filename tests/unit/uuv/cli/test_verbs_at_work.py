@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from driving_rows import rows_of, text_of
 from uuv.cli import validate
 from uuv.cli.main import VERBS
 from uuv.models.site.seabed import seabed
@@ -97,6 +98,15 @@ def test_validate_without_a_checkout_is_told(verb, tmp_path: Path, monkeypatch: 
         "validate: the checks are tests of the project, which are in a checkout of it alone"
         in ran.stderr
     )
+
+
+def test_driving_prints_json_alone(document, tmp_path):
+    file = tmp_path / "in.csv"
+    file.write_text(text_of(rows_of([(0.1, {})], begin=0.0)))
+    words = ("--inputs", file, "--no-record", "--out", tmp_path / "out")
+    printed = document("drive", "open-water", "--quick", *words)
+    assert printed == json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert printed["drive"]["pressed_s"] is None
 
 
 @pytest.mark.parametrize("name", ["view", "picture", "report"])

@@ -11,7 +11,7 @@ from driving_rows import rows_of, text_of
 from uuv import jobs
 from uuv.assembly import assemble
 from uuv.controllers.driving.operator_inputs import OperatorInputs
-from uuv.driving.driven_work import DrivenWork, drive_figures
+from uuv.driving.driven_work import DrivenWork, drive_figures, way_across
 from uuv.inputs import check_inputs
 from uuv.runner import run
 from uuv.scenario import INPUTS_FILE, KEYBOARD, Operator, Scenario
@@ -64,10 +64,8 @@ def test_a_hull_is_driven_in_open_water_and_its_inputs_are_kept(tmp_path: Path):
     guarded_by="tests/unit/controllers/driving/test_driven_task.py::"
     "test_with_a_set_force_the_tool_comes_slowly_and_the_force_loop_takes_over"
 )
-@pytest.mark.parametrize(
-    ("delay", "error", "excess"), [(0.0, 15.0, 1.5), (0.3, 15.0, 1.5), (1.0, np.inf, 1.5)]
-)
-def test_an_operator_presses_and_wipes_with_a_delay(delay: float, error: float, excess: float):
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0])
+def test_an_operator_presses_and_wipes_with_a_delay(delay: float):
     scenario = driven("clean-barrel", KEYBOARD, delay, sensor="survey")
     assembly = assemble(scenario)
     placed = assembly.placed
@@ -83,12 +81,23 @@ def test_an_operator_presses_and_wipes_with_a_delay(delay: float, error: float, 
     result = run(changed, observers=(operator,))
 
     figures = drive_figures(result.recording)
-    print(delay, figures, result.assessment.failed)
     assert result.recording.final.state is WorkState.DONE, result.recording.final.note
+    assert not result.assessment.failed  # force error and peak within their bounds
     assert figures.force_error_rms_n is not None
-    assert figures.force_error_rms_n < error
     assert figures.force_peak_share is not None
-    assert figures.force_peak_share < excess
     assert figures.wiped_m is not None
     assert figures.wiped_m > 0.2
-    assert not result.assessment.failed
+
+
+def test_the_way_along_a_surface_is_that_across_the_tool_axis(within):
+    """Neither the spring's way along it nor the steps where contact is lost."""
+    axis = np.array([0.6, 0.0, -0.8])
+    along = np.array([0.8, 0.0, 0.6])
+    s = np.linspace(0.0, 0.3, 31)
+    spring = 2e-3 * np.random.default_rng(2).normal(size=len(s))
+    tip = s[:, None] * along + spring[:, None] * axis + [1.0, 2.0, 3.0]
+    axes = np.tile(axis, (len(s), 1))
+    touches = np.ones(len(s), dtype=bool)
+    within("all of it [m]", way_across(tip, axes, touches) - 0.3, 1e-12)
+    touches[10] = False
+    within("less two steps [m]", way_across(tip, axes, touches) - 0.28, 1e-12)

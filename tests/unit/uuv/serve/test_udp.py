@@ -290,6 +290,23 @@ def test_a_scan_stops_the_clock():
     assert pace.due(1.02) == pytest.approx(clock.now)
 
 
+def test_what_a_run_was_late_by_is_no_pause():
+    clock = Clock()
+    pace = WallClock(1.0, clock=clock)
+    pace.arrive(0.0, WorkState.APPROACH)
+    clock.now += 0.31
+    pace.arrive(0.01, WorkState.APPROACH)
+    clock.now += 0.01
+    pace.arrive(0.02, WorkState.PRESS)  # another state, and nothing stopped for it
+    assert not pace.pauses
+
+    clock.now += 20.01
+    pace.arrive(0.03, WorkState.WORK)
+    assert [length for _, length in pace.pauses] == pytest.approx([20.0])
+    assert pace.late == pytest.approx([0.0, 0.3, 0.3, 0.3])
+    assert pace.due(0.03) == pytest.approx(clock.now - 0.3)
+
+
 @pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, 1e6])
 def test_a_pace_that_cannot_be_kept_is_refused(factor):
     with pytest.raises(ConfigurationError, match="times real time"):

@@ -1,0 +1,19 @@
+"""The operator's window."""
+
+import mujoco
+
+from uuv.driving.keyboard import View
+
+
+def test_what_a_viewers_own_keys_change_is_undone():
+    option = mujoco.MjvOption()
+    scene = mujoco.MjvScene(mujoco.MjModel.from_xml_string("<mujoco/>"), maxgeom=1)
+    option.geomgroup[3] = 1
+    arrays = (option.geomgroup, option.sitegroup, option.flags, scene.flags)
+    before = [array.tolist() for array in arrays]
+    view = View(option, scene)
+
+    for array in arrays:
+        array[:4] = 1 - array[:4]
+    view.restore()
+    assert [array.tolist() for array in arrays] == before

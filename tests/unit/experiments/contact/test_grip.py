@@ -12,6 +12,7 @@ from experiments.contact.grip import (
     MASS,
     OUT,
     TURN,
+    VEHICLES,
     WEIGHT,
     GripCase,
     add_object,
@@ -45,11 +46,12 @@ def test_the_object_is_held_where_a_usual_setting_drops_it() -> None:
     assert computed.creep < 0.002 * 25.0 / 60.0
 
 
-def test_a_vehicle_adrift_holds_the_object() -> None:
-    row = grip(GripCase(trial=DRIFT, shape="box", setting=COMPUTED, vehicle=PUMA, duration=1.0))
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_vehicle_adrift_holds_the_object(vehicle: str) -> None:
+    row = grip(GripCase(trial=DRIFT, shape="box", setting=COMPUTED, vehicle=vehicle, duration=1.0))
     assert row.kept
     assert row.creep is not None
-    assert row.creep < 3e-5  # measured 9e-6
+    assert row.creep < 3e-4  # measured 1.4e-4 and 1.9e-4; 5e-3 where the arm shakes
 
 
 def test_the_water_of_the_box_is_that_of_its_sides_and_of_its_weight() -> None:

@@ -266,7 +266,7 @@ def test_unknown_names_are_refused():
         ConfigurationError, match="sensor: allowed white, stereo, quantised, sonar, got 'lidar'"
     ):
         build(replace(case, sensor="lidar"))
-    with pytest.raises(ConfigurationError, match="class of shapes: allowed .* got 'teapot'"):
+    with pytest.raises(ConfigurationError, match=r"class of shapes: allowed .* got 'teapot'"):
         build(replace(case, kind="teapot"))
     with pytest.raises(
         ConfigurationError, match="class of occlusion: allowed none, little, much, got 'all'"

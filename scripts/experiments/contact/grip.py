@@ -4,8 +4,8 @@ The pads close on an object of 2 kg, 9.8 N in water, with 40 N at a friction of 
 a minute, pulled across the jaws and out of them, and turned about their axis, by a load that grows
 steadily. The limits are those of the friction cone: 2 mu N of a force, and of a moment, with points
 at distance r from the axis and the moment mu_t N that a soft pad bears about each, 2 N
-sqrt((mu r)^2 + mu_t^2). The hand is fixed; in the last table a vehicle adrift holds the object. The
-arm is held there with a damping of 0.02 s times its stiffness: with the 0.03 s of `ArmHold` the small
+sqrt((mu r)^2 + mu_t^2). The hand is fixed; in the last table a vehicle adrift holds the object.
+Its arm is held with a damping of 0.02 s times the stiffness: with the 0.03 s of `ArmHold` the small
 arm reverses its torque in each step of 2 ms, and shakes the object out.
 """
 

@@ -33,11 +33,14 @@ def hold_torque(gains, q, qd, tau):
 class ArmHold:
     """Holds the arm of a vehicle at joint angles, from the true state."""
 
-    def __init__(self, vehicle: Vehicle, q: Array) -> None:
-        """Take the vehicle, and the angles (n,) [rad] to hold."""
+    def __init__(self, vehicle: Vehicle, q: Array, time: float = HOLD_TIME) -> None:
+        """Take the vehicle, the angles (n,) [rad] to hold, and the damping over the stiffness [s].
+
+        Torques are held for a timestep: a light arm that presses on something needs less damping.
+        """
         limits = np.array(vehicle.torque_limits)
         stiffness = limits / HOLD_ANGLE
-        self.gains = HoldGains(np.array(q), stiffness, stiffness * HOLD_TIME, limits)
+        self.gains = HoldGains(np.array(q), stiffness, stiffness * time, limits)
 
     def torque(self, truth: Truth) -> Array:
         """Joint torques (n,) [N m] within the drives' limits."""

@@ -205,7 +205,7 @@ class Experiment(Generic[Case, Outcome]):
         if options.drawn is None:
             cases = self.space.cases(options)
         else:
-            cases = made_cases(options.drawn, self.name, self.case)
+            cases = made_cases(options.drawn, self.name, self.case, self.space.vary)
 
         if not cases:
             raise ConfigurationError(f"experiment {self.name}: these options select no case")

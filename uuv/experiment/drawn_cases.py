@@ -9,15 +9,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from uuv.sim.interfaces.documents import json_of, named
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import shown
+from uuv.sim.interfaces.spatial import one_of, shown
 from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.runs.saving import write_json
 
 Case = TypeVar("Case")
+_ANY: Mapping[str, Sequence[Any]] = MappingProxyType({})
 _WHAT = "drawn cases"
 _MOST_BYTES = 64_000_000  # of a file
 _READER = TableReader("the table")
@@ -70,22 +72,30 @@ def read_cases(file: str | Path, experiment: str) -> tuple[DrawnCase, ...]:
     return content.cases
 
 
-def made_cases(file: str | Path, experiment: str, kind: type[Case]) -> list[Case]:
+def made_cases(
+    file: str | Path, experiment: str, kind: type[Case], levels: Mapping[str, Sequence[Any]] = _ANY
+) -> list[Case]:
     """The drawn cases in a file of an experiment whose values are the fields of its cases.
 
     Args:
         file: The file.
         experiment: Name of the experiment that is to run them.
         kind: Dataclass of its cases.
+        levels: Values of what the experiment varies, by name; a word must be one of them, a number
+            may be any.
 
     Raises:
-        ConfigurationError: As `read_cases`, or a value is none that `kind` allows.
+        ConfigurationError: As `read_cases`, or a value is none that `kind` or `levels` allow.
     """
     cases = []
     for drawn in read_cases(file, experiment):
         where = f"{named(file, _WHAT)}: case {drawn.case}"
         try:
-            cases.append(_READER.made(kind, drawn.values))
+            case = _READER.made(kind, drawn.values)
+            for name, allowed in levels.items():
+                if isinstance(word := getattr(case, name, None), str):
+                    one_of(word, map(str, allowed), name)
+            cases.append(case)
         except ConfigurationError as error:
             raise ConfigurationError(f"{where}: {error}") from error
     return cases

@@ -5,19 +5,22 @@ a minute, pulled across the jaws and out of them, and turned about their axis, b
 steadily. The limits are those of the friction cone: 2 mu N of a force, and of a moment, with points
 at distance r from the axis and the moment mu_t N that a soft pad bears about each, 2 N
 sqrt((mu r)^2 + mu_t^2). The hand is fixed; in the last table a vehicle adrift holds the object.
+Its arm is held with a damping of 0.02 s times the stiffness: with the 0.03 s of `ArmHold` the small
+arm reverses its torque in each step of 2 ms, and shakes the object out.
 """
 
 from uuv.start import run_scenario  # isort: skip
 
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from uuv.experiment import Page, column, experiment, stat
+from uuv.experiment.options import at_least
 from uuv.experiment.statistic import Statistic
 from uuv.models import hydrodynamics as water
 from uuv.models.naming import READY_KEY, TIP_SITE
@@ -27,7 +30,8 @@ from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command
-from uuv.sim.interfaces.spatial import Array, finite_number, log_so3, one_of
+from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number, log_so3
+from uuv.sim.interfaces.streams import Streams
 from uuv.sim.plant.arm_hold import ArmHold
 from uuv.sim.plant.plant import Plant
 from uuv.sim.water.current import Current
@@ -36,6 +40,7 @@ OBJECT = "gripped"
 MASS = 2.0  # [kg]
 WEIGHT = 9.8  # [N] in water
 BOX = np.array([0.02, 0.03, 0.05])  # [m] half sides: across the pads, along the tool, along a pad
+_HALF_SIDES = BOX[[0, 2, 1]]  # [m] along x, y, z of the body: z is along the tool
 CYLINDER = 0.025, 0.05  # [m] radius and half length, along the pads' breadth
 SPHERE = 0.025  # [m] radius
 HALF = {"box": BOX[0], "cylinder": CYLINDER[0], "sphere": SPHERE}  # [m] across the pads
@@ -48,8 +53,8 @@ TURNS = 2e-2  # [rad/s]
 # motor yields slowly, so that a fast load finds more than what is held for long.
 BELOW = 0.9  # share
 BEYOND = 1.1  # share
-RAMP = 20.0  # [s]
 SETTLE = 2.0  # [s] to close, without weight
+ARM_DAMPING = 0.02  # [s] damping of the held arm over its stiffness
 # Cones and impratio; None: as `let_gripper_hold` sets them.
 SETTINGS = {
     "pyramidal, 1": (mujoco.mjtCone.mjCONE_PYRAMIDAL, 1.0),
@@ -85,21 +90,20 @@ class GripCase:
     """Force of the motor on each finger [N]."""
     duration: float = 60.0
     """How long the object is held [s]."""
+    ramp: float = 20.0
+    """Time in which a pull or a turn grows from 0.9 to 1.1 of the friction cone [s]."""
     timestep: float = 0.002
     """Timestep of the fixed hand [s]."""
+    seed: int = 0
+    """Seed of the gusts in which a vehicle drifts."""
 
     def __post_init__(self) -> None:
         """Raise ConfigurationError for a trial that cannot be run."""
-        for name, allowed in (
-            ("trial", TRIALS),
-            ("shape", HALF),
-            ("setting", SETTINGS),
-            ("vehicle", VEHICLES),
-        ):
-            one_of(getattr(self, name), allowed, f"--{name}")
+        at_least(self, seed=0)
         finite_number(self.force, "--force", above=0.0)
-        finite_number(self.duration, "--duration", above=0.0)
-        finite_number(self.timestep, "--timestep", above=0.0)
+        finite_number(self.duration, "--duration", least=WINDOW)
+        finite_number(self.ramp, "--ramp", least=4.0 * WINDOW)
+        finite_number(self.timestep, "--timestep", above=0.0, most=WINDOW)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +168,7 @@ def _slip(hand: "Hand", case: GripCase) -> GripRow:
     axis = {ACROSS: [0.0, 0.0, -1.0], OUT: [1.0, 0.0, 0.0], TURN: [0.0, 1.0, 0.0]}[case.trial]
     turning = case.trial == TURN
 
-    count = round(RAMP / case.timestep)
+    count = round(case.ramp / case.timestep)
     window = round(WINDOW / case.timestep)
     slips = TURNS if turning else SLIPS
     begin = hand.turn() if turning else hand.place()
@@ -189,8 +193,8 @@ def _slip(hand: "Hand", case: GripCase) -> GripRow:
         kept=not slipped,
         limit=limit,
         cone=cone,
-        # at least, where it slipped at once or not at all
-        off=abs(limit / cone - 1.0) if limit else (1.0 - BELOW if slipped else BEYOND - 1.0),
+        # None: it slipped at once, or not at all
+        off=None if limit is None else abs(limit / cone - 1.0),
         step=float(np.mean([cost.time for cost in costs])),
         iterations=float(np.mean([cost.iterations for cost in costs])),
     )
@@ -226,7 +230,7 @@ class Hand:
         add_gripper(spec, hand, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), tip, gripper)
 
         along = gripper.length - PLACE
-        _add_object(spec, case.shape, np.array([0.3 + along, 0.2, 1.0]), np.array([0.5] * 4))
+        add_object(spec, case.shape, np.array([0.3 + along, 0.2, 1.0]), np.array([0.5] * 4))
         let_gripper_hold(spec, OBJECT)
         setting = SETTINGS[case.setting]
         if setting is not None:
@@ -297,7 +301,17 @@ def _close(model: mujoco.MjModel, data: mujoco.MjData, case: GripCase) -> None:
 
 
 def _drift(case: GripCase) -> GripRow:
-    """Row of a vehicle that drifts in gusts, its arm held, with the box or with nothing."""
+    """Row of a vehicle that drifts in gusts, its arm held, with the box or with nothing.
+
+    Raises:
+        ConfigurationError: another object than the box, or another setting than the computed one.
+    """
+    if case.shape != "box" or case.setting != COMPUTED:
+        raise ConfigurationError(
+            f"a vehicle drifts with the box and the setting {COMPUTED!r} only, "
+            f"got {case.shape}, {case.setting}"
+        )
+
     drifts = [_adrift(case, held=held) for held in (False, True)]
     (bare, _, _), (step, creep, kept) = drifts
     return GripRow(
@@ -321,19 +335,15 @@ def _adrift(case: GripCase, *, held: bool) -> tuple[StepCost, float, bool]:
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, tip.xmat)
         z = tip.xmat.reshape(3, 3)[:, 2]
-        _add_object(spec, case.shape, tip.xpos - PLACE * z, quat)
-        # Displaced water that leaves WEIGHT in water.
-        sides = 2.0 * BOX
-        box = water.box(tuple(sides))
-        sides = sides * ((MASS - WEIGHT / 9.81) / (water.density_of(spec) * box.volume)) ** (1 / 3)
-        water.attach(spec, {OBJECT: water.box(tuple(sides))})
+        add_object(spec, case.shape, tip.xpos - PLACE * z, quat)
+        water.attach(spec, {OBJECT: water_of_box(water.density_of(spec))})
         let_gripper_hold(spec, OBJECT)
 
     model = hydrodynamics.compile(spec)
-    gusts = np.random.default_rng(7)
+    gusts = Streams(case.seed)["gusts"]
     dt = float(model.opt.timestep)
     plant = Plant(model, current=Current([0.1, 0.05, 0.0], gust=0.05, timestep=dt, rng=gusts))
-    hold = ArmHold(plant.vehicle, plant.vehicle.q_ready)
+    hold = ArmHold(plant.vehicle, plant.vehicle.q_ready, ARM_DAMPING)
     data = plant.data
     data.qpos[plant.vehicle.qpos] = plant.vehicle.q_ready
     _close(model, data, case)
@@ -364,14 +374,23 @@ def _adrift(case: GripCase, *, held: bool) -> tuple[StepCost, float, bool]:
     return StepCost(elapsed / count, iterations / count), moved, kept
 
 
-def _add_object(spec: mujoco.MjSpec, shape: str, p_WO: Array, quat_wxyz: Array) -> None:
+def water_of_box(density: float) -> water.BodyHydrodynamics:
+    """Water of the box in the frame of its body, at `density` [kg/m^3].
+
+    Added mass and drag are those of its sides. Its displacement is four times that of the sides, so
+    that 2 kg weigh WEIGHT in water, as on the fixed hand.
+    """
+    of_sides = water.box(tuple(2.0 * _HALF_SIDES), water_density=density)
+    return replace(of_sides, volume=(MASS - WEIGHT / GRAVITY) / density)
+
+
+def add_object(spec: mujoco.MjSpec, shape: str, p_WO: Array, quat_wxyz: Array) -> None:
     """Add the free object at `p_WO` (3,) [m], its x across the pads and its z along the tool."""
     body = spec.worldbody.add_body(name=OBJECT, pos=p_WO, quat=quat_wxyz)
     body.add_freejoint()
     touches = {"mass": MASS, "contype": 2, "conaffinity": 1}
     if shape == "box":
-        size = BOX[[0, 2, 1]]
-        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=size, **touches)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=_HALF_SIDES, **touches)
     elif shape == "cylinder":
         along = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])  # y of the tool
         size = [*CYLINDER, 0.0]
@@ -389,6 +408,12 @@ def _dropped(row: Mapping[str, Any]) -> bool | None:
     """Whether the computed setting has dropped what was to be held; None for another trial."""
     holds = row["trial"] in (HOLD, DRIFT) and row["setting"] == COMPUTED
     return not row["kept"] if holds else None
+
+
+def _without_limit(row: Mapping[str, Any]) -> bool | None:
+    """Whether no limit was measured with the computed setting; None for another trial."""
+    slips = row["trial"] in (ACROSS, OUT, TURN) and row["setting"] == COMPUTED
+    return row["limit"] is None if slips else None
 
 
 grip.page = (
@@ -420,6 +445,7 @@ grip.page = (
     )
     .accept(stat("count", _dropped, "dropped"), most=0)
     .accept(_computed("creep"), most=0.002)
+    .accept(stat("count", _without_limit, "without a measured limit"), most=0)
     .accept(_computed("off"), most=0.02)
 )
 

@@ -27,7 +27,8 @@ from uuv.models.arms import dh_geometry, published_arms
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicles import uuv_puma
-from uuv.sim.interfaces.spatial import Array, finite_number, one_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, finite_number
 from uuv.sim.interfaces.streams import Streams
 
 KEPT = 0.3  # share of white noise that passes the 12 ms filter of the estimated force
@@ -39,6 +40,7 @@ KNOWN = 0.8  # share of the dry friction that identification removes
 SLIDING = 0.04  # [-] sliding friction of the default vehicle over the torque limit
 STICTION = 1.3  # [-] over sliding friction
 NEAREST = 0.1  # share of the postures that are near singular
+LEAST_POSTURES = 20  # two of them near singular
 # Torque limits of the joints [N m]: the vehicles' assets; Universal Robots and Franka Emika,
 # technical data.
 ALPHA = "reach_alpha_5"
@@ -89,10 +91,7 @@ class ForceCase:
     """Seed of postures, forces and errors."""
 
     def __post_init__(self) -> None:
-        at_least(self, postures=1)
-        one_of(self.arm, LIMITS, "--arm")
-        one_of(self.source, SOURCES, "--source")
-        one_of(self.form, FORMS, "--form")
+        at_least(self, postures=LEAST_POSTURES, seed=0)
         for name in ("noise", "bias"):
             finite_number(getattr(self, name), f"--{name}", least=0.0)
 
@@ -122,10 +121,15 @@ def cases(case: ForceCase) -> Iterator[ForceCase]:
     quick={"arm": (ALPHA,)},
 )
 def tip_force_errors(case: ForceCase) -> ForceRow:
-    """Estimates the forces of random postures."""
+    """Estimates the forces of random postures.
+
+    Raises:
+        ConfigurationError: The closed form has a solution at fewer than LEAST_POSTURES of them.
+    """
     arm, size = arm_of(case.arm), SIZE.get(case.arm, 1.0)
     errors, doubt = error_model(case)
-    streams = Streams(case.seed, len(case.form), arm.n)
+    # the same for all forms: they are compared on the same postures, forces and errors
+    streams = Streams(case.seed, arm.n)
     sliding = SLIDING * np.array(LIMITS[case.arm], dtype=np.float64)
     low, high = np.maximum(arm.limits[:, 0], -np.pi), np.minimum(arm.limits[:, 1], np.pi)
     moment = size * MOMENT if case.form == WRENCH else 0.0
@@ -160,6 +164,12 @@ def tip_force_errors(case: ForceCase) -> ForceRow:
 
         weakest = float(np.linalg.svd(J[:3])[1][-1])
         records.append((weakest, float(error @ error), squared, *error**2, *stated))
+
+    if len(records) < LEAST_POSTURES:
+        raise ConfigurationError(
+            f"--postures: the closed form needs a solution at {LEAST_POSTURES} of them, it has one "
+            f"at {len(records)} of {case.postures}"
+        )
     return _row(np.array(records))
 
 

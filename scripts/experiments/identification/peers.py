@@ -45,8 +45,7 @@ from uuv.perception.registration.evidence import Evidence, score
 from uuv.perception.registration.fine_fit import fine_fit
 from uuv.perception.registration.initialiser import Expected, initial_poses
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, one_of, pose
 from uuv.sim.interfaces.streams import Streams
 
 FIT_POINTS = 10_000  # scan points of a fit that is timed alone
@@ -66,9 +65,7 @@ class PeerCase:
     seed: int
 
     def __post_init__(self) -> None:
-        if self.sensor not in SENSORS:
-            known = ", ".join(SENSORS)
-            raise ConfigurationError(f"--sensor: no {self.sensor!r}; there are {known}")
+        one_of(self.sensor, SENSORS, "--sensor")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,10 +22,10 @@ class PaperStatement:
 
     place: str  # in the paper
     stated: str  # by it
-    ours: str  # text with {name*factor:format} of figures, or {0}, {1} ... of `printed`
+    ours: str  # text with {name*factor:format} of figures
     command: str = ""  # a job, after `./uvw run scripts/`
     experiment: str = ""  # name; `ours` has figures of its page
-    printed: str = ""  # regular expression of what the command prints
+    printed: str = ""  # regular expression of what the command prints; its named groups are figures
     remark: str = ""
 
     def __post_init__(self) -> None:
@@ -33,29 +33,36 @@ class PaperStatement:
             raise ConfigurationError(f"{self.place}: has a command or an experiment, not both")
         if self.printed and not self.command:
             raise ConfigurationError(f"{self.place}: printed: needs a command")
+        if self.printed and not re.compile(self.printed).groupindex:
+            raise ConfigurationError(
+                f"{self.place}: printed: has no named group, as (?P<range_m>...)"
+            )
 
     @property
     def names(self) -> list[str]:
         """Names of the figures in the text."""
-        return [self._key(match[1]) for match in _FIELD.finditer(self.ours)]
-
-    def _key(self, name: str) -> str:
-        """Name of a figure; a number of a group has that of its pattern."""
-        return f"{self.printed} [{name}]" if name.isdigit() else name
+        return [match[1] for match in _FIELD.finditer(self.ours)]
 
     def figures_of(self, metrics: Mapping[str, Any], output: str) -> dict[str, Any]:
-        """Figures of the text from what its command gave; those that it did not give are left out.
+        """Figures of the text from what its command gave; those that metrics.json lacks are left
+        out.
 
         Args:
             metrics: Leaves of metrics.json by name.
             output: What the command printed.
+
+        Raises:
+            ConfigurationError: `printed` is not in the output.
         """
-        found = re.search(self.printed, output) if self.printed else None
-        groups = {
-            self._key(str(i)): float(group)
-            for i, group in enumerate(found.groups() if found else ())
-        }
-        known = {**metrics, **groups}
+        known = dict(metrics)
+        if self.printed:
+            match = re.search(self.printed, output)
+            if match is None:
+                raise ConfigurationError(
+                    f"{self.place}: {self.command!r} printed nothing like {self.printed!r}"
+                )
+            known |= {name: float(group) for name, group in match.groupdict().items()}
+
         return {name: known[name] for name in self.names if name in known}
 
     def text(self, figures: Mapping[str, Any]) -> str:
@@ -66,7 +73,7 @@ class PaperStatement:
         """
 
         def shown(match: re.Match[str]) -> str:
-            value = figures[self._key(match[1])]
+            value = figures[match[1]]
             if value is None:
                 return "none"
             if isinstance(value, int) and not match[2] and not match[3]:

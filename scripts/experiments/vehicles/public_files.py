@@ -1,7 +1,9 @@
-"""Public vehicle files: which of them are read, with what said, and in what time.
+"""Public vehicle files: which are read as they are, which need a mapping, which are refused, and
+the time.
 
-The files lie in a folder, one subfolder a repository, OWNER+NAME or NAME; nothing is fetched here.
-A file that is not there is not measured.
+The files lie in a folder, one subfolder a repository of GitHub, OWNER+NAME, OWNER/NAME or NAME, at
+its present state; VEHICLES names them as owner/name. Nothing is fetched here. A file that is not
+there is not measured.
 """
 
 from uuv.start import run_scenario  # isort: skip
@@ -21,6 +23,7 @@ from uuv.models.files.notes import computed
 from uuv.models.files.vehicle_file import read
 from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import UuvError
+from uuv.sim.interfaces.spatial import one_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,7 @@ _LEGACY = "legacy/robots"
 _DAVE = "urdf/robots/rexrov_description/urdf"
 _BLUE = "blue_description/description"
 _IOES = "models/dave_robot_models/description"
-# By the kinds of things that are in them: propellers, blocks, arms, masses that lack, xacro, SDF.
+# By the kinds of things that are in them: propellers, blocks, arms, missing masses, xacro, SDF.
 VEHICLES = {
     "rexrov": PublicVehicle("uuvsimulator/uuv_simulator", (f"{_UUV}/rexrov_default.xacro",)),
     "rexrov_oberon4": PublicVehicle(
@@ -122,7 +125,7 @@ REFUSED = "refused"
 BROKEN = "traceback"
 ABSENT = "not measured"
 # words of messages that say how to go on
-_WAYS = ("masses:", "balanceinertia", "mount_arm", "ROS_PACKAGE_PATH", "exchange them", "xacro:")
+WAYS = ("masses:", "balanceinertia", "ROS_PACKAGE_PATH", "exchange them", "xacro:")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,13 +145,16 @@ class PublicFileCase:
     name: str
     folder: Path
 
+    def __post_init__(self) -> None:
+        one_of(self.name, VEHICLES, "--names")
+
 
 @dataclass(frozen=True, kw_only=True)
 class PublicFileRow:
     """What became of them; figures are of the first file."""
 
     outcome: str = column("outcome")
-    seconds: float = column("time", "s", digits=1, default=0.0)
+    seconds: float | None = column("time of all files", "s", digits=1, tolerance=None, default=None)
     mass: float | None = column("mass", "kg", digits=1, default=None)
     thrusters: int | None = column("thrusters of the file", default=None)
     wet: int | None = column("links with water of the file", default=None)
@@ -214,7 +220,7 @@ def _row(file: Path, added: str) -> PublicFileRow:
             model = spec.compile()
         except UuvError as error:
             reason = " ".join(str(error).split())
-            way = any(word in reason for word in _WAYS)
+            way = any(word in reason for word in WAYS)
             return PublicFileRow(outcome=WAY if way else REFUSED, refusal=reason[:300])
 
     return PublicFileRow(

@@ -43,7 +43,7 @@ from uuv.clouds.placing import (
 from uuv.models.meshes.closed_shells import Shell, moved
 from uuv.models.objects.target_model import Symmetry
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
-from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly, transform_points
+from uuv.sim.interfaces.spatial import Array, inverse, one_of, pose, readonly, transform_points
 from uuv.sim.interfaces.streams import Streams
 from uuv.sim.sensors.stereo_noise import StereoNoise
 
@@ -172,16 +172,10 @@ def build(case: UnseenCase) -> UnseenScene:
         ConfigurationError: A name in the case is unknown, or no draw of the scene meets its
             conditions.
     """
-    if case.sensor not in UNSEEN_SENSORS:
-        raise ConfigurationError(
-            f"no sensor {case.sensor!r}; there are {', '.join(UNSEEN_SENSORS)}"
-        )
-    if case.kind not in KINDS:
-        raise ConfigurationError(f"no class of shapes {case.kind!r}; there are {', '.join(KINDS)}")
-    if case.content != "pile" and case.hidden not in HIDDEN:
-        raise ConfigurationError(
-            f"no class of occlusion {case.hidden!r}; there are {', '.join(HIDDEN)}"
-        )
+    one_of(case.sensor, UNSEEN_SENSORS, "sensor")
+    one_of(case.kind, KINDS, "kind, the class of shapes")
+    if case.content != "pile":
+        one_of(case.hidden, HIDDEN, "hidden, the class of occlusion")
 
     attempts = 1 if case.streams else _ATTEMPTS
     for attempt in range(attempts):

@@ -20,6 +20,18 @@ def test_the_stated_deviation_of_each_axis_is_that_of_the_errors(arm: str):
     assert np.linalg.norm(row.axes_rms) == pytest.approx(row.rms)
 
 
+def test_estimators_are_compared_on_the_same_draws():
+    """Where one deviation holds for all torques, weighing them changes next to nothing."""
+    plain, weighted = (
+        tip_force_errors(
+            ForceCase(arm="panda", source="sensor, bias", form=form, postures=50, noise=0.0)
+        )
+        for form in ("least squares", "weighted")
+    )
+    assert plain.axes_rms == pytest.approx(weighted.axes_rms, rel=5e-3)  # measured 5e-4
+    assert plain.near_singular == pytest.approx(weighted.near_singular, rel=2e-2)  # measured 3e-3
+
+
 def test_unweighted_torques_state_nothing():
     case = ForceCase(arm="default", source="sensor, bias", form="least squares", postures=100)
     row = tip_force_errors(case)
@@ -36,10 +48,10 @@ def test_the_closed_form_is_of_the_default_arm_alone():
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"postures": 0}, "--postures: must be at least 1, got 0"),
+        ({"postures": 1}, "--postures: must be at least 20, got 1"),
+        ({"seed": -1}, "--seed"),
         ({"noise": -0.1}, "--noise"),
         ({"bias": np.nan}, "--bias"),
-        ({"form": "weighed"}, "did you mean weighted?"),
     ],
 )
 def test_values_that_are_refused(changed: dict[str, Any], message: str):

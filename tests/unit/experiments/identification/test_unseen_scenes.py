@@ -263,13 +263,13 @@ def test_a_better_sensor_tells_more_rivals_apart():
 def test_unknown_names_are_refused():
     case = present(0, 0)
     with pytest.raises(
-        ConfigurationError, match="no sensor 'lidar'; there are white, stereo, quantised, sonar"
+        ConfigurationError, match="sensor: allowed white, stereo, quantised, sonar, got 'lidar'"
     ):
         build(replace(case, sensor="lidar"))
-    with pytest.raises(ConfigurationError, match="no class of shapes 'teapot'"):
+    with pytest.raises(ConfigurationError, match=r"class of shapes: allowed .* got 'teapot'"):
         build(replace(case, kind="teapot"))
     with pytest.raises(
-        ConfigurationError, match="no class of occlusion 'all'; there are none, little, much"
+        ConfigurationError, match="class of occlusion: allowed none, little, much, got 'all'"
     ):
         build(replace(case, hidden="all"))
 

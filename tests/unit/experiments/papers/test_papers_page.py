@@ -9,6 +9,9 @@ from experiments.papers import page
 from experiments.papers.page import PaperFigures, page_of
 from experiments.papers.stated_runs import COMMANDS, QUICK, stated_runs
 from experiments.papers.statements import Paper, PaperStatement, Statements, leaves, read
+from uuv.clouds.identification import found_in
+from uuv.clouds.options import IdentificationOptions
+from uuv.models.objects import targets
 from uuv.results.kept_rows import Check, KeptRows
 from uuv.results.pages import ResultsOfOne, without_status
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -17,8 +20,8 @@ STATED = PaperStatement(
     place="fig. 5",
     stated="2 cm/s",
     command="clean_barrel.py --no-record",
-    ours="{tool.speed*100:.2f} cm/s over {0} m, {tool.turns} turns, {tool.lost}",
-    printed=r"path of ([\d.]+) m",
+    ours="{tool.speed*100:.2f} cm/s over {way_m} m, {tool.turns} turns, {tool.lost}",
+    printed=r"path of (?P<way_m>[\d.]+) m",
 )
 METRICS = {"tool": {"speed": 0.0203, "turns": 3, "lost": None}, "other": [1.0]}
 TEXT = "2.03 cm/s over 0.6 m, 3 turns, none"
@@ -48,7 +51,25 @@ def test_figures_are_of_the_metrics_and_of_what_is_printed():
     assert STATED.text(figures) == TEXT
     assert STATED.text(STATED.figures_of(dict(leaves(METRICS)), "a path of 1 m")) != TEXT
     with pytest.raises(KeyError):
-        STATED.text(STATED.figures_of(dict(leaves(METRICS)), "nothing"))
+        STATED.text(STATED.figures_of({}, "a path of 0.60 m"))
+
+
+def test_a_command_that_prints_something_else_is_refused():
+    with pytest.raises(ConfigurationError, match=r"fig\. 5: 'clean_barrel\.py"):
+        STATED.figures_of(dict(leaves(METRICS)), "a way of 0.60 m")
+
+
+def test_the_patterns_of_the_project_match_what_an_identification_prints():
+    options = IdentificationOptions(object="starfish")
+    _, notes = found_in(options, targets.of(options.object))
+    output = "\n".join(notes)
+    stated = [row for row in read().rows if row.printed]
+    assert len(stated) == 3
+    for row in stated:
+        figures = row.figures_of({}, output)
+        assert set(figures) == set(row.names) == {"position_mm", "range_m"}
+        assert f"error {figures['position_mm']:.2f} mm" in output
+        assert f"at {figures['range_m']:.2f} m" in output
 
 
 def test_a_statement_has_a_command_or_an_experiment():
@@ -56,6 +77,8 @@ def test_a_statement_has_a_command_or_an_experiment():
         replace(STATED, experiment="views")
     with pytest.raises(ConfigurationError, match="printed: needs a command"):
         replace(STATED, command="")
+    with pytest.raises(ConfigurationError, match="printed: has no named group"):
+        replace(STATED, printed="path of (.*) m")
 
 
 def test_the_page_has_the_figures_and_the_status_of_their_rows():

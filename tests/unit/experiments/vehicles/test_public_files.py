@@ -11,13 +11,65 @@ from experiments.vehicles.public_files import (
     READ,
     REFUSED,
     WAY,
+    WAYS,
     PublicFileCase,
     PublicFileRow,
     PublicVehicle,
 )
+from uuv.sim.interfaces.errors import ConfigurationError
 
 SOUND = """<robot name="r"><link name="base"><inertial><mass value="{mass}"/>
   <inertia ixx=".5" iyy=".6" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+
+
+LINK = """<link name="{name}"><inertial><mass value="{mass}"/>
+  <inertia ixx=".5" iyy=".6" izz=".7" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+CROSSED = f"""<robot name="r">{LINK.format(name="base", mass=20)}{LINK.format(name="arm", mass=2)}
+  {LINK.format(name="hand", mass=1)}
+  <joint name="j" type="fixed"><parent link="base"/><child link="arm"/></joint>
+  <joint name="k" type="revolute"><parent link="arm"/><child link="hand"/><axis xyz="0 1 0"/>
+  <limit lower="1" upper="-1" effort="10" velocity="1"/></joint></robot>"""
+XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>"""
+# By the word of the message that says how to go on: a file, its name, and a mapping.
+ON: dict[str, tuple[str, str, str]] = {
+    "masses:": ('<robot name="r"><link name="base"/></robot>', "r.urdf", ""),
+    "balanceinertia": (SOUND.format(mass=20, izz=9), "r.urdf", ""),
+    "ROS_PACKAGE_PATH": (
+        XACRO.format('<xacro:include filename="$(find nowhere)/a.xacro"/>'),
+        "r.urdf.xacro",
+        "",
+    ),
+    "exchange them": (
+        CROSSED,
+        "r.urdf",
+        "{masses: {base: 20}, arm_base: arm, tip: {body: hand}, joints: {k: 10}}",
+    ),
+    "xacro:": (
+        XACRO.format('<xacro:property name="a" value="${unknown}"/><link name="${a}"/>'),
+        "r.urdf.xacro",
+        "",
+    ),
+}
+
+
+@pytest.mark.parametrize("word", WAYS)
+def test_each_word_of_a_way_on_is_in_a_message(tmp_path: Path, monkeypatch, word: str) -> None:
+    text, name, added = ON[word]
+    monkeypatch.setitem(public_files.VEHICLES, "rov", PublicVehicle("a/rov", (name,), added))
+    (tmp_path / "rov").mkdir()
+    (tmp_path / "rov" / name).write_text(text)
+    row = public_files.public_files(PublicFileCase(name="rov", folder=tmp_path))
+    assert isinstance(row, PublicFileRow)
+    assert row.outcome == WAY
+    assert [way for way in WAYS if way in row.refusal] == [word]
+    assert row.seconds is not None
+
+
+def test_a_name_that_is_none_is_refused(tmp_path: Path) -> None:
+    experiment = public_files.public_files
+    options = experiment.options_with({"folder": tmp_path, "names": ("rexrof",)})
+    with pytest.raises(ConfigurationError, match=r"--names: allowed .*rexrof"):
+        experiment.study(options)
 
 
 @pytest.mark.parametrize(
@@ -45,3 +97,4 @@ def test_a_row_is_as_good_as_the_worst_of_its_files(
     assert isinstance(row, PublicFileRow)
     assert row.outcome == outcome
     assert (row.mass is not None) == (outcome in (READ, ADDED))
+    assert (row.seconds is None) == (outcome == ABSENT)

@@ -99,13 +99,18 @@ def test_a_function_makes_the_cases_of_options_of_its_own():
 
 
 def test_drawn_cases_are_run_in_place_of_those_of_the_options(tmp_path: Path):
-    """Two kept throws, one of them of a ball that is none of the default ones."""
-    cases = [Throw(ball="green", speed=0.1 + 0.2, seed=9), Throw(ball="red", seed=3)]
+    """Two kept throws, with seeds that no option asks for."""
+    cases = [Throw(ball="blue", speed=0.1 + 0.2, seed=9), Throw(ball="red", seed=3)]
     drawn = [DrawnCase(case=k, values=asdict(case)) for k, case in enumerate(cases)]
     file = tmp_path / "cases.json"
 
     write_cases(file, "throws", drawn)
     assert throws.study(throws.options_with({"drawn": file, "runs": 1})).cases == cases
+
+    green = Throw(ball="green", seed=9)
+    write_cases(file, "throws", [DrawnCase(case=3, values=asdict(green))])
+    with pytest.raises(ConfigurationError, match="case 3: ball: allowed red, blue, got 'green'"):
+        throws.study(throws.options_with({"drawn": file}))
 
     write_cases(file, "catches", drawn)
     with pytest.raises(ConfigurationError, match="experiment: allowed throws, got 'catches'"):

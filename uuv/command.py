@@ -67,14 +67,7 @@ def command(
             signal ends at once.
     """
     console = PlainConsole()
-    lacking = absent(LOG) if options.record else ()
-    draws = options.record and not lacking
-    if lacking:
-        series = ", series as .npz" if "pyarrow" in lacking else ""
-        message = (
-            f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
-        )
-        console.print(message, markup=False, highlight=False, soft_wrap=True)
+    draws = _draws(options, console)
 
     sensing = scenario.sensing
     if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
@@ -84,13 +77,7 @@ def command(
     # before the work: the folder may be unusable
     folder = new_folder(scenario.name, options.out, scenario.seed)
 
-    # Rehearsal, which loads all compiled code.
-    trial = assemble(to_rehearse(scenario), full=options.record)
-    for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    rehearse(trial)
-    del trial  # its parts may hold state, and have moved on
-
+    _rehearse(scenario, options, console)
     assembly = changed(assemble(scenario, full=options.record))
     plant, placed = assembly.plant, assembly.placed
     title, longest = placed.title + after, options.longest or placed.longest
@@ -160,6 +147,26 @@ def command(
         )
 
     return 0 if assessment.accepted else NOT_ACCEPTED
+
+
+def _draws(options: RunOptions, console: Console) -> bool:
+    """Whether log and report are written; says what they lack."""
+    lacking = absent(LOG) if options.record else ()
+    if lacking:
+        series = ", series as .npz" if "pyarrow" in lacking else ""
+        message = (
+            f"no run.rrd and report.html{series}: {to_install(LOG)} ({', '.join(lacking)} missing)"
+        )
+        console.print(message, markup=False, highlight=False, soft_wrap=True)
+    return options.record and not lacking
+
+
+def _rehearse(scenario: Scenario, options: RunOptions, console: Console) -> None:
+    """Load all compiled code, with an assembly of its own: its parts may hold state."""
+    trial = assemble(to_rehearse(scenario), full=options.record)
+    for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    rehearse(trial)
 
 
 def show(run: Run, folder: str | Path) -> None:

@@ -19,8 +19,8 @@ import numpy as np
 from uuv.controllers.driving.drive_phase import (
     OUT_OF_REACH,
     Cockpit,
-    Driven,
     DriveLimits,
+    Driven,
     Mode,
     OperatorDrive,
 )

@@ -126,6 +126,7 @@ class DrivenWork(PlacedTask):
     def assess(self, ran: "RunResult", seed: int) -> Assessment:
         """Force error and peak against their bounds, where a force was set."""
         figures = drive_figures(ran.recording)
+        # Of a drive without force control nothing is asked.
         pressed = figures.pressed_s is not None
         checks = [
             Requirement("time in contact", figures.pressed_s, None, "s"),
@@ -143,6 +144,7 @@ class DrivenWork(PlacedTask):
             ),
             Requirement("way along the surface", figures.wiped_m, None, "mm", 1e3),
         ]
+
         metrics = DriveMetrics(drive=figures)
         return Assessment.of(ran.recording, metrics, checks, seed=seed, wall_s=ran.wall_s)
 

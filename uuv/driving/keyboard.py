@@ -42,7 +42,7 @@ def refuse_without_screen() -> None:
         raise ConfigurationError(_NO_SCREEN)
 
 
-class View:
+class ViewerLook:
     """How a viewer draws, kept against its own keys: digits hide groups, letters toggle flags."""
 
     def __init__(self, option: mujoco.MjvOption, scene: mujoco.MjvScene | None) -> None:
@@ -84,7 +84,7 @@ class Window:
         self._viewer.cam.lookat[:] = X_WB[:3, 3]
         self._viewer.cam.distance = 4.0
         self._viewer.sync()
-        self._view = View(self._viewer.opt, self._viewer.user_scn)
+        self._kept = ViewerLook(self._viewer.opt, self._viewer.user_scn)
 
     def observe(self, moment: Moment) -> None:
         """Show the vehicle, and a line about it."""
@@ -100,7 +100,7 @@ class Window:
             self._data.qpos[:] = self._plant.data.qpos
             self._data.time = self._plant.data.time
             mujoco.mj_kinematics(self._model, self._data)
-            self._view.restore()
+            self._kept.restore()
 
         # What the operator goes by
         if hasattr(self._viewer, "set_texts"):  # MuJoCo 3.3 on

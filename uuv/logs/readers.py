@@ -41,8 +41,9 @@ _AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 _GROUND_STATION = 255  # usual system number
 _RESTART = 1.0  # [s] by which a clock may go back without being a new one
 _WRAP = 2**32 * 1e-6  # [s] after which microseconds of 32 bits begin anew
-# Status of ArduPilot's filter: horizontal position relative or absolute; constant, for want of one.
+# Bits of the status of ArduPilot's filter: horizontal position relative or absolute.
 _PLACED = 8 | 16
+# Bit of the same status: constant position, for want of a source.
 _CONSTANT = 128
 _NO_SOURCE = "the autopilot's filter had no source of the position"
 _BESIDE = ("BAD_DATA", "PARAM_VALUE", "EKF_STATUS_REPORT")  # messages without a sample

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self, overload
+from typing import Any, Self
 from xml.etree.ElementTree import Element
 
 from uuv.models.files.gazebo.entries import ReadEntry, Way
@@ -77,20 +77,24 @@ class FileContent:
         return {**density, "bodies": self.bodies}
 
 
-@overload
-def number_in(element: Element, tag: str, name: str) -> float | None: ...
-@overload
-def number_in(element: Element, tag: str, name: str, default: float) -> float: ...
-
-
-def number_in(element: Element, tag: str, name: str, default: float | None = None) -> float | None:
-    """Number of a child element; `default` where it is missing.
+def number_in(element: Element, tag: str, name: str) -> float | None:
+    """Number of a child element; None: it has none such.
 
     Raises:
-        ConfigurationError: it is none.
+        ConfigurationError: it is no number.
     """
     text = element.findtext(tag)
-    return default if text is None else figure(text.strip(), f"{name}: <{tag}>")
+    return None if text is None else figure(text.strip(), f"{name}: <{tag}>")
+
+
+def number_or(default: float, element: Element, tag: str, name: str) -> float:
+    """Number of a child element; `default` where it has none such.
+
+    Raises:
+        ConfigurationError: it is no number.
+    """
+    number = number_in(element, tag, name)
+    return default if number is None else number
 
 
 def positive_in(element: Element, tag: str, name: str, default: float) -> float:
@@ -99,7 +103,7 @@ def positive_in(element: Element, tag: str, name: str, default: float) -> float:
     Raises:
         ConfigurationError: it is none, or not above zero.
     """
-    return finite_number(number_in(element, tag, name, default), f"{name}: <{tag}>", above=0.0)
+    return finite_number(number_or(default, element, tag, name), f"{name}: <{tag}>", above=0.0)
 
 
 def numbers_in(

@@ -15,6 +15,7 @@ from uuv.models.files.gazebo.content import (
     FileContent,
     ModelFacts,
     number_in,
+    number_or,
     numbers_in,
     positive_in,
 )
@@ -156,7 +157,7 @@ def _gz_thruster(
     if most is None and name in limits:
         least, most = limits[name]
 
-    factor = abs(number_in(plugin, "thrust_coefficient", subject, 0.0))
+    factor = abs(number_or(0.0, plugin, "thrust_coefficient", subject))
     factor *= positive_in(plugin, "fluid_density", subject, _GZ_DENSITY)
     factor *= positive_in(plugin, "propeller_diameter", subject, _DIAMETER) ** 4
     bounds = {"thrust": (least, most), "command": (None, None)}
@@ -186,7 +187,7 @@ def _ardupilot_limits(
         for control in plugin.findall("control"):
             subject = f"{facts.name}: control of ArduPilot"
             multiplier = number_in(control, "multiplier", subject)
-            offset = number_in(control, "offset", subject, 0.0)
+            offset = number_or(0.0, control, "offset", subject)
             kind = (control.findtext("type") or "COMMAND").strip()
             joint = (control.findtext("jointName") or "").strip()
 
@@ -218,7 +219,7 @@ def _px4_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
     center = [0.0, 0.0, 0.0]
 
     if buoyancy is not None:
-        factor = number_in(buoyancy, "compensation", subject, 1.0)
+        factor = number_or(1.0, buoyancy, "compensation", subject)
         center = numbers_in(buoyancy, "origin", subject, (3,)) or center
 
     density = content.water_density or _GZ_DENSITY
@@ -243,10 +244,10 @@ def _px4_motor(plugin: Element, facts: ModelFacts, content: FileContent) -> None
         return
 
     subject = f"{facts.name}: motor {name}"
-    constant = number_in(plugin, "motorConstant", subject, 0.0)
+    constant = number_or(0.0, plugin, "motorConstant", subject)
     speed = number_in(plugin, "maxRotVelocity", subject)
     bounds = {"thrust": (None, None), "command": (None, None) if speed is None else (-speed, speed)}
-    lag = number_in(plugin, "timeConstantUp", subject, 0.0)
+    lag = number_or(0.0, plugin, "timeConstantUp", subject)
     content.thrusters.append(
         limited_thruster(
             name.removesuffix("_joint"),

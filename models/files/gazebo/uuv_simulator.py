@@ -14,6 +14,7 @@ from uuv.models.files.gazebo.content import (
     FileContent,
     ModelFacts,
     number_in,
+    number_or,
     numbers_in,
     positive_in,
 )
@@ -84,8 +85,8 @@ def read_thruster(plugin: Element, facts: ModelFacts, content: FileContent) -> N
     if constant is None and kind not in ("", "ZeroOrder"):
         content.tell(f"thruster {name}", f"dynamics {kind}", "", "left out", "no time constant")
 
-    gain = number_in(plugin, "gain", subject, 1.0)
-    gain *= number_in(plugin, "propeller_efficiency", subject, 1.0)
+    gain = number_or(1.0, plugin, "gain", subject)
+    gain *= number_or(1.0, plugin, "propeller_efficiency", subject)
     limits = {
         "thrust": _between(plugin, "thrustMin", "thrustMax", subject),
         "command": _between(plugin, "clampMin", "clampMax", subject),
@@ -96,7 +97,7 @@ def read_thruster(plugin: Element, facts: ModelFacts, content: FileContent) -> N
             f"{name}",
             link or joint.child,
             joint.axis,
-            _scaled(curve, gain, number_in(plugin, "thrust_efficiency", subject, 1.0)),
+            _scaled(curve, gain, number_or(1.0, plugin, "thrust_efficiency", subject)),
             limits,
             constant or 0.0,
             facts.weight,
@@ -285,7 +286,7 @@ def _box(shape: _Shape, density: float) -> tuple[Array, Array]:
     x = shape.number("length", lambda box: box[0])
     y = shape.number("width", lambda box: box[1])
     z = shape.number("height", lambda box: box[2])
-    coefficient = number_in(shape.model, "cd", shape.subject, 1.0)
+    coefficient = number_or(1.0, shape.model, "cd", shape.subject)
     drag = 0.5 * coefficient * density * np.array([y * z, x * z, x * y, 0.0, 0.0, 0.0])
 
     return np.zeros((6, 6)), drag
@@ -298,12 +299,12 @@ def _curve(conversion: Element, subject: str) -> Callable[[Array], Array] | None
     """Thrust [N] by command of a conversion; None: of no known form."""
     kind = (conversion.findtext("type") or "").strip()
     if kind == "Basic":
-        constant = number_in(conversion, "rotorConstant", subject, 0.0)
+        constant = number_or(0.0, conversion, "rotorConstant", subject)
         return lambda x: constant * x * np.abs(x)
 
     if kind == "Bessa":
         tags = ("rotorConstantL", "rotorConstantR", "deltaL", "deltaR")
-        left, right, low, high = (number_in(conversion, tag, subject, 0.0) for tag in tags)
+        left, right, low, high = (number_or(0.0, conversion, tag, subject) for tag in tags)
         return lambda x: (
             left * np.minimum(x * np.abs(x) - low, 0.0)
             + right * np.maximum(x * np.abs(x) - high, 0.0)

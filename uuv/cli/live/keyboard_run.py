@@ -6,6 +6,7 @@ from uuv.controllers.driving.key_inputs import KeyInputs
 from uuv.driving.driven_work import DrivenWork
 from uuv.driving.keyboard import Window
 from uuv.scenario import Scenario
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
 
@@ -20,10 +21,11 @@ def run_by_keyboard(scenario: Scenario, options: RunOptions, started: float) -> 
     windows: list[Window] = []
 
     def window_of(assembly: Assembly) -> list[Window]:
-        placed = assembly.placed
-        assert isinstance(placed, DrivenWork)
-        assert isinstance(placed.source, KeyInputs)
-        windows.append(Window(assembly.plant, assembly.X_WB, placed.source))
+        match assembly.placed:
+            case DrivenWork(source=KeyInputs() as keys):
+                windows.append(Window(assembly.plant, assembly.X_WB, keys))
+            case _:
+                raise ConfigurationError("drive: the scenario has no operator at the keyboard")
         return windows
 
     try:

@@ -521,9 +521,7 @@ def test_an_axis_that_is_reached_by_noise_alone_is_refused(vehicle):
 
 
 def test_priorities_of_axes_that_nothing_drives_are_refused(vehicle):
-    craft = with_thrusters(
-        vehicle, vectored(((0.0, 0.0),)), Thruster(forward=400.0, reverse=400.0)
-    )
+    craft = with_thrusters(vehicle, vectored(((0.0, 0.0),)), Thruster(forward=400.0, reverse=400.0))
     with pytest.raises(ConfigurationError, match="no thruster drives any"):
         Allocation(craft, priorities=[("pitch",), ("roll",)])
 

@@ -218,7 +218,7 @@ def test_a_hull_just_within_a_bound_has_the_periods_of_steps_one_by_one(phase: P
     after = task.followed(state, foresight, 12)
     for k, time in enumerate(times):
         if k == 12:
-            assert after.held.X_WB == pytest.approx(kept.held.X_WB, abs=0.0)
+            assert pytest.approx(kept.held.X_WB, abs=0.0) == after.held.X_WB
         kept, reference = task.step(kept, trail(time, kept.held), None, felt(25.0))
         assert same(reference, foresight.references[k])
 

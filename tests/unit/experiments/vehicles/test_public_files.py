@@ -20,15 +20,12 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 SOUND = """<robot name="r"><link name="base"><inertial><mass value="{mass}"/>
   <inertia ixx=".5" iyy=".6" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
-
-
-LINK = """<link name="{name}"><inertial><mass value="{mass}"/>
-  <inertia ixx=".5" iyy=".6" izz=".7" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-CROSSED = f"""<robot name="r">{LINK.format(name="base", mass=20)}{LINK.format(name="arm", mass=2)}
-  {LINK.format(name="hand", mass=1)}
-  <joint name="j" type="fixed"><parent link="base"/><child link="arm"/></joint>
-  <joint name="k" type="revolute"><parent link="arm"/><child link="hand"/><axis xyz="0 1 0"/>
-  <limit lower="1" upper="-1" effort="10" velocity="1"/></joint></robot>"""
+CROSSED = """<sdf version="1.9"><model name="r">
+  <link name="base"><inertial><mass>20</mass></inertial></link>
+  <link name="hand"><inertial><mass>1</mass></inertial></link>
+  <joint name="k" type="revolute"><parent>base</parent><child>hand</child>
+  <axis><xyz>0 1 0</xyz><limit><lower>1</lower><upper>-1</upper></limit></axis></joint>
+  </model></sdf>"""
 XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{}</robot>"""
 # By the word of the message that says how to go on: a file, its name, and a mapping.
 ON: dict[str, tuple[str, str, str]] = {
@@ -39,11 +36,7 @@ ON: dict[str, tuple[str, str, str]] = {
         "r.urdf.xacro",
         "",
     ),
-    "exchange them": (
-        CROSSED,
-        "r.urdf",
-        "{masses: {base: 20}, arm_base: arm, tip: {body: hand}, joints: {k: 10}}",
-    ),
+    "exchange them": (CROSSED, "r.sdf", ""),
     "xacro:": (
         XACRO.format('<xacro:property name="a" value="${unknown}"/><link name="${a}"/>'),
         "r.urdf.xacro",

@@ -181,14 +181,18 @@ def test_the_age_of_a_command_is_the_measurements_whatever_the_client_says():
     assert remote.traffic.oldest_s == 0.0
 
 
-def test_a_simulation_that_begins_again_is_a_new_run_for_the_client():
+def test_a_simulation_that_began_again_without_a_word_is_a_new_run_for_the_client():
     with datagrams.listening(0) as endpoint:
-        Holding(endpoint.port).start()
-        for _ in range(2):  # the first one ends without a word
-            with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(UdpController, "close", lambda _: None)
-                _, remote = served(endpoint, longest=0.1)
-            assert remote.traffic.taken >= 10
+        holding = Holding(endpoint.port)
+        holding.start()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(UdpController, "close", lambda _: None)
+            _, first = served(endpoint, longest=0.1)
+        _, second = served(endpoint, longest=0.1)
+    holding.join(10.0)
+    assert not holding.is_alive()
+    assert first.traffic.taken >= 10
+    assert second.traffic.taken >= 10
 
 
 def test_a_client_gives_up_when_the_simulation_is_gone(monkeypatch):

@@ -416,4 +416,5 @@ class Scenario:
         for perturbation in self.perturbations:
             if isinstance(perturbation, kind):
                 return perturbation
+
         raise ConfigurationError(f"scenario {self.name!r} has no perturbation {kind.__name__}")

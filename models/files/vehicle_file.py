@@ -75,6 +75,8 @@ def read(
     """
     if not isinstance(vehicle, str | Path | mujoco.MjSpec):
         raise ConfigurationError(f"vehicle: expected a name or a file, got {shown(vehicle)}")
+
+    # Its mapping first: it may have arguments of xacro.
     is_file = isinstance(vehicle, str | Path) and not check_name(str(vehicle))
     if is_file and parts is None:
         parts = _parts_beside(existing_file(vehicle, "vehicle"))
@@ -91,6 +93,7 @@ def read(
 
     if water is not None:
         raise ConfigurationError(f"{file.name}: has its own water, so a water file is refused")
+
     if mapping is None:
         return replace(file, parts_name=file.name)
     name = f"parts {shown(str(parts))}"
@@ -108,6 +111,7 @@ def check_name(vehicle: str) -> bool:
         return True
     if Path(vehicle).suffix:
         return False
+
     raise ConfigurationError(
         f"unknown vehicle {shown(vehicle)}; there are {', '.join(names)}, or a file, MJCF, URDF, "
         f"xacro or SDF{did_you_mean(vehicle, names)}"
@@ -129,6 +133,7 @@ def _of_file(file: Path, water: str | Path | None, arguments: Mapping[str, str])
     name = f"vehicle {shown(str(file))}"
     if b"<sdf" in bytes_of(file, "vehicle")[:_HEAD]:
         return _of_sdf(file, parse_sdf(file, name), water)
+
     robot = robot_of(file, name, arguments)
     return _of_mjcf(file, water) if robot is None else _of_urdf(file, robot, water)
 

@@ -142,10 +142,10 @@ class Campaign:
     def drawn(self, cases: int | None = None) -> tuple[DrawnCase, ...]:
         """What is drawn for each run of the campaign, or for its first `cases`, by dotted key."""
         count = self.cases if self.design == "latin-hypercube" or cases is None else cases
-        values = drawn(self.distributions, count, self.seed, self.design)
+        draws = drawn(self.distributions, count, self.seed, self.design)
 
         runs = []
-        for case, parameters in enumerate(values[:cases]):
+        for case, parameters in enumerate(draws[:cases]):
             streams = Streams(self.seed, case)
             seeds = {name: int(streams[name].integers(2**31)) for name in _SEEDS}
             taken = self._of_grid(case)

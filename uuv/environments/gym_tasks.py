@@ -130,12 +130,12 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
     def _info(self) -> dict[str, Any]:
         task: Any = self.environment.task
-        info = {
+        facts = {
             "is_success": bool(task.is_success),
             "failed": task.judge.failed,
             "damage": task.damage,
         }
-        return info | ({"drawn": task.vehicle.drawn} if task.vehicle.drawn else {})
+        return facts | ({"drawn": task.vehicle.drawn} if task.vehicle.drawn else {})
 
 
 def _box(spec: specs.Array) -> spaces.Box:

@@ -98,14 +98,14 @@ def _shape(model: mujoco.MjModel, geom: int) -> ET.Element | None:
 def _add_joints(root: ET.Element, model: mujoco.MjModel, data: mujoco.MjData, body: int) -> None:
     """Joints from a body's parent to it: one each, or a fixed one."""
     parent = int(model.body_parentid[body])
-    place, attitude = _pose_in(data, parent, body)
+    offset, attitude = _pose_in(data, parent, body)
     name = model.body(body).name
     parent_name = model.body(parent).name
     first = int(model.body_jntadr[body])
     joints = range(first, first + int(model.body_jntnum[body]))
 
     if not joints:
-        _add_joint(root, f"{name}_fixed", "fixed", parent_name, name, place, attitude)
+        _add_joint(root, f"{name}_fixed", "fixed", parent_name, name, offset, attitude)
         return
 
     # A joint's axis may pass beside the body's origin: a link on the axis carries the body.
@@ -114,7 +114,7 @@ def _add_joints(root: ET.Element, model: mujoco.MjModel, data: mujoco.MjData, bo
         beside = bool(np.any(anchor)) or joint != joints[-1]
         child = f"{name}_{model.joint(joint).name}_axis" if beside else name
 
-        origin = place + attitude.apply(anchor)
+        origin = offset + attitude.apply(anchor)
         element = _add_joint(
             root,
             model.joint(joint).name,
@@ -129,11 +129,11 @@ def _add_joints(root: ET.Element, model: mujoco.MjModel, data: mujoco.MjData, bo
             return
 
         ET.SubElement(root, "link", name=child)
-        place = -anchor
+        offset = -anchor
         attitude = Rotation.identity()
         parent_name = child
 
-    _add_joint(root, f"{name}_fixed", "fixed", parent_name, name, place, attitude)
+    _add_joint(root, f"{name}_fixed", "fixed", parent_name, name, offset, attitude)
 
 
 def _add_joint(

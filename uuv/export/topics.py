@@ -273,10 +273,10 @@ class RunTopics:
         no_torque = np.zeros(3)
 
         def message(i: int) -> Any:
-            values = series.value[i]
-            torque = values[3:] if len(values) > 3 else no_torque
+            row = series.value[i]
+            torque = row[3:] if len(row) > 3 else no_torque
             wrench = self._types.make(
-                "Wrench", force=self._types.vector(values[:3]), torque=self._types.vector(torque)
+                "Wrench", force=self._types.vector(row[:3]), torque=self._types.vector(torque)
             )
             return self._types.make(
                 "WrenchStamped", header=self._types.header(series.time[i], frame), wrench=wrench

@@ -142,7 +142,7 @@ class Gathered:
         quantity, _, source = key
         samples = self._sources[key]
         time = np.array(samples.time)
-        values = np.array(samples.values).reshape(len(time), -1)
+        table = np.array(samples.values).reshape(len(time), -1)
 
         rising = _rising(time)
         if not rising.all():
@@ -150,7 +150,7 @@ class Gathered:
 
         # Names and unit, of the quantity or of the log.
         labels, unit = LABELS.get(quantity, (samples.labels, UNITS.get(quantity, "")))
-        return Stream(time[rising], values[rising], labels, unit, source)
+        return Stream(time[rising], table[rising], labels, unit, source)
 
 
 def _rising(time: Array) -> np.ndarray:

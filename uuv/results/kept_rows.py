@@ -64,9 +64,7 @@ class KeptRows:
         """The rows, in the order of the cases."""
         columns = self.columns.values()
 
-        return [
-            dict(zip(self.columns, values, strict=True)) for values in zip(*columns, strict=True)
-        ]
+        return [dict(zip(self.columns, row, strict=True)) for row in zip(*columns, strict=True)]
 
     @property
     def seeds(self) -> str:
@@ -117,7 +115,7 @@ def kept_rows(name: str, folder: Path = ROWS) -> KeptRows | None:
         return None
 
     record = TableReader(str(file)).made(KeptRows, json_of(file, "kept rows"))
-    lengths = {len(values) for values in record.columns.values()}
+    lengths = {len(column) for column in record.columns.values()}
     if len(lengths) != 1:
         raise ConfigurationError(f"{file}: columns of {', '.join(map(str, sorted(lengths)))} rows")
     return record

@@ -106,7 +106,7 @@ def answer_all(
         ended: Asked between two datagrams.
     """
     while not ended():
-        data = endpoint.receive()
-        if data is not None and (content := reply(data, endpoint.interrupts(_SILENCE))):
+        datagram = endpoint.receive()
+        if datagram is not None and (content := reply(datagram, endpoint.interrupts(_SILENCE))):
             endpoint.answer_there()
             endpoint.send(content)

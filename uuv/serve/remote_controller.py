@@ -145,9 +145,9 @@ class UdpController:
         self._send(frame)
 
         while self._answered < self._count and (left := end - time.monotonic()) > 0.0:
-            data = self._endpoint.receive(min(_AGAIN, left))
-            if data is not None:
-                self._take(data)
+            datagram = self._endpoint.receive(min(_AGAIN, left))
+            if datagram is not None:
+                self._take(datagram)
             else:
                 self.traffic.again += 1
                 self._endpoint.send(frame)
@@ -158,13 +158,13 @@ class UdpController:
         left = _AT_ONCE
         while True:
             wait = due - self._pace.clock()
-            data = self._endpoint.receive(max(wait, 0.0))
-            if data is not None:
-                self._take(data)
+            datagram = self._endpoint.receive(max(wait, 0.0))
+            if datagram is not None:
+                self._take(datagram)
 
             # A flood of datagrams does not hold up the run.
             left -= wait <= 0.0
-            if wait <= 0.0 and (data is None or left == 0):
+            if wait <= 0.0 and (datagram is None or left == 0):
                 return
 
     def _send(self, frame: bytes) -> None:
@@ -308,9 +308,9 @@ def await_client(endpoint: Endpoint, patience: float = GREETING) -> None:
     """
     end = time.monotonic() + patience
     while endpoint.peer is None:
-        data = endpoint.receive()
+        datagram = endpoint.receive()
         with contextlib.suppress(PacketError):
-            if data is not None and client.unpack(data).kind != client.MEASURED:
+            if datagram is not None and client.unpack(datagram).kind != client.MEASURED:
                 endpoint.answer_there()
         if time.monotonic() > end:
             raise ConfigurationError(f"port {endpoint.port}: no client within {patience:.0f} s")

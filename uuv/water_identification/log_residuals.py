@@ -380,7 +380,7 @@ class WaterResiduals:
         return self._run(deviations, self._local_of(local))
 
     def _run(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
-        values = values_of(self.parameters, deviations)
+        parameters = values_of(self.parameters, deviations)
         engine = self._engines.get()
 
         try:
@@ -388,9 +388,9 @@ class WaterResiduals:
             for log, its in zip(self.logs, local, strict=True):
                 starts, added = log.begun(its)
                 current = np.array(
-                    [values.get(f"{log.log.name}: current {axis}", 0.0) for axis in "xyz"]
+                    [parameters.get(f"{log.log.name}: current {axis}", 0.0) for axis in "xyz"]
                 )
-                states.append(engine.run(values, log.script, starts, current + added))
+                states.append(engine.run(parameters, log.script, starts, current + added))
             return states
         except UuvError:  # no vehicle has these values
             return [np.full((log.script.rows, 13), np.nan) for log in self.logs]
@@ -421,9 +421,9 @@ class WaterResiduals:
             return self._last[2]
 
         x, y = np.array(deviations), self._local_of(local)
-        values = values_of(self.parameters, x)
+        parameters = values_of(self.parameters, x)
         base = self._run(x, y)
-        r = self._residuals(base, values)
+        r = self._residuals(base, parameters)
         physical = len(self.vehicle.water.parameters)
         shared = [np.zeros((len(r_log), len(x))) for r_log in r]
         starts = [np.zeros((len(r_log), OWN)) for r_log in r]
@@ -452,7 +452,7 @@ class WaterResiduals:
                 ]
             else:
                 rows = self._run(x, [y_log + STEP * np.eye(OWN)[k] for y_log in y])
-            for L, column in zip(starts, differ(rows, values), strict=True):
+            for L, column in zip(starts, differ(rows, parameters), strict=True):
                 L[:, k] = column
 
         # Differences by the mean current are sums of those by the windows' own currents.

@@ -85,9 +85,9 @@ def _commands(log: VehicleLog, pulses: Stream, vehicle: Vehicle) -> Stream:
     )
 
     # Pulse by pulse: outputs that are off stand still.
-    values = np.array([motors.commands(row) for row in pulses.values])
+    commands = np.array([motors.commands(row) for row in pulses.values])
     labels = tuple(f"{THRUSTER}{name}" for name in vehicle.thruster_names)
-    return Stream(pulses.time, values, labels, "", pulses.source)
+    return Stream(pulses.time, commands, labels, "", pulses.source)
 
 
 def _prefixed(stream: Stream, prefix: str, names: Sequence[str]) -> Stream:
@@ -102,6 +102,6 @@ def _prefixed(stream: Stream, prefix: str, names: Sequence[str]) -> Stream:
             f"{stream.source}: has no {lacking[0]!r}; it has {', '.join(stream.labels)}"
         )
 
-    values = np.column_stack([stream.values[:, stream.labels.index(name)] for name in names])
+    columns = np.column_stack([stream.values[:, stream.labels.index(name)] for name in names])
     labels = tuple(f"{prefix}{name}" for name in names)
-    return Stream(stream.time, values, labels, stream.unit, stream.source)
+    return Stream(stream.time, columns, labels, stream.unit, stream.source)

@@ -73,16 +73,16 @@ def steps_up(recording: Recording, low: float, high: float) -> dict[str, Array]:
     time, set_force = recording["set_force"].time, recording["set_force"].scalar
 
     leaves = np.flatnonzero((set_force[:-1] == low) & (set_force[1:] > low) & work[1:])
-    found: dict[str, list[Array]] = {"set": [], "true": []}
+    errors: dict[str, list[Array]] = {"set": [], "true": []}
 
     for first in leaves:
         at = time[first + 1] + times()
         if at[-1] > time[work][-1] or set_force[np.searchsorted(time, at[-1]) - 1] != high:
             continue  # the run ended, or the force changed again
-        found["set"].append(np.interp(at, time, set_force))
-        found["true"].append(np.interp(at, time, recording["contact_normal"].scalar))
+        errors["set"].append(np.interp(at, time, set_force))
+        errors["true"].append(np.interp(at, time, recording["contact_normal"].scalar))
 
-    return {name: np.array(rows).reshape(-1, len(times())) for name, rows in found.items()}
+    return {name: np.array(rows).reshape(-1, len(times())) for name, rows in errors.items()}
 
 
 def figures(

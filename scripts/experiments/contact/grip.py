@@ -152,10 +152,10 @@ def grip(case: GripCase) -> GripRow:
         hand.load(np.array([0.0, 0.0, -WEIGHT]), np.zeros(3))
         begin = hand.place()
         steps = hand.advance(round(case.duration / case.timestep))
-        kept = hand.held()
+        holds = hand.held()
         return GripRow(
-            kept=kept,
-            creep=float(np.linalg.norm(hand.place() - begin)) if kept else None,
+            kept=holds,
+            creep=float(np.linalg.norm(hand.place() - begin)) if holds else None,
             step=steps.time,
             iterations=steps.iterations,
         )
@@ -313,10 +313,10 @@ def _drift(case: GripCase) -> GripRow:
         )
 
     drifts = [_adrift(case, held=held) for held in (False, True)]
-    (bare, _, _), (step, creep, kept) = drifts
+    (bare, _, _), (step, creep, holds) = drifts
     return GripRow(
-        kept=kept,
-        creep=creep if kept else None,
+        kept=holds,
+        creep=creep if holds else None,
         step=step.time,
         without=bare.time,
         iterations=step.iterations,
@@ -370,8 +370,8 @@ def _adrift(case: GripCase, *, held: bool) -> tuple[StepCost, float, bool]:
             begin = place()
 
     moved = float(np.linalg.norm(place() - begin)) if held else 0.0
-    kept = held and truth.contact_normal > 0.0
-    return StepCost(elapsed / count, iterations / count), moved, kept
+    touches = held and truth.contact_normal > 0.0
+    return StepCost(elapsed / count, iterations / count), moved, touches
 
 
 def water_of_box(density: float) -> water.BodyHydrodynamics:

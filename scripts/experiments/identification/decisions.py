@@ -76,13 +76,13 @@ def decisions(case: DecisionCase) -> DecisionRow:
     """Decides on the identified pose of a scene, then on the poses that are forced wrong."""
     scene = draw(case.object, case.kind, case.seed, case.sensor)
     surface = surface_of(case.object)
-    found = identified(scene, surface)
-    evidence, X_CT = found.evidence, found.X_sensor_target
+    outcome = identified(scene, surface)
+    evidence, X_CT = outcome.evidence, outcome.X_sensor_target
 
     # Neither another object nor an empty place has a right pose.
     right = case.kind not in ("other", "absent") and scene.is_found(X_CT)
     poses = {case.kind: X_CT}
-    verdicts = {case.kind: (str(found.decision), found.reason)}
+    verdicts = {case.kind: (str(outcome.decision), outcome.reason)}
 
     # The same evidence, with poses that are known to be wrong.
     if KINDS[case.kind] and evidence is not None:

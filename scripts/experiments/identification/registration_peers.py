@@ -160,8 +160,8 @@ def icp(
 
 def _refined(task: RegistrationTask, model: Any, X_ST: Array) -> Array:
     """The rough pose `X_ST` (4, 4) refined by ICP."""
-    found = icp(point_cloud(task.points, task.normals), model, task.stages, inverse(X_ST))
-    return inverse(np.array(found.transformation))
+    refined = icp(point_cloud(task.points, task.normals), model, task.stages, inverse(X_ST))
+    return inverse(np.array(refined.transformation))
 
 
 def _from_near(task: RegistrationTask, model: Any) -> Array:
@@ -193,7 +193,7 @@ def _from_all_sides(task: RegistrationTask, model: Any) -> Array:
 
     # Fine: the best of them on all points.
     finished = [
-        icp(scan, model, task.stages, found.transformation) for found in rough[:STARTS_KEPT]
+        icp(scan, model, task.stages, start.transformation) for start in rough[:STARTS_KEPT]
     ]
 
     return inverse(np.array(max(finished, key=lambda found: found.fitness).transformation))
@@ -345,12 +345,12 @@ def _kiss_matcher(task: RegistrationTask, prepared: tuple[Any, list[tuple[Array,
 
     for eye, points in views:
         matcher = library.KISSMatcher(library.KISSMatcherConfig(KISS_UNIT))
-        found = matcher.estimate(scan, list((scale * points).astype(np.float32)))
+        estimate = matcher.estimate(scan, list((scale * points).astype(np.float32)))
 
         if (count := matcher.get_num_final_inliers()) > most:
             most, X_TS = (
                 count,
-                pose(np.array(found.rotation), np.array(found.translation) / scale + eye),
+                pose(np.array(estimate.rotation), np.array(estimate.translation) / scale + eye),
             )
 
     return _refined(task, cloud, inverse(X_TS))
@@ -389,10 +389,10 @@ def _point_pairs(task: RegistrationTask, prepared: tuple[Any, Any]) -> Array:
     cloud, detector = prepared
 
     poses = detector.match(_oriented(task.points, task.normals), PPF_SCENE[0], PPF_SCENE[1])
-    found = [X for X in (np.array(each.pose) for each in poses) if task.admits(X)][:PPF_KEPT]
+    admitted = [X for X in (np.array(pose.pose) for pose in poses) if task.admits(X)][:PPF_KEPT]
 
     scan = point_cloud(task.points, task.normals)
-    finished = [icp(scan, cloud, task.stages, inverse(X_ST)) for X_ST in found]
+    finished = [icp(scan, cloud, task.stages, inverse(X_ST)) for X_ST in admitted]
 
     if not finished:
         return np.eye(4)

@@ -63,6 +63,8 @@ class KnownShape:
 def known_shapes() -> dict[str, KnownShape]:
     """Shapes by name."""
     shapes = {}
+
+    # Ellipsoids: in closed form
     for axes in ELLIPSOIDS:
         body = hydrodynamics.ellipsoid(axes, water_density=1.0)
         factors = body.added_mass.diagonal() / body.volume
@@ -72,6 +74,7 @@ def known_shapes() -> dict[str, KnownShape]:
             kind="ellipsoid", size=axes, factors=factors, reference="Lamb 1932"
         )
 
+    # Cube and cylinders: tabulated
     factors = np.array([CUBE] * 3 + [np.nan] * 3)
     shapes["cube"] = KnownShape(
         kind="box", size=(0.5, 0.5, 0.5), factors=factors, reference="Sihvola 2004"

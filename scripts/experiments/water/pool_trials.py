@@ -83,10 +83,10 @@ def main() -> int:
     # Other trials, judged by parameters that are there already.
     if options.fitted is not None:
         hull, values = read_fitted(options.fitted)
-        found = scores(hull, trials, values)
+        scored = scores(hull, trials, values)
         tables = [
-            score_table("Simulation beside the pool: medians", {f"{hull}, as fitted": found}),
-            trial_table(found),
+            score_table("Simulation beside the pool: medians", {f"{hull}, as fitted": scored}),
+            trial_table(scored),
         ]
 
         for table in tables:
@@ -98,7 +98,7 @@ def main() -> int:
     result = validate(options.hull, trials, workers=options.workers, leave_out=options.leave_out)
     values = result.fit.values
     buoyancies = buoyancy_by_group(options.hull, trials, values)
-    own = with_own_buoyancy(options.hull, trials, values, buoyancies)
+    adjusted = with_own_buoyancy(options.hull, trials, values, buoyancies)
 
     tables = [
         score_table(
@@ -106,7 +106,7 @@ def main() -> int:
             {
                 **{f"{name}, untuned": scores(name, trials, NOMINAL) for name in HULLS},
                 f"{options.hull}, {'left out' if options.leave_out else 'fitted'}": result.left_out,
-                f"{options.hull}, fitted, one buoyancy a trajectory number": own,
+                f"{options.hull}, fitted, one buoyancy a trajectory number": adjusted,
             },
         ),
         buoyancy_table(buoyancies),

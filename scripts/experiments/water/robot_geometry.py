@@ -62,7 +62,9 @@ def robot_geometry(case: RobotCase) -> RobotRow:
 
     meshes = _mesh_volumes(spec)
     bodies = wetted.bodies
-    told = {(origin.body, origin.quantity): origin.uncertainty for origin in wetted.origins}
+    uncertainties = {
+        (origin.body, origin.quantity): origin.uncertainty for origin in wetted.origins
+    }
     return RobotRow(
         volume={name: float(water.volume) for name, water in bodies.items()},
         mesh_volume={name: meshes.get(name, (None, None))[0] for name in bodies},
@@ -72,7 +74,7 @@ def robot_geometry(case: RobotCase) -> RobotRow:
         },
         drag={name: "strip" if water.segments else "areas" for name, water in bodies.items()},
         uncertainty={
-            name: "; ".join(told[name, what] for what in ("volume", "added mass", "drag"))
+            name: "; ".join(uncertainties[name, what] for what in ("volume", "added mass", "drag"))
             for name in bodies
         },
         seconds=seconds,

@@ -169,10 +169,10 @@ def _holes(rng: Rng, outline: Array, count: int, least: float) -> list[Array]:
             break
 
         size = _spread(rng, max(0.03, 1.5 * least), max(0.2, 2.0 * least))
-        place, margin = rng.uniform(low, high), 0.4 * size + 0.02
+        offset, margin = rng.uniform(low, high), 0.4 * size + 0.02
 
-        free = all(np.linalg.norm(place - p) > size + s + 0.02 for p, s in taken)
-        if not free or not inside(place + circle(size + margin, 24), [outline]).all():
+        free = all(np.linalg.norm(offset - p) > size + s + 0.02 for p, s in taken)
+        if not free or not inside(offset + circle(size + margin, 24), [outline]).all():
             continue
 
         form = _pick(rng, "round", "round", "slot", "square")
@@ -183,8 +183,8 @@ def _holes(rng: Rng, outline: Array, count: int, least: float) -> list[Array]:
             hole = rectangle(1.4 * size, 1.4 * size)
 
         c, s = np.cos(turn := rng.uniform(0.0, np.pi)), np.sin(turn)
-        holes.append(place + hole @ np.array([[c, s], [-s, c]]))
-        taken.append((place, size))
+        holes.append(offset + hole @ np.array([[c, s], [-s, c]]))
+        taken.append((offset, size))
 
     return holes
 
@@ -306,18 +306,18 @@ def _flange(rng: Rng, least: float) -> Shell:
     size = min(0.06, 0.55 * np.pi * at / count, 0.5 * (0.5 - bore) - 0.06)
 
     # Missing bolts leave their holes behind.
-    there = np.ones(count, dtype=bool)
+    present = np.ones(count, dtype=bool)
     if rng.random() < 0.5:
-        there[rng.choice(count, int(rng.integers(1, 3)), replace=False)] = False
+        present[rng.choice(count, int(rng.integers(1, 3)), replace=False)] = False
 
     angle = np.arange(count) * (2.0 * np.pi / count)
     places = at * np.column_stack([np.cos(angle), np.sin(angle)])
-    holes = [circle(bore), *(p + circle(0.7 * size, 20) for p in places[~there])]
+    holes = [circle(bore), *(p + circle(0.7 * size, 20) for p in places[~present])]
     parts = [extruded(circle(0.5, 72), thick, holes)]
 
     # Bolts: head above, shaft and nut below.
     head, nut = size * rng.uniform(0.6, 1.1), size * rng.uniform(0.6, 1.4)
-    for p in places[there]:
+    for p in places[present]:
         for part, z in (
             (hexagon(size, head), 0.5 * (thick + head)),
             (cylinder(0.55 * size, 1.6 * nut, 20), -0.5 * thick - 0.8 * nut),
@@ -528,8 +528,8 @@ def _union(rng: Rng, least: float) -> Shell:
     for _ in range(int(rng.integers(3, 8))):
         part = moved(_primitive(rng, least), pose(any_rotation(rng)))
         if parts:
-            place = _pick(rng, *parts)[0]
-            part = moved(part, pose(p=place[int(rng.integers(len(place)))]))
+            spot = _pick(rng, *parts)[0]
+            part = moved(part, pose(p=spot[int(rng.integers(len(spot)))]))
         parts.append(part)
 
     return joined(parts)

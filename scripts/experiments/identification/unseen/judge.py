@@ -191,16 +191,16 @@ class ViewOfObject:
 
     def _outline(self, sensor: SensorModel) -> tuple[Array, Array, Array]:
         """As `_surface`, for the pixels at the object's edge with something farther beside them."""
-        seen, depth = self._scene.seen, self._scene.exact
-        edge = np.zeros_like(seen)
+        visible, depth = self._scene.seen, self._scene.exact
+        edge = np.zeros_like(visible)
         for axis in (0, 1):
             for step in (-1, 1):
                 beside = np.roll(depth, step, axis=axis)
-                edge |= seen & ~np.roll(seen, step, axis=axis) & (beside > depth + _BEHIND)
+                edge |= visible & ~np.roll(visible, step, axis=axis) & (beside > depth + _BEHIND)
         edge[[0, -1]] = edge[:, [0, -1]] = False  # the border of the image
 
         # Normal of the plane of ray and edge, from the slope of the smoothed image.
-        smooth = ndimage.gaussian_filter(seen.astype(np.float64), _SMOOTH)
+        smooth = ndimage.gaussian_filter(visible.astype(np.float64), _SMOOTH)
         gy, gx = (slope[edge] for slope in np.gradient(smooth))
         rays = pinhole(1)[edge]
         n = np.cross(rays, np.column_stack([-gy, gx, np.zeros_like(gx)]))

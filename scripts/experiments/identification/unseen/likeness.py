@@ -75,9 +75,11 @@ class Likeness:
 
     def share_apart(self, S: Array, points: Array | None = None, apart: float = DIFFERENT) -> float:
         """Share (0..1) of points in T, by default all, that `S` (4, 4) moves off the surface."""
-        asked = self.points[::_THINNED] if points is None else points
+        sampled = self.points[::_THINNED] if points is None else points
         return (
-            float(np.mean(self.distance(transform_points(S, asked)) > apart)) if len(asked) else 0.0
+            float(np.mean(self.distance(transform_points(S, sampled)) > apart))
+            if len(sampled)
+            else 0.0
         )
 
     @cached_property
@@ -136,14 +138,16 @@ class Likeness:
         axes = self._moments[1].T
         slides = [pose(p=share * self.shape.extent * axis) for axis in axes for share in _SLIDES]
 
-        found: list[Array] = []
+        rotations: list[Array] = []
         for begun in (*map(pose, self._turns()), *slides):
             S = self.settled(begun)
-            if self.are_rivals(S, np.eye(4)) and all(self.are_rivals(S, other) for other in found):
-                found.append(S)
+            if self.are_rivals(S, np.eye(4)) and all(
+                self.are_rivals(S, other) for other in rotations
+            ):
+                rotations.append(S)
 
-        shares = [self.share_apart(S) for S in found]
-        return tuple(found[k] for k in np.argsort(shares)[:_KEPT] if shares[k] < _RIVAL)
+        shares = [self.share_apart(S) for S in rotations]
+        return tuple(rotations[k] for k in np.argsort(shares)[:_KEPT] if shares[k] < _RIVAL)
 
     def are_rivals(self, S: Array, other: Array) -> bool:
         """Whether two motions (4, 4) in T are apart by more than an error, modulo symmetry: turned,
@@ -200,7 +204,7 @@ class Likeness:
         """Symmetry of a surface with equal moments about all axes, such as a cube's: every rotation
         is tried.
         """
-        found = [np.eye(3)]
+        rotations = [np.eye(3)]
         directions = sphere(2)[0]
 
         for axis in directions[directions @ [0.31, 0.53, 0.79] > 0.0]:
@@ -210,10 +214,12 @@ class Likeness:
                 if np.mean(self.distance(few @ R.T)) < 0.08 * self.shape.radius:
                     for _ in range(_SLOWLY):
                         R = self.settled(R)[:3, :3]
-                    if all(np.linalg.norm(R - known) > 0.05 for known in found) and self._maps(R):
-                        found.append(R)
+                    if all(np.linalg.norm(R - known) > 0.05 for known in rotations) and self._maps(
+                        R
+                    ):
+                        rotations.append(R)
 
-        return Symmetry(rotations=np.array(_closed(found)))
+        return Symmetry(rotations=np.array(_closed(rotations)))
 
     def _turns(self) -> Iterator[Array]:
         """Rotations (3, 3) at which the search for a likeness begins: about the main axes and those
@@ -239,8 +245,8 @@ class Likeness:
         Returns:
             The motion, improper if `R` is.
         """
-        asked = self.points if points is None else points
-        few = asked[:: max(1, len(asked) // _FEW)]
+        sampled = self.points if points is None else points
+        few = sampled[:: max(1, len(sampled) // _FEW)]
         S = pose(R) if R.shape == (3, 3) else R
         side = np.sign(np.linalg.det(S[:3, :3]))
 

@@ -37,8 +37,8 @@ def recall_chart(rows: Sequence[Row]) -> "Figure":
     figure = Figure(figsize=(9.0, 3.8), layout="constrained")
     axes = figure.subplots(1, 2, width_ratios=(10, 3))
     for panel, key, label in zip(axes, ("shape", "hidden"), ("shape", "hidden"), strict=True):
-        there = {row[key] for row in rows}
-        names = [name for name in HIDDEN if name in there] if key == "hidden" else sorted(there)
+        kinds = {row[key] for row in rows}
+        names = [name for name in HIDDEN if name in kinds] if key == "hidden" else sorted(kinds)
 
         # Bars of the outcomes, one on top of the other.
         low = np.zeros(len(names))

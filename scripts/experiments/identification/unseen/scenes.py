@@ -253,7 +253,7 @@ class _Draw:
             body=body,
             visible=[
                 *([] if there is None else [body.solid]),
-                *(each.solid for each in (*others, *occluders)),
+                *(body.solid for body in (*others, *occluders)),
                 *floor,
             ],
             X_CF=X_CF,
@@ -283,8 +283,8 @@ class _Draw:
             return None
 
         for k, body in enumerate(bodies):
-            seen, hidden = hidden_by(body, [*bodies[:k], *bodies[k + 1 :]], X_CF)
-            if len(seen) * COARSE**2 < _LEAST_PIXELS or hidden.mean() > HIDDEN["much"][1]:
+            visible, hidden = hidden_by(body, [*bodies[:k], *bodies[k + 1 :]], X_CF)
+            if len(visible) * COARSE**2 < _LEAST_PIXELS or hidden.mean() > HIDDEN["much"][1]:
                 return None
 
         k = self.case.member
@@ -364,10 +364,10 @@ class _Draw:
         if case.content != "pile" and image.sum() < _LEAST_PIXELS:
             return None
 
-        seen, hidden = np.zeros_like(image), 0.0
+        visible, hidden = np.zeros_like(image), 0.0
         if there is not None:
-            seen = image & (exact > alone - 1e-4)
-            hidden = 1.0 - float(seen.sum() / image.sum())
+            visible = image & (exact > alone - 1e-4)
+            hidden = 1.0 - float(visible.sum() / image.sum())
             low, high = HIDDEN.get(case.hidden, (0.0, 1.0))
             if not low <= hidden <= high:
                 return None
@@ -399,7 +399,7 @@ class _Draw:
             model=model,
             scan=scan,
             exact=readonly(exact),
-            seen=seen,
+            seen=visible,
             X_CT=readonly(X_CT),
             seed=case.seed,
             approach=approach,

@@ -163,10 +163,10 @@ def unseen(case: UnseenTrial) -> UnseenRow:
     X_CT = verdict.X_sensor_target
     error = pose_error(scene, X_CT)
     view = ViewOfObject(scene)
-    found = case.content in _THERE and error.found
+    right = case.content in _THERE and error.found
     contradicted = view.contradicted(X_CT)
     mirror_share = view.mirror_share() if case.content == "mirrored" else 1.0
-    nees, degrees = _squared_error(verdict, scene) if found else (None, None)
+    nees, degrees = _squared_error(verdict, scene) if right else (None, None)
 
     return UnseenRow(
         **vars_of(_truth(scene, view)),
@@ -174,7 +174,7 @@ def unseen(case: UnseenTrial) -> UnseenRow:
         mirror_share=min(mirror_share, contradicted) if case.content == "mirrored" else 1.0,
         position_m=error.position_m,
         angle_deg=error.angle_deg,
-        found=found,
+        found=right,
         nees=nees,
         nees_degrees=degrees,
         decision=str(verdict.decision),

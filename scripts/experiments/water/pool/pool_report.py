@@ -22,9 +22,9 @@ _DEGREES = float(np.degrees(1.0))
 def score_table(title: str, of: Mapping[str, Sequence[TrialScore]]) -> Table:
     """Medians and the worst trial of several sets of scores."""
     rows = []
-    for name, found in of.items():
-        m = medians(found)
-        worst = max(found, key=lambda each: max(each.rms))
+    for name, scored in of.items():
+        m = medians(scored)
+        worst = max(scored, key=lambda each: max(each.rms))
 
         rows.append(
             [
@@ -66,13 +66,13 @@ def trial_table(found: Sequence[TrialScore]) -> Table:
         ),
         rows=[
             [
-                each.name,
-                f"{_DEGREES * each.rms[0]:.2f}, {_DEGREES * each.rms[1]:.2f}",
-                f"{each.correlation[0]:.2f}, {each.correlation[1]:.2f}",
-                f"{each.amplitude[0]:.2f}, {each.amplitude[1]:.2f}",
-                f"{each.rise:.2f}, {each.rise_error:+.2f}",
+                score.name,
+                f"{_DEGREES * score.rms[0]:.2f}, {_DEGREES * score.rms[1]:.2f}",
+                f"{score.correlation[0]:.2f}, {score.correlation[1]:.2f}",
+                f"{score.amplitude[0]:.2f}, {score.amplitude[1]:.2f}",
+                f"{score.rise:.2f}, {score.rise_error:+.2f}",
             ]
-            for each in found
+            for score in found
         ],
     )
 
@@ -89,14 +89,14 @@ def buoyancy_table(buoyancies: Mapping[str, float]) -> Table:
 def parameter_table(result: Validation) -> Table:
     """Each parameter with its nominal value, its interval, and what the trials tell of it."""
     rows = []
-    for i, each in enumerate(PARAMETERS):
+    for i, parameter in enumerate(PARAMETERS):
         low, high = result.interval(i)
         rows.append(
             [
-                each.name,
-                each.unit,
-                f"{each.nominal:.3g}",
-                f"{each.value(float(result.fit.deviations[i])):.3g}",
+                parameter.name,
+                parameter.unit,
+                f"{parameter.nominal:.3g}",
+                f"{parameter.value(float(result.fit.deviations[i])):.3g}",
                 f"{low:.3g} to {high:.3g}" if np.isfinite(low) else "-",
                 f"{result.fit.told[i]:.0%}",
             ]
@@ -121,22 +121,22 @@ def numbers_of(result: Validation) -> dict[str, Any]:
     return {
         "hull": result.hull,
         "parameters": {
-            each.name: {
-                "unit": each.unit,
-                "nominal": each.nominal,
-                "fitted": each.value(float(result.fit.deviations[i])),
+            parameter.name: {
+                "unit": parameter.unit,
+                "nominal": parameter.nominal,
+                "fitted": parameter.value(float(result.fit.deviations[i])),
                 "interval": list(result.interval(i)) if np.isfinite(result.spread[i]) else None,
                 "told": float(result.fit.told[i]),
             }
-            for i, each in enumerate(PARAMETERS)
+            for i, parameter in enumerate(PARAMETERS)
         },
         "untuned": {
             "medians": medians(result.untuned),
-            "trials": [asdict(each) for each in result.untuned],
+            "trials": [asdict(score) for score in result.untuned],
         },
         "left_out": {
             "medians": medians(result.left_out),
-            "trials": [asdict(each) for each in result.left_out],
+            "trials": [asdict(score) for score in result.left_out],
         },
     }
 
@@ -171,8 +171,8 @@ def draw(file: Path, result: Validation, trials: Sequence[PoolTrial]) -> None:
             panel.plot(time, line, color="0.2", linewidth=2.5, alpha=0.6, label="measured")
 
         for label, (model, values, color) in models.items():
-            found = replay(model, trial, values)
-            lines = (*_DEGREES * found.attitude[:, :2].T, found.position[:, 2])
+            motion = replay(model, trial, values)
+            lines = (*_DEGREES * motion.attitude[:, :2].T, motion.position[:, 2])
             for panel, line, real in zip(row, lines, measured, strict=True):
                 panel.plot(time, line, color=color, linewidth=1.0, label=label)
                 middle, half = float(np.mean(real)), 1.6 * float(np.ptp(real)) + 0.2

@@ -124,7 +124,7 @@ def pool_model(hull: str, values: Mapping[str, float]) -> mujoco.MjModel:
     for name in set(water) - {HULL_BODY}:
         water[name] = _scaled_link(water[name], values)
 
-    total = sum(float(each.mass) for each in spec.bodies[1:])
+    total = sum(float(body.mass) for body in spec.bodies[1:])
     others = sum(water[name].volume for name in water if name != HULL_BODY)
     volume = (total + values["net buoyancy"] / GRAVITY) / FRESH_WATER - others
 
@@ -148,9 +148,9 @@ def _servos(spec: mujoco.MjSpec) -> None:
 
 def _load_jaw(spec: mujoco.MjSpec, mass: float) -> None:
     wrist = spec.body(reach_alpha_5.LINKS[-1].name)
-    own, center = float(wrist.mass), np.array(wrist.ipos)
-    wrist.mass = own + mass
-    wrist.ipos = (own * center + mass * np.array(JAW)) / (own + mass)
+    wrist_mass, center = float(wrist.mass), np.array(wrist.ipos)
+    wrist.mass = wrist_mass + mass
+    wrist.ipos = (wrist_mass * center + mass * np.array(JAW)) / (wrist_mass + mass)
 
 
 def _scaled_link(link: BodyHydrodynamics, values: Mapping[str, float]) -> BodyHydrodynamics:

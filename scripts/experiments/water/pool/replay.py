@@ -93,11 +93,11 @@ class Residuals:
 
     @staticmethod
     def _of(model: mujoco.MjModel, trial: PoolTrial, values: Mapping[str, float]) -> Array:
-        found = replay(model, trial, values)
+        motion = replay(model, trial, values)
 
-        off = found.attitude - trial.attitude
+        off = motion.attitude - trial.attitude
         off[:, 2] -= off[0, 2]  # the IMU's heading has an origin of its own
-        rise = found.position[:, 2] - trial.position[:, 2]
+        rise = motion.position[:, 2] - trial.position[:, 2]
 
         weight = np.sqrt(SAMPLES / len(trial.times))
         return weight * np.concatenate(

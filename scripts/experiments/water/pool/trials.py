@@ -57,13 +57,15 @@ def names_in(folder: Path) -> tuple[str, ...]:
         ConfigurationError: There is none.
     """
     names = {path.name.partition("_joint_states")[0] for path in folder.glob("*_joint_states.csv*")}
-    kept = tuple(sorted(name for name in names if name.startswith("traj") and name not in EXCLUDED))
+    chosen = tuple(
+        sorted(name for name in names if name.startswith("traj") and name not in EXCLUDED)
+    )
 
-    if not kept:
+    if not chosen:
         raise ConfigurationError(
             f"--data {shown(str(folder))}: holds no pool trials (traj*_joint_states.csv.gz)"
         )
-    return kept
+    return chosen
 
 
 def read_trials(folder: Path, names: Iterable[str] | None = None) -> list[PoolTrial]:
@@ -94,8 +96,8 @@ def read_trial(folder: Path, name: str) -> PoolTrial:
     times = np.arange(begin, end, 1.0 / RATE)
 
     # Attitude by the IMU, position and heading by motion capture.
-    seen = Rotation.from_quat(_columns(imu, ("x_ori", "y_ori", "z_ori", "w_ori"), name))
-    angles = np.unwrap(seen.as_euler("ZYX"), axis=0)[:, ::-1]  # roll, pitch, yaw
+    attitude = Rotation.from_quat(_columns(imu, ("x_ori", "y_ori", "z_ori", "w_ori"), name))
+    angles = np.unwrap(attitude.as_euler("ZYX"), axis=0)[:, ::-1]  # roll, pitch, yaw
 
     p = _columns(mocap, ("x_pose", "y_pose", "z_pose"), name)
     yaw = np.unwrap(_columns(mocap, ("yaw",), name)[:, 0])
@@ -133,16 +135,16 @@ def _first(times: Array, begin: float) -> np.ndarray:
 
 
 def _table(folder: Path, stem: str) -> dict[str, Array]:
-    found = [
+    trials = [
         path for ending in (".csv.gz", ".csv") if (path := folder / f"{stem}{ending}").exists()
     ]
 
-    if not found:
+    if not trials:
         raise ConfigurationError(
             f"pool trial: there is no {stem}.csv or .csv.gz in {shown(str(folder))}"
         )
 
-    path = found[0]
+    path = trials[0]
     try:
         with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
             head = file.readline().strip().split(",")
@@ -166,14 +168,14 @@ def _columns(table: dict[str, Array], names: tuple[str, ...], trial: str) -> Arr
             f"pool trial {trial}: lacks the column {missing[0]!r}; it has {', '.join(table)}"
         )
 
-    found = np.column_stack([table[name] for name in names])
-    if not np.all(np.isfinite(found)):
-        bad = names[int(np.flatnonzero(~np.isfinite(found).all(axis=0))[0])]
+    columns = np.column_stack([table[name] for name in names])
+    if not np.all(np.isfinite(columns)):
+        bad = names[int(np.flatnonzero(~np.isfinite(columns).all(axis=0))[0])]
         raise ConfigurationError(
             f"pool trial {trial}: column {bad!r} holds numbers that are not finite"
         )
 
-    return found
+    return columns
 
 
 def _times(table: dict[str, Array], trial: str) -> Array:

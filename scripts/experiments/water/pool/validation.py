@@ -48,11 +48,11 @@ class Validation:
 
 def groups_of(trials: Sequence[PoolTrial]) -> dict[str, list[PoolTrial]]:
     """Trials by trajectory number."""
-    found: dict[str, list[PoolTrial]] = {}
+    groups: dict[str, list[PoolTrial]] = {}
 
     for trial in trials:
-        found.setdefault(trial.group, []).append(trial)
-    return found
+        groups.setdefault(trial.group, []).append(trial)
+    return groups
 
 
 def scores(
@@ -67,18 +67,20 @@ def buoyancy_by_group(
     hull: str, trials: Sequence[PoolTrial], values: Mapping[str, float]
 ) -> dict[str, float]:
     """Net buoyancy [N] of each trajectory number by its rises, all else as in `values`."""
-    found = {}
+    buoyancies = {}
     for name, members in groups_of(trials).items():
 
         def missed(buoyancy: float, members: list[PoolTrial] = members) -> float:
-            given = {**values, "net buoyancy": buoyancy}
-            return float(np.sum([each.rise_error**2 for each in scores(hull, members, given)]))
+            trial_values = {**values, "net buoyancy": buoyancy}
+            return float(
+                np.sum([score.rise_error**2 for score in scores(hull, members, trial_values)])
+            )
 
-        found[name] = float(
+        buoyancies[name] = float(
             minimize_scalar(missed, bounds=BUOYANCIES, method="bounded", options={"xatol": 5e-3}).x
         )
 
-    return found
+    return buoyancies
 
 
 def with_own_buoyancy(
@@ -88,11 +90,11 @@ def with_own_buoyancy(
     buoyancies: Mapping[str, float],
 ) -> tuple[TrialScore, ...]:
     """Scores of trials, each with the net buoyancy of its trajectory number."""
-    found: list[TrialScore] = []
+    collected: list[TrialScore] = []
 
     for name, members in groups_of(trials).items():
-        found += scores(hull, members, {**values, "net buoyancy": buoyancies[name]})
-    return tuple(found)
+        collected += scores(hull, members, {**values, "net buoyancy": buoyancies[name]})
+    return tuple(collected)
 
 
 def read_fitted(file: Path) -> tuple[str, dict[str, float]]:
@@ -102,9 +104,12 @@ def read_fitted(file: Path) -> tuple[str, dict[str, float]]:
         ConfigurationError: It cannot be read, or lacks a parameter.
     """
     try:
-        told = json_of(file, "--fitted")
-        values = {each.name: float(told["parameters"][each.name]["fitted"]) for each in PARAMETERS}
-        hull = str(told["hull"])
+        tables = json_of(file, "--fitted")
+        values = {
+            parameter.name: float(tables["parameters"][parameter.name]["fitted"])
+            for parameter in PARAMETERS
+        }
+        hull = str(tables["hull"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ConfigurationError(
             f"--fitted {shown(str(file))}: is no file of fitted parameters: {error!r}"
@@ -115,14 +120,14 @@ def read_fitted(file: Path) -> tuple[str, dict[str, float]]:
 def medians(of: Sequence[TrialScore]) -> dict[str, float]:
     """Median of each figure over trials."""
     return {
-        "roll_rms_deg": float(np.degrees(np.median([each.rms[0] for each in of]))),
-        "pitch_rms_deg": float(np.degrees(np.median([each.rms[1] for each in of]))),
-        "roll_correlation": float(np.median([each.correlation[0] for each in of])),
-        "pitch_correlation": float(np.median([each.correlation[1] for each in of])),
-        "roll_amplitude": float(np.median([each.amplitude[0] for each in of])),
-        "pitch_amplitude": float(np.median([each.amplitude[1] for each in of])),
-        "rise_error_m": float(np.median([abs(each.rise_error) for each in of])),
-        "drift_error_m": float(np.median([each.drift_error for each in of])),
+        "roll_rms_deg": float(np.degrees(np.median([score.rms[0] for score in of]))),
+        "pitch_rms_deg": float(np.degrees(np.median([score.rms[1] for score in of]))),
+        "roll_correlation": float(np.median([score.correlation[0] for score in of])),
+        "pitch_correlation": float(np.median([score.correlation[1] for score in of])),
+        "roll_amplitude": float(np.median([score.amplitude[0] for score in of])),
+        "pitch_amplitude": float(np.median([score.amplitude[1] for score in of])),
+        "rise_error_m": float(np.median([abs(score.rise_error) for score in of])),
+        "drift_error_m": float(np.median([score.drift_error for score in of])),
     }
 
 
@@ -158,10 +163,10 @@ def validate(
     found, without = [], []
     for name, members in groups.items():
         rest = [trial for trial in trials if trial.group != name]
-        one = fit(hull, rest, workers=workers, start=whole.deviations)
+        fitted = fit(hull, rest, workers=workers, start=whole.deviations)
 
-        without.append(one.deviations)
-        found += scores(hull, members, values_of(PARAMETERS, one.deviations))
+        without.append(fitted.deviations)
+        found += scores(hull, members, values_of(PARAMETERS, fitted.deviations))
 
     # Jackknife over the trajectory numbers.
     apart = np.array(without) - np.mean(without, axis=0)

@@ -165,23 +165,23 @@ def test_the_names_that_others_rely_on():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_description_says_what_the_model_has(name):
-    told, model = models.describe(name), compiled(name)
-    assert told.source
-    assert (told.name, told.floating) == (name, name in FLOATING)
-    assert (told.thrusters == 1) == (name == "remus100")
-    assert (told.dof, told.thrusters) == (
+    described, model = models.describe(name), compiled(name)
+    assert described.source
+    assert (described.name, described.floating) == (name, name in FLOATING)
+    assert (described.thrusters == 1) == (name == "remus100")
+    assert (described.dof, described.thrusters) == (
         model.nv,
         sum(n.startswith("thruster_") for n in actuators(model)),
     )
-    assert told.mass == pytest.approx(float(np.sum(model.body_mass)))
-    if told.floating:
-        assert 1025.0 * told.volume == pytest.approx(told.mass, rel=1e-12)
+    assert described.mass == pytest.approx(float(np.sum(model.body_mass)))
+    if described.floating:
+        assert 1025.0 * described.volume == pytest.approx(described.mass, rel=1e-12)
         vehicle = Vehicle.of(model)
-        assert told.joints == vehicle.joint_names
-        assert told.drive == ("thrusters" if len(vehicle.thruster_names) else "wrench")
-        assert (told.drive == "wrench") == ("wrench_yaw" in actuators(model))
+        assert described.joints == vehicle.joint_names
+        assert described.drive == ("thrusters" if len(vehicle.thruster_names) else "wrench")
+        assert (described.drive == "wrench") == ("wrench_yaw" in actuators(model))
     else:
-        assert told.drive == "fixed base"
+        assert described.drive == "fixed base"
         assert model.body_jntnum[model.body(ARM_BASE_BODY).id] == 0
         with pytest.raises(ConfigurationError, match="no body named 'hull'"):
             Vehicle.of(model)
@@ -225,8 +225,8 @@ def test_figures_of_the_source_arrive_in_the_model(name, within):
     model, source = compiled(name), SOURCES[name]
     hull = model.body(HULL_BODY).id
     m, c, inertia = rigid(model, hull)
-    found = coefficients(model, hull)
-    assert found is not None
+    identified = coefficients(model, hull)
+    assert identified is not None
     within("mass [kg]", m - source["mass"], 1e-12)
     within("centre of gravity [m]", SIGNS[:3] * c - source["gravity"], 1e-15)
     turned = SIGNS[:3, None] * inertia * SIGNS[:3]
@@ -234,14 +234,14 @@ def test_figures_of_the_source_arrive_in_the_model(name, within):
     within("inertia, relative", (turned - source["inertia"]) / np.max(inertia), 1e-13)
     within(
         "centre of buoyancy, height [m]",
-        -found.center_of_buoyancy[2] - source["buoyancy"][2],
+        -identified.center_of_buoyancy[2] - source["buoyancy"][2],
         1e-14,
     )
-    within("linear damping", found.linear_damping - np.diag(source["linear"]), 1e-15)
-    assert found.quadratic_damping == pytest.approx(
+    within("linear damping", identified.linear_damping - np.diag(source["linear"]), 1e-15)
+    assert identified.quadratic_damping == pytest.approx(
         np.array(source["quadratic"], dtype=float), rel=1e-13
     )
-    added = SIGNS[:, None] * found.added_mass * SIGNS
+    added = SIGNS[:, None] * identified.added_mass * SIGNS
     if "added" in source:
         within("added mass", added - source["added"], 1e-15)
     else:
@@ -341,9 +341,9 @@ def test_drag_of_the_alpha_5_in_uniform_flow_is_the_published():
         ("elbow", 0.26, 0.3),
         ("wrist", 1.8, 0.3),
     ):
-        found = coefficients(model, model.body(name).id)
-        assert found is not None
-        (strip,) = found.segments
+        identified = coefficients(model, model.body(name).id)
+        assert identified is not None
+        (strip,) = identified.segments
         length = float(np.linalg.norm(strip.end - strip.start))
         assert (strip.normal * length, strip.tangential * length) == pytest.approx((across, along))
 
@@ -363,14 +363,14 @@ def test_links_of_the_alpha_5_have_the_published_mass_and_water(name, within):
     mass, volume, added = ALPHA_LINKS[name]
     model = compiled("reach_alpha_5")
     body = model.body(name).id
-    found = coefficients(model, body)
-    assert found is not None
+    identified = coefficients(model, body)
+    assert identified is not None
     within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
-    within("relative volume", found.volume / (1e-3 * volume) - 1.0, 1e-15)
+    within("relative volume", identified.volume / (1e-3 * volume) - 1.0, 1e-15)
     if added is not None:  # twice across, none along
         within(
             "relative added mass",
-            np.linalg.eigvalsh(found.added_mass[:3, :3]) / added - [0.0, 1.0, 1.0],
+            np.linalg.eigvalsh(identified.added_mass[:3, :3]) / added - [0.0, 1.0, 1.0],
             1e-14,
         )
 
@@ -392,18 +392,18 @@ def test_links_of_phoenix_have_the_published_mass_and_water(link, within):
     mass, radius, length = PHOENIX_LINKS[link]
     model = compiled("phoenix_smart3s")
     body = model.body(f"link{link + 1}").id
-    found = coefficients(model, body)
-    assert found is not None
+    identified = coefficients(model, body)
+    assert identified is not None
     displaced = RHO * np.pi * radius**2 * length
     within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
-    within("relative volume", RHO * found.volume / displaced - 1.0, 1e-14)
+    within("relative volume", RHO * identified.volume / displaced - 1.0, 1e-14)
     across_along = sorted([0.1 * mass, displaced, displaced])
     within(
         "relative added mass",
-        np.linalg.eigvalsh(found.added_mass[:3, :3]) / across_along - 1.0,
+        np.linalg.eigvalsh(identified.added_mass[:3, :3]) / across_along - 1.0,
         1e-13,
     )
-    (strip,) = found.segments
+    (strip,) = identified.segments
     within("length of the strip [m]", np.linalg.norm(strip.end - strip.start) - length, 1e-15)
     within("relative drag across", strip.normal / (0.5 * RHO * 0.6 * 2.0 * radius) - 1.0, 1e-15)
     assert strip.tangential == 0.0
@@ -693,7 +693,7 @@ def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
 
 
 def test_the_verb_lists_every_model(verb):
-    told = verb("models").stdout
-    assert not [name for name in NAMES if f" {name} " not in told]
+    printed = verb("models").stdout
+    assert not [name for name in NAMES if f" {name} " not in printed]
     (figures,) = json.loads(verb("models", NAMES[0], "--json").stdout).values()
     assert figures["mass_kg"] > 0.0

@@ -43,7 +43,7 @@ def follow(
     predicted (k, 6).
     """
     plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
-    state, speeds, commands, given, told = lead.init(), [], [], [], []
+    state, speeds, commands, thrusts, known = lead.init(), [], [], [], []
     for row in wanted:
         command = lead.step(state, row, nu_r_B, DT)
         thrust = np.zeros(len(row))
@@ -52,9 +52,9 @@ def follow(
             thrust += plant.thrust * STEP / DT
         speeds.append(plant.speed.copy())
         commands.append(command)
-        given.append(vehicle.thruster_wrench @ thrust)
-        told.append(state.given_B.copy())
-    return np.array(speeds), np.array(commands), np.array(given), np.array(told)
+        thrusts.append(vehicle.thruster_wrench @ thrust)
+        known.append(state.given_B.copy())
+    return np.array(speeds), np.array(commands), np.array(thrusts), np.array(known)
 
 
 def steps(level: float, count: int = 40) -> Array:
@@ -74,9 +74,9 @@ def test_the_speed_comes_with_the_lag_that_is_asked_for(vehicle, within):
 
 @pytest.mark.parametrize("response", [0.15, 0.2])
 def test_a_slow_response_leaves_the_command_alone(vehicle, response):
-    wanted = steps(0.5)
+    request = steps(0.5)
     assert np.array_equal(
-        follow(vehicle, ThrusterLead(vehicle, response=response), wanted)[1], wanted
+        follow(vehicle, ThrusterLead(vehicle, response=response), request)[1], request
     )
 
 
@@ -86,11 +86,11 @@ def test_what_is_given_is_known(vehicle, level, within):
     stream.
     """
     for nu_r_B in (STILL, np.array([0.3, -0.2, 0.1, 0.05, 0.0, 0.1])):
-        _, commands, given, told = follow(vehicle, ThrusterLead(vehicle), steps(level), nu_r_B)
+        _, commands, thrusts, known = follow(vehicle, ThrusterLead(vehicle), steps(level), nu_r_B)
         assert (np.abs(commands).max() == 1.0) == (level == 0.9)
-        scale = np.abs(given).max(axis=0)
+        scale = np.abs(thrusts).max(axis=0)
         # measured 8e-3: four points against ten physics steps
-        within("mean wrench", (told - given)[1:] / scale, 0.05)
+        within("mean wrench", (known - thrusts)[1:] / scale, 0.05)
 
 
 def test_slow_drives_are_reckoned_with(vehicle, within):
@@ -107,10 +107,10 @@ def test_a_step_of_force_comes_sooner_also_with_a_wrong_lag(vehicle):
     command = allocation.command(allocation.thrust(np.array([0.0, 0.0, -90.0, 0.0, 0.0, 0.0])))
 
     def missing(true_lag: float, lead: ThrusterLead) -> float:
-        given = follow(changed(vehicle, TIME_CONSTANT, true_lag), lead, np.tile(command, (30, 1)))[
-            2
-        ]
-        return float(np.abs(given[:, 2] + 90.0).sum() * DT)
+        thrusts = follow(
+            changed(vehicle, TIME_CONSTANT, true_lag), lead, np.tile(command, (30, 1))
+        )[2]
+        return float(np.abs(thrusts[:, 2] + 90.0).sum() * DT)
 
     # the lead believes 0.15: too long, right, too short by half
     for true_lag in (0.10, 0.15, 0.225):
@@ -131,8 +131,8 @@ def test_noise_of_the_command_grows_by_the_ratio_of_the_lags(vehicle, within):
     """White noise on what is wanted: its gain is that of the discrete filter, worked out by
     hand.
     """
-    wanted = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((20_000, 6))
-    commands = follow(vehicle, ThrusterLead(vehicle, response=0.05), wanted)[1]
+    request = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((20_000, 6))
+    commands = follow(vehicle, ThrusterLead(vehicle, response=0.05), request)[1]
     keep, g = np.exp(-DT / 0.05), np.expm1(-DT / 0.05) / np.expm1(-DT / 0.15)
     # n' = keep n + (1 - keep) c, u = n + g (c - n): u is white g c beside (1 - g) n, and n is an
     # AR(1) of the past c.
@@ -149,24 +149,24 @@ def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, 
     reached = full = 0
     for _ in range(200):
         nu_r_B = rng.normal(size=6) * [0.5, 0.5, 0.5, 0.2, 0.2, 0.2]
-        wanted = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
-        wanted[np.abs(wanted) < low] = 0.0
-        command = static_commands(lead.propellers, wanted, nu_r_B)
+        request = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
+        request[np.abs(request) < low] = 0.0
+        command = static_commands(lead.propellers, request, nu_r_B)
         plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
         for _ in range(round(40.0 * vehicle.thruster_table[:, TIME_CONSTANT].max() / STEP)):
             plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))
-        assert np.all(np.sign(command) == np.sign(wanted))
+        assert np.all(np.sign(command) == np.sign(request))
         inside = np.abs(command) < 1.0
         # The flow may drive a slow propeller to more than is wanted: then the least thrust is the
         # nearest.
         helped = (
             inside
-            & (np.abs(plant.thrust) > np.abs(wanted))
+            & (np.abs(plant.thrust) > np.abs(request))
             & (np.abs(np.abs(thrust_of(vehicle, command)) - low) < 1e-6)
         )
         exact = inside & ~helped
-        within("thrust [N]", (plant.thrust - wanted)[exact], 1e-7)
-        assert np.all(np.abs(plant.thrust[~inside]) <= np.abs(wanted[~inside]) + 1e-7)
+        within("thrust [N]", (plant.thrust - request)[exact], 1e-7)
+        assert np.all(np.abs(plant.thrust[~inside]) <= np.abs(request[~inside]) + 1e-7)
         reached, full = reached + int(exact.sum()), full + int((~inside).sum())
     assert reached > 1000
     assert full > 20
@@ -176,8 +176,8 @@ def thrust_of(vehicle: Vehicle, command: Array, v_B: Array = STILL[:3]) -> Array
     """Steady thrust of a hull that moves at `v_B` through the water."""
     table = vehicle.thruster_table
     inflow = vehicle.thruster_wrench[:3].T @ v_B
-    each = zip(curves(table), table[:, INFLOW_LOSS], inflow, command, strict=True)
-    return np.array([thrust_in_flow(curve, loss, speed, u) for curve, loss, speed, u in each])
+    rows = zip(curves(table), table[:, INFLOW_LOSS], inflow, command, strict=True)
+    return np.array([thrust_in_flow(curve, loss, speed, u) for curve, loss, speed, u in rows])
 
 
 def test_thrusters_without_a_lag_get_what_is_wanted(vehicle):
@@ -240,8 +240,8 @@ def test_what_is_asked_for_in_a_current_is_what_comes(vehicle, within):
     for step in range(100):
         state.station.observer.current_W[:] = [0.4, -0.2, 0.0]
         command = control.step(state, replace(rest, time=0.02 * step), reference, np.zeros(6))
-    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
-    within("wrench [N, N m]", vehicle.thruster_wrench @ given - state.wanted_B, 0.5)
+    thrusts = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
+    within("wrench [N, N m]", vehicle.thruster_wrench @ thrusts - state.wanted_B, 0.5)
     assert (
         np.abs(vehicle.thruster_wrench @ thrust_of(vehicle, command) - state.wanted_B).max() > 20.0
     )
@@ -287,10 +287,10 @@ def test_depth_is_kept_when_a_dead_heave_thruster_meets_a_stuck_surge_thruster()
     # soon: the observer takes a hull that does not move for one that is held
     for step in range(10):
         command = control.step(state, replace(rest, time=0.02 * step), up, np.zeros(6))
-    given = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
-    wanted = float(state.wanted_B[2])
-    assert wanted > 50.0
-    assert (vehicle.thruster_wrench @ given)[2] > 0.5 * wanted
+    thrusts = thrust_of(vehicle, command, control.station.through_water(state.station, rest)[:3])
+    request = float(state.wanted_B[2])
+    assert request > 50.0
+    assert (vehicle.thruster_wrench @ thrusts)[2] > 0.5 * request
 
 
 class Halved(Allocation):
@@ -326,7 +326,7 @@ def test_the_allocation_follows_the_thrusters_that_are_lost():
         for lost, thrust in losses:
             state, fresh = control.init(), control.init()
             control.refer(state, hold(lost_thrusters=before[0], lost_thrust=before[1]))
-            asked = replace(hold(lost_thrusters=lost, lost_thrust=thrust), X_WB=X_WB)
-            command = control.step(state, at_rest(), asked, np.zeros(6))
-            assert np.array_equal(command, control.step(fresh, at_rest(), asked, np.zeros(6)))
+            reference = replace(hold(lost_thrusters=lost, lost_thrust=thrust), X_WB=X_WB)
+            command = control.step(state, at_rest(), reference, np.zeros(6))
+            assert np.array_equal(command, control.step(fresh, at_rest(), reference, np.zeros(6)))
             assert np.array_equal(command[list(lost)], np.zeros(len(lost)))

@@ -83,12 +83,12 @@ def stages(
 
 def held_by(reference: Reference, *commands: Command) -> HeldHull:
     """What holds the hull after `commands`."""
-    held, seen, thrust = HeldHull.start(M), commanded(N, M), curves(VEHICLE.thruster_table)
-    wanted = reference_record(N)
-    take_reference(wanted, reference)
+    held, measured, thrust = HeldHull.start(M), commanded(N, M), curves(VEHICLE.thruster_table)
+    request = reference_record(N)
+    take_reference(request, reference)
     for command in commands:
-        seen.thrusters[:], seen.f_W[:] = command.thrusters, command.contact.force_W
-        follow(thrust, SAFETY.balance_time, seen, wanted, command.time, held)
+        measured.thrusters[:], measured.f_W[:] = command.thrusters, command.contact.force_W
+        follow(thrust, SAFETY.balance_time, measured, request, command.time, held)
     return held
 
 
@@ -119,13 +119,13 @@ def test_the_hull_is_held_without_the_contact_and_pushed_off_the_surface_then_up
     assert reference.X_WG is not None
     off_W = -reference.X_WG[:3, 2]
     up_W = ascent_direction(off_W) / np.linalg.norm(ascent_direction(off_W))
-    found = stages(sound, reference, command)
-    assert [stage.until for stage in found] == [
+    departure = stages(sound, reference, command)
+    assert [stage.until for stage in departure] == [
         SAFETY.leave_time,
         SAFETY.leave_time + SAFETY.rise_time,
-    ][: len(found)]
-    assert len(found) == (2 if up_W[2] > 0.0 else 1)
-    for stage, along_W in zip(found, (off_W, up_W), strict=False):
+    ][: len(departure)]
+    assert len(departure) == (2 if up_W[2] > 0.0 else 1)
+    for stage, along_W in zip(departure, (off_W, up_W), strict=False):
         wrench = pushed(sound, command, command.contact.force_W, stage.thrusters)
         # The push, no other force, and no moment: the hull's balance stays what it was. Measured:
         # 5e-14.
@@ -196,10 +196,10 @@ def test_nothing_departs_before_the_first_command():
 def test_off_an_overhang_the_hull_does_not_rise():
     for tilt, count in ((0.0, 2), (np.pi / 2.0, 2), (np.pi, 1)):
         sound, command, reference = at_work(np.random.default_rng(3), 0.0)
-        now = sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
+        tool_axis = sound.X_WB[:3, :3] @ ARM.tip(sound.q)[0][:3, :3]
         # z of the tool down, across, up
-        wanted = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])
-        sound = replace(sound, X_WB=pose(wanted @ now.T @ sound.X_WB[:3, :3], np.zeros(3)))
+        rotation = exp_so3(np.array([tilt, 0.0, 0.0])) @ np.diag([1.0, -1.0, -1.0])
+        sound = replace(sound, X_WB=pose(rotation @ tool_axis.T @ sound.X_WB[:3, :3], np.zeros(3)))
         assert len(stages(sound, reference, command)) == count
 
 

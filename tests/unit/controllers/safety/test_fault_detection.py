@@ -138,13 +138,13 @@ class Rig:
 
 def stuck(since: float, joint: int) -> Callable[[float, Array], Array]:
     """Torque readings of which one stands still from `since` [s] on."""
-    kept: list[float] = []
+    errors: list[float] = []
 
     def change(t: float, tau: Array) -> Array:
         tau = np.array(tau)
         if t >= since:
-            kept.append(tau[joint])
-            tau[joint] = kept[0]
+            errors.append(tau[joint])
+            tau[joint] = errors[0]
         return tau
 
     return change
@@ -192,30 +192,30 @@ def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
 
 
 def test_an_encoder_whose_angle_stands_still_is_found_by_its_speed():
-    joint, kept = 2, []
+    joint, errors = 2, []
 
     def encoder(t: float, q: Array, qd: Array) -> tuple[Array, Array]:
         q = np.array(q)
         if t >= 10.0:
-            kept.append((q[joint], qd[joint]))
-            q[joint] = kept[0][0]
+            errors.append((q[joint], qd[joint]))
+            q[joint] = errors[0][0]
         return q, qd
 
     (fault,) = Rig(encoder=encoder).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.ENCODER, joint)
-    run = np.cumsum([abs(speed) * DT for _, speed in kept])  # what the joint has moved unseen
+    run = np.cumsum([abs(speed) * DT for _, speed in errors])  # what the joint has moved unseen
     expected = 10.0 + DT * int(np.argmax(run > FaultLimits().encoder_slip))
     assert expected - DT <= fault.time < expected + 0.05  # the comparison forgets, a little
 
 
 def test_an_encoder_that_stands_still_whole_is_found():
-    kept = []
+    errors = []
 
     def encoder(t: float, q: Array, qd: Array) -> tuple[Array, Array]:
         q, qd = np.array(q), np.array(qd)
         if t >= 10.0:
-            kept.append((q[2], qd[2]))
-            q[2], qd[2] = kept[0]
+            errors.append((q[2], qd[2]))
+            q[2], qd[2] = errors[0]
         return q, qd
 
     faults = Rig(encoder=encoder).run(11.0)
@@ -258,7 +258,7 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
     )
     X_WB = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)))
     nu_r_B = np.concatenate([-X_WB[:3, :3].T @ current, w])
-    asked = static_commands(ThrusterLead(VEHICLE).propellers, thrust, nu_r_B)
+    static = static_commands(ThrusterLead(VEHICLE).propellers, thrust, nu_r_B)
 
     def missing(commands: Array, arm_wrench_B: Array) -> Array:
         watch = Watch()
@@ -271,7 +271,7 @@ def test_thrust_is_predicted_in_the_inflow(rng: np.random.Generator, within: Any
         return watch.missing
 
     drag = missing(np.zeros(M), np.zeros(6))
-    within("missing [N, N m]", missing(asked, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
+    within("missing [N, N m]", missing(static, -VEHICLE.thruster_wrench @ thrust) - drag, 1e-3)
 
 
 def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, within: Any):
@@ -297,9 +297,9 @@ def test_what_is_missing_is_the_balance_of_momentum(rng: np.random.Generator, wi
     )
     drag = water.linear_damping @ nu_r + water.quadratic_damping * np.abs(nu_r) * nu_r
     thrust = np.array([in_flow(i, 0.0, nu_r) for i in range(M)])
-    wanted = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
+    residual = turned + drag - arm_B - VEHICLE.thruster_wrench @ thrust
     assert np.linalg.norm(turned) > 1.0
-    within("missing [N, N m]", watch.missing - wanted, 1e-5)
+    within("missing [N, N m]", watch.missing - residual, 1e-5)
 
 
 @pytest.mark.parametrize("thruster", range(M))
@@ -320,11 +320,11 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
             < 2.0 * limits.probe_time + 0.65
         )
         return
-    gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
-    assert asked == pytest.approx(
+    gave, expected = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
+    assert expected == pytest.approx(
         in_flow(thruster, COMMAND[thruster], velocity(fault.time)), abs=1.0
     )
-    assert abs(gave) < 0.5 * abs(asked)  # what is left, as it was judged then
+    assert abs(gave) < 0.5 * abs(expected)  # what is left, as it was judged then
     assert limits.thruster_confirm < fault.time - 10.0 < limits.thruster_confirm + 0.65
 
 
@@ -333,8 +333,8 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
 def test_a_thruster_stuck_at_full_thrust_is_found_with_what_it_gives(name: str, end: float, within):
     thruster = VEHICLE.thruster_names.index(name)
     curve = curves(VEHICLE.thruster_table)[thruster]
-    gives, asked = thrust_at(curve, end), thrust_at(curve, 0.3 * COMMAND[thruster])
-    pushed = accelerated((gives - asked) * VEHICLE.thruster_wrench[:, thruster])
+    gives, expected = thrust_at(curve, end), thrust_at(curve, 0.3 * COMMAND[thruster])
+    pushed = accelerated((gives - expected) * VEHICLE.thruster_wrench[:, thruster])
     (fault,) = Rig(velocity=pushed, command=0.3 * COMMAND).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
     within("time to find it [s]", fault.time - 10.0, 1.0)
@@ -366,13 +366,13 @@ def test_old_vision_is_a_fault_until_it_is_new_again():
         return [fault.kind for fault in watch.take(estimate, command)]
 
     ages = (0.3, 1.1, 2.0, 0.2, float("nan"))
-    seen = [look(k, age) for k, age in enumerate(ages)]
-    assert seen == [[], [FaultKind.VISION], [FaultKind.VISION], [], []]
+    samples = [look(k, age) for k, age in enumerate(ages)]
+    assert samples == [[], [FaultKind.VISION], [FaultKind.VISION], [], []]
 
 
 def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
     watch, ages = Watch(), (np.nan, np.inf, 0.5, 1.5)
-    told = []
+    faults = []
     for k, age in enumerate(ages):
         load = HullLoad(arm_wrench_B=np.zeros(6))
         command = Command(
@@ -382,11 +382,11 @@ def test_a_jump_of_the_accelerometer_is_told_once_at_its_time_and_stays():
             scan=False,
             hull_load=load,
         )
-        told.append(watch.take(at_rest(time=float(k), imu_jump_age=age), command))
-    assert told[:2] == [(), ()]
-    (fault,) = told[2]
+        faults.append(watch.take(at_rest(time=float(k), imu_jump_age=age), command))
+    assert faults[:2] == [(), ()]
+    (fault,) = faults[2]
     assert (fault.kind, fault.part, fault.time) == (FaultKind.IMU, "accelerometer", 1.5)
-    assert told[3] == told[2]
+    assert faults[3] == faults[2]
 
 
 def test_limits_are_positive():
@@ -400,14 +400,14 @@ def test_limits_are_positive():
 @pytest.mark.parametrize("axis", range(3))
 def test_an_entry_of_any_row_makes_the_tick_ask_for_faults(monkeypatch, field: str, axis: int):
     """A row of one's own, quiet at 0.5, that finds a fault whenever it is asked."""
-    own = SensorCheck(
+    check = SensorCheck(
         FaultKind.IMU,
         lambda now: iter([SensorFinding("asked", -1, now.time, "")]),
         lambda record: record.position_sigma,
         quiet=0.5,
     )
-    monkeypatch.setattr(sensor_checks, "SENSOR_CHECKS", (own, *sensor_checks.SENSOR_CHECKS[1:]))
-    watch, found = Watch(), []
+    monkeypatch.setattr(sensor_checks, "SENSOR_CHECKS", (check, *sensor_checks.SENSOR_CHECKS[1:]))
+    watch, named = Watch(), []
     for k in range(3):
         load = HullLoad(arm_wrench_B=np.zeros(6))
         command = Command(
@@ -421,5 +421,5 @@ def test_an_entry_of_any_row_makes_the_tick_ask_for_faults(monkeypatch, field: s
         entries["attitude_off_B"] = np.zeros(3)
         entries[field][axis] += 0.1 if k == 2 else 0.0
         faults = watch.take(at_rest(time=0.02 * k, **entries), command)
-        found.append([fault.part for fault in faults if fault.kind is FaultKind.IMU])
-    assert found == [[], [], ["asked"]]
+        named.append([fault.part for fault in faults if fault.kind is FaultKind.IMU])
+    assert named == [[], [], ["asked"]]

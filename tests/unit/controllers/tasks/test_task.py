@@ -162,7 +162,7 @@ def test_foreseen_periods_are_those_of_steps_one_by_one(name: str, taken: int):
     task = planner(PHASES[name]())
     state, estimate = begun(task)
     times = [estimate.time + (k + 1) * PERIOD for k in range(taken)]
-    kept = deepcopy(state)
+    stepped = deepcopy(state)
     foresight = task.ahead(state, estimate, None, times)
     assert foresight is not None
     assert len(foresight.references) == taken
@@ -170,17 +170,19 @@ def test_foreseen_periods_are_those_of_steps_one_by_one(name: str, taken: int):
 
     # One by one, with other forces and places within the bounds.
     for k, time in enumerate(times):
-        kept, reference = task.step(kept, seen(time, kept.held.X_WB), None, felt(25.0 + 0.1 * k))
+        stepped, reference = task.step(
+            stepped, seen(time, stepped.held.X_WB), None, felt(25.0 + 0.1 * k)
+        )
         assert same(reference, foresight.references[k])
-    assert after.false_at == kept.false_at
+    assert after.false_at == stepped.false_at
 
     # And on from there.
     for k in range(80):
-        now = seen(times[-1] + (k + 1) * PERIOD, kept.held.X_WB)
-        kept, one = task.step(kept, now, None, felt(25.0))
+        now = seen(times[-1] + (k + 1) * PERIOD, stepped.held.X_WB)
+        stepped, one = task.step(stepped, now, None, felt(25.0))
         after, other = task.step(after, now, None, felt(25.0))
         assert same(one, other)
-        assert kept.row == after.row
+        assert stepped.row == after.row
 
 
 def trailing(lag: float) -> Callable[[float, Held], StateEstimate]:
@@ -203,7 +205,8 @@ def trailing(lag: float) -> Callable[[float, Held], StateEstimate]:
 def test_a_hull_just_within_a_bound_has_the_periods_of_steps_one_by_one(phase: Phase, lag: float):
     task = planner(phase)
     trail = trailing(lag)
-    state = task.init(trail(0.0, Held(X_WB, X_WB, np.zeros(6))))
+    estimate = trail(0.0, Held(X_WB, X_WB, np.zeros(6)))
+    state = task.init(estimate)
     for k in range(110):  # the move is at its fastest
         estimate = trail(k * PERIOD, state.held)
         state, _ = task.step(state, estimate, None, felt(30.0))
@@ -214,12 +217,12 @@ def test_a_hull_just_within_a_bound_has_the_periods_of_steps_one_by_one(phase: P
     foresight = task.ahead(state, estimate, None, times)
     assert foresight is not None
     assert len(foresight.references) == len(times)
-    kept = deepcopy(state)
+    stepped = deepcopy(state)
     after = task.followed(state, foresight, 12)
     for k, time in enumerate(times):
         if k == 12:
-            assert pytest.approx(kept.held.X_WB, abs=0.0) == after.held.X_WB
-        kept, reference = task.step(kept, trail(time, kept.held), None, felt(25.0))
+            assert pytest.approx(stepped.held.X_WB, abs=0.0) == after.held.X_WB
+        stepped, reference = task.step(stepped, trail(time, stepped.held), None, felt(25.0))
         assert same(reference, foresight.references[k])
 
 
@@ -256,8 +259,8 @@ def test_the_bounds_are_the_narrowest_of_phase_and_monitors():
     times = [estimate.time + (k + 1) * PERIOD for k in range(12)]
     foresight = task.ahead(state, estimate, None, times)
     assert foresight is not None
-    asked = [state.held.set_force, *(r.set_force for r in foresight.references)]
-    assert [w.normal for w in foresight.within] == [min(90.0, f + 5.0) for f in asked[:-1]]
+    forces = [state.held.set_force, *(r.set_force for r in foresight.references)]
+    assert [w.normal for w in foresight.within] == [min(90.0, f + 5.0) for f in forces[:-1]]
     assert {w.off for w in foresight.within} == {0.5}
 
     moving = planner(MoveHull(HullMotion(), lambda _: X_WB_far))
@@ -287,7 +290,7 @@ def test_the_wait_for_a_look_is_foreseen_up_to_it():
 
     foreseen = phase.foresee(state, where)
     assert foreseen is not None
-    kept = deepcopy(state)
+    stepped = deepcopy(state)
     times = [1.05 + k * PERIOD for k in range(1, 70)]
     waiting = [time for time in times if time < foreseen.until]
     assert len(waiting) == 49
@@ -295,7 +298,7 @@ def test_the_wait_for_a_look_is_foreseen_up_to_it():
         later = Context(time, PERIOD, seen(time), target, None)
         assert phase.step(state, where, later) is None
         assert phase.setpoint(state, where, later).scan is (time not in waiting)
-    assert (state.look_from, state.looks, state.in_vain) == (kept.look_from, 1, 0)
+    assert (state.look_from, state.looks, state.in_vain) == (stepped.look_from, 1, 0)
 
 
 class Feeling(contact.Dwell):
@@ -318,16 +321,18 @@ def test_what_may_look_at_the_estimate_is_not_foreseen():
     def foreseen(phase: Phase, *more: Monitor, force: float = 30.0) -> bool:
         task = planner(phase, *more)
         state, estimate = begun(task)
-        now = seen(estimate.time + PERIOD)
-        state, _ = task.step(state, now, None, felt(force))
-        return task.ahead(state, now, None, [now.time + PERIOD]) is not None
+        later = seen(estimate.time + PERIOD)
+        state, _ = task.step(state, later, None, felt(force))
+        return task.ahead(state, later, None, [later.time + PERIOD]) is not None
 
-    own = Monitor(condition=lambda *_: "", reaction=Reaction.RETREAT, code=AbortCode.FORCE_LIMIT)
+    monitor = Monitor(
+        condition=lambda *_: "", reaction=Reaction.RETREAT, code=AbortCode.FORCE_LIMIT
+    )
     assert foreseen(contact.Dwell(1.0))
     assert not foreseen(Feeling(1.0))
     assert foreseen(FeelingToo(1.0))
-    assert not foreseen(contact.Dwell(1.0), own)
-    assert foreseen(contact.Dwell(1.0), replace(own, during=frozenset({WorkState.SCAN})))
+    assert not foreseen(contact.Dwell(1.0), monitor)
+    assert foreseen(contact.Dwell(1.0), replace(monitor, during=frozenset({WorkState.SCAN})))
     approach = contact.GuardedApproach(ApproachLimits(touch=40.0))
     assert foreseen(approach)
     assert not foreseen(approach, force=50.0)

@@ -43,8 +43,8 @@ def made(name: str, seed: int, deviations: Array) -> PoolTrial:
         attitude=np.zeros((len(times), 3)),
         position=np.zeros((len(times), 3)),
     )
-    found = replay(pool_model("benzon2022", values), still, values)
-    noise = rng.normal(0.0, np.radians(0.1), found.attitude.shape)
+    motion = replay(pool_model("benzon2022", values), still, values)
+    noise = rng.normal(0.0, np.radians(0.1), motion.attitude.shape)
     return PoolTrial(
         **{
             **{
@@ -52,15 +52,15 @@ def made(name: str, seed: int, deviations: Array) -> PoolTrial:
                 for field in ("name", "group", "times", "joint_times", "joints")
             },
             **{field: getattr(still, field) for field in ("R_start", "w_start", "v_start")},
-            "attitude": found.attitude + noise,
-            "position": found.position,
+            "attitude": motion.attitude + noise,
+            "position": motion.position,
         }
     )
 
 
 @pytest.mark.long
 def test_the_fit_finds_the_vehicle_that_made_the_trials():
-    index = {each.name: i for i, each in enumerate(PARAMETERS)}
+    index = {parameter.name: i for i, parameter in enumerate(PARAMETERS)}
     true = np.zeros(len(PARAMETERS))
     (
         true[index["center of mass z"]],
@@ -69,13 +69,13 @@ def test_the_fit_finds_the_vehicle_that_made_the_trials():
     ) = -0.4, 0.6, 0.2
     trials = [made(f"traj{group}-0", group, true) for group in (1, 2)]
     fit = fit_named(Residuals("benzon2022", trials), PARAMETERS, rounds=5)
-    found = fit.values
-    assert found["center of mass z"] == pytest.approx(-0.008, abs=0.002)
-    assert found["net buoyancy"] == pytest.approx(0.9, abs=0.15)
-    assert found["center of mass y"] - found["center of buoyancy y"] == pytest.approx(
+    fitted = fit.values
+    assert fitted["center of mass z"] == pytest.approx(-0.008, abs=0.002)
+    assert fitted["net buoyancy"] == pytest.approx(0.9, abs=0.15)
+    assert fitted["center of mass y"] - fitted["center of buoyancy y"] == pytest.approx(
         0.004, abs=0.001
     )
-    before, after = (medians(scores("benzon2022", trials, values)) for values in (NOMINAL, found))
+    before, after = (medians(scores("benzon2022", trials, values)) for values in (NOMINAL, fitted))
     assert after["roll_rms_deg"] < 0.2 < before["roll_rms_deg"]
     assert fit.told[index["center of mass z"]] > 0.9
 
@@ -198,25 +198,29 @@ def test_spread_and_left_out_scores_are_those_of_the_fits_without_a_group(monkey
     """Fits of 1, 2 and 6 without each of three groups: the jackknife's error is sqrt(2 / 3 (4 + 1 +
     9)).
     """
-    each = {"traj1": 1.0, "traj2": 2.0, "traj3": 6.0}
+    rise_errors = {"traj1": 1.0, "traj2": 2.0, "traj3": 6.0}
     n = len(PARAMETERS)
 
     def fit(_hull, trials, **_):
-        (out,) = set(each) - {trial.group for trial in trials} or {None}
-        return SimpleNamespace(deviations=np.full(n, 0.5 if out is None else each[out]), values={})
+        (out,) = set(rise_errors) - {trial.group for trial in trials} or {None}
+        return SimpleNamespace(
+            deviations=np.full(n, 0.5 if out is None else rise_errors[out]), values={}
+        )
 
     monkeypatch.setattr(validation, "fit", fit)
     monkeypatch.setattr(validation, "values_of", lambda _, deviations: float(deviations[0]))
     monkeypatch.setattr(
         validation, "scores", lambda _, members, values: [(m.group, values) for m in members]
     )
-    told = validation.validate(
-        "wu2018", untyped([SimpleNamespace(group=group) for group in each for _ in range(2)])
+    report = validation.validate(
+        "wu2018", untyped([SimpleNamespace(group=group) for group in rise_errors for _ in range(2)])
     )
-    assert told.spread == pytest.approx(np.full(n, np.sqrt(2.0 / 3.0 * 14.0)))
-    assert told.left_out == tuple((group, value) for group, value in each.items() for _ in range(2))
+    assert report.spread == pytest.approx(np.full(n, np.sqrt(2.0 / 3.0 * 14.0)))
+    assert report.left_out == tuple(
+        (group, value) for group, value in rise_errors.items() for _ in range(2)
+    )
     least = PARAMETERS[0].value(0.5 - 1.959964 * np.sqrt(28.0 / 3.0))
-    assert told.interval(0)[0] == pytest.approx(least)
+    assert report.interval(0)[0] == pytest.approx(least)
 
 
 @pytest.mark.long
@@ -229,13 +233,13 @@ def test_the_pool():
     """
     trials = read_trials(REAL)
     groups = sorted({trial.group for trial in trials})
-    seen = [trial for trial in trials if trial.group in groups[::2]]
+    fitted_trials = [trial for trial in trials if trial.group in groups[::2]]
     rest = [trial for trial in trials if trial.group in groups[1::2]]
-    fit = fit_named(Residuals("benzon2022", seen), PARAMETERS)
+    fit = fit_named(Residuals("benzon2022", fitted_trials), PARAMETERS)
     model = pool_model("benzon2022", fit.values)
-    found = medians([score_of(trial, replay(model, trial, fit.values)) for trial in rest])
-    assert found["roll_rms_deg"] < 1.0
-    assert found["pitch_rms_deg"] < 1.2
-    assert found["roll_correlation"] > 0.97
-    assert found["pitch_correlation"] > 0.95
-    assert found["rise_error_m"] < 0.15
+    scored = medians([score_of(trial, replay(model, trial, fit.values)) for trial in rest])
+    assert scored["roll_rms_deg"] < 1.0
+    assert scored["pitch_rms_deg"] < 1.2
+    assert scored["roll_correlation"] > 0.97
+    assert scored["pitch_correlation"] > 0.95
+    assert scored["rise_error_m"] < 0.15

@@ -63,25 +63,25 @@ def capsule(tmp_path: Path) -> Path:
     ],
 )
 def test_geoms_that_count(geoms, choice: Choice, litres):
-    made = wet(spec_of(geoms), geoms=choice, panels=FAST)
-    assert list(made.bodies) == ["a"]  # what is welded to a body is part of it
-    assert 1e3 * made.bodies["a"].volume == pytest.approx(litres, rel=1e-6)
-    assert hydrodynamics.attached(made.spec)["a"].volume == made.bodies["a"].volume
+    wetted = wet(spec_of(geoms), geoms=choice, panels=FAST)
+    assert list(wetted.bodies) == ["a"]  # what is welded to a body is part of it
+    assert 1e3 * wetted.bodies["a"].volume == pytest.approx(litres, rel=1e-6)
+    assert hydrodynamics.attached(wetted.spec)["a"].volume == wetted.bodies["a"].volume
 
 
 def test_every_number_says_where_it_is_from():
-    made = wet(models.load("bluerov2_heavy_benzon2022"), panels=FAST)
-    told = {o.quantity: o for o in made.origins}
-    assert list(told) == ["volume", "centre of buoyancy", "added mass", "drag", "linear damping"]
-    assert "3 visual geoms" in told["volume"].origin
-    assert re.search(r"\d+ panels", told["added mass"].origin)
-    assert "C_d" in told["drag"].origin
-    assert told["drag"].uncertainty == "factor 2"
-    assert told["linear damping"].uncertainty == "unknown"
+    wetted = wet(models.load("bluerov2_heavy_benzon2022"), panels=FAST)
+    origins = {o.quantity: o for o in wetted.origins}
+    assert list(origins) == ["volume", "centre of buoyancy", "added mass", "drag", "linear damping"]
+    assert "3 visual geoms" in origins["volume"].origin
+    assert re.search(r"\d+ panels", origins["added mass"].origin)
+    assert "C_d" in origins["drag"].origin
+    assert origins["drag"].uncertainty == "factor 2"
+    assert origins["linear damping"].uncertainty == "unknown"
 
 
 def test_closed_forms_are_those_of_hydrodynamics():
-    made = wet(
+    wetted = wet(
         spec_of('<geom type="ellipsoid" size=".3 .1 .2" pos=".01 0 0"/>'),
         density=1000.0,
         panels=FAST,
@@ -89,10 +89,10 @@ def test_closed_forms_are_those_of_hydrodynamics():
     expected = hydrodynamics.ellipsoid(
         [0.3, 0.1, 0.2], center=[0.01, 0.0, 0.0], water_density=1000.0
     )
-    body = made.bodies["a"]
+    body = wetted.bodies["a"]
     assert body.volume == pytest.approx(expected.volume, rel=1e-12)
     np.testing.assert_allclose(body.added_mass, expected.added_mass, atol=1e-9)
-    assert {o.uncertainty for o in made.origins if o.quantity in ("volume", "added mass")} == {
+    assert {o.uncertainty for o in wetted.origins if o.quantity in ("volume", "added mass")} == {
         "exact"
     }
 
@@ -136,11 +136,11 @@ def test_a_tube_too_thin_for_panels_is_its_hull():
     body = spec.worldbody.add_body(name="a")
     body.add_freejoint()
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="tube", mass=1.0)
-    made = wet(spec, panels=FAST)
-    told = next(o for o in made.origins if o.quantity == "added mass")
-    assert "on the convex hull: the body is too thin" in told.origin
-    assert told.uncertainty == "factor 2"
-    assert made.bodies["a"].volume == pytest.approx(0.5 * area, rel=1e-5)
+    wetted = wet(spec, panels=FAST)
+    origin = next(o for o in wetted.origins if o.quantity == "added mass")
+    assert "on the convex hull: the body is too thin" in origin.origin
+    assert origin.uncertainty == "factor 2"
+    assert wetted.bodies["a"].volume == pytest.approx(0.5 * area, rel=1e-5)
 
 
 TETRAHEDRON = np.array([[0.1, 0.0, 0.0], [0.4, 0.0, 0.0], [0.1, 0.2, 0.0], [0.1, 0.0, 0.12]])  # [m]
@@ -193,12 +193,12 @@ def test_meshes_that_overlap_are_borne_at_the_centre_of_their_union():
 
 def test_foam_makes_it_neutral():
     spec = spec_of('<geom type="box" size=".2 .15 .1" mass="30"/>')
-    made = wet(spec, metacentric_height=0.03, panels=FAST)
+    wetted = wet(spec, metacentric_height=0.03, panels=FAST)
     water = hydrodynamics.attached(spec)["a"]
     assert water.volume * 1025.0 == pytest.approx(30.0)
     np.testing.assert_allclose(water.center_of_buoyancy, [0.0, 0.0, 0.03], atol=1e-12)
-    assert made.bodies["a"].volume == water.volume
-    assert "5.268 l of foam added" in made.origins[0].origin
+    assert wetted.bodies["a"].volume == water.volume
+    assert "5.268 l of foam added" in wetted.origins[0].origin
 
 
 def test_what_stood_for_the_water_is_switched_off():
@@ -210,11 +210,11 @@ def test_what_stood_for_the_water_is_switched_off():
 
 def test_visual_meshes_are_not_needed_for_collision_geoms(tmp_path: Path):
     file = tmp_path / "r.urdf"
-    there, gone = (
+    with_part, gone = (
         f'<visual><geometry><mesh filename="package://p/x.{e}"/></geometry></visual>'
         for e in ("osg", "stl")
     )
-    file.write_text(urdf(there + gone + BOX.format("collision")))
+    file.write_text(urdf(with_part + gone + BOX.format("collision")))
     with pytest.raises(ConfigurationError, match=r"x.stl': there is no such file"):
         read_model(file)
     spec, notes = read_model(file, visual=False)
@@ -232,12 +232,12 @@ def test_links_of_a_urdf_that_are_welded_are_one(tmp_path: Path):
     )
     spec, notes = read_model(file)
     assert not notes
-    made = wet(spec, geoms="collision", panels=FAST)
-    assert list(made.bodies) == ["arm"]
+    wetted = wet(spec, geoms="collision", panels=FAST)
+    assert list(wetted.bodies) == ["arm"]
     # 4 l each, of which 1 l is shared
-    assert 1e3 * made.bodies["arm"].volume == pytest.approx(7.0, rel=1e-5)
-    assert made.bodies["arm"].center_of_buoyancy[0] == pytest.approx(0.15, abs=1e-6)
-    assert made.dry == ("base: fixed to the world",)
+    assert 1e3 * wetted.bodies["arm"].volume == pytest.approx(7.0, rel=1e-5)
+    assert wetted.bodies["arm"].center_of_buoyancy[0] == pytest.approx(0.15, abs=1e-6)
+    assert wetted.dry == ("base: fixed to the world",)
     floating, _ = read_model(file, free=True)
     assert floating.compile().nq == 8
 
@@ -258,17 +258,17 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path, capsule: Path, with_
     spec, notes = read_model(file)
     assert len(notes) == 1
     assert notes[0].endswith(": x.osg")
-    made = wet(spec, panels=FAST)
+    wetted = wet(spec, panels=FAST)
     (tmp_path / "out").mkdir()
-    written = write_model(made, tmp_path / "out" / "r.wet.xml", with_sidecar=with_sidecar)
+    written = write_model(wetted, tmp_path / "out" / "r.wet.xml", with_sidecar=with_sidecar)
     assert len(written) == 1 + with_sidecar
     again = hydrodynamics.attached(vehicle_spec(written[0]))
     assert list(again) == ["arm"]
     for field in ("center_of_buoyancy", "added_mass", "quadratic_damping"):
-        assert np.array_equal(getattr(again["arm"], field), getattr(made.bodies["arm"], field)), (
+        assert np.array_equal(getattr(again["arm"], field), getattr(wetted.bodies["arm"], field)), (
             field
         )
-    assert again["arm"].volume == made.bodies["arm"].volume
+    assert again["arm"].volume == wetted.bodies["arm"].volume
     head = written[-1].read_text()[:400]
     assert "arm: volume 8.17" in head
 
@@ -278,13 +278,13 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path, capsule: Path, with_
 
 def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path: Path):
     run = verb("wet", capsule, "--panels", FAST, "--json")
-    told = json.loads(run.stdout)
-    assert told["files"] == [str(tmp_path / "capsule.wet.xml")]
-    assert {o["quantity"] for o in told["origins"]} >= {"volume", "added mass", "drag"}
+    printed = json.loads(run.stdout)
+    assert printed["files"] == [str(tmp_path / "capsule.wet.xml")]
+    assert {o["quantity"] for o in printed["origins"]} >= {"volume", "added mass", "drag"}
     spec = vehicle_spec(tmp_path / "capsule.wet.xml")
     model = spec.compile()
     assert model.body("hull").mass[0] == pytest.approx(
-        1025.0 * told["water"]["bodies"]["capsule"]["volume"]
+        1025.0 * printed["water"]["bodies"]["capsule"]["volume"]
     )
     run = verb("wet", capsule, "--panels", FAST, "--out", tmp_path / "other.xml", "--sidecar")
     assert (run.returncode, (tmp_path / "other.water.yaml").is_file()) == (0, True)
@@ -407,15 +407,17 @@ def test_bodies_of_one_shape_share_their_water_wherever_they_lie(monkeypatch: py
         "turned", 1.0, 30
     )
     done: list[str] = []
-    one = wetting._body
-    monkeypatch.setattr(wetting, "_body", lambda name, *rest: done.append(name) or one(name, *rest))
-    made = wet(
+    original = wetting._body
+    monkeypatch.setattr(
+        wetting, "_body", lambda name, *rest: done.append(name) or original(name, *rest)
+    )
+    wetted = wet(
         mujoco.MjSpec.from_string(f"<mujoco><worldbody>{many}</worldbody></mujoco>"), panels=400
     )
     assert done == ["s0", "turned"]
     assert all(
-        np.array_equal(made.bodies[f"s{k}"].added_mass, made.bodies["s0"].added_mass)
+        np.array_equal(wetted.bodies[f"s{k}"].added_mass, wetted.bodies["s0"].added_mass)
         for k in range(40)
     )
-    assert not np.allclose(made.bodies["turned"].added_mass, made.bodies["s0"].added_mass)
-    assert {o.body for o in made.origins} == {"turned", *(f"s{k}" for k in range(40))}
+    assert not np.allclose(wetted.bodies["turned"].added_mass, wetted.bodies["s0"].added_mass)
+    assert {o.body for o in wetted.origins} == {"turned", *(f"s{k}" for k in range(40))}

@@ -61,10 +61,10 @@ def test_an_organised_cloud_keeps_its_pixels(rng, within):
         "rows for columns": scan.points.swapaxes(0, 1),
         "upside down": scan.points[::-1, ::-1],
     }.items():
-        found = Scan.from_cloud(cloud)
-        assert found.depth.shape == scan.depth.shape
-        within(f"{name}: depth [m]", np.nan_to_num(found.depth) - zeros[..., 2], 1e-6)
-        within(f"{name}: tangents", found.tangent_x - scan.tangent_x, 1e-7)
+        gridded = Scan.from_cloud(cloud)
+        assert gridded.depth.shape == scan.depth.shape
+        within(f"{name}: depth [m]", np.nan_to_num(gridded.depth) - zeros[..., 2], 1e-6)
+        within(f"{name}: tangents", gridded.tangent_x - scan.tangent_x, 1e-7)
 
 
 def test_a_picture_in_no_order_has_no_pixels():
@@ -133,10 +133,10 @@ def test_a_list_in_any_order_gets_its_pixels_back(rng, within):
         ("every other row", (slice(None, None, 2), slice(None))),
     ):
         part = scan.part(window)
-        found = Scan.from_cloud(rng.permutation(listed(part)))
-        within(f"{name}: pitches", found.pitches / part.pitches - 1.0, 1e-9)
-        row, column, _ = found.pixels(listed(part))
-        within(f"{name}: points [m]", found.points[row, column] - listed(part), 1e-9)
+        gridded = Scan.from_cloud(rng.permutation(listed(part)))
+        within(f"{name}: pitches", gridded.pitches / part.pitches - 1.0, 1e-9)
+        row, column, _ = gridded.pixels(listed(part))
+        within(f"{name}: points [m]", gridded.points[row, column] - listed(part), 1e-9)
 
 
 def test_millimetres_as_whole_numbers(rng, within):
@@ -154,9 +154,9 @@ def test_the_picture_is_completed_where_it_went_on(rng, within):
     below, disc = scan.points.copy(), scan.points.copy()
     below[:90] = np.nan
     disc[scan.depth > 1.2] = np.nan
-    found = Scan.from_cloud(below.reshape(-1, 3))
-    within("lines [px]", FOCAL * (found.tangent_x - scan.tangent_x), 1e-6)
-    within("lines [px]", FOCAL * (found.tangent_y - scan.tangent_y), 1e-6)
+    gridded = Scan.from_cloud(below.reshape(-1, 3))
+    within("lines [px]", FOCAL * (gridded.tangent_x - scan.tangent_x), 1e-6)
+    within("lines [px]", FOCAL * (gridded.tangent_y - scan.tangent_y), 1e-6)
     alone = Scan.from_cloud(disc.reshape(-1, 3)).depth
     for edge in (alone[:20], alone[-20:], alone[:, :20], alone[:, -20:]):
         assert not np.isfinite(edge).any()
@@ -164,8 +164,8 @@ def test_the_picture_is_completed_where_it_went_on(rng, within):
 
 def test_several_frames_of_one_view_are_averaged(rng, within):
     frames = [frame(rng, lost=0.0) for _ in range(4)]
-    merged = Scan.from_cloud(rng.permutation(np.vstack([listed(each) for each in frames])))
-    mean = 1.0 / np.mean([1.0 / each.depth for each in frames], axis=0)
+    merged = Scan.from_cloud(rng.permutation(np.vstack([listed(frame) for frame in frames])))
+    mean = 1.0 / np.mean([1.0 / frame.depth for frame in frames], axis=0)
     within("depth [m]", merged.depth - mean, 1e-9)
 
 
@@ -275,11 +275,11 @@ def test_every_door_finds_the_same_pose(tmp_path, floor: bool, within):
         for name in (("text.ply",) if floor else ("picture.pcd",))
     }
     for name, cloud in doors.items():
-        found = identify(cloud, surface, *coarse)
-        assert found.accepted, f"{name}: {found.reason}"
+        identified = identify(cloud, surface, *coarse)
+        assert identified.accepted, f"{name}: {identified.reason}"
         within(
             f"{name}: model [m]",
-            farthest(surface, found.X_sensor_target, truth.X_sensor_target),
+            farthest(surface, identified.X_sensor_target, truth.X_sensor_target),
             1e-4,
         )
 
@@ -302,9 +302,11 @@ def test_thinned_scatter_does_not_stand_before_its_surface(within):
         0.0, [2e-3, 2e-3, 0.0], (int(np.isfinite(scan.depth).sum()), 3)
     )
     assert lattice_grid(points) is None
-    found = identify(points, surface, X_ST[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ X_ST[:3, :3])
-    assert found.accepted, found.reason
-    within("position [m]", target.symmetry.error(found.X_sensor_target, X_ST)[0], 3e-3)
+    identified = identify(
+        points, surface, X_ST[:3, 3] + 0.1, exp_so3([0.2, -0.2, 0.2]) @ X_ST[:3, :3]
+    )
+    assert identified.accepted, identified.reason
+    within("position [m]", target.symmetry.error(identified.X_sensor_target, X_ST)[0], 3e-3)
 
 
 @pytest.mark.parametrize(
@@ -339,7 +341,9 @@ def test_every_door_finds_the_same_pose_in_a_real_frame(name: str, open3d, withi
     assert truth.accepted, truth.reason
     flat = np.random.default_rng(0).permutation(listed(scan))
     for cloud in (picture, flat, flat.astype(np.float32)):
-        found = identify(cloud, surface)
-        assert found.accepted, found.reason
+        identified = identify(cloud, surface)
+        assert identified.accepted, identified.reason
         # 2 um
-        within("model [m]", farthest(surface, found.X_sensor_target, truth.X_sensor_target), 1e-3)
+        within(
+            "model [m]", farthest(surface, identified.X_sensor_target, truth.X_sensor_target), 1e-3
+        )

@@ -163,11 +163,11 @@ def test_a_start_that_ends_across_is_leant_before_the_barrel_is_slid(within):
 
     # from this start a fit lies across the barrel, or 90 mm along it
     scene = object_scene("barrel", 6)
-    found = identify(
+    identified = identify(
         scene.scan, scene.target, scene.approach, scene.orientation, sensor=scene.sensor.model
     )
-    off, turn = scene.error(found.X_sensor_target)
-    assert found.accepted, found.reason
+    off, turn = scene.error(identified.X_sensor_target)
+    assert identified.accepted, identified.reason
     within("position [m]", off, 0.005)  # 0.4 mm
     within("attitude [deg]", np.rad2deg(turn), 0.5)  # 0.03 deg
 
@@ -178,10 +178,12 @@ def test_normals_are_the_principal_components_of_least_spread(within):
     near = points[cKDTree(points).query(points, k=20)[1]]
     offset = near - near.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
-    found = facing_normals(points)
+    facing = facing_normals(points)
     # 7e-16
-    within("1 - |cosine|", np.abs(1.0 - np.abs(np.einsum("ni,ni->n", normals, found))).max(), 1e-13)
-    assert np.all(np.einsum("ni,ni->n", found, points) <= 0.0)
+    within(
+        "1 - |cosine|", np.abs(1.0 - np.abs(np.einsum("ni,ni->n", normals, facing))).max(), 1e-13
+    )
+    assert np.all(np.einsum("ni,ni->n", facing, points) <= 0.0)
     flat = facing_normals(points * [1.0, 1.0, 0.0] + [0.0, 0.0, 2.0])
     within("a plane's normal", np.abs(flat - [0.0, 0.0, -1.0]).max(), 1e-12)
 
@@ -219,7 +221,7 @@ def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage, surface: Model
     first, *others = result.hypotheses
     assert others
     assert not result.accepted
-    likely = [each.log_likelihood for each in result.hypotheses]
+    likely = [hypothesis.log_likelihood for hypothesis in result.hypotheses]
     assert likely == sorted(likely, reverse=True)
     assert result.margin == likely[0] - likely[1]
     for other in others:
@@ -395,15 +397,15 @@ def test_a_mesh_of_trimesh_is_a_target():
 
 def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):
     """No start is left: a refusal in words, not an error."""
-    found = identify(
+    identified = identify(
         Scan.from_depth(frame),
         BARREL,
         VIEW[:3, 3] + [0.0, 0.0, 0.55],
         VIEW[:3, :3],
         approach_error=0.1,
     )
-    assert not found.accepted
-    assert found.reason
+    assert not identified.accepted
+    assert identified.reason
 
 
 @pytest.mark.parametrize(

@@ -96,12 +96,12 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
         mujoco.mjtGeom.mjGEOM_ELLIPSOID,
     ]
     for i in range(12):
-        place = {"pos": rng.uniform(-1.0, 1.0, 3), "quat": rng.standard_normal(4)}
-        parent = spec.worldbody.add_body(**place) if i % 2 else spec.worldbody
+        attitude = {"pos": rng.uniform(-1.0, 1.0, 3), "quat": rng.standard_normal(4)}
+        parent = spec.worldbody.add_body(**attitude) if i % 2 else spec.worldbody
         if i % 2:
             parent.add_freejoint()
         parent.add_geom(
-            type=kinds[i % 3], size=rng.uniform(0.01, 0.3, 3), **({} if i % 2 else place)
+            type=kinds[i % 3], size=rng.uniform(0.01, 0.3, 3), **({} if i % 2 else attitude)
         )
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -125,10 +125,10 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
         first += len(p)
     scene = RayScene(np.concatenate(vertices), np.concatenate(faces))
     hit = scene.cast(start @ X_WS[:3, :3].T + X_WS[:3, 3], way @ X_WS[:3, :3].T)
-    seen = np.isfinite(hit["t"])
+    hits = np.isfinite(hit["t"])
     # of 3500: a ray along a silhouette may go either way
-    assert (np.isfinite(distance) != seen).sum() <= 7
-    both = seen & np.isfinite(distance)
+    assert (np.isfinite(distance) != hits).sum() <= 7
+    both = hits & np.isfinite(distance)
     assert (np.abs(distance[both] - hit["t"][both]) > 1e-4).sum() <= 17
     assert np.all((cosine >= 0.0) & (cosine < 1.0 + 1e-5))
 
@@ -152,12 +152,12 @@ def test_first_echo_of_a_leaning_wall(lean: float, within):
     """r = h / cos(lean - a), where a is how far the ring of rays lies off the beam's axis."""
     model, data = wall(np.array([np.sin(lean), 0.0, -np.cos(lean)]), 2.0)
     width = np.deg2rad(1.2)
-    one = SonarBeams(rows=1, columns=1, width=width)
-    sonar = Sonar(model, "world", np.eye(4), beams=replace(one, echo="first"), noise=None)
+    beams = SonarBeams(rows=1, columns=1, width=width)
+    sonar = Sonar(model, "world", np.eye(4), beams=replace(beams, echo="first"), noise=None)
     r = sonar.ping(data, np.random.default_rng(0))[0, 0, 2]
     off = min(lean, 0.8 * 0.5 * width)
     within("first echo [m]", r - 2.0 * np.cos(lean) / np.cos(lean - off), 2e-5)
-    strongest = Sonar(model, "world", np.eye(4), beams=one, noise=None)
+    strongest = Sonar(model, "world", np.eye(4), beams=beams, noise=None)
     within(
         "strongest echo [m]", strongest.ping(data, np.random.default_rng(0))[0, 0, 2] - 2.0, 1e-3
     )
@@ -180,10 +180,10 @@ def test_footprint_widens_an_edge(within):
     for echo, wider in kinds:
         sonar = Sonar(model, "world", np.eye(4), beams=replace(beams, echo=echo), noise=None)
         z = sonar.ping(data, np.random.default_rng(0))[0, :, 2]
-        seen = fan / 2000 * np.count_nonzero(z < 2.5)
+        share = fan / 2000 * np.count_nonzero(z < 2.5)
         within(
             f"{echo}: angle of the plate [rad]",
-            seen - (2.0 * np.arctan(0.1 / 2.0) + wider),
+            share - (2.0 * np.arctan(0.1 / 2.0) + wider),
             0.15 * width,
         )
 
@@ -269,9 +269,11 @@ def test_barrel_is_found_in_a_sonar_scan(within):
     assert (np.linalg.norm(points, axis=-1) > 3.0).sum() > 50
     assert np.nanmax(off) < 1.0
     sensor = sonar_model(SonarBeams().pitch)
-    found = identify(clean, target, X_ST[:3, 3] + [0.1, -0.1, 0.05], X_ST[:3, :3], sensor=sensor)
-    assert found.accepted, found.reason
-    within("position [m]", found.X_sensor_target[:3, 3] - X_ST[:3, 3], 0.01)  # 0.001
+    identified = identify(
+        clean, target, X_ST[:3, 3] + [0.1, -0.1, 0.05], X_ST[:3, :3], sensor=sensor
+    )
+    assert identified.accepted, identified.reason
+    within("position [m]", identified.X_sensor_target[:3, 3] - X_ST[:3, 3], 0.01)  # 0.001
 
 
 def test_finder_lays_a_path_on_the_median_of_pings(within):

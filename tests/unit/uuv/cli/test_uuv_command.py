@@ -66,13 +66,13 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     assert {*listed["vehicle"]} <= {*models.available()}
     assert len(listed["vehicle"]) == 11
     assert all(
-        said
+        listing
         for kind in ("job", "experiment", "vehicle", "perturbation")
-        for _, said in catalogue.things(kind)
+        for _, listing in catalogue.things(kind)
     )
-    said = uuv("list", "objects")
-    assert said.startswith("objects  (uuv run clean-object --object NAME)")
-    assert "  barrel  " in said
+    listing = uuv("list", "objects")
+    assert listing.startswith("objects  (uuv run clean-object --object NAME)")
+    assert "  barrel  " in listing
     heavy = (
         "import sys; from uuv.cli.listing import main; main('list', []); print('mujoco' in "
         "sys.modules)"
@@ -127,10 +127,10 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     ],
 )
 def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
-    told = uuv(*args, code=2).strip().splitlines()
-    error = told[-1]
+    lines = uuv(*args, code=2).strip().splitlines()
+    error = lines[-1]
     # on a new machine
-    assert all(line.startswith(("first start:", "compiling ")) for line in told[:-1])
+    assert all(line.startswith(("first start:", "compiling ")) for line in lines[:-1])
     for part in said.split(" .* "):
         assert part in error
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
@@ -156,15 +156,15 @@ def test_help_of_every_verb_is_light_and_tells_its_use(uuv):
     """CPU time of one process that helps with all of them: the first imports what they share."""
     usage = uuv()
     ran = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True)
-    told = json.loads(ran.stdout)
-    (shared, _, _), *_ = told.values()
-    for words, (seconds, heavy, text) in told.items():
+    table = json.loads(ran.stdout)
+    (shared, _, _), *_ = table.values()
+    for words, (seconds, heavy, text) in table.items():
         assert heavy == [], words
         assert shared + seconds < 1.0, words  # [s] measured 0.3
         if words in VERBS:
             assert f"uuv {words} {VERBS[words].words}".rstrip() in usage
             assert " ".join(text.split()).startswith(f"usage: uuv {words} [-h]")
-    assert "--corner" in told["run clean-barrel"][2]
+    assert "--corner" in table["run clean-barrel"][2]
 
 
 def test_the_page_of_the_command_has_all_verbs(root: Path):
@@ -236,15 +236,15 @@ def test_an_earlier_spelling_and_a_missing_object_are_told(words: list[str], sai
 )
 def test_words_are_completed(words: list[str], wanted: set[str], uuv, tmp_path: Path):
     typed = " ".join(f"'{word}'" for word in words)
-    asked = (
+    arguments = (
         f"COMP_WORDS=({typed}); COMP_CWORD={len(words) - 1}; _uuv; printf '%s\\n' "
         f'"${{COMPREPLY[@]}}"'
     )
-    program = uuv("completion", "bash") + asked
-    said = subprocess.run(
+    program = uuv("completion", "bash") + arguments
+    ran = subprocess.run(
         ["bash", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
     )
-    assert set(said.stdout.split()) == wanted
+    assert set(ran.stdout.split()) == wanted
 
 
 def test_pictures_ask_for_egl_only_where_it_is(uuv, monkeypatch: pytest.MonkeyPatch):
@@ -260,20 +260,20 @@ def test_pictures_ask_for_egl_only_where_it_is(uuv, monkeypatch: pytest.MonkeyPa
 def test_a_run_is_compared_and_read_back(uuv, tmp_path: Path):
     job = clean_object(seed=1, quick=True, sensor="survey")
     write_scenario(job, tmp_path / "mine.toml")
-    made = json.loads(
+    printed = json.loads(
         uuv("run", "mine.toml", "--json", "--out", "first", "--set", "task.speed=0.04")
     )
-    assert made["accepted"]
+    assert printed["accepted"]
     other = tmp_path / "second"
     other.mkdir()
     write_scenario(job, other / "scenario.toml")
     (other / "metrics.json").write_text(
-        json.dumps({**made, "tool": {**made["tool"], "speed_mean_m_s": 0.02}})
+        json.dumps({**printed, "tool": {**printed["tool"], "speed_mean_m_s": 0.02}})
     )
     table = uuv("compare", "first", "second")
     assert "task.speed" in table
     assert "tool.speed_mean_m_s" in table
-    assert made["contact"]["force_error_rms_n"] > 0.0
+    assert printed["contact"]["force_error_rms_n"] > 0.0
     assert "contact.force_error_rms_n" not in table
     assert "no page of the time series: second was run with --no-record" in table
     shutil.copytree(tmp_path / "first", tmp_path / "third")
@@ -315,10 +315,10 @@ def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
     program = (
         "import sys; from uuv.cli.main import main; sys.argv = ['uuv', 'picture', 'first']; main()"
     )
-    made = subprocess.run(
+    ran = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
     )
-    assert made.stdout.split() == [str(folder.resolve() / name) for name in (STILL, CLIP)]
+    assert ran.stdout.split() == [str(folder.resolve() / name) for name in (STILL, CLIP)]
     still, clip = Image.open(folder / STILL), Image.open(folder / CLIP)
     assert still.size == (WIDTH, HEIGHT)
     assert np.asarray(still).std() > 20.0
@@ -326,9 +326,9 @@ def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
 
 
 def test_check_says_what_a_vehicle_has_and_lacks(uuv):
-    said = uuv("check", "uuv_puma", "--jobs", "hover", "seabed-core")
-    assert "351.3 kg, +0.0 N" in said
-    assert said.count("  feasible") == 2
+    listing = uuv("check", "uuv_puma", "--jobs", "hover", "seabed-core")
+    assert "351.3 kg, +0.0 N" in listing
+    assert listing.count("  feasible") == 2
     lacking = uuv("check", "bluerov2_heavy_alpha5", "--jobs", "tap", code=1)
     assert "refused: parts" in lacking
     assert "lacks geom 'pad' (may touch)" in lacking
@@ -367,26 +367,26 @@ def test_a_skeleton_passes_its_own_test(kinds: tuple[str, ...], uuv, tmp_path: P
 def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):
     uuv("new", "task", "draw")
     (tmp_path / "other.py").write_text("def Thing():\n    return 1\n")
-    asked = ("--set", "site.object.kind=OpenWater", "task.radius=0.05")
-    made = json.loads(
-        uuv("run", "clean-barrel", "--json", "--no-record", "--task", "draw:Circle", *asked)
+    arguments = ("--set", "site.object.kind=OpenWater", "task.radius=0.05")
+    table = json.loads(
+        uuv("run", "clean-barrel", "--json", "--no-record", "--task", "draw:Circle", *arguments)
     )
-    assert made["accepted"], made["failed"]
-    assert made["provenance"]["options"]["task"] == {"kind": "draw:Circle", "radius": 0.05}
+    assert table["accepted"], table["failed"]
+    assert table["provenance"]["options"]["task"] == {"kind": "draw:Circle", "radius": 0.05}
     refused = uuv("replay", "draw", code=2)
     assert (
         "scenario.toml': names code, 'draw:Circle', which is not run unless you say --trust"
         in refused
     )
     assert "the same to the bit" in uuv("replay", "draw", "--trust")
-    for task, said in (
+    for task, line in (
         ("draw:Round", "error: --task: task 'draw:Round': cannot be imported"),
         (
             "other:Thing",
             "error: --task: [task]: task 'other:Thing' must be a dataclass that inherits Task",
         ),
     ):
-        assert uuv("run", "clean-barrel", "--task", task, code=2).startswith(said)
+        assert uuv("run", "clean-barrel", "--task", task, code=2).startswith(line)
     assert "Missing value for argument '--task'" in uuv("run", "clean-barrel", "--task", code=2)
 
 

@@ -48,13 +48,13 @@ def test_the_replay_moves_as_the_plant(rov):
     hydrodynamics.set_constants(model)
     plant = Plant(model, current=Current((0.1, 0.05, 0.0)))
     pushed = np.array([0.4, 0.3, -0.4, -0.4, 0.15, 0.15, 0.12, 0.15])
-    rows, given = [], []
+    rows, commands = [], []
     for k in range(2501):
         truth = plant.observe()
         command = pushed if k >= 250 else np.zeros(8)
         if k % 25 == 0:
             rows.append(np.concatenate([truth.p_WB, truth.v_WB_W, truth.w_WB_B]))
-            given.append(command)
+            commands.append(command)
         plant.step(
             Command(time=truth.time, joint_torque=np.zeros(0), thrusters=command, scan=False)
         )
@@ -63,7 +63,7 @@ def test_the_replay_moves_as_the_plant(rov):
         name="log",
         time=time,
         channels={POSITION: Channel(time=time, values=exact[:, :3])},
-        commands={name: np.array(given)[:, i] for i, name in enumerate(rov.names)},
+        commands={name: np.array(commands)[:, i] for i, name in enumerate(rov.names)},
         thrusts={},
         joints={},
     )
@@ -71,44 +71,48 @@ def test_the_replay_moves_as_the_plant(rov):
     start = np.eye(13)[3:4]
     flow = np.tile([0.1, 0.05, 0.0], (replay.script.rows, 1))
     rows_of_replay = rov.run(nominal(rov), replay.script, start, flow)
-    found = np.array([np.interp(time[:-2], replay.time, column) for column in rows_of_replay.T]).T
+    replayed = np.array(
+        [np.interp(time[:-2], replay.time, column) for column in rows_of_replay.T]
+    ).T
     exact = exact[:-2]
     assert np.abs(exact[-1, :3]).max() > 0.5
     # Steps of the replay are longer than the plant's; the rates differ most just after the
     # thrusters are switched on.
-    assert np.abs(found[:, :3] - exact[:, :3]).max() < 5e-3  # measured 2.5e-3 m
-    assert np.abs(found[:, 7:] - exact[:, 3:]).max() < 2e-2  # measured 1.1e-2 m/s, rad/s
+    assert np.abs(replayed[:, :3] - exact[:, :3]).max() < 5e-3  # measured 2.5e-3 m
+    assert np.abs(replayed[:, 7:] - exact[:, 3:]).max() < 2e-2  # measured 1.1e-2 m/s, rad/s
 
 
 def test_a_driven_arm_moves_the_hull_as_momentum_has_it():
     """The arm swings from rest without drag: linear momentum of vehicle and water stays zero in
     still water.
     """
-    own = ReplayVehicle(models.load("bluerov2_heavy_alpha5"))
+    vehicle = ReplayVehicle(models.load("bluerov2_heavy_alpha5"))
     values = {
-        name: 1e-12 if "damping" in name else value for name, value in nominal(own).items()
+        name: 1e-12 if "damping" in name else value for name, value in nominal(vehicle).items()
     } | {"arm drag": 1e-9}
     values |= {"net buoyancy": 0.0}
-    swung = Manoeuvre(name="swing", wrench=np.zeros((81, 6)), joints=_quarter_turn(own, 81))
-    log = simulated(own, values, swung, name="swing")
-    here = mujoco.MjData(own.model)
-    own.write(values)
+    swung = Manoeuvre(name="swing", wrench=np.zeros((81, 6)), joints=_quarter_turn(vehicle, 81))
+    log = simulated(vehicle, values, swung, name="swing")
+    here = mujoco.MjData(vehicle.model)
+    vehicle.write(values)
     momentum = []
     for k in (20, 40, 60):
         here.qpos[:3], here.qpos[3:7] = (
             log.channels[POSITION].values[k],
             log.channels[ATTITUDE].values[k][[3, 0, 1, 2]],
         )
-        here.qpos[7:] = [log.joints[name][k] for name in own.joints]
-        speeds = [(log.joints[name][k + 1] - log.joints[name][k - 1]) / 0.1 for name in own.joints]
+        here.qpos[7:] = [log.joints[name][k] for name in vehicle.joints]
+        speeds = [
+            (log.joints[name][k + 1] - log.joints[name][k - 1]) / 0.1 for name in vehicle.joints
+        ]
         around = log.channels[POSITION].values
         here.qvel[:3] = (around[k + 1] - around[k - 1]) / 0.1
         here.qvel[3:6], here.qvel[6:] = log.channels[RATE].values[k], speeds
-        mujoco.mj_forward(own.model, here)
-        product = np.zeros(own.model.nv)
-        mujoco.mj_mulM(own.model, here, product, here.qvel)
-        still = np.zeros(own.model.nv)
-        mujoco.mj_mulM(own.model, here, still, np.concatenate([np.zeros(6), here.qvel[6:]]))
+        mujoco.mj_forward(vehicle.model, here)
+        product = np.zeros(vehicle.model.nv)
+        mujoco.mj_mulM(vehicle.model, here, product, here.qvel)
+        still = np.zeros(vehicle.model.nv)
+        mujoco.mj_mulM(vehicle.model, here, still, np.concatenate([np.zeros(6), here.qvel[6:]]))
         momentum.append((np.linalg.norm(product[:3]), np.linalg.norm(still[:3])))
     for left, of_arm in momentum:
         assert left < 0.05 * max(of_arm, 0.02)
@@ -153,10 +157,10 @@ def test_windows_keep_out_of_gaps(rov):
 
 
 def test_thrusterless_vehicles_push_by_wrench():
-    own = ReplayVehicle(models.load("phoenix_smart3s"))
-    assert own.names[0] == "wrench_surge"
+    vehicle = ReplayVehicle(models.load("phoenix_smart3s"))
+    assert vehicle.names[0] == "wrench_surge"
     assert {"surge steps", "roll release", "arm swing", "hover in a current"} <= {
-        m.name for m in menu(own, nominal(own))
+        m.name for m in menu(vehicle, nominal(vehicle))
     }
 
 
@@ -195,17 +199,17 @@ def test_two_logs_of_one_name_are_two(rov, tmp_path):
     rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 7.0, np.random.default_rng(2))
     for day, late in (("day1", 0.0), ("day2", 2.5)):
         log = simulated(rov, nominal(rov), flown, rng=rng)
-        seen = {
+        rows = {
             kind: Channel(time=c.time[c.time >= late], values=c.values[c.time >= late])
             for kind, c in log.channels.items()
         }
         (tmp_path / day).mkdir()
-        write_log(tmp_path / day / "dive.csv", replace(log, channels=seen))
+        write_log(tmp_path / day / "dive.csv", replace(log, channels=rows))
     logs = (tmp_path / "day1" / "dive.csv", tmp_path / "day2" / "dive.csv")
     options = WaterOptions(log=logs, window=4.0, out=tmp_path / "out")
     assert run(options, Console(quiet=True)) == 0
     written = yaml.safe_load((tmp_path / "out" / "fit.yaml").read_text())
-    assert set(written["logs"]) == {str(each) for each in logs}
+    assert set(written["logs"]) == {str(log) for log in logs}
     widened = json.loads((tmp_path / "out" / "metrics.json").read_text())["noise_over_stated"]
     assert {name.rpartition(":")[0] for name in widened} == {"log dive.csv (1)", "log dive.csv (2)"}
     assert (tmp_path / "out" / "report.html").is_file()
@@ -215,7 +219,7 @@ def test_columns_that_stand_alone_are_refused(rov, tmp_path):
     log = simulated(rov, nominal(rov), survey(rov, nominal(rov), 10.0, np.random.default_rng(3)))
     first = rov.names[0]
     half = replace(
-        log, commands={name: each for name, each in log.commands.items() if name != first}
+        log, commands={name: command for name, command in log.commands.items() if name != first}
     )
     write_log(tmp_path / "half.csv", half)
     refused(tmp_path, f"thruster {first} has no column, others have", log=(tmp_path / "half.csv",))
@@ -239,9 +243,9 @@ def test_a_fitted_vehicle_is_a_vehicle(rov, tmp_path):
     spec = models.load("bluerov2_heavy")
     mjcf, _ = write_vehicle(tmp_path, "fitted", spec, spec.copy().compile(), rov.water, values)
     again = ReplayVehicle(vehicle_spec(mjcf))
-    found = nominal(again)
-    assert found["added mass sway"] == 9.0
-    assert found["net buoyancy"] == pytest.approx(2.0, abs=1e-9)
+    identified = nominal(again)
+    assert identified["added mass sway"] == 9.0
+    assert identified["net buoyancy"] == pytest.approx(2.0, abs=1e-9)
     assert again.vehicle.thruster_table[2, 0] == pytest.approx(
         1.2 * rov.vehicle.thruster_table[2, 0], rel=1e-12
     )

@@ -381,9 +381,16 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
             a sample.
 
     Returns:
-        False for a sample that is not finite, which changes neither states nor past.
+        False for a sample or an interval that is not finite, which changes nothing.
     """
-    # Gap before the sample: the noise of a step follows its length
+    # A sample that is not finite is not used
+    total = dt
+    for i in range(3):
+        total += specific_force_B[i] + w_B[i] + R_meas[i, 0] + R_meas[i, 1] + R_meas[i, 2]
+    if not np.isfinite(total):
+        return False
+
+    # Interval of the stream: the noise of a step follows it; a gap adds to the velocity's variance
     if dt < 0.999 * f.interval and unknown == 0.0:  # first samples, or a faster stream than assumed
         f.interval = dt
         f.turning[0] = f.rate * dt
@@ -392,13 +399,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     elif dt > 1.5 * f.interval and unknown == 0.0:
         unknown = BLIND * (dt - f.interval)
 
-    # A sample that is not finite is not used
-    total = 0.0
-    for i in range(3):
-        total += specific_force_B[i] + w_B[i] + R_meas[i, 0] + R_meas[i, 1] + R_meas[i, 2]
-    if not np.isfinite(total):
-        return False
-
+    # Attitude
     turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning)
     if f.lone[0, 2] > 0.0 or f.lone[1, 2] > 0.0 or f.lone[2, 2] > 0.0:
         follow_attitude(f, R_meas, dt)
@@ -426,6 +427,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     f.past_fix[head, VISION, HAS] = f.past_fix[head, DVL, HAS] = 0.0
     f.past_track[head, READ] = f.past_track[head, BEGUN] = 0.0
 
+    # The sample itself, for fixes that arrive before the next one
     for i in range(3):
         f.force[i] = specific_force_B[i]
         f.w_B[i] = w_B[i]
@@ -458,7 +460,7 @@ def take_imu(memory, sample):
     sample = ImuRecord(*sample)
 
     dt = sample.time[0] - f.time
-    if not dt > 1e-9:
+    if not 1e-9 < dt < np.inf:
         return
 
     # A frozen IMU repeats its samples bit by bit
@@ -503,7 +505,7 @@ def take_sample(memory, sample):
     """
     f = memory[0]
     sample = ImuRecord(*sample)
-    if sample.time[0] > f.clock:
+    if f.clock < sample.time[0] < np.inf:
         f.clock = sample.time[0]
 
     take_imu(memory, sample)

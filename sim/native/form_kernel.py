@@ -97,6 +97,14 @@ def _fading(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
 
 @njit(error_model="numpy", fastmath={"contract"})
 def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Lift and drag of a foil: force [N], and moment [N m] about the body's origin, in body axes.
+
+    Args:
+        row: Numbers of the body's forms, as `LiftDrag` packs them (models/water/forms).
+        at: Where this foil's 20 numbers begin.
+        v: [m/s] of the body's origin through the water, in body axes.
+        w: [rad/s] of the body, in body axes.
+    """
     point = load3(row, at)
     forward = load3(row, at + 3)
     upward = load3(row, at + 6)
@@ -130,13 +138,15 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
     if alpha < 0.0:
         lift = -lift
 
-    # Which speed counts: in the plane, all of it, or that of a swept wing.
+    # Squared speed of the dynamic pressure, by `sweep`: 0 in the plane, below 0 the whole, above 0
+    # that of a swept wing.
     swept = square
     if sweep < 0.0:
         swept = whole
     elif sweep > 0.0:
         swept = square * square / whole
 
+    # Force: drag along the flow, lift across it.
     share = 0.5 * density * area * swept / math.sqrt(square)
     along = share * (-lift * b - drag * a)
     across = share * (lift * a - drag * b)

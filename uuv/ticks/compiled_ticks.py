@@ -13,6 +13,7 @@ else is due run part by part: fixes, frames. So does a whole run with a plant, s
 without a kernel; `reason` names it.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -106,33 +107,33 @@ class CompiledTicks:
 
     def bind(self, run: Rollout) -> "CompiledTicks":
         """The ticks of `run`, which has taken its first step."""
-        # Observers.
+        # Observers: those that say at which ticks they look, and those that see every one.
         rates = [getattr(observer, "slow_ticks", ()) for observer in run.observers]
         self._slow_ticks = frozenset(ticks for rate in rates for ticks in rate)
-        self._in_plant = parts_in_python(run.plant)
         self._watching = [
             observer for observer in run.observers if not hasattr(observer, "slow_ticks")
         ]
-        self._present = np.zeros(1, dtype=np.int64)
+        self._present = np.zeros(1, dtype=np.int64)  # tick that a slot is called at
+
+        # Plant and planner.
+        self._in_plant = parts_in_python(run.plant)
         self._foresight = PlannerAhead(run, self._plant)
 
-        # Sensors and navigation.
+        # Sensors and navigation, whose estimate the controller's inputs refer to.
         estimator: Any = run.parts.estimator
         self._navigation: Any = estimator.records(run.estimator_state)
         self._bind_sensors(run)
-        completed = getattr(estimator, "completed", None)
-        complete = (
-            None if completed is None else lambda estimate: completed(run.estimator_state, estimate)
-        )
-        self._inputs = Inputs(self._navigation.estimate, complete)
+        self._inputs = Inputs(self._navigation.estimate, _completion(run))
         self._inputs.ahead = self._foresight.table.present
         self._sound = estimate_record(len(self._plant.truth.q))
 
-        # Controller, and the recording.
+        # Controller: called in Python until its kernel is ready.
         self._compiled: ControlTick | None = None
         self._python = self._called(run)
         self._name_slow_parts(self._python)
-        self._worlds: dict[int, tuple[World, Any]] = {}  # by the address of the controller's tick
+
+        # Arrays of all of them, by the address of the controller's tick; rows of the recording.
+        self._worlds: dict[int, tuple[World, Any]] = {}
         self._rows = self._recorder.ready(0)
         return self
 
@@ -240,7 +241,7 @@ class CompiledTicks:
         return self._worlds[control.address]
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
-        """Run ticks from `tick` to `end` as far as possible: to a frame, fault, or the work's end.
+        """Run ticks from `tick` on, at most to `end`, until one needs the run's own step.
 
         Args:
             run: its states and messages change as if its own step had run these ticks.
@@ -248,25 +249,34 @@ class CompiledTicks:
             end: one after the last one.
 
         Returns:
-            The next tick for the run; its stage says how far that has come.
+            The tick that the run goes on with; `run.stage` says which of its parts are done.
         """
         while tick < end and not run.looking:
+            # A frame of a camera is processed by the run.
             if tick == run.next_due(tick):
                 run.begin(tick)
                 if run.frame is not None:
                     break
+
+            # A new state of the task, and a scan, begin in the run.
             if tick % run.planner_ticks == 0 and not self._plan(run, tick):
                 break
-            assert run.reference is not None
+            assert run.reference is not None  # there is one from the first step on
             if run.reference.scan:
                 break
+
+            # The sensors' own step draws the next block of their noise.
             samples = min((source.ready() for source in self._noise), default=end - tick)
-            if samples <= 0:  # the sensors' own step draws the next block of their noise
+            if samples <= 0:
                 break
+
+            # As many ticks at once as nobody outside looks at.
             control = self._control(run, run.reference)
             ticks, onward = self._stretch(run, tick, min(end, tick + samples), control)
             done = self._run(run, tick, ticks, onward, control)
             tick += done
+
+            # A tick that stopped after its planner or command is completed by the run.
             if run.stage > Stage.ESTIMATED or not done:
                 break
         return tick
@@ -358,6 +368,12 @@ class CompiledTicks:
             self._recorder.refer(taken)
         run.reference = references[-1] if references else reference
         return run.reference
+
+
+def _completion(run: Rollout) -> Callable[[StateEstimate], StateEstimate] | None:
+    """What the estimator adds to an estimate outside the ticks; None: nothing."""
+    completed = getattr(run.parts.estimator, "completed", None)
+    return completed and (lambda estimate: completed(run.estimator_state, estimate))
 
 
 def _controls(run: Rollout, first: int, last: int) -> bool:

@@ -232,10 +232,11 @@ def test_a_replay_is_the_filter_run_again_with_the_late_fix(
 def test_a_sample_that_is_not_finite_changes_nothing(case: Case) -> None:
     case.f.interval = 0.05
     before = case.memory.copy()
-    for spoilt in range(3):
-        sample = [np.ones(3), np.ones(3), np.eye(3)]
-        sample[spoilt] = sample[spoilt] * np.nan
-        assert not kernel.advance(case.f, 0.05, *sample, 0.0)
+    for spoilt in range(4):  # also one that comes sooner than those before it
+        sample = [np.ones(3), np.ones(3), np.eye(3), np.array(0.04)]
+        sample[spoilt] = sample[spoilt] * (np.nan if spoilt < 3 else np.inf)
+        *measured, dt = sample
+        assert not kernel.advance(case.f, float(dt), *measured, 0.0)
         assert case.memory.tobytes() == before.tobytes()
 
 

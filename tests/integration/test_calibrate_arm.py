@@ -54,7 +54,7 @@ def test_a_clamped_arm_that_is_not_as_believed_seats_the_ball(within):
     (q,) = session.series
     assert session.missed == 0
     assert np.abs(q[1] - q[0]).max() > 0.1
-    # 4.9 to 5.1 um, by the processor's rounding: where the ball comes to rest
+    # Measured: 5.1 um on one processor, below 5 on another
     within("seat of the ball [m]", session.tip_spread, 1e-5)
     within("hull [m]", session.hull_motion, 1e-6)
     believed = [own.chain().forward(each)[:3, 3] for each in q]

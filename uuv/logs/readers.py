@@ -5,7 +5,6 @@ is noted. Sizes are bounded.
 """
 
 import contextlib
-import gc
 import importlib
 import io
 import math
@@ -124,7 +123,7 @@ def _ardupilot(
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[io.StringIO]:
-    """Around pymavlink: it prints what it skips, and leaves files open where it fails."""
+    """Around pymavlink: it prints what it skips, and leaves a file open where it cannot begin."""
     printed = io.StringIO()
     with (
         contextlib.redirect_stdout(printed),
@@ -133,53 +132,50 @@ def _quiet() -> Iterator[io.StringIO]:
     ):
         warnings.simplefilter("ignore", ResourceWarning)
         yield printed
-        gc.collect()  # what was left open is closed here, not at some later warning
 
 
 def _dataflash(path: Path, gathered: "Gathered") -> None:
     """Messages of a .BIN, by their names there."""
     from pymavlink import DFReader
 
-    log = DFReader.DFReader_binary(str(path), zero_time_base=True)
-
-    while (message := log.recv_match(type=["PARM", *_DATAFLASH])) is not None:
-        gathered.count()
-        if message.get_type() == "PARM":
-            gathered.parameter(str(message.Name), message.Value)
-        else:
-            _DATAFLASH[message.get_type()](gathered, 1e-6 * message.TimeUS, message)
+    with contextlib.closing(DFReader.DFReader_binary(str(path), zero_time_base=True)) as log:
+        while (message := log.recv_match(type=["PARM", *_DATAFLASH])) is not None:
+            gathered.count()
+            if message.get_type() == "PARM":
+                gathered.parameter(str(message.Name), message.Value)
+            else:
+                _DATAFLASH[message.get_type()](gathered, 1e-6 * message.TimeUS, message)
 
 
 def _telemetry(path: Path, gathered: "Gathered") -> None:
     """Messages of a .tlog, those of the first vehicle's autopilot."""
     from pymavlink import mavutil
 
-    log = mavutil.mavlink_connection(str(path), robust_parsing=True)
     clock = _BootClock()
-    vehicle: int | None = None
     bad = 0
+    with contextlib.closing(mavutil.mavlink_connection(str(path), robust_parsing=True)) as log:
+        vehicle: int | None = None
+        while (message := log.recv_match(type=[*_BESIDE, *_TELEMETRY])) is not None:
+            kind = message.get_type()
+            if kind == "BAD_DATA":
+                bad += 1
+                continue
 
-    while (message := log.recv_match(type=[*_BESIDE, *_TELEMETRY])) is not None:
-        kind = message.get_type()
-        if kind == "BAD_DATA":
-            bad += 1
-            continue
+            # A ground station, a companion computer and another vehicle may speak too.
+            system = message.get_srcSystem()
+            foreign = system == _GROUND_STATION or vehicle not in (None, system)
+            if foreign or message.get_srcComponent() != _AUTOPILOT:
+                continue
+            vehicle = system
 
-        # A ground station, a companion computer and another vehicle may speak too.
-        system = message.get_srcSystem()
-        foreign = system == _GROUND_STATION or vehicle not in (None, system)
-        if foreign or message.get_srcComponent() != _AUTOPILOT:
-            continue
-        vehicle = system
-
-        gathered.count()
-        time = clock.time_of(message)
-        if kind == "PARAM_VALUE":
-            gathered.parameter(str(message.param_id), message.param_value)
-        elif kind == "EKF_STATUS_REPORT":  # which has no time, and needs none
-            gathered.has_position = _has_position(int(message.flags))
-        elif time is not None:
-            _TELEMETRY[kind](gathered, time, message)
+            gathered.count()
+            time = clock.time_of(message)
+            if kind == "PARAM_VALUE":
+                gathered.parameter(str(message.param_id), message.param_value)
+            elif kind == "EKF_STATUS_REPORT":  # which has no time, and needs none
+                gathered.has_position = _has_position(int(message.flags))
+            elif time is not None:
+                _TELEMETRY[kind](gathered, time, message)
 
     if bad:
         gathered.note(f"{bad} parts of the file are no message")

@@ -356,6 +356,34 @@ def test_drag_beyond_what_the_step_was_judged_for_is_told(
     hydrodynamics.check_motion(model, data)
 
 
+def test_whichever_of_several_bodies_is_too_fast_or_too_high_is_told(
+    said: Callable[[], str], tmp_path: Path, monkeypatch
+):
+    """Bodies are worked on four at a time: each place among the four counts."""
+    monkeypatch.chdir(tmp_path)
+    spec = mujoco.MjSpec.from_string("<mujoco/>")
+    for i in range(6):
+        body = spec.worldbody.add_body(name=f"ball{i}", pos=[float(i), 0.0, -5.0])
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0.0, 0.0], mass=3.0)
+    drag = np.array([75.0, 75.0, 75.0, 0.0, 0.0, 0.0])
+    wet = BodyHydrodynamics(volume=0.003, quadratic_damping=drag)
+    water.attach(spec, {f"ball{i}": wet for i in range(6)})
+
+    for i in range(6):
+        for at, value, words in (
+            (6 * i, 60.0, "faster than its drag"),
+            (7 * i + 2, 11.0, "above z = 0"),
+        ):
+            model = hydrodynamics.compile(spec)
+            data = mujoco.MjData(model)
+            (data.qvel if words.startswith("faster") else data.qpos)[at] = value
+            mujoco.mj_forward(model, data)
+            assert words in said(), (i, words)
+            with pytest.warns(PhysicsWarning):
+                hydrodynamics.check_motion(model, data)
+
+
 # -- slips -----------------------------------------------------------------------------------------
 
 

@@ -111,7 +111,15 @@ class Reach:
         nodes: set[Node] = set()
         for node in ast.walk(statement):
             dotted = ""
-            if isinstance(node, ast.Attribute):
+            if isinstance(node, ast.Call):
+                # A module that is handed on, as a callback's source is
+                for handed in (*node.args, *(keyword.value for keyword in node.keywords)):
+                    origin = (
+                        module.imports.get(handed.id, "") if isinstance(handed, ast.Name) else ""
+                    )
+                    if origin in self._modules:
+                        nodes.update(self._find(origin))
+            elif isinstance(node, ast.Attribute):
                 parts = [node.attr]
                 inner = node.value
                 while isinstance(inner, ast.Attribute):

@@ -213,6 +213,26 @@ def test_a_small_table_is_met_at_its_points(tmp_path: Path) -> None:
     assert thruster.thrust(1700.0, 14.0) == pytest.approx(37.0 * share)
 
 
+def test_each_side_is_scaled_by_its_own_full_thrust_down_to_its_weakest_point(
+    tmp_path: Path,
+) -> None:
+    """Between voltages: the share of the full value is linear in V^2, the full value in V."""
+    file = tmp_path / "sided.csv"
+    rows = [(12, 1100, -20.0), (12, 1400, -0.5), (12, 1600, 2.0), (12, 1900, 40.0)]
+    rows += [(16, 1100, -30.0), (16, 1400, -1.5), (16, 1600, 6.0), (16, 1900, 80.0)]
+    lines = [f"{volts},{pulse},{force}" for volts, pulse, force in rows]
+    file.write_text("\n".join(["voltage_V,pulse_us,force_N", *lines]) + "\n")
+    thruster = thrusters.from_table(file)
+    square = (14.0**2 - 12.0**2) / (16.0**2 - 12.0**2)
+    for pulse, (weak, weak_full), (strong, strong_full) in (
+        (1400.0, (-0.5, -20.0), (-1.5, -30.0)),
+        (1600.0, (2.0, 40.0), (6.0, 80.0)),
+    ):
+        share = (1.0 - square) * weak / weak_full + square * strong / strong_full
+        full = 0.5 * (weak_full + strong_full)
+        assert thruster.thrust(pulse, voltage=14.0) == pytest.approx(share * full, abs=1e-9)
+
+
 def test_a_table_without_voltage_is_a_curve(tmp_path: Path) -> None:
     bare = "\n".join(line.rsplit(",", 3)[0] for line in SMALL.splitlines()[:7])
     thruster = thrusters.from_table(written(tmp_path, bare))

@@ -465,6 +465,13 @@ def test_lift_and_drag_by_gz_sims_names():
         LiftDrag.of_gz({"cal": 1.0})
 
 
+def test_what_is_missing_has_gz_sims_default():
+    spelled = {"area": 1.0, "cla": 1.0, "cda": 0.01, "a0": 0.0, "cp": [0.0, 0.0, 0.0]}
+    axes = {"forward": [1.0, 0.0, 0.0], "upward": [0.0, 0.0, 1.0]}
+    stalled = {"alpha_stall": np.pi / 2, "cla_stall": 0.0, "cda_stall": 1.0}
+    assert LiftDrag.of_gz({}).numbers() == LiftDrag.of_gz({**spelled, **axes, **stalled}).numbers()
+
+
 def test_rows_and_mjcf_keep_the_forms(rng):
     body = replace(random_coefficients(rng), forms=random_forms(rng))
     assert water.pack(water.unpack(water.pack(body))).tobytes() == water.pack(body).tobytes()

@@ -99,7 +99,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         ),
         (
             ["run", "clean-barrel", "--target-pose", "known"],
-            "--target-pose: a known pose is now --sensor survey",
+            "--target-pose: no longer an option; use --sensor survey",
         ),
         (
             ["run", "clean-barrel", "--sensor", "survey", "--looks", "3"],
@@ -183,19 +183,19 @@ def test_every_verb_is_completed_and_prints_its_figures_as_json(name: str):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["identify-water"], "identify-water: that is now `uuv identify water`"),
+        (["identify-water"], "identify-water: this command is now `uuv identify water`"),
         (
             ["identify-object", "--object", "valve"],
-            "identify-object: that is now `uuv identify object`",
+            "identify-object: this command is now `uuv identify object`",
         ),
-        (["identify_friction"], "identify_friction: that is now `uuv identify friction`"),
-        (["calibrate-arm"], "calibrate-arm: that is now `uuv calibrate`"),
-        (["run_campaign.py", "x.toml"], "run_campaign.py: that is now `uuv campaign`"),
-        (["run-scenario"], "run-scenario: that is now `uuv run`"),
-        (["show_models"], "show_models: that is now `uuv models`"),
-        (["validate-physics"], "validate-physics: that is now `uuv validate`"),
-        (["contact-score"], "contact-score: that is now `uuv benchmark`"),
-        (["run", "campaign"], "campaign is no job, but a verb of its own: `uuv campaign`"),
+        (["identify_friction"], "identify_friction: this command is now `uuv identify friction`"),
+        (["calibrate-arm"], "calibrate-arm: this command is now `uuv calibrate`"),
+        (["run_campaign.py", "x.toml"], "run_campaign.py: this command is now `uuv campaign`"),
+        (["run-scenario"], "run-scenario: this command is now `uuv run`"),
+        (["show_models"], "show_models: this command is now `uuv models`"),
+        (["validate-physics"], "validate-physics: this command is now `uuv validate`"),
+        (["contact-score"], "contact-score: this command is now `uuv benchmark`"),
+        (["run", "campaign"], "campaign is not a job but a verb: `uuv campaign`"),
         (["identify"], "identify: needs one of object, friction, water, got none"),
         (
             ["identify", "watr"],

@@ -122,7 +122,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         ),
         (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
-        (["new", "boat", "mine"], "no skeleton of a 'boat'; there are "),
+        (["new", "boat", "mine"], "KIND: must be one of "),
         (["new", "object", "My-Thing"], "a module's name in lower case"),
     ],
 )
@@ -353,7 +353,7 @@ def test_a_skeleton_passes_its_own_test(kinds: tuple[str, ...], uuv, tmp_path: P
     for kind in kinds:
         name = f"my_{kind}"
         uuv("new", kind, name)
-        assert "is there already" in uuv("new", kind, name, code=2)
+        assert "exists already" in uuv("new", kind, name, code=2)
         used = {"task": f"{name}:Circle", "perturbation": f"perturbations.{name}:Worn.factor=2.0"}
         use = skeletons.SKELETONS[kind].use.replace("NAME", name).split()
         assert used.get(kind, f"{name}:{name}") in use

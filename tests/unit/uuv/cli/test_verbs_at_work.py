@@ -95,7 +95,7 @@ def test_validate_without_a_checkout_is_told(verb, tmp_path: Path, monkeypatch: 
     ran = verb("validate")
     assert (ran.returncode, ran.stderr.count("\n")) == (2, 1)
     assert (
-        "validate: the checks are tests of the project, which are in a checkout of it alone"
+        "validate: works only in a checkout, since the checks are tests of the project"
         in ran.stderr
     )
 

@@ -223,7 +223,7 @@ def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipForce:
-    """Force at the tip that the drives can apply in one posture, in addition to the arm's weight."""
+    """Force at the tip that the drives can apply in one posture, while they hold the arm up."""
 
     along: float  # [N] along the tool, pushing
     weakest: float  # [N] in the weakest of the tried directions

@@ -36,7 +36,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     options = parse(CompareCampaignsOptions, args)
     for folder in (options.a, options.b):
         if not folder.is_dir():
-            raise ConfigurationError(f"{folder}: is not a folder of a campaign")
+            raise ConfigurationError(f"{folder}: no folder of a campaign")
 
     work = partial(compare_campaigns, options)
     return file_alone(work, METRICS) if options.json else work()

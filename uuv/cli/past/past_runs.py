@@ -171,7 +171,7 @@ def view(folder: Path) -> int:
         )
     with regular(log, "log") as stream:
         if stream.read(len(_RRD)) != _RRD:
-            raise ConfigurationError(f"log {shown(str(log))}: is not a log of Rerun")
+            raise ConfigurationError(f"log {shown(str(log))}: is no log of Rerun")
 
     beside = Path(sys.executable).with_name("rerun")
     program = str(beside) if beside.exists() else shutil.which("rerun")

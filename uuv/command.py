@@ -254,7 +254,7 @@ def progress(console: Console) -> Progress:
 class ProgressPrinter:
     """Observer that prints each state of the work and updates the progress bar."""
 
-    slow_ticks = (250,)  # of the progress bar
+    slow_ticks = (250,)  # period of the progress bar in ticks
 
     def __init__(self, progress: Progress, console: Console) -> None:
         self._progress, self._console = progress, console

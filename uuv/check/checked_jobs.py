@@ -13,7 +13,7 @@ from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 if TYPE_CHECKING:
     from uuv.scenario import Scenario
 
-# [m/s] of the job hover-current
+# [m/s] current of the job hover-current
 CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)
 
 

@@ -35,7 +35,7 @@ OFTEN = 0.2  # share of touching postures above which a reversed axis is searche
 MIXED = 0.2
 STEP = 0.5  # largest share of the time step at which drag would become unstable
 
-HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] of the depth camera
+HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] depth camera's half angle
 
 
 def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:

@@ -20,7 +20,7 @@ from uuv.sim.plant.supply import ENERGY
 from uuv.sim.water.current import Current
 
 SECONDS = 10.0  # simulated
-_PERIOD = 0.02  # [s] of station keeping
+_PERIOD = 0.02  # [s] period of station keeping
 _LATE = 0.5  # share of the time after which a vehicle should be at rest
 _HERE = np.eye(4)  # X_WB to hold
 _LOST = 50.0  # [m] from the pose to hold, at which the simulation ends

@@ -52,7 +52,7 @@ SATURATED = 0.3  # largest share of the time in which a thruster may be at its l
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
 FRICTION = 0.6  # friction of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
-SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
+SMALL_PAD = 50.0  # [N] tip force in the weakest direction, below which the small pad is proposed
 
 
 def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
@@ -196,7 +196,7 @@ class ArmJobs:
         """Verdict on a job.
 
         Args:
-            name: Of the job.
+            name: Name of the job.
             blocked: Share of the camera's view that is on the vehicle itself.
             override: Spec of the vehicle, in place of the one that its name refers to.
         """

@@ -31,7 +31,7 @@ class Trim:
     force: float  # [N] net force, upwards
     roll: float  # [rad] at which moments balance; NaN: there is no such attitude
     pitch: float  # [rad]
-    height: float  # [m] of the centre of buoyancy above that of mass
+    height: float  # [m] height of the centre of buoyancy above the centre of mass
     apart: float  # [m] horizontally between the two
 
 
@@ -133,7 +133,7 @@ def listing_of(
 
 
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
-    """Height [m] of the centre of buoyancy above that of mass: the lever arm at 90 deg of roll."""
+    """Height [m] of the buoyancy's centre above the mass's: the lever arm at 90 deg of roll."""
     rolled = mujoco.MjData(model)
     rolled.qpos[:] = data.qpos
     at = vehicle.hull_qpos

@@ -21,7 +21,7 @@ Assignments = Annotated[tuple[tuple[str, ...], ...], UseAppendAction]
 
 @dataclass(kw_only=True)
 class Output:
-    """What a run prints."""
+    """Options for the printed output of a run."""
 
     quiet: bool = False
     """Print the verdict and the folder alone."""
@@ -68,7 +68,7 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
 def run_printed(
     scenario: "Scenario", options: RunOptions, output: Output, started: float, after: str = ""
 ) -> int:
-    """Like `run_job`; prints everything, verdict and folder, or metrics.json, by `output`."""
+    """Like `run_job`; `output` selects all lines, only verdict and folder, or only metrics.json."""
 
     def work() -> int:
         return run_job(scenario, options, started, after)

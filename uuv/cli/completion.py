@@ -21,7 +21,7 @@ _SHELLS = ("bash", "zsh")
 _OF_VEHICLES = ("--vehicle",)  # options whose value may be the name of a vehicle
 _ON_VEHICLES = ("check", "models")  # verbs whose first argument is a vehicle
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
-_MARK = getattr(Positional[str], "__metadata__")[0]  # noqa: B009  of what has no -- before it
+_MARK = getattr(Positional[str], "__metadata__")[0]  # noqa: B009  mark of an argument without --
 _SCRIPT = """_uuv() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} words=""
     case "$COMP_CWORD ${{COMP_WORDS[1]}} ${{COMP_WORDS[2]}}" in

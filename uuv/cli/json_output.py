@@ -1,4 +1,4 @@
-"""JSON of the verbs: one document on stdout, and nothing else."""
+"""JSON output of the verbs: one document on stdout, and nothing else."""
 
 import contextlib
 import io

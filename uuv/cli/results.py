@@ -28,7 +28,7 @@ class ResultsOptions:
     check: bool = False
     """Run the quick subset of each experiment and compare it with the kept rows."""
     part: int | None = None
-    """With --check: number of the eighth of the experiments to check, 0 to 7, or modulo 8."""
+    """With --check: check only one eighth of the experiments: number 0 to 7, taken modulo 8."""
     data: Annotated[Path | None, arg(metavar="FOLDER")] = None
     """Folder of measured data; without it, experiments that need it are not checked."""
     keep: Annotated[Path | None, arg(metavar="FOLDER")] = None

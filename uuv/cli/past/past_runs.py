@@ -114,7 +114,7 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
         as_json: Print JSON.
 
     Raises:
-        UuvError: The record cannot be read, or what it describes cannot be run.
+        UuvError: The record cannot be read, or its scenario cannot be run.
     """
     from uuv.inputs import check_inputs
     from uuv.sim.reporting.series_tables import PastRun

@@ -22,7 +22,7 @@ from uuv.sim.reporting.series_tables import PastRun
 from uuv.sim.runs.saving import write_whole
 
 WIDTH, HEIGHT = 960, 600  # [px]
-FRAMES = 150  # of the clip: ten seconds
+FRAMES = 150  # number of frames of the clip: ten seconds
 PACE = 15.0  # [frames/s]
 MURK = 0.35  # [1/m] rate at which things behind the work fade into the colour of the water
 # colour of the water, from top to bottom

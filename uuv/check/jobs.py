@@ -135,7 +135,7 @@ def restless(
     if isinstance(hovered, HoverFigures) and hovered.rest < limits.time:
         message = (
             f"in {speed:.2f} m/s the hover is not steady for {limits.time:g} s: {hovered.turn:.2g} "
-            f"rad/s (limit {limits.turn:g}); minimum thrust or dead band of the thrusters?"
+            f"rad/s (limit {limits.turn:g}); check minimum thrust and dead band of the thrusters"
         )
         return _refused(name, "rest", message, hovered.turn)
 

@@ -86,7 +86,7 @@ def run_folder(name: str) -> Path:
         raise ConfigurationError(f"{name}: no run ({error.strerror})") from error
 
     known = f"; runs/ has {', '.join(names)}" if names else "; there is no folder runs/ here"
-    raise ConfigurationError(f"{name}: no run, a folder with metrics.json{known}")
+    raise ConfigurationError(f"{name}: must be a run, a folder with metrics.json{known}")
 
 
 def scenario_of(folder: Path, *, trust: bool) -> "Scenario":

@@ -120,7 +120,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
             ["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"],
             "--path (task.path) 'top' and --line (site.object.line): give only one of the two",
         ),
-        (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
+        (["replay", "elsewhere"], "elsewhere: must be a run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
         (["new", "boat", "mine"], "KIND: must be one of "),
         (["new", "object", "My-Thing"], "a module's name in lower case"),

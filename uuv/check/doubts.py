@@ -225,7 +225,7 @@ def _code_of(doubt: str) -> str:
 
 
 def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
-    """A spring of the tool that the time step cannot follow."""
+    """A spring of the tool with too little damping for the time step."""
     dt = float(model.opt.timestep)
     for j in range(model.njnt):
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])

@@ -1,4 +1,4 @@
-"""Carries out the run that a command describes, and its output."""
+"""Carries out the run that a command describes, and prints its output."""
 
 import itertools
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Options of a scenario: found in its tables, where they are declared, and set there.
+"""Options of a scenario, which fields of its tables declare: lists them, and sets their values.
 
 A field that `uuv.sim.interfaces.options.option` declares is an option of every job whose scenario
 has the field. So a job's function declares only its own arguments; seed, water, vehicle, sensors,
@@ -139,7 +139,7 @@ def _of_absent(declared: Option, field: "Field[Any]") -> Any:
 
 
 def _table_class(hint: Any) -> type | None:
-    """The dataclass of an annotation that allows one or None; None for another annotation."""
+    """The dataclass D of an annotation `D | None`; None for another annotation."""
     if get_origin(hint) not in (Union, UnionType):
         return None
     kinds = [kind for kind in get_args(hint) if kind is not NoneType]

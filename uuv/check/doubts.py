@@ -266,7 +266,7 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             level="doubt" if righted else "fault",
             said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; not actuated: "
             f"{', '.join(missing)}"
-            + (": weight and buoyancy right it" if righted else ", and no moment rights it"),
+            + (" (weight and buoyancy right it)" if righted else ", and no moment rights it"),
             figure=float(rank),
         )
 

@@ -55,23 +55,23 @@ def command(
         options: Folder, recording and viewer.
         started: [s] time.perf_counter() at the start of the command.
         after: Appended to the title of log and report.
-        changed: Assembly of the run in place of the usual one; not asked for the rehearsal.
-        observers_of: More observers of the run, which the rehearsal does without.
+        changed: Returns the assembly to run instead of the usual one; not called for the rehearsal.
+        observers_of: Returns more observers of the run; not called for the rehearsal.
 
     Returns:
         The exit code.
 
     Raises:
         UuvError: The work could not begin.
-        Interrupted: A signal asked for the end; raised after all results are written. A second
-            signal ends at once.
+        Interrupted: A signal ended the run; raised after all results are written. A second signal
+            ends the command at once.
     """
     console = PlainConsole()
     draws = _draws(options, console)
 
     sensing = scenario.sensing
     if scenario.task.looks and (sensing.sensor != SURVEY or sensing.arm_camera is not None):
-        ray_casting.installed()  # or the refusal, before anything is compiled
+        ray_casting.installed()  # a missing library is refused before anything is compiled
 
     compiled = first_start.build()
     # before the work: the folder may be unusable
@@ -140,7 +140,7 @@ def command(
         raise stop.asked
 
     if not ran.recording.within(*placed.begun).any():
-        why = ran.last.reference.note or f"not within {longest:.0f} s"
+        why = ran.last.reference.note or f"it did not begin within {longest:.0f} s"
         met = f"; before that {ran.recording.collided}" if ran.recording.collided else ""
         raise ConfigurationError(
             f"the work could not start: {why}{met} (uuv check {scenario.vehicle.vehicle})"
@@ -150,7 +150,7 @@ def command(
 
 
 def _draws(options: RunOptions, console: Console) -> bool:
-    """Whether log and report are written; says what they lack."""
+    """True if log and report are written; prints the libraries that are missing for them."""
     lacking = absent(LOG) if options.record else ()
     if lacking:
         series = ", series as .npz" if "pyarrow" in lacking else ""
@@ -162,7 +162,7 @@ def _draws(options: RunOptions, console: Console) -> bool:
 
 
 def _rehearse(scenario: Scenario, options: RunOptions, console: Console) -> None:
-    """Load all compiled code, with an assembly of its own: its parts may hold state."""
+    """Load all compiled code by a short run of another assembly, since parts may hold state."""
     trial = assemble(to_rehearse(scenario), full=options.record)
     for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -172,9 +172,8 @@ def _rehearse(scenario: Scenario, options: RunOptions, console: Console) -> None
 def show(run: Run, folder: str | Path) -> None:
     """Prints the table of a run, and writes scenario, metrics, series and report to `folder`.
 
-    The report needs a full recording, as `run(scenario)` makes it, and the extra LOG; else it is
-    left out. There is no
-    run.rrd: that log is written while a run goes on.
+    The report is left out without a full recording, which `run(scenario)` makes, or without the
+    extra LOG. The log run.rrd is not written, since it is made during a run.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -214,7 +213,7 @@ def _paced(options: RunOptions) -> list[Observer]:
 
 
 def _say_what_is_slow(ran: RunResult, observers: Sequence[Observer], console: Console) -> None:
-    """How late a paced run was, and what of the loop ran in plain Python at every tick."""
+    """Print the lateness of a paced run, and the parts that ran in Python at every tick."""
     notes = [clock.summary() for clock in observers if isinstance(clock, WallClock)]
     if ran.part_by_part:
         notes.append(f"slower without compiled ticks: {ran.part_by_part}")
@@ -255,7 +254,7 @@ def progress(console: Console) -> Progress:
 class ProgressPrinter:
     """Observer that prints each state of the work and updates the progress bar."""
 
-    slow_ticks = (250,)  # of the progress bar
+    slow_ticks = (250,)  # period of the progress bar in ticks
 
     def __init__(self, progress: Progress, console: Console) -> None:
         self._progress, self._console = progress, console

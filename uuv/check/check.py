@@ -49,7 +49,7 @@ from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvErr
 from uuv.sim.water.flow_field import FlowField
 from uuv.tasks.surface_work import SurfaceWorkTask
 
-# faults that leave station keeping to its simulation
+# codes of faults with which station keeping is still simulated
 _OF_ARM = ("motor", "thruster-rank", "timestep")
 
 
@@ -68,15 +68,15 @@ def check_vehicle(
 
     Args:
         vehicle: A name, a file (MJCF, URDF, xacro or SDF), MODULE:FUNCTION, or a spec, which is
-            left as it is.
-        parts_file: Mapping of its names; None: the one beside its file.
+            not changed.
+        parts_file: Mapping of its names; None: NAME.parts.yaml in the folder of its file.
         tool: Tool of `uuv.models.tools.tools.TOOLS` on its tip; None: its own.
-        jobs: Names of `uuv.check.checked_jobs.JOBS` for which a verdict is wanted.
+        jobs: Names of `uuv.check.checked_jobs.JOBS` to judge.
         forces: [N] set forces in place of the jobs' own.
-        flow: Flow field on top of the jobs' current.
-        poses: Poses of the object that are drawn for each job of the arm; it is promised if 95 %
-            of them pass.
-        battery: Of the thrusters; None: their voltage is constant.
+        flow: Flow field that is added to the jobs' current.
+        poses: Number of poses of the object to draw for each job of the arm, which is promised if
+            95 % of them pass.
+        battery: Battery of the thrusters; None: their voltage is constant.
 
     Returns:
         The check. A spec that cannot be compiled has one finding of level "fault".
@@ -97,7 +97,7 @@ def check_vehicle(
             battery_feed.attach(spec, battery)
         return _Check(name, spec, arm_jobs, by_spec=False).run(jobs)
     if tool is not None:
-        TOOLS.load(tool)  # or the refusal, which is none of the spec
+        TOOLS.load(tool)  # an unknown tool is an error of the caller, not a finding on the spec
     name = vehicle.modelname or "vehicle"
 
     try:
@@ -118,7 +118,7 @@ def check_vehicle(
 
 
 class _Check:
-    """The check while it is made."""
+    """A check in progress, with the findings and figures so far."""
 
     def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, by_spec: bool) -> None:
         self._name, self._spec, self._jobs, self._by_spec = name, spec, arm_jobs, by_spec
@@ -126,7 +126,7 @@ class _Check:
         self._figures: list[VehicleFigure] = []
 
     def run(self, jobs: Sequence[str]) -> VehicleCheck:
-        """All findings."""
+        """Carry out the check."""
         rows = self._parts()
         wet = self._compiled()
         model = wet if wet is not None else self._spec.compile()
@@ -172,8 +172,8 @@ class _Check:
 
         if any(part.state == "missing" for part in rows):
             hint = (
-                "map the names of the missing parts in NAME.parts.yaml beside it, see "
-                "docs/own_vehicle.md"
+                "map the names of the missing parts in NAME.parts.yaml in the folder of its file, "
+                "see docs/own_vehicle.md"
             )
             self._note("mapping", "note", hint)
 
@@ -185,7 +185,7 @@ class _Check:
         self._findings.append(VehicleFinding(code=code, level=level, said=message))
 
     def _compiled(self) -> mujoco.MjModel | None:
-        """The wet model; None, and a fault, if the water cannot act on it."""
+        """The model compiled with water; None, and a fault, if that is not possible."""
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PhysicsWarning)  # its doubts are findings here
@@ -236,13 +236,13 @@ class _Check:
             self._findings += [
                 finding
                 for finding in doubts.water_doubts(model, vehicle)
-                # told by the inertia
+                # otherwise reported by the inertia already
                 if finding.code != "coefficients" or finding.said.partition(":")[0] not in doubted
             ]
 
             self._findings += doubts.stiff_contact(model)
             self._findings += doubts.gravity_doubts(model, vehicle)
-        # else trim and currents mean nothing
+        # without coefficients of the hull, trim and currents have no meaning
         wet = wet and coefficients.carries(model.body_user[vehicle.hull])
         if wet:
             weight = weight_of(model, vehicle)
@@ -319,8 +319,8 @@ class _Check:
         share = seen_workspace(search, X_BC)
         self._figure(
             "reach",
-            f"{search.reach:.2f} m from the arm's base; {share:.0%} of the sphere of that radius "
-            "is in view of the camera",
+            f"{search.reach:.2f} m from the arm's base; the tip reaches {share:.0%} of a ball of "
+            "this diameter in front of the camera",
         )
 
         if wet:
@@ -332,7 +332,7 @@ class _Check:
                 f"ready posture: {force.along:.0f} N along the tool (limit: {force.by}), "
                 f"{force.weakest:.0f} N in the weakest direction (limit: {force.weakest_by}); "
                 f"stiction masks {force.friction:.0f} N; own weight uses {force.load.max():.0%} "
-                f"of {vehicle.joint_names[int(np.argmax(force.load))]}",
+                f"of the torque of {vehicle.joint_names[int(np.argmax(force.load))]}",
             )
             self._findings += doubts.arm_doubts(
                 vehicle, force, max(self._jobs.forces or task.forces)
@@ -345,7 +345,7 @@ class _Check:
     ) -> JobVerdict:
         if vehicle is None:
             faults = [finding for finding in self._findings if finding.level == "fault"]
-            message = faults[0].said if faults else "no vehicle by the contract"
+            message = faults[0].said if faults else "the model is no vehicle by the contract"
             code = faults[0].code if faults else "parts"
             return JobVerdict(job=job, promised=False, code=code, said=message)
 

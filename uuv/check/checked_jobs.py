@@ -13,17 +13,17 @@ from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 if TYPE_CHECKING:
     from uuv.scenario import Scenario
 
-# [m/s] of the job hover-current
+# [m/s] current of the job hover-current
 CURRENT = (0.3 * float(np.cos(np.pi / 6)), 0.3 * float(np.sin(np.pi / 6)), 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckedJob:
-    """A job with the arm, as a vehicle is checked for it; called, it gives the scenario."""
+    """A job of the arm, for which a vehicle is checked; a call returns its scenario."""
 
     job: Job
     options: Mapping[str, Any] = field(default_factory=dict)
-    changed: "Callable[[Scenario], Scenario] | None" = None  # to a task that is none of a job's
+    changed: "Callable[[Scenario], Scenario] | None" = None  # sets a task that no job has
 
     def __call__(self, **options: Any) -> "Scenario":
         """The scenario with further options of the job."""
@@ -42,18 +42,18 @@ class CheckedJob:
 
     @property
     def command(self) -> str:
-        """What follows `uuv run`; empty: no command does it."""
+        """Arguments of `uuv run` for the job; empty: no command runs it."""
         if self.changed is not None:
             return ""
 
-        # What is usual need not be typed.
+        # Defaults need not be typed.
         usual = self.job.options()
         typed = [f"--{w} {value}" for w, value in self.options.items() if value != usual[w].default]
         return " ".join([self.job.name, *typed])
 
 
 def _tapping(scenario: "Scenario") -> "Scenario":
-    """The points to tap, on a line along the barrel."""
+    """The scenario with the task of tapping points on a line along the barrel."""
     from uuv.tasks.surface_work import SurfaceWorkTask
     from uuv.tasks.tapping import TappingTask
 
@@ -77,7 +77,7 @@ JOBS = (*HOVERING, *ARM_JOBS)
 
 
 def check_jobs(names: Iterable[str]) -> None:
-    """Refuses a name that is none of JOBS."""
+    """Refuse names that are not in JOBS."""
     for name in names:
         if name not in JOBS:
             raise ConfigurationError(

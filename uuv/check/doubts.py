@@ -1,4 +1,4 @@
-"""What is likely wrong with a vehicle, each told by a figure against a bound."""
+"""Likely faults of a vehicle, each a figure that is compared with a bound."""
 
 from collections.abc import Iterator
 
@@ -19,27 +19,27 @@ from uuv.sim.loop.rollout import ticks_per_period
 from uuv.sim.sensors.depth_camera import OPTICS
 from uuv.sim.sensors.proprioception import Encoders
 
-HEAVY = 0.005  # share of the weight that may be left over at rest
-LEAST_HEAVY = 5.0  # [N] that may be left over in any case
-LIST = float(np.radians(5.0))  # [rad] of list or trim at rest that may be left to the thrusters
-VAST = 10.0  # [m] of a body's shapes, from which on their unit is doubted
+HEAVY = 0.005  # largest net force at rest, as a share of the weight
+LEAST_HEAVY = 5.0  # [N] net force at rest that is allowed in any case
+LIST = float(np.radians(5.0))  # [rad] largest list or trim at rest
+VAST = 10.0  # [m] extent of a body's shapes above which their unit is doubted
 LIGHT = 1e-3  # share of the vehicle's mass below which a fixed body's inertia does not matter
-LOADED = 0.5  # share of a joint's torque that the arm's own weight in water may take
-BLOCKED = 0.15  # share of the camera's rays that may hit the vehicle itself, the arm at home
+LOADED = 0.5  # largest share of a joint's torque for the arm's own weight in water
+BLOCKED = 0.15  # largest share of the camera's rays that hit the vehicle, with the arm at home
 SLENDER = 0.08  # least radius of gyration, as a share of the body's extent
-BULKY = 1.5  # largest, alike
-JERKY = 30.0  # [rad/s] that a joint may gain at full torque in one time step
-FLIPPED = 0.5  # share to which touching falls if a joint's axis is likely turned round
-OFTEN = 0.2  # share of postures that touch, from which on a turned axis is looked for
-# share of the largest part of an undriven direction from which on another axis is named too
+BULKY = 1.5  # largest radius of gyration, as such a share
+JERKY = 30.0  # [rad/s] largest speed that a joint may gain at full torque in one time step
+FLIPPED = 0.5  # ratio of touching postures, below which a joint's axis is likely reversed
+OFTEN = 0.2  # share of touching postures above which a reversed axis is searched for
+# ratio to the largest component of an undriven direction, above which an axis is named too
 MIXED = 0.2
-STEP = 0.5  # of the time step at which drag would become unstable, from which on it is named
+STEP = 0.5  # largest share of the time step at which drag would become unstable
 
-HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] of the depth camera
+HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] depth camera's half angle
 
 
 def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
-    """Vehicle too heavy, too light, or listing."""
+    """Doubts about a vehicle that is too heavy, too light, or lists."""
     most = max(HEAVY * weight, LEAST_HEAVY)
     if abs(trim.force) > most:
         word = "light" if trim.force > 0.0 else "heavy"
@@ -66,7 +66,7 @@ def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
 
 
 def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
-    """Principal inertias that no body can have, or not one of its mass and size."""
+    """Principal inertias that are impossible, or implausible for the body's mass and size."""
     for b in range(1, model.nbody):
         mass = float(model.body_mass[b])
         name = model.body(b).name or f"body {b}"
@@ -103,17 +103,17 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
             yield VehicleFinding(
                 code="inertia",
                 level="doubt",
-                said=f"{name}: its shapes are {extent:.3g} m wide, its radius of gyration "
-                f'{1e3 * gyration:.0f} mm: its mesh is in {unit[0]}, so scale="{unit[1]}" '
-                "in its <mesh>",
+                said=f"{name}: its shapes are {extent:.3g} m wide, but its radius of gyration is "
+                f"{1e3 * gyration:.0f} mm: the mesh is probably in {unit[0]}; set "
+                f'scale="{unit[1]}" in its <mesh>',
                 figure=gyration,
             )
         elif extent > 0.0 and not SLENDER * extent <= gyration <= BULKY * extent:
             yield VehicleFinding(
                 code="inertia",
                 level="doubt",
-                said=f"{name}: {inertia[2]:.2g} kg m^2 for {mass:.3g} kg make a radius of "
-                f"gyration of {1e3 * gyration:.0f} mm; of its shapes "
+                said=f"{name}: {inertia[2]:.2g} kg m^2 and {mass:.3g} kg give a radius of "
+                f"gyration of {1e3 * gyration:.0f} mm; for the size of its shapes, "
                 f"{1e3 * SLENDER * extent:.0f} to {1e3 * BULKY * extent:.0f} mm are "
                 "plausible",
                 figure=gyration,
@@ -129,8 +129,8 @@ def _unit_of(gyration: float, extent: float) -> tuple[str, str] | None:
 
 
 def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Missing and implausible coefficients, and the room of the time step."""
-    # Bodies with mass and no water; what is welded to a watered one counts with it.
+    """Missing and implausible coefficients, and a time step that is near the limit by drag."""
+    # Bodies with mass and no coefficients; a body welded to one that has some is part of it.
     watered = {
         int(model.body_weldid[b])
         for b in range(1, model.nbody)
@@ -171,7 +171,7 @@ def water_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
 
 
 def step_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
-    """A time step into which the period of sensors and control does not divide."""
+    """A time step that does not divide the period of sensors and control."""
     try:
         ticks_per_period(Encoders().period, float(model.opt.timestep), "time step")
     except ConfigurationError as error:
@@ -181,7 +181,7 @@ def step_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 
 def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Bodies whose weight MuJoCo removes beside their buoyancy, and gravity that is not down."""
+    """Bodies whose weight MuJoCo cancels in addition to buoyancy; gravity that is not down."""
     root = int(model.body_rootid[vehicle.hull])
     light = [
         b
@@ -225,7 +225,7 @@ def _code_of(doubt: str) -> str:
 
 
 def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
-    """A spring of the tool that the time step cannot follow."""
+    """A spring of the tool with too little damping for the time step."""
     dt = float(model.opt.timestep)
     for j in range(model.njnt):
         k = float(model.jnt_stiffness.reshape(model.njnt, -1)[j, 0])
@@ -238,14 +238,15 @@ def stiff_contact(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
             yield VehicleFinding(
                 code="spring",
                 level="doubt",
-                said=f"joint {model.joint(j).name!r}: {damping:.3g} N s/m of damping beside "
-                f"{k:.3g} N/m; at {1e3 * dt:g} ms it needs {0.5 * k * dt:.3g} or more",
+                said=f"joint {model.joint(j).name!r}: damping {damping:.3g} N s/m with stiffness "
+                f"{k:.3g} N/m; at a time step of {1e3 * dt:g} ms it needs {0.5 * k * dt:.3g} N s/m "
+                "or more",
                 figure=damping,
             )
 
 
 def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Axes that no thrusters reach, and thrusters that push against their mirror image."""
+    """Axes that no thrusters drive, and thrusters that push against their mirror image."""
     B = vehicle.thruster_wrench
     if not B.size:
         return
@@ -265,11 +266,11 @@ def thruster_doubts(vehicle: Vehicle) -> Iterator[VehicleFinding]:
             level="doubt" if righted else "fault",
             said=f"the {B.shape[1]} thrusters span {rank} of 6 directions; not actuated: "
             f"{', '.join(missing)}"
-            + (": weight and buoyancy right it" if righted else ", and no moment rights it"),
+            + (" (weight and buoyancy right it)" if righted else ", and no moment rights it"),
             figure=float(rank),
         )
 
-    # Thrusters that may be reversed: what each axis would gain by turning one round.
+    # Thrusters that may be reversed: the gain of each axis if one of them is reversed.
     as_built = [max(authority(vehicle, axis)) for axis in range(6)]
     for i, j in _against(B):
         turned = np.array(B)
@@ -313,8 +314,8 @@ def posture_doubts(
     """Keyframes beyond the limits or in self-contact, and joint axes that are likely reversed.
 
     Args:
-        search: Of the vehicle's postures.
-        postures: (n,) [rad] of each keyframe, as it stands in the model.
+        search: Search of the vehicle's postures.
+        postures: Joint angles (n,) [rad] of each keyframe of the model.
     """
     vehicle, model = search.vehicle, search.model
     low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
@@ -370,7 +371,7 @@ def posture_doubts(
 
 
 def view_doubts(search: PostureSearch, q_home: np.ndarray) -> Iterator[VehicleFinding]:
-    """The vehicle itself in the camera's view."""
+    """Doubt about a camera whose view the vehicle itself blocks."""
     share, body = search.view_hits(q_home, HALF_VIEW)
     if share > BLOCKED:
         yield VehicleFinding(
@@ -408,13 +409,13 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
                 level="fault",
                 said=f"the actuator of joint {joint!r} is no plain motor (gain {gain:g}, gear "
                 f"{gear:g}): its control is not the torque; `joints: {{{joint}: N m}}` in a "
-                "mapping makes it one",
+                "mapping replaces it by a motor",
                 figure=gear,
             )
 
 
 def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Joints that full torque makes fast within one step: rotor inertia is likely missing."""
+    """Joints that full torque makes too fast within one step: rotor inertia is likely missing."""
     for dof, most, joint in zip(
         vehicle.dof, vehicle.torque_limits, vehicle.joint_names, strict=True
     ):
@@ -433,7 +434,7 @@ def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
 
 
 def arm_doubts(vehicle: Vehicle, force: TipForce, set_force: float) -> Iterator[VehicleFinding]:
-    """Joints loaded by the arm's own weight, and a tip that bears less than the set force."""
+    """Joints loaded by the arm's own weight, and a tip force that is less than the set force."""
     worst = int(np.argmax(force.load))
     if force.load[worst] > LOADED:
         yield VehicleFinding(
@@ -441,7 +442,7 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, set_force: float) -> Iterator[
             level="doubt",
             said=f"{vehicle.joint_names[worst]}: weight and buoyancy of the arm take "
             f"{force.load[worst]:.0%} of its "
-            f"{vehicle.torque_limits[worst]:.3g} N m in {READY_KEY}, at most {LOADED:.0%}",
+            f"{vehicle.torque_limits[worst]:.3g} N m in {READY_KEY} (limit {LOADED:.0%})",
             figure=float(force.load[worst]),
         )
 
@@ -458,7 +459,7 @@ def arm_doubts(vehicle: Vehicle, force: TipForce, set_force: float) -> Iterator[
 def tool_doubts(
     model: mujoco.MjModel, search: PostureSearch, q: np.ndarray
 ) -> Iterator[VehicleFinding]:
-    """A tool that touches the hull where the arm is folded, which the job would count as work."""
+    """A tool that touches the hull in the folded posture, which a job would count as work."""
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM) < 0:
         return
     tool = int(model.geom_bodyid[model.geom(TOOL_GEOM).id])

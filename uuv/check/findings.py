@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from uuv.models.files.gazebo.entries import ReadEntry
 
-# of a finding: computed or worth knowing; likely wrong; jobs are refused
+# note: computed, or worth knowing; doubt: likely wrong; fault: jobs are refused
 Level = Literal["note", "doubt", "fault"]
 PartState = Literal["there", "computed", "missing"]
 
@@ -31,33 +31,33 @@ class VehicleFigure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleFinding:
-    """Something that is wrong, or likely so."""
+    """Something that is wrong, or likely wrong."""
 
     code: str
     level: Level
-    said: str  # with its figure, and the bound that it is held against
+    said: str  # a sentence with the figure and its bound
     figure: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobVerdict:
-    """Whether a job can be promised, and by which figure."""
+    """Whether a job can be promised, and the figure that decides."""
 
     job: str
     promised: bool
-    code: str  # of what decides: parts, water, thrust, force, reach, view, hover, current, ok
+    code: str  # deciding cause: parts, water, thrust, force, reach, view, hover, current, ok
     said: str
     figure: float | None = None
-    share: float | None = None  # of the drawn poses at which it can begin and be carried through
+    share: float | None = None  # share of the drawn poses at which the job is feasible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleCheck:
-    """All that a check of a vehicle says."""
+    """Result of the check of a vehicle."""
 
     vehicle: str
     parts: tuple[VehiclePart, ...] = ()
-    # water and thrusters of its file: read, guessed or left out
+    # hydrodynamic data and thrusters of its file: read, guessed or left out
     file: tuple[ReadEntry, ...] = ()
     figures: tuple[VehicleFigure, ...] = ()
     findings: tuple[VehicleFinding, ...] = ()
@@ -65,7 +65,7 @@ class VehicleCheck:
 
     @property
     def sound(self) -> bool:
-        """Every job that was asked for is promised, and nothing is at fault."""
+        """True if every requested job is promised and there is no fault."""
         return all(job.promised for job in self.jobs) and not any(
             finding.level == "fault" for finding in self.findings
         )
@@ -75,11 +75,11 @@ class VehicleCheck:
         return next((finding for finding in self.findings if finding.code == code), None)
 
     def verdict(self, job: str) -> JobVerdict:
-        """Verdict of a job. Raises KeyError for one that was not asked for."""
+        """Verdict of a job. Raises KeyError for a job that was not requested."""
         return {job.job: job for job in self.jobs}[job]
 
     def lines(self) -> Iterator[str]:
-        """One line for each finding: its code and what it says."""
+        """One line for each finding: its code and its sentence."""
         for finding in self.findings:
             yield f"{finding.code}: {finding.said}"
 

@@ -1,4 +1,4 @@
-"""Ten seconds of station keeping in the check: plant, hull controller, truth as the estimate."""
+"""Ten seconds of station keeping in the check, with the truth as the estimate."""
 
 from dataclasses import dataclass
 
@@ -20,37 +20,37 @@ from uuv.sim.plant.supply import ENERGY
 from uuv.sim.water.current import Current
 
 SECONDS = 10.0  # simulated
-_PERIOD = 0.02  # [s] of station keeping
-_LATE = 0.5  # share of the time from which on a vehicle should be at rest
+_PERIOD = 0.02  # [s] period of station keeping
+_LATE = 0.5  # share of the time after which a vehicle should be at rest
 _HERE = np.eye(4)  # X_WB to hold
-_LOST = 50.0  # [m] from its place at which a vehicle counts as gone
+_LOST = 50.0  # [m] from the pose to hold, at which the simulation ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoverFigures:
-    """Station keeping over the check's time; distances and angles over its last half."""
+    """Figures of station keeping over the check's time; drift and tilt over its last half."""
 
-    drift: float  # [m] largest distance from the place to hold
+    drift: float  # [m] largest distance from the position to hold
     tilt: float  # [rad] largest tilt of the hull
     saturated: float  # share of the time at which a thruster was at its limit
-    rest: float = 0.0  # [s] longest time at rest, as a job wants it before it begins
+    rest: float = 0.0  # [s] longest time at rest, which a job requires before it begins
     turn: float = 0.0  # [rad/s] largest rate of the hull over the last half
     # [W] mean electrical power of the thrusters; None: their current was not measured
     power: float | None = None
-    said: str = ""  # what broke it off
+    said: str = ""  # reason of an early end
 
 
 def hover(
     model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> HoverFigures:
-    """Keep station at the origin, the arm held at home by its drives.
+    """Keep station at the origin, with the arm held at home by its drives.
 
     Args:
         model: Compiled by `uuv.sim.hydrodynamics.compile`, with thrusters that span all directions.
-        current_W: (3,) [m/s] steady.
+        current_W: (3,) [m/s] steady current.
 
     Raises:
-        UuvError: The vehicle cannot be steered at all.
+        UuvError: The vehicle cannot be controlled at all.
     """
     plant = Plant(model, current=Current(np.array(current_W)))
     vehicle = plant.vehicle
@@ -90,16 +90,16 @@ def hover(
             away = float(np.linalg.norm(true.p_WB))
             if not away < _LOST:
                 return HoverFigures(
-                    drift=away, tilt=np.pi, saturated=saturated / steps, said="it drifted away"
+                    drift=away, tilt=np.pi, saturated=saturated / steps, said="the hull drifts away"
                 )
 
-            # Rest: slow and near enough, without a break.
+            # Rest: slow and near enough, without interruption.
             speed, rate = float(np.linalg.norm(true.v_WB_W)), float(np.linalg.norm(true.w_WB_B))
             at_rest = speed <= limits.speed and rate <= limits.turn and away <= limits.error
             quiet = quiet + plant.timestep if at_rest else 0.0
             rest = max(rest, quiet)
 
-            # Figures of the end only, when the start has died out.
+            # Figures of the last half only, after the transient of the start.
             if true.time > _LATE * SECONDS:
                 turn = max(turn, rate)
                 drift = max(drift, away)
@@ -121,11 +121,11 @@ def _mean_power(plant: Plant) -> float | None:
 
 
 def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
-    """A vehicle whose arm is no serial one, with all its joints held at home.
+    """A vehicle whose arm is not serial, compiled with all its joints held at home.
 
     Args:
-        spec: of the vehicle.
-        model: it compiled, whose keyframe `home` states the posture.
+        spec: Spec of the vehicle.
+        model: The compiled spec, whose keyframe `home` states the posture.
     """
     held = spec.copy()
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
@@ -135,7 +135,7 @@ def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
         held.delete(part)
     hold(held, [joint for joint in held.joints if joint.type in TURNING], "for the check", home)
 
-    # A hull without an arm.
+    # The result is a hull without an arm.
     for site in [site for site in held.sites if site.name == TIP_SITE]:
         held.delete(site)
     held.body(ARM_BASE_BODY).name = f"{ARM_BASE_BODY}_held"

@@ -1,9 +1,9 @@
-"""Verdict on each job: whether a vehicle can begin it, by the figure that decides.
+"""Verdict on each job: whether a vehicle can begin it, and the figure that decides.
 
-A job of the arm is tried in order: parts, a push far beyond what arm or thrusters bear, view, and
-then its own planner. That looks for a place of the hull beside the object at its true pose, in the
-job's current. Where there is none, force at the tip and thrust tell why, if they can. All numbers
-are those of the job's own options.
+A job of the arm is checked in this order: parts, a push far beyond the capacity of arm or
+thrusters, view, and then the job's own planner. The planner searches for a hull pose beside the
+object, which is at its true pose, in the job's current. If there is no such hull pose, a tip force
+or thrust that is too small is given as the reason. All numbers are those of the job's own options.
 """
 
 from collections import Counter
@@ -45,18 +45,18 @@ from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import check_start, folded_at
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
-PROMISED = 0.95  # share of the drawn poses from which on a job is promised
-DRIFT = 0.1  # [m] at most, of a vehicle that keeps station
-TILT = float(np.radians(10.0))  # [rad] at most
-SATURATED = 0.3  # share of the time at most at which a thruster may be at its limit
+PROMISED = 0.95  # least share of drawn poses that pass, for a promised job
+DRIFT = 0.1  # [m] largest position error of a vehicle that keeps station
+TILT = float(np.radians(10.0))  # [rad] its largest tilt
+SATURATED = 0.3  # largest share of the time in which a thruster may be at its limit
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
-FRICTION = 0.6  # of the tool on a surface, as a share of the set force
+FRICTION = 0.6  # friction of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
-SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
+SMALL_PAD = 50.0  # [N] tip force in the weakest direction, below which the small pad is proposed
 
 
 def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
-    """Verdict on station keeping: the list by statics where an axis is undriven; by simulation."""
+    """Verdict on station keeping: by statics, if an axis is undriven, and then by simulation."""
     vehicle = Vehicle.of(model)
     listing = listing_of(model, vehicle, np.array(vehicle.q_home))
     if listing is not None and not listing.angle <= MOST_LIST:
@@ -74,14 +74,14 @@ def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
 
 def _listed(name: str, listing: Listing) -> JobVerdict:
     """Refusal of a hull that lists too far."""
-    reason = f"{listing.in_words()}, at most {np.degrees(MOST_LIST):.0f} deg"
+    reason = f"{listing.in_words()} (limit {np.degrees(MOST_LIST):.0f} deg)"
     return _refused(name, "list", reason, float(np.degrees(listing.angle)))
 
 
 def _hovering(
     model: mujoco.MjModel, current: tuple[float, float, float]
 ) -> HoverFigures | JobVerdict:
-    """Figures of station keeping; a refusal where the vehicle cannot be steered at all."""
+    """Figures of station keeping; a refusal if the vehicle cannot be controlled at all."""
     try:
         return hover(model, current)
     except UuvError as error:
@@ -118,7 +118,7 @@ def _kept(name: str, hovered: HoverFigures) -> JobVerdict:
 def restless(
     name: str, model: mujoco.MjModel, current: tuple[float, float, float]
 ) -> JobVerdict | None:
-    """Refusal of a vehicle that does not keep station, or come to rest, in a job's current."""
+    """Refusal of a vehicle that cannot keep station or come to rest in a job's current."""
     hovered = _hovering(model, current)
     speed = float(np.linalg.norm(current))
     verdict = hovered if isinstance(hovered, JobVerdict) else _kept(name, hovered)
@@ -135,7 +135,7 @@ def restless(
     if isinstance(hovered, HoverFigures) and hovered.rest < limits.time:
         message = (
             f"in {speed:.2f} m/s the hover is not steady for {limits.time:g} s: {hovered.turn:.2g} "
-            f"rad/s (limit {limits.turn:g}); minimum thrust or dead band of the thrusters?"
+            f"rad/s (limit {limits.turn:g}); check minimum thrust and dead band of the thrusters"
         )
         return _refused(name, "rest", message, hovered.turn)
 
@@ -159,13 +159,13 @@ class ArmJobs:
         """Take a vehicle by its name or file.
 
         Args:
-            vehicle: As the option --vehicle of the jobs.
-            tool: As --tool.
-            parts: As --parts.
+            vehicle: Value of the jobs' option --vehicle.
+            tool: Value of --tool.
+            parts: Value of --parts.
             forces: [N] set forces in place of the jobs' own.
-            flow: Flow field on top of the jobs' current.
+            flow: Flow field that is added to the jobs' current.
             poses: Number of poses of the object that are drawn, with the seeds from 0 on.
-            battery: Of the thrusters; None: their voltage is constant.
+            battery: Battery of the thrusters; None: their voltage is constant.
         """
         self._battery = battery
         self._vehicle = vehicle
@@ -174,7 +174,7 @@ class ArmJobs:
         self._poses = poses
         self._parts = parts
         self.forces = tuple(forces)
-        # by tools and current: station keeping is simulated once
+        # verdict by tools and current, for which station keeping is simulated once
         self._rest: dict[Any, JobVerdict | None] = {}
 
     def scenario(self, name: str) -> Scenario:
@@ -184,7 +184,7 @@ class ArmJobs:
             options["forces"] = self.forces
         scenario = ARM_JOBS[name](**options)
 
-        # a job with a tool of its own brings it
+        # a job with its own tool adds that tool itself
         tool = self._tool if scenario.task.tool is None else None
         site = replace(scenario.site, flow=self._flow) if self._flow is not None else scenario.site
         vehicle = replace(scenario.vehicle, parts=self._parts, tool=tool, battery=self._battery)
@@ -196,9 +196,9 @@ class ArmJobs:
         """Verdict on a job.
 
         Args:
-            name: Of the job.
+            name: Name of the job.
             blocked: Share of the camera's view that is on the vehicle itself.
-            override: Spec of the vehicle in place of the one that its name stands for.
+            override: Spec of the vehicle, in place of the one that its name refers to.
         """
         scenario = self.scenario(name)
         task = scenario.task
@@ -220,7 +220,7 @@ class ArmJobs:
                 return _refused(name, *refused)
             if (hidden := _view(name, scenario, blocked)) is not None:
                 return hidden
-            # the hull is about there
+            # evaluated at the origin, near the hull
             water = tuple(scenario.site.strongest_water(np.zeros(3)).tolist())
             key = setup.tool, task.tool, water
             if key not in self._rest:
@@ -237,7 +237,7 @@ class ArmJobs:
 
 
 def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
-    """Verdict on a job from those at drawn poses: how many pass, the worst of them, and why not."""
+    """Verdict on a job from its verdicts at drawn poses: share that pass, worst, main refusal."""
     if len(verdicts) == 1:
         return verdicts[0]
     good = [verdict for verdict in verdicts if verdict.promised]
@@ -245,10 +245,10 @@ def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
     share = len(good) / len(verdicts)
     line = f"{len(good)} of {len(verdicts)} poses"
 
-    # The worst of those that pass, and the commonest reason of the others.
+    # The worst of the poses that pass, and the most frequent reason of the others.
     if good:
         worst = min(good, key=lambda verdict: verdict.figure or 0.0)
-        line += f"; at the worst {worst.said}"
+        line += f"; worst: {worst.said}"
     if bad:
         code, count = Counter(verdict.code for verdict in bad).most_common(1)[0]
         first = next(verdict for verdict in bad if verdict.code == code)
@@ -348,7 +348,8 @@ def _planned(
         + _touching(believed, placement.q_start)
         + ("" if listing is None else f"; {listing.in_words()}")
         + (
-            f"; during close-in the folded arm or the hull penetrates {-gap:.2f} m of its outline"
+            f"; during close-in the folded arm or the hull penetrates the convex hull of the "
+            f"object by {-gap:.2f} m"
             if gap < 0.0
             else ""
         ),
@@ -359,7 +360,10 @@ def _planned(
 def _worst_list(
     spec: mujoco.MjSpec, vehicle: Vehicle, q_start: Array, push: float
 ) -> Listing | None:
-    """Largest list in the ready posture and where the work begins, with friction either way."""
+    """Largest list in the ready posture and at the start of work, for all directions of friction.
+
+    None: thrusters drive all axes.
+    """
     if not undriven_axes(vehicle.thruster_wrench):
         return None
     model = hydrodynamics.compile(spec.copy())
@@ -368,13 +372,13 @@ def _worst_list(
     lists = [listing_of(model, vehicle, q_start, force) for force in forces]
     lists.append(listing_of(model, vehicle, np.array(vehicle.q_ready)))
 
-    # One that turns over has no angle.
+    # A hull that turns over has no angle.
     listed = [listing for listing in lists if listing is not None]
     return max(listed, key=lambda listing: np.nan_to_num(listing.angle, nan=np.inf))
 
 
 def _touching(believed: OwnVehicle, q: Array) -> str:
-    """Shapes of the vehicle that touch at joint angles `q` (n,); no planner refuses these."""
+    """Note on self-contacts at joint angles `q` (n,), which no planner refuses."""
     pairs = PostureSearch(believed.model).touching(q)
     named = sorted(
         f"{believed.model.body(a).name} and {believed.model.body(b).name}" for a, b in pairs
@@ -409,16 +413,16 @@ def _hidden(placed: PlacedSampling, believed: OwnVehicle) -> float:
 
 
 def _short(message: str) -> str:
-    """What a planner says of the best place that it found, without the sentence before it."""
+    """The part of a planner's message about its best hull pose, without the sentence before it."""
     _, marker, best = message.partition("at best ")
     share, _, why = best.partition("%")
     return f"at best {share}% of the path is within reach{why}" if marker else message
 
 
 def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
-    """Best hull pose, share of the path worked from it, and least gap [m] on the way in.
+    """Best hull pose, share of the path worked from it, and least clearance [m] of close-in.
 
-    The gap is that of hull and folded arm to the convex hull of the object.
+    The clearance is between hull or folded arm and the convex hull of the object.
     """
     gap = np.inf
     if isinstance(placed, PlacedSurfaceWork):
@@ -443,7 +447,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
             replace(_target(np.eye(4), path), ground=_points(placed, B)), path, current
         )
     else:
-        raise ConfigurationError(f"no rule for {type(placed).__name__}")
+        raise ConfigurationError(f"the check has no rule for tasks of {type(placed).__name__}")
 
     return stand[0], float(stand[2]), gap
 

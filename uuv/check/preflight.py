@@ -1,4 +1,4 @@
-"""The cheap part of a vehicle's check, before a job starts: refusals and doubts."""
+"""The fast part of a vehicle's check, before a job starts: refusals and doubts."""
 
 import mujoco
 import numpy as np
@@ -18,19 +18,19 @@ from uuv.tasks.surface_work import SurfaceWorkTask
 
 
 def preflight(scenario: Scenario, believed: OwnVehicle) -> list[str]:
-    """What is doubtful about a vehicle for a job, one line each.
+    """Doubts about a vehicle for a job, one line each.
 
     Args:
-        scenario: With the job.
+        scenario: Scenario of the job.
         believed: The vehicle's model of itself.
 
     Returns:
-        The lines; none for a sound vehicle, and for a job without the arm.
+        The lines; none for a vehicle without doubts, and for a job without the arm.
 
     Raises:
         ConfigurationError: The job cannot be done: thrusters that leave a direction without thrust,
-            servos for motors, weight that MuJoCo takes away, an arm, tool or thrusters that bear
-            far less than it sets, a camera that sees little but the vehicle.
+            servos instead of motors, weight that MuJoCo cancels, an arm, tool or thrusters that are
+            far too weak for its set force, a camera whose view is mostly blocked by the vehicle.
     """
     task, model, vehicle = scenario.task, believed.model, believed.vehicle
     if (
@@ -66,7 +66,7 @@ def preflight(scenario: Scenario, believed: OwnVehicle) -> list[str]:
             f"vehicle itself, mostly by {body}{more}"
         )
 
-    # What is doubtful only, one line each.
+    # Doubts, one line each.
     if (weak := ready.refusal(scenario)) is not None:
         lines.append(weak[1])
     if _wet(believed):
@@ -83,7 +83,7 @@ def _wet(believed: OwnVehicle) -> bool:
 
 
 def _water_doubts(scenario: Scenario, model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
-    """Water at the hull, about the origin, that is faster than the thrusters hold it against."""
+    """Doubts about water at the hull, near the origin, that is too fast for the thrusters."""
     lines = []
     for axis, speed in enumerate(scenario.site.strongest_water(np.zeros(3))):
         # Along one axis of the level hull.

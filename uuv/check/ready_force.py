@@ -1,4 +1,4 @@
-"""What a job's push asks of arm, tool and thrusters in `ready`: the cheap part of a verdict."""
+"""Load of a job's push on arm, tool and thrusters in `ready`: the fast part of a verdict."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -15,23 +15,23 @@ from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
 
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
-# times what arm or thrusters bear in `ready`, from which on no other posture is hoped for
+# ratio of a job's push to the capacity in `ready`, above which no other posture is tried
 BEYOND = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadyForce:
-    """What a job's push asks of arm, tool and thrusters in the posture `ready`."""
+    """Load of a job's push on arm, tool and thrusters in the posture `ready`."""
 
-    force: float  # [N] that the job sets
-    bears: float  # [N] that the drives bear along the tool
-    by: str  # joint that limits it
-    spring: float  # [N] at which the tool's spring is at its end
-    used: float  # share of a thruster
+    force: float  # [N] set force of the job
+    bears: float  # [N] force along the tool that the drives can apply
+    by: str  # joint that limits this force
+    spring: float  # [N] at which the tool's spring reaches its limit
+    used: float  # largest share of a thruster's limit
 
     @classmethod
     def of(cls, scenario: Scenario, believed: OwnVehicle) -> Self:
-        """The figures of a scenario for the vehicle's model of itself."""
+        """Figures of a scenario, by the vehicle's model of itself."""
         force = push_of(scenario)
         ready = np.array(believed.vehicle.q_ready)
         tip = tip_force(believed.model, believed.vehicle, ready)
@@ -41,7 +41,10 @@ class ReadyForce:
         )
 
     def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
-        """Code, sentence and figure of what bears less than `beyond` times the push, or None."""
+        """Code, sentence and figure of the part that is too weak, or None.
+
+        Arm and thrusters are too weak if the push exceeds `beyond` times their capacity.
+        """
         if self.spring < self.force:
             message = (
                 f"the tool's spring bottoms out at {self.spring:.0f} N, the set force is "
@@ -58,8 +61,8 @@ class ReadyForce:
 
         if self.used > beyond:
             message = (
-                f"{self.force:.0f} N at the tip in the ready posture need {self.used:.0%} of a "
-                "thruster"
+                f"the set force of {self.force:.0f} N needs {self.used:.0%} of a thruster's limit "
+                "in the ready posture"
             )
             return "thrust", message + _lower(scenario, self.force / self.used), self.used
 
@@ -67,7 +70,7 @@ class ReadyForce:
 
 
 def _lower(scenario: Scenario, force: float) -> str:
-    """Set force that may do, where the job takes one."""
+    """Hint to a set force that may be feasible, if the job takes one."""
     wise = 0.8 * force
     if not isinstance(scenario.task, SurfaceWorkTask) or wise < 1.0:
         return ""
@@ -87,7 +90,7 @@ def push_of(scenario: Scenario) -> float:
 
 
 def _spring_limit(believed: OwnVehicle) -> float:
-    """Force [N] along the tool at which a spring behind it is at its end; inf without one."""
+    """Force [N] along the tool at which a spring behind it reaches its limit; inf without one."""
     model = believed.model
     limits = [np.inf]
 
@@ -111,5 +114,5 @@ def _spring_limit(believed: OwnVehicle) -> float:
 
 
 def looks_by_camera(scenario: Scenario) -> bool:
-    """True if a job finds its object by the camera on the hull, not by sonar or survey."""
+    """True if a job identifies its object by the camera on the hull, not by sonar or survey."""
     return not scenario.task.spares and scenario.sensing.sensor == "camera"

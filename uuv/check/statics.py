@@ -17,9 +17,9 @@ from uuv.sim.interfaces.spatial import Array, spread_directions
 from uuv.sim.plant.supply import all_ahead
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-FASTEST = 2.0  # [m/s] of a current that is tried
-_DIRECTIONS = 60  # of a force on the tip that are tried
-# of the ball before the camera; distance to a drawn tip that counts as reached, of the reach
+FASTEST = 2.0  # [m/s] fastest current that is tried
+_DIRECTIONS = 60  # number of directions in which a force on the tip is tried
+# shells of the ball before the camera; distance to a drawn tip that counts as reached / reach
 _SHELLS, _NEAR = 6, 0.1
 _SMALL = 1e-9  # [N], [m] or [N m] that counts as zero
 
@@ -28,15 +28,15 @@ _SMALL = 1e-9  # [N], [m] or [N m] that counts as zero
 class Trim:
     """Weight and water on the vehicle at rest and level, in one posture."""
 
-    force: float  # [N] up
+    force: float  # [N] net force, upwards
     roll: float  # [rad] at which moments balance; NaN: there is no such attitude
     pitch: float  # [rad]
-    height: float  # [m] of the centre of buoyancy above that of mass
+    height: float  # [m] height of the centre of buoyancy above the centre of mass
     apart: float  # [m] horizontally between the two
 
 
 def resting(model: mujoco.MjModel, key: str) -> mujoco.MjData:
-    """State at rest in a keyframe, forces computed; without it in the model's reference posture."""
+    """State at rest in a keyframe, with forces; without the keyframe in the reference posture."""
     data = mujoco.MjData(model)
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
     if number >= 0:
@@ -62,7 +62,7 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
     center = data.xmat[vehicle.hull].reshape(3, 3).T @ (
         data.subtree_com[root] - data.xpos[vehicle.hull]
     )
-    # Weight and lift right a vehicle that is tilted by a small angle by lift * height * angle.
+    # The righting moment at a small angle of tilt is lift * height * angle.
     about_mass = wrench[3:] - np.cross(center, wrench[:3])
     height = _height(model, vehicle, data, lift)
     righting = lift * height
@@ -80,19 +80,19 @@ def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Tri
 class Listing:
     """List of a hull about the axes that no thrusters drive, from statics."""
 
-    axes: tuple[str, ...]  # of "roll" and "pitch"
-    moment: float  # [N m] left to weight and buoyancy
-    righting: float  # [N m/rad] W h; not positive: it turns over
-    angle: float  # [rad] at which both balance; NaN: there is none
+    axes: tuple[str, ...]  # "roll", "pitch", or both
+    moment: float  # [N m] that weight and buoyancy have to balance
+    righting: float  # [N m/rad] W h; not positive: the hull turns over
+    angle: float  # [rad] at which they balance it; NaN: there is none
 
     def in_words(self) -> str:
-        """It in words."""
+        """The list as a sentence."""
         named = " and ".join(self.axes)
         if not self.angle >= 0.0:
-            return f"nothing drives {named}, and weight and buoyancy do not right it"
+            return f"no thruster drives {named}, and weight and buoyancy do not right the hull"
         return (
-            f"nothing drives {named}: {self.moment:.1f} N m against W h = {self.righting:.3g} "
-            f"N m/rad list it by {np.degrees(self.angle):.1f} deg"
+            f"no thruster drives {named}: {self.moment:.1f} N m against W h = {self.righting:.3g} "
+            f"N m/rad list the hull by {np.degrees(self.angle):.1f} deg"
         )
 
 
@@ -101,8 +101,8 @@ def listing_of(
 ) -> Listing | None:
     """List at joint angles `q` (n,) under a force (3,) [N] on the tip, tool axes.
 
-    The thrusters balance what they drive, with least effort; what they turn beside it counts.
-    None: they drive all axes.
+    The thrusters balance the axes that they drive with least effort; their moments about the other
+    axes are included. None: they drive all axes.
     """
     axes = undriven_axes(vehicle.thruster_wrench)
     if not axes:
@@ -133,7 +133,7 @@ def listing_of(
 
 
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
-    """Height [m] of the centre of buoyancy above that of mass: its lever at 90 deg of roll."""
+    """Height [m] of the buoyancy's centre above the mass's: the lever arm at 90 deg of roll."""
     rolled = mujoco.MjData(model)
     rolled.qpos[:] = data.qpos
     at = vehicle.hull_qpos
@@ -158,18 +158,18 @@ def bounds_of(vehicle: Vehicle) -> list[tuple[float, float]]:
 
 
 def full_draw(model: mujoco.MjModel) -> str:
-    """What all thrusters draw at full ahead; empty where their current was not measured."""
+    """Current and power of all thrusters full ahead, in words; empty without measured currents."""
     drawn = all_ahead(model)
     if drawn is None:
         return ""
 
-    # With a battery, what it gives without load and under this one.
+    # The battery without load, and its voltage under this load.
     full, _, charge, resistance = battery_feed.numbers_of(model).tolist()
     under = f"{drawn.current:.0f} A and {drawn.power:.0f} W with all thrusters full ahead"
     if not charge:
         return f"constant voltage; {under}"
     return (
-        f"battery {full:g} V, {charge / 3600.0:g} A h, {resistance:g} ohm; sags to "
+        f"battery {full:g} V, {charge / 3600.0:g} A h, {resistance:g} ohm; drops to "
         f"{drawn.voltage:.1f} V, {under}"
     )
 
@@ -189,7 +189,7 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
         return 0.0, 0.0
 
     others = np.delete(B, axis, axis=0)
-    # what no thruster reaches is zero anyhow
+    # axes that no thruster drives are zero in any case
     rank = [row for row in others if np.abs(row).max() > _SMALL]
     equal = {"A_eq": np.array(rank), "b_eq": np.zeros(len(rank))} if rank else {}
 
@@ -223,14 +223,14 @@ def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TipForce:
-    """Force that the drives bear at the tip in one posture, beside the arm's weight in water."""
+    """Force at the tip that the drives can apply in one posture, while they hold the arm up."""
 
-    along: float  # [N] pushed along the tool
-    weakest: float  # [N] in the weakest of the directions tried
+    along: float  # [N] along the tool, pushing
+    weakest: float  # [N] in the weakest of the tried directions
     by: str  # joint that limits the push along the tool
     weakest_by: str  # joint that limits in the weakest direction
-    load: Array  # (n,) share of each joint's torque that weight and buoyancy take
-    friction: float  # [N] along the tool that the gears' stiction alone could hide
+    load: Array  # (n,) share of each joint's torque limit that weight and buoyancy take
+    friction: float  # [N] along the tool that the gears' stiction can hide
 
 
 def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
@@ -240,7 +240,7 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
     n = len(q)
     still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
 
-    # Torque of the weight alone, and what each newton at the tip adds to it.
+    # Torque of the weight alone, and the torque that each newton at the tip adds.
     of_weight = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
     per_newton = np.array(
         [
@@ -281,12 +281,12 @@ def tip_force(model: mujoco.MjModel, vehicle: Vehicle, q: Array) -> TipForce:
 
 
 def seen_workspace(search: PostureSearch, X_BC: Array) -> float:
-    """Share of the volume before the camera that the tip reaches.
+    """Share of the volume in front of the camera that the tip reaches.
 
-    The volume is a ball as wide as the arm's reach.
+    The volume is a ball whose diameter is the arm's reach.
 
     Args:
-        search: Of the arm's postures.
+        search: Search of the arm's postures.
         X_BC: (4, 4) pose of the camera on the hull; the ball touches it.
     """
     from scipy.spatial import cKDTree

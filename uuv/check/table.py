@@ -1,4 +1,4 @@
-"""The check of a vehicle on a terminal: parts other than given, figures, findings, verdicts."""
+"""The check of a vehicle on a terminal: parts, figures, findings, verdicts."""
 
 from collections.abc import Iterable
 
@@ -23,7 +23,7 @@ _COLOURS = {
 
 
 def print_check(check: VehicleCheck, console: Console) -> None:
-    """Print a check; at most a screen for a sound vehicle."""
+    """Print a check; for a vehicle without findings it fits on one screen."""
     console.print(Text(check.vehicle, style="bold"))
     if check.parts:
         console.print(_parts(check), soft_wrap=False)
@@ -37,7 +37,7 @@ def print_check(check: VehicleCheck, console: Console) -> None:
         console.print(table)
 
     if check.file:
-        table = Table(box=None, pad_edge=False, title="of its file", title_justify="left")
+        table = Table(box=None, pad_edge=False, title="from its file", title_justify="left")
         for column in ("part", "quantity", "value", "", "origin"):
             table.add_column(column, overflow="fold")
         for entry in check.file:
@@ -45,7 +45,7 @@ def print_check(check: VehicleCheck, console: Console) -> None:
             table.add_row(entry.part, entry.quantity, entry.value, way, entry.origin)
         console.print(table)
 
-    # What is unusual, and what it can do.
+    # Findings, and the verdicts on the jobs.
     if check.findings:
         table = Table(
             box=None, show_header=False, pad_edge=False, title="findings", title_justify="left"
@@ -74,10 +74,10 @@ def print_check(check: VehicleCheck, console: Console) -> None:
 
 
 def _print_commands(promised: Iterable[str], console: Console) -> None:
-    """What runs the feasible jobs; those that hover are simulated by the check itself."""
+    """Print commands for the feasible jobs of the arm; the check itself simulates hovering."""
     runs = [ARM_JOBS[name] for name in promised if name in ARM_JOBS and ARM_JOBS[name].command]
 
-    # Those with a tool of their own take none.
+    # Jobs with their own tool take no --tool.
     for brings, same in ((False, "--vehicle, --tool and --forces"), (True, "--vehicle")):
         commands = sorted(run.command for run in runs if run.brings_tool is brings)
         if commands:
@@ -86,7 +86,7 @@ def _print_commands(promised: Iterable[str], console: Console) -> None:
 
 
 def _parts(check: VehicleCheck) -> Text:
-    """All parts in a line or two, those that are not there marked."""
+    """All parts in a line or two; computed and missing parts are marked."""
     line = Text("parts: ")
     for i, part in enumerate(check.parts):
         line.append(", " if i else "")

@@ -2,7 +2,7 @@
 
     uuv benchmark                        # the default controller, 100 public cases
     uuv benchmark --entry mymodule:MyController --cases 10
-    echo 4711 | uuv benchmark --fresh    # fresh cases, of a seed that a pipe brings
+    echo 4711 | uuv benchmark --fresh    # fresh cases, with a seed from a pipe
 
 The result file is metrics.json in the folder of results. docs/benchmark.md says what is scored and
 how to enter a controller.
@@ -25,12 +25,12 @@ from uuv.sim.interfaces.spatial import shown, whole_number
 from uuv.sim.runs.command_line import RunOptions
 from uuv.start import parse
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.assembly import Assembly
     from uuv.benchmark.score import ScoredCase
     from uuv.scenario import Scenario
 
-_LONGEST = 100  # [characters] that standard input may bring
+_LONGEST = 100  # [characters] that are read from standard input
 
 
 @dataclass(kw_only=True)
@@ -41,21 +41,22 @@ class BenchmarkOptions(StudyOptions):
     """default, normal-force-law, "without METHOD", "joint PD", a registered controller, or
     MODULE:CLASS."""
     estimator: str = ""
-    """MODULE:CLASS of an estimator that the entry brings; empty: navigation is given, as to all
-    others."""
+    """MODULE:CLASS of the entry's own estimator; empty: the project's navigation, as for all other
+    entries."""
     cases: int | None = None
     """Number of cases, from the first on; default: all public ones."""
     only: int | None = None
-    """Do only the case of this number, with all its logs, in a folder of its own; its row is
-    left as it is."""
+    """Run only the case of this number, with all its logs, in a folder of its own; its row is not
+    changed."""
     fresh: bool = False
-    """Fresh cases, of the seed that a pipe to standard input brings: an entry can read a command
-    line, but no pipe of its parent. Without one the seed is drawn, and printed at the end."""
+    """Use fresh cases. Their seed comes through a pipe to standard input, since an entry can read a
+    command line but not its parent's pipe. Without a pipe the seed is drawn, and printed at the
+    end."""
     json: bool = False
     """Print metrics.json alone."""
     in_process: bool = False
-    """Run the controller in the simulation's process: faster, and no entry, for it could read
-    the truth."""
+    """Run the controller in the simulation's process. This is faster, but not valid as an entry,
+    since the controller could read the truth."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,7 +64,7 @@ class BenchmarkOptions(StudyOptions):
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Runs or resumes the benchmark, or does a single case; returns the exit code."""
+    """Runs or resumes the benchmark, or runs a single case; returns the exit code."""
     del verb
     started = time.perf_counter()
     options = parse(BenchmarkOptions, args)
@@ -72,14 +73,14 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def benchmark(options: BenchmarkOptions, started: float) -> int:
-    """Runs or resumes the benchmark, or does a single case; returns the exit code.
+    """Runs or resumes the benchmark, or runs a single case; returns the exit code.
 
     Args:
-        options: Of the command line.
+        options: Options of the command line.
         started: [s] time.perf_counter() at the start of the command.
 
     Raises:
-        UuvError: There is no such entry, or the folder is of no use.
+        UuvError: There is no such entry, or the folder cannot be used.
     """
     seed_given = seed_of_cases() if options.fresh else None
     from uuv.benchmark.cases import CASES, PUBLIC_SEED, VERSION, BenchmarkCase, cases, digest
@@ -124,7 +125,7 @@ def benchmark(options: BenchmarkOptions, started: float) -> int:
             "--entry": options.entry,
             "--estimator": options.estimator,
             "--in-process": options.in_process,
-            # study.json is there while entries run: not the seed itself
+            # an entry could read study.json, so it does not contain the seed itself
             "cases of digest": key_of([VERSION, seed]),
         },
     )
@@ -132,24 +133,24 @@ def benchmark(options: BenchmarkOptions, started: float) -> int:
 
 
 def seed_of_cases() -> int:
-    """Seed that standard input brings; else, and where it is a terminal, a new one of 63 bits.
+    """Seed from standard input; a new one of 63 bits if there is none, or if it is a terminal.
 
     Raises:
-        ConfigurationError: It brings something else.
+        ConfigurationError: Standard input is not one whole number.
     """
-    stream = sys.stdin  # None where a process was started without
+    stream = sys.stdin  # None if the process was started without standard input
     text = "" if stream is None or stream.isatty() else stream.read(_LONGEST).strip()
     if not text:
         return secrets.randbits(63)
     if not (text.isascii() and text.isdigit()):
         raise ConfigurationError(
-            f"--fresh: standard input must bring one whole number, got {shown(text)}"
+            f"--fresh: standard input must be one whole number, got {shown(text)}"
         )
     return whole_number(int(text), "--fresh", most=2**63 - 1)
 
 
 def with_report(scored: "ScoredCase", study: str, options: BenchmarkOptions, started: float) -> int:
-    """Does a single case with all its output; returns the exit code."""
+    """Runs a single case with all its output; returns the exit code."""
     from uuv.benchmark.score import entered
     from uuv.command import command
 
@@ -158,7 +159,7 @@ def with_report(scored: "ScoredCase", study: str, options: BenchmarkOptions, sta
     with ExitStack() as stack:
 
         def assembled(_: "Scenario", *, full: bool) -> "Assembly":
-            stack.close()  # ends the process of an earlier one
+            stack.close()  # ends the entry's process of an earlier assembly
             return stack.enter_context(entered(scored, full=full))[0]
 
         after = f", case {scored.case.index} by {scored.entry.name}"

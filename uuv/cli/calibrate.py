@@ -16,10 +16,9 @@ from uuv.start import parse
 class CalibrateVerb(CalibrationOptions):
     """Calibrate an arm: the tip rests in one fixed point in many postures, and encoders are read.
 
-    Without --touches the touching is simulated. The arm is then the UR10e of [Yukhimets 2023] (3
-    points, 21 touches each), or any published arm or a vehicle's own with workshop errors. The
-    touches come from a hand with noise, or by contact under water. With --touches any arm can be
-    calibrated:
+    Without --touches the touches are simulated, by hand with noise, or by contact under water. The
+    arm is then the UR10e of [Yukhimets 2023] (3 points, 21 touches each), another published arm, or
+    the arm of a vehicle, with manufacturing errors. With --touches any arm can be calibrated:
 
         uuv calibrate --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
 

@@ -1,4 +1,4 @@
-"""`uuv campaign FILE`: many runs of a scenario with drawn parameters, resumed where they ended."""
+"""`uuv campaign FILE`: runs a scenario many times with drawn parameters, or resumes that."""
 
 import shlex
 import time
@@ -38,23 +38,23 @@ class CampaignOptions(HarnessOptions):
     drawn: Path | None = None
     """Run the drawn cases in this file (JSON) instead of drawing: their values by dotted key."""
     write_drawn: Path | None = None
-    """Write what is drawn to this file, as --drawn reads it, and run nothing."""
+    """Write the drawn cases to this file, in the format of --drawn, and run nothing."""
     trust: bool = False
-    """Run the code, MODULE:ATTRIBUTE, that the file or its base names too; what is typed here
-    needs no permission."""
+    """Also run the code MODULE:ATTRIBUTE that the file or its base names; code named on this
+    command line needs no permission."""
     only: int | None = None
-    """Do only the run of this number, if it is missing."""
+    """Carry out only the run of this number, if its row is missing."""
     version: str = ""
-    """With --replay: the run in this version of the file's [versions]; with --only: that one
-    too, beside the run without it."""
+    """With --replay: the run in this version of the file's [versions]; with --only: this version
+    in addition to the run without it."""
     replay: int | None = None
-    """Do the run of this number again with full recording, in a folder of its own; the same
-    trajectory to the bit."""
+    """Repeat the run of this number with full recording, in a folder of its own; its trajectory is
+    the same to the bit."""
     json: bool = False
     """Print metrics.json alone: of the campaign, with --replay of the run."""
     page: bool = False
-    """Run nothing: sum up the rows that are there, also while others are made, and whichever
-    code has made them."""
+    """Run nothing: summarise the existing rows, also during a campaign, and also if other code
+    made them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -65,7 +65,7 @@ class CampaignOptions(HarnessOptions):
             raise ConfigurationError("--version: only with --only or --replay")
         if self.drawn is not None and self.seed is not None:
             raise ConfigurationError(
-                "--drawn and --seed: give only one of them; these cases are drawn"
+                "--drawn and --seed: give only one of them; the cases of a file are drawn already"
             )
 
 
@@ -82,17 +82,17 @@ def campaign(options: CampaignOptions, started: float) -> int:
     """Runs or resumes the campaign, or replays one of its runs; returns the exit code.
 
     Args:
-        options: Of the command line.
+        options: Options of the command line.
         started: [s] time.perf_counter() at the start of the command.
 
     Raises:
-        UuvError: The file or an option is wrong, or the folder is of no use.
+        UuvError: The file or an option is wrong, or the folder cannot be used.
     """
     from uuv.campaigns.campaign import EXPERIMENT, read_campaign, read_drawn
     from uuv.experiment.drawn_cases import write_cases
     from uuv.inputs import check_inputs
 
-    # The campaign, and what of it is typed.
+    # The campaign, with the values typed on the command line.
     settings = values_of(options.set)
     described = read_campaign(options.file, settings, trust=options.trust)
     changed = {
@@ -112,7 +112,7 @@ def campaign(options: CampaignOptions, started: float) -> int:
         write_cases(options.write_drawn, EXPERIMENT, drawn)
         return 0
 
-    # Its runs: one again, one alone, or all.
+    # Its runs: repeat one, carry out one alone, or all.
     runs = described.all_runs(drawn)
     if options.replay is not None:
         return replay(one_of(runs, options.replay, options.version), described, options, started)
@@ -127,7 +127,7 @@ def campaign(options: CampaignOptions, started: float) -> int:
 def replay(
     run: "CampaignRun", described: "Campaign", options: CampaignOptions, started: float
 ) -> int:
-    """Does a run again with all its output; returns the exit code."""
+    """Repeats a run with all its output; returns the exit code."""
     folder = f"case_{run.case:04d}" + f"_{run.version}".rstrip("_").replace(" ", "_")
     scenario = replace(run.scenario(), name=f"{described.name}/{folder}")
     which = f", case {run.case} of {described.name}"
@@ -137,12 +137,12 @@ def replay(
 def carry_out(
     runs: "list[CampaignRun]", described: "Campaign", options: CampaignOptions, file: str
 ) -> int:
-    """Runs what is missing, or nothing with --page, and sums up; returns the exit code.
+    """Carries out missing runs, or none with --page, and summarises; returns the exit code.
 
     Args:
-        runs: Of the campaign.
+        runs: Runs of the campaign.
         described: The campaign.
-        options: Of the command line.
+        options: Options of the command line.
         file: Its file, and the options that change it, for the replay commands.
     """
     from uuv.campaigns.campaign_report import summarise
@@ -163,10 +163,10 @@ def carry_out(
 
 
 def one_of(runs: "list[CampaignRun]", case: int, version: str) -> "CampaignRun":
-    """The run of a number in a version; "": as the campaign describes it.
+    """The run with a number, in a version; "": the run without a version.
 
     Raises:
-        ConfigurationError: There is none.
+        ConfigurationError: There is no such run.
     """
     versions = dict.fromkeys(run.version for run in runs)
     if version not in versions:
@@ -174,7 +174,7 @@ def one_of(runs: "list[CampaignRun]", case: int, version: str) -> "CampaignRun":
         raise ConfigurationError(f"--version: allowed {known}, got {shown(version)}")
     numbers = [run.case for run in runs if run.version == version]
     if case not in numbers:
-        raise ConfigurationError(f"case: allowed up to {max(numbers)}, as drawn, got {case}")
+        raise ConfigurationError(f"case: allowed 0 to {max(numbers)}, got {case}")
     return next(run for run in runs if run.version == version and run.case == case)
 
 

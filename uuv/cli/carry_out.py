@@ -1,4 +1,4 @@
-"""Carries out the run that a command describes, and its output."""
+"""Carries out the run that a command describes, and prints its output."""
 
 import itertools
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from uuv.cli.json_output import file_alone, folder_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.scenario import Scenario
 
-# as `uuv.sim.reporting.series_tables` has it, which a help text does without
+# the same name is in `uuv.sim.reporting.series_tables`, which a help text does not import
 METRICS = "metrics.json"
-# of --set: KEY=VALUE ..., repeatable
+# type of the option --set: KEY=VALUE ..., repeatable
 Assignments = Annotated[tuple[tuple[str, ...], ...], UseAppendAction]
 
 
 @dataclass(kw_only=True)
 class Output:
-    """What a run prints."""
+    """Options for the printed output of a run."""
 
     quiet: bool = False
     """Print the verdict and the folder alone."""
@@ -33,7 +33,7 @@ def values_of(assignments: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
     """All assignments of --set, in order.
 
     Raises:
-        ConfigurationError: A --set has none.
+        ConfigurationError: A --set has no assignment.
     """
     if not all(assignments):
         raise ConfigurationError("--set: KEY=VALUE is missing")
@@ -43,11 +43,11 @@ def values_of(assignments: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
 def run_job(scenario: "Scenario", options: RunOptions, started: float, after: str = "") -> int:
     """Checks the inputs of a job, then runs it.
 
-    What runs it is imported, and compiled, only after the check.
+    The modules of the run are imported, and compiled, only after the check.
 
     Args:
-        scenario: What the options describe.
-        options: Those of the job.
+        scenario: The description of the run.
+        options: Options of the run.
         started: [s] time.perf_counter() at the start of the command.
         after: Appended to the title of log and report.
 
@@ -68,7 +68,7 @@ def run_job(scenario: "Scenario", options: RunOptions, started: float, after: st
 def run_printed(
     scenario: "Scenario", options: RunOptions, output: Output, started: float, after: str = ""
 ) -> int:
-    """As `run_job`, printing all, or verdict and folder, or metrics.json, as was asked for."""
+    """Like `run_job`; `output` selects all lines, only verdict and folder, or only metrics.json."""
 
     def work() -> int:
         return run_job(scenario, options, started, after)

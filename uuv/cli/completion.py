@@ -19,9 +19,9 @@ from uuv.sim.runs.command_line import parse
 
 _SHELLS = ("bash", "zsh")
 _OF_VEHICLES = ("--vehicle",)  # options whose value may be the name of a vehicle
-_ON_VEHICLES = ("check", "models")  # verbs that take one first
+_ON_VEHICLES = ("check", "models")  # verbs whose first argument is a vehicle
 _ZSH = "autoload -U +X compinit && compinit\nautoload -U +X bashcompinit && bashcompinit\n"
-_MARK = getattr(Positional[str], "__metadata__")[0]  # noqa: B009  of what has no -- before it
+_MARK = getattr(Positional[str], "__metadata__")[0]  # noqa: B009  mark of an argument without --
 _SCRIPT = """_uuv() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} words=""
     case "$COMP_CWORD ${{COMP_WORDS[1]}} ${{COMP_WORDS[2]}}" in
@@ -49,7 +49,7 @@ complete -o filenames -F _uuv uuv
 class CompletionOptions:
     """Print the script that completes verbs, names and options: source <(uuv completion bash)."""
 
-    shell: Annotated[Positional[str], arg(metavar="SHELL", help=f"Of {', '.join(_SHELLS)}.")]
+    shell: Annotated[Positional[str], arg(metavar="SHELL", help=f"One of {', '.join(_SHELLS)}.")]
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -88,7 +88,7 @@ def script() -> str:
 
 
 def words_of(name: str, verb: Verb) -> list[str]:
-    """Words that may follow a verb: its options, and names where it takes some."""
+    """Words that may follow a verb: its options, and names if it takes any."""
     kind = options_class(verb)
     hints = get_type_hints(kind, include_extras=True)
     takes_runs = Run in hints.values()

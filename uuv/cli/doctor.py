@@ -52,17 +52,16 @@ class DoctorOptions:
     """What works on this machine, and what to install for the rest."""
 
     kernels: bool = False
-    """The store of compiled kernels alone: its place, size and age, and what the last start took
-    from it.
+    """Print only the store of compiled kernels: folder, size, age, and its use by the last start.
     """
     json: bool = False
     """Print the table, or with --kernels the store, as JSON."""
     empty_kernels: bool = False
-    """Remove all files of the store; the next start compiles anew."""
+    """Remove all files of the store; the next start compiles again."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Prints the table; 1 if something that every job needs is absent."""
+    """Prints the table; exit code 1 if a package that every job needs is absent."""
     del verb
     options = parse(DoctorOptions, args)
     if options.empty_kernels:
@@ -99,7 +98,7 @@ def _empty_kernels() -> int:
 
 
 def _print_kernels(as_json: bool) -> int:
-    """Prints the store's content; 1 if there is no store."""
+    """Prints the store's content; exit code 1 if there is no store."""
     from uuv.sim.interfaces.kernels import store
 
     content, last = store.content(), store.last_start()
@@ -165,7 +164,7 @@ def _package(module: str, use: str, remedy: str) -> tuple[str, str]:
 
 
 def rendering() -> tuple[str, str]:
-    """State of MuJoCo's renderer; each try is a process, which a missing library may end."""
+    """State of MuJoCo's renderer, tried in child processes: a missing library may end a process."""
     for backend in dict.fromkeys((os.environ.get("MUJOCO_GL", ""), "egl", "osmesa")):
         tried = {**os.environ, "MUJOCO_GL": backend} if backend else dict(os.environ)
         try:
@@ -187,8 +186,8 @@ def rendering() -> tuple[str, str]:
 
     return (
         ABSENT,
-        "OpenGL: pictures are drawn by ray casting; faster with libosmesa6 (MUJOCO_GL=osmesa) or "
-        "libegl1 (egl)",
+        "no OpenGL: pictures are drawn by ray casting; rendering is faster with libosmesa6 "
+        "(MUJOCO_GL=osmesa) or libegl1 (egl)",
     )
 
 

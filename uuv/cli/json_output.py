@@ -1,4 +1,4 @@
-"""JSON of the verbs: one document on stdout, and nothing else."""
+"""JSON output of the verbs: one document on stdout, and nothing else."""
 
 import contextlib
 import io
@@ -31,7 +31,7 @@ def folder_of(work: Callable[[], int]) -> tuple[int, Path]:
 
 
 def file_alone(work: Callable[[], int], name: str) -> int:
-    """Does `work` without its output, and prints the JSON file `name` of its folder; its exit code.
+    """Carries out `work` silently, prints the file `name` of its folder; returns the exit code.
 
     Raises:
         UuvError: As `work` does.

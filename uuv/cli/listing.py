@@ -1,4 +1,4 @@
-"""What there is, one line each: `uuv list [KIND ...]`."""
+"""Lists jobs, vehicles and all other named things, one line each: `uuv list [KIND ...]`."""
 
 import shutil
 import textwrap
@@ -13,25 +13,25 @@ from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
 
-_WIDTH = 120  # characters of a line where the output is no terminal
+_WIDTH = 120  # [characters] of a line if the output is no terminal
 _LEAST = 40  # [characters] width of a description in a narrow terminal
 _KINDS = [shelf.kind for shelf in SHELVES]
 
 
 @dataclass(kw_only=True)
 class ListOptions:
-    """What there is, one line each."""
+    """List jobs, vehicles and all other named things, one line each."""
 
     kinds: Annotated[
         Positional[tuple[str, ...]],
-        arg(metavar="[KIND ...]", help=f"Of {', '.join(_KINDS)}; default: all."),
+        arg(metavar="[KIND ...]", help=f"Some of {', '.join(_KINDS)}; default: all."),
     ] = ()
     json: bool = False
     """Print names and lines by kind as JSON."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Prints all kinds, or those named; returns the exit code."""
+    """Prints all kinds, or the named ones; returns the exit code."""
     del verb
     options = parse(ListOptions, args)
     kinds = [_kind(word) for word in options.kinds] or _KINDS
@@ -51,7 +51,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _kind(word: str) -> str:
-    """A kind as it is called, of its name in the singular or the plural."""
+    """The kind whose name, in the singular or the plural, is `word`."""
     kind = word.removesuffix("s")
     if kind not in _KINDS:
         known = ", ".join(_KINDS)

@@ -1,4 +1,4 @@
-"""What a vehicle's log holds: `uuv logs FILE`."""
+"""Prints the content of a vehicle's log: `uuv logs FILE`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,28 +12,28 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.command_line import parse
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.logs.vehicle_log import VehicleLog
 
-_WIDTH = 132  # characters of the table where the output is no terminal
+_WIDTH = 132  # [characters] of the table if the output is no terminal
 
 
 @dataclass(kw_only=True)
 class LogsOptions:
-    """Rates, gaps, axes and units of a log, its motor order and pulses, and what is missing."""
+    """Print rates, gaps, axes and units of a log, motor order and pulses, and missing data."""
 
     file: Annotated[
         Positional[Path],
         arg(metavar="FILE", help=".BIN of ArduPilot, .tlog of MAVLink, .mcap, or a ROS bag."),
     ]
     picture: Path | None = None
-    """PNG of what drove the vehicle and how it moved, over time."""
+    """PNG file with motor commands and motion over time."""
     json: bool = False
-    """Print what was read as JSON."""
+    """Print the content as JSON."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Prints what the log holds; returns the exit code."""
+    """Prints the content of the log; returns the exit code."""
     del verb
     options = parse(LogsOptions, args)
     if options.picture is not None and not options.picture.parent.is_dir():
@@ -54,7 +54,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _content(log: "VehicleLog") -> dict[str, Any]:
-    """All that is said of the log."""
+    """Content of the log, for JSON."""
     return {
         "name": log.name,
         "kind": log.kind,
@@ -81,7 +81,7 @@ def _content(log: "VehicleLog") -> dict[str, Any]:
 
 
 def _print(log: "VehicleLog") -> None:
-    """The same as a table and lines."""
+    """Prints the content of the log as a table and lines."""
     from rich.table import Table
     from rich.text import Text
 

@@ -1,4 +1,4 @@
-"""Entry of the command `uuv`: the table of verbs; what one needs is imported when it is chosen."""
+"""Entry of the command `uuv`: the table of verbs, whose modules are imported when chosen."""
 
 import importlib
 import os
@@ -10,17 +10,17 @@ from typing import NoReturn
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """One verb: where its work is, and its line of USAGE."""
+    """One verb: the module that carries it out, and its line of USAGE."""
 
     module: str  # below `uuv.cli`; it has `main(verb, args) -> exit code`
-    options: str  # class of the verb's options, there
-    words: str  # what follows the verb in its line of USAGE
-    about: str  # the rest of that line
-    earlier: str = ""  # its name as a command of its own, where that is another spelling
+    options: str  # class of the verb's options in that module
+    words: str  # arguments after the verb in its line of USAGE
+    about: str  # description in that line
+    earlier: str = ""  # name of the earlier separate command, if it was spelled otherwise
 
 
 VERBS = {  # by the one or two words that are typed
-    "list": Verb("listing", "ListOptions", "", "what there is: jobs, experiments, vehicles, ..."),
+    "list": Verb("listing", "ListOptions", "", "names of jobs, experiments, vehicles, ..."),
     "run": Verb("run_job", "RunVerb", "NAME", "a job, or a scenario file: my.toml", "run-scenario"),
     "check": Verb(
         "vehicles.check_vehicle",
@@ -29,10 +29,7 @@ VERBS = {  # by the one or two words that are typed
         "parts, figures and feasible jobs of a vehicle",
     ),
     "wet": Verb(
-        "vehicles.wet_model",
-        "WetOptions",
-        "MODEL",
-        "water of a URDF, MJCF or mesh from its geometry",
+        "vehicles.wet_model", "WetOptions", "MODEL", "hydrodynamic data of a URDF, MJCF or mesh"
     ),
     "new": Verb("skeletons", "NewOptions", "KIND NAME", "a working skeleton with a test"),
     "doctor": Verb("doctor", "DoctorOptions", "", "what works on this machine"),
@@ -44,9 +41,9 @@ VERBS = {  # by the one or two words that are typed
         "past.past_runs", "ReplayOptions", "RUN", "repeat a run from its record, bit for bit"
     ),
     "report": Verb("past.past_runs", "ReportOptions", "RUN", "the report of a run"),
-    "view": Verb("past.past_runs", "ViewOptions", "RUN", "its log in the Rerun viewer"),
+    "view": Verb("past.past_runs", "ViewOptions", "RUN", "the log of a run in the Rerun viewer"),
     "export": Verb(
-        "past.export", "ExportOptions", "RUN", "its data as MCAP, ROS 2 bag, CSV or MATLAB"
+        "past.export", "ExportOptions", "RUN", "data of a run as MCAP, ROS 2 bag, CSV or MATLAB"
     ),
     "picture": Verb("past.picture", "PictureOptions", "RUN", "a still and a clip of a run"),
     "identify object": Verb(
@@ -62,7 +59,7 @@ VERBS = {  # by the one or two words that are typed
         "added mass, damping, trim and thrust from logs",
     ),
     "logs": Verb(
-        "logs", "LogsOptions", "FILE", "what a vehicle's log holds: .BIN, .tlog, MCAP, bag"
+        "logs", "LogsOptions", "FILE", "content of a vehicle's log: .BIN, .tlog, MCAP, bag"
     ),
     "calibrate": Verb(
         "calibrate",
@@ -106,9 +103,9 @@ VERBS = {  # by the one or two words that are typed
     "serve ardupilot": Verb(
         "live.serve", "ArduPilotOptions", "", "physics behind ArduPilot's simulation, over UDP"
     ),
-    "serve udp": Verb("live.serve", "UdpOptions", "NAME", "a job, its controller another process"),
+    "serve udp": Verb("live.serve", "UdpOptions", "NAME", "a job with a controller behind UDP"),
     "drive": Verb(
-        "live.drive", "DriveOptions", "NAME", "a job's site, driven by inputs of a file or by keys"
+        "live.drive", "DriveOptions", "NAME", "a job driven by inputs of a file or by keys"
     ),
     "benchmark": Verb(
         "benchmark",
@@ -152,7 +149,7 @@ def main() -> NoReturn:
         sys.argv = [f"uuv {name}", *rest]
         run_scenario(lambda: importlib.import_module(f"uuv.cli.{verb.module}").main(name, rest))
 
-    with quiet_pipe():  # what there is to say needs nothing heavy
+    with quiet_pipe():  # these answers need no heavy import
         if not args or args[0] in ("-h", "--help", "help"):
             print(f"{USAGE}\n\nuuv VERB --help lists the options of a verb.")
             raise SystemExit(0)
@@ -167,7 +164,7 @@ def main() -> NoReturn:
 
 
 def chosen(args: Sequence[str]) -> str:
-    """The verb that a command line begins with; empty: with none."""
+    """The verb that a command line begins with; empty if it begins with none."""
     both = " ".join(args[:2])
     if both in VERBS:
         return both
@@ -175,12 +172,12 @@ def chosen(args: Sequence[str]) -> str:
 
 
 def no_verb(args: Sequence[str]) -> str:
-    """Why a command line has no verb: an earlier spelling, no object of a group, no such word."""
+    """Message on a command line without a verb: an earlier spelling, a group alone, or unknown."""
     from uuv.sim.interfaces.errors import did_you_mean, one_line
 
     word, *more = args
     if spelling := present_spelling(word):
-        return f"{one_line(word)}: that is now `uuv {spelling}`"
+        return f"{one_line(word)}: this command is now `uuv {spelling}`"
     if objects := objects_of(word):
         got = one_line(more[0]) if more else "none"
         return f"{word}: needs one of {', '.join(objects)}, got {got}{did_you_mean(got, objects)}"
@@ -190,7 +187,7 @@ def no_verb(args: Sequence[str]) -> str:
 
 
 def present_spelling(word: str) -> str:
-    """The verb that does what a command of that name did; empty: there was none."""
+    """The verb that replaces an earlier command of that name; empty if there was none."""
     plain = word.removesuffix(".py").replace("_", "-")
     for name, verb in VERBS.items():
         if plain == verb.earlier or (plain == name.replace(" ", "-") and word != name):
@@ -204,7 +201,7 @@ def objects_of(group: str) -> list[str]:
 
 
 def _choose_renderer() -> None:
-    """Lets MuJoCo draw without a screen where it can: it reads this when it is imported."""
+    """Select EGL for MuJoCo if there is no screen; MuJoCo reads the variable when imported."""
     from ctypes.util import find_library
 
     if not os.environ.get("DISPLAY") and find_library("EGL"):

@@ -9,7 +9,7 @@ from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.spatial import finite_number
 from uuv.start import new_folder, parse
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from rich.console import Console
 
     from uuv.perception.seabed.terrain_path import SeabedPlan
@@ -21,14 +21,14 @@ class PlanOptions:
     """Plan a tool path on a seabed: points T_j with their axes, and a picture.
 
     The cloud is a text file (x y z a line), PLY or PCD. The targets are a text file of points B_i
-    and the direction z [Konoplin 2019]. A cloud without a surface, a hole under a target or too
-    rough a relief end in one line and exit code 2.
+    and the direction z [Konoplin 2019]. A cloud without a surface, a hole under a target or a
+    relief that is too rough is refused, with one line and exit code 2.
     """
 
     cloud: Path
-    """Text, PLY or PCD [m]."""
+    """Point cloud [m]: text, PLY or PCD file."""
     targets: Path
-    """Text: points B_i, three numbers a line, and a line `z X Y Z`."""
+    """Text file: points B_i [m], three numbers a line, and a line `z X Y Z`."""
     width: float = 0.1
     """Width of the tool [m]: normals are averaged over it."""
     speed: float = 0.02

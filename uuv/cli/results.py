@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from uuv.experiment import Experiment
 
 CHANGED = 1  # exit code
-PARTS = 8  # of the experiments, of which one is checked at a time
+PARTS = 8  # number of parts of the experiments, for checking one part at a time
 
 
 @dataclass(kw_only=True)
@@ -28,15 +28,15 @@ class ResultsOptions:
     check: bool = False
     """Run the quick subset of each experiment and compare it with the kept rows."""
     part: int | None = None
-    """With --check: only one eighth of the experiments, 0 to 7; others by the number modulo 8."""
+    """With --check: check only one eighth of the experiments: number 0 to 7, taken modulo 8."""
     data: Annotated[Path | None, arg(metavar="FOLDER")] = None
     """Folder of measured data; without it, experiments that need it are not checked."""
     keep: Annotated[Path | None, arg(metavar="FOLDER")] = None
-    """Keep the rows of that run, of the experiment --only."""
+    """Folder of a run whose rows are kept, of the experiment that --only names."""
     workers: int = 0
     """Number of processes of a check; 0: one for each core."""
     json: bool = False
-    """Print the status of these experiments as JSON alone."""
+    """Print only the status of these experiments, as JSON."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:

@@ -1,4 +1,4 @@
-"""A job or a scenario file: `uuv run NAME`, `uuv run MODULE:FUNCTION`, `uuv run FILE.toml`."""
+"""Runs a job or a scenario file: `uuv run NAME`, `uuv run MODULE:FUNCTION`, `uuv run FILE.toml`."""
 
 import sys
 import time
@@ -17,23 +17,23 @@ from uuv.kinds import SURVEY
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import RunOptions, as_base, parse
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.scenario import Scenario
 
 TASK = "--task"
-TARGET_POSE = "--target-pose"  # of earlier versions
+TARGET_POSE = "--target-pose"  # option of earlier versions
 
 
 @dataclass(kw_only=True)
 class EveryJob(Output):
-    """Options of `uuv run` beside those of the job."""
+    """Options of `uuv run` in addition to those of the job."""
 
     set: Assignments = ()
     """KEY=VALUE, repeatable: values by the keys of a scenario file, in its units, such as
     task.speed=0.03 or perturbations.MountedObject.stiffness=1e4."""
     task: str | None = None
-    """MODULE:CLASS of a task of one's own, with its defaults, in place of the job's (`uuv new
-    task NAME`)."""
+    """MODULE:CLASS of your own task, with its defaults, in place of the job's task (`uuv new task
+    NAME`)."""
 
 
 @dataclass(kw_only=True)
@@ -44,8 +44,8 @@ class RunVerb(EveryJob):
         Positional[str],
         arg(
             metavar="NAME",
-            help=f"{', '.join(jobs.JOBS.names())}, a job of one's own, MODULE:FUNCTION, or a "
-            "scenario, FILE.toml, such as the scenario.toml in the folder of every run.",
+            help=f"{', '.join(jobs.JOBS.names())}, a job of your own (MODULE:FUNCTION), or a "
+            "scenario file (FILE.toml), such as scenario.toml in the folder of every run.",
         ),
     ]
 
@@ -57,8 +57,8 @@ class FileOptions(RunOptions):
     seed: int | None = None
     """Seed instead of that in the file."""
     trust: bool = False
-    """Run the code, MODULE:ATTRIBUTE, that the file names too; what is typed here needs no
-    leave."""
+    """Also run the code MODULE:ATTRIBUTE that the file names; code named on this command line
+    needs no permission."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -67,36 +67,36 @@ def main(verb: str, args: Sequence[str]) -> int:
     started = time.perf_counter()
     name, rest = (args[0], args[1:]) if args else ("", ())
     if name in ("", "-h", "--help"):
-        parse(RunVerb, args)  # ends the command, by the help or the refusal
+        parse(RunVerb, args)  # ends the command, with the help or an error
         return 0
 
     if name.endswith(".toml"):
         return _run_file(name, rest, started)
     if TARGET_POSE in args:
-        raise ConfigurationError(f"{TARGET_POSE}: a known pose is now --sensor {SURVEY}")
+        raise ConfigurationError(f"{TARGET_POSE}: no longer an option; use --sensor {SURVEY}")
 
     if name.startswith("-"):
         raise ConfigurationError(f"{name}: the name of a job comes first: uuv run NAME [OPTIONS]")
     if name not in jobs.JOBS:
         raise ConfigurationError(_no_job(name))
-    sys.argv[0] = f"uuv run {name}"  # as the help text has it
+    sys.argv[0] = f"uuv run {name}"  # shown in the help text
     return run(jobs.named(name), rest, started)
 
 
 def run(job: jobs.Job, args: Sequence[str], started: float) -> int:
-    """Runs a job as its options say; returns the exit code.
+    """Runs a job with its options; returns the exit code.
 
     Args:
         job: The job.
         args: Its options, as typed.
         started: [s] time.perf_counter() at the start of the command.
     """
-    # What was typed, and the scenario that it describes.
+    # The typed options, and the scenario that they describe.
     task = _task_in(args)
     if task is None:
         values, options = parsed(job, args, EveryJob)
         scenario = job.scenario(values)
-    else:  # its own fields are options in place of those of the job's task
+    else:  # fields of this task are options, instead of those of the job's task
         values, options = parsed(job, args, EveryJob, _with_task(job(), task))
         scenario = job.scenario(values, lambda base: _with_task(base, task))
     every = as_base(options, EveryJob)
@@ -154,10 +154,10 @@ def _with_set(scenario: "Scenario", every: EveryJob) -> "Scenario":
 
 
 def _no_job(name: str) -> str:
-    """Why there is no job of that name; one that is a verb, or was a command, is told as such."""
+    """Message on an unknown job; it names the verb if the name is one, or was a command."""
     verb = name if name in VERBS else present_spelling(name)
     if verb and verb != "run":
-        return f"{name} is no job, but a verb of its own: `uuv {verb}`"
+        return f"{name} is not a job but a verb: `uuv {verb}`"
     known = jobs.JOBS.names()
     meant = did_you_mean(name, known)
     return f"no job {name!r}; there are {', '.join(known)}, or a scenario file (.toml){meant}"

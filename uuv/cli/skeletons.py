@@ -1,4 +1,4 @@
-"""A working part of one's own, with a test: `uuv new job|task|controller|... NAME`.
+"""Writes a working part of your own, with a test: `uuv new job|task|controller|... NAME`.
 
 `uuv new mapping FILE` writes the first mapping of a vehicle's file.
 """
@@ -20,7 +20,7 @@ from uuv.sim.runs.command_line import parse
 
 @dataclass(frozen=True, slots=True)
 class Skeleton:
-    """Text of a part and of its test, with NAME for the name, and the option of a job for it."""
+    """Texts of a part, of its test and of a command that uses it, with NAME for the name."""
 
     part: str
     test: str
@@ -28,7 +28,7 @@ class Skeleton:
 
 
 CONTROLLER = Skeleton(
-    part='''"""Controller NAME: that of the project with a force law of its own."""
+    part='''"""Controller NAME: the project's controller with another force law."""
 
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.whole_body.work_controller import WorkController
@@ -46,7 +46,10 @@ class ForceLaw(ForceDisplacement):
 
 
 def NAME(model, *, water_error=0.0):
-    """The controller of a believed vehicle `model`, its water wrong by the share `water_error`."""
+    """The controller for the believed vehicle `model`.
+
+    `water_error` is the relative error of its added masses and drags.
+    """
     return WorkController(model, force_law=ForceLaw(), water_error=water_error)
 ''',
     test="""from dataclasses import replace
@@ -67,17 +70,17 @@ def test_the_main_job_is_done():
     use="uuv run clean-barrel --quick --controller NAME:NAME",
 )
 VEHICLE = Skeleton(
-    part='''"""Vehicle NAME: that of the project with a heavier hull, trimmed anew."""
+    part='''"""Vehicle NAME: the project's vehicle with a heavier hull, trimmed again."""
 
 from uuv import models
 from uuv.models import hydrodynamics
 
 
 def NAME():
-    """The vehicle as an MjSpec with its water; `uuv check NAME:NAME` says what it has.
+    """The vehicle as an MjSpec with hydrodynamic data; `uuv check NAME:NAME` checks it.
 
-    From an MJCF of your own: mujoco.MjSpec.from_file("my.xml"), `hydrodynamics.attach` for the
-    water of each body, `uuv.models.water.thrusters.attach` for the thrusters.
+    For an MJCF of your own use mujoco.MjSpec.from_file("my.xml"), `hydrodynamics.attach` for the
+    coefficients of each body, `uuv.models.water.thrusters.attach` for the thrusters.
     """
     spec = models.load("uuv_puma")
     hull = spec.body("hull")
@@ -233,16 +236,16 @@ class Circle(Task):
     radius: float = option(0.08, "Radius of the circle [m].")
 
     def place(self, scenario, own, rng):
-        """The task for this vehicle; `rng` draws what is drawn."""
+        """The task for this vehicle; `rng` is for random draws."""
         return PlacedCircle(radius=self.radius, own=own.at_work())
 
 
 @dataclass(kw_only=True)
 class PlacedCircle(PlacedTask):
-    """The plan, the scene and the judgement."""
+    """Plan, scene and assessment of the task."""
 
     title = "Circle in free water"
-    X_WB = pose(p=[0.0, 0.0, -2.0])  # of the hull, which keeps its place
+    X_WB = pose(p=[0.0, 0.0, -2.0])  # pose that the hull holds
     radius: float
     own: object
     period: float = field(default=0.01, init=False)  # [s] of the plan
@@ -252,11 +255,11 @@ class PlacedCircle(PlacedTask):
         return vehicle
 
     def planner(self):
-        """What asks for motion: an object with `period`, `init` and `step`."""
+        """The planner: an object with `period`, `init` and `step`."""
         return self
 
     def init(self, estimate):
-        """State of the plan: when it began [s], and where the arm was [rad]."""
+        """State of the plan: its start time [s], and the joint angles then [rad]."""
         return estimate.time, estimate.q
 
     def step(self, state, estimate, target, last):
@@ -291,7 +294,7 @@ class PlacedCircle(PlacedTask):
         )
 
     def assess(self, ran, seed):
-        """Judged by the truth: the tip's distance from the circle after its first second."""
+        """Assessment by the truth: distance of the tip from the circle, after the first second."""
         recording = ran.recording
         work = np.flatnonzero(recording.within(WorkState.WORK))[500:]
         p, p_command = (recording[name].value[work] for name in ("p_pad", "p_command"))
@@ -331,7 +334,7 @@ def NAME(*, width: float = 0.2) -> Scenario:
     """Sweep a rock from side to side.
 
     Args:
-        width: Of the sweep, over the middle of the rock [m].
+        width: Width of the sweep over the middle of the rock [m].
     """
     line = (0.0, -0.5 * width, 0.0, 0.5 * width)  # [m] both ends, from above
     scenario = jobs.clean_object(object="rock", line=line, forces=(60.0,))
@@ -349,7 +352,7 @@ def test_the_rock_is_swept():
     use="uuv run NAME:NAME --width 0.15 --seed 2",
 )
 TOOL = Skeleton(
-    part='''"""Tool NAME: that of the library with a wider dome."""
+    part='''"""Tool NAME: the library's pad with a wider dome."""
 
 from dataclasses import replace
 
@@ -372,7 +375,7 @@ def test_the_vehicle_carries_it():
     use="uuv run clean-barrel --quick --tool NAME:NAME",
 )
 PERTURBATION = Skeleton(
-    part='''"""Perturbation NAME: the gears lose more to viscous friction from a moment on."""
+    part='''"""Perturbation NAME: viscous friction of the gears rises at a given time."""
 
 from dataclasses import dataclass, replace
 
@@ -380,7 +383,7 @@ from uuv import Perturbation
 
 
 class WornPlant:
-    """The plant, whose joints are damped otherwise from a moment on; made anew for each run."""
+    """The plant with other joint damping from a given time on; each run has a new one."""
 
     def __init__(self, plant, factor, at):
         self.plant, self.timestep = plant, plant.timestep
@@ -442,14 +445,14 @@ KINDS = (*SKELETONS, MAPPING)
 
 @dataclass(kw_only=True)
 class NewOptions:
-    """Write NAME.py and test_NAME.py here, a part that works; or the mapping of a file."""
+    """Write a working part, NAME.py and test_NAME.py, here; or the mapping of a vehicle's file."""
 
-    kind: Annotated[Positional[str], arg(metavar="KIND", help=f"Of {', '.join(KINDS)}.")]
+    kind: Annotated[Positional[str], arg(metavar="KIND", help=f"One of {', '.join(KINDS)}.")]
     name: Annotated[
         Positional[str],
         arg(
             metavar="NAME",
-            help="Name of the module, in lower case; of a mapping the vehicle's file.",
+            help="Name of the module, in lower case; for a mapping, the vehicle's file.",
         ),
     ]
 
@@ -465,7 +468,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     if kind not in SKELETONS:
         known = ", ".join(KINDS)
         raise ConfigurationError(
-            f"no skeleton of a {kind!r}; there are {known}{did_you_mean(kind, KINDS)}"
+            f"KIND: must be one of {known}, got {kind!r}{did_you_mean(kind, KINDS)}"
         )
 
     if (
@@ -475,7 +478,7 @@ def main(verb: str, args: Sequence[str]) -> int:
         or name != name.lower()
     ):
         raise ConfigurationError(
-            f"NAME: a module's name in lower case, such as my_{kind}, got {name!r}"
+            f"NAME: must be a module's name in lower case, such as my_{kind}, got {name!r}"
         )
 
     written = write(kind, name, Path())
@@ -489,7 +492,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _wrapper() -> str:
-    """What stands before a command here: the wrapper of a clone; nothing for the wheel."""
+    """Prefix of commands here: the wrapper in a clone; empty for the wheel."""
     uvw = CHECKOUT / "uvw"
     if not uvw.is_file():
         return ""
@@ -497,17 +500,17 @@ def _wrapper() -> str:
 
 
 def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
-    """Part and test in `folder`.
+    """Writes part and test to `folder`, and returns their paths.
 
     Raises:
-        ConfigurationError: One of the files is there already.
+        ConfigurationError: One of the files exists already.
     """
     skeleton = SKELETONS[kind]
     files = (folder / f"{name}.py", folder / f"test_{name}.py")
 
     for file in files:
         if file.exists():
-            raise ConfigurationError(f"{file} is there already; choose another name")
+            raise ConfigurationError(f"{file} exists already; choose another name")
 
     for file, text in zip(files, (skeleton.part, skeleton.test), strict=True):
         file.write_text(text.replace("NAME", name), encoding="utf-8")

@@ -35,7 +35,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     options = parse(ValidateOptions, args)
     if not _WORK.is_file():
         raise ConfigurationError(
-            "validate: the checks are tests of the project, which are in a checkout of it alone"
+            "validate: works only in a checkout, since the checks are tests of the project"
         )
     run = runpy.run_path(str(_WORK), run_name="validate_physics")["run"]
     return file_alone(lambda: run(options), TABLE) if options.json else run(options)

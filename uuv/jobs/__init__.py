@@ -2,7 +2,7 @@
 
     scenario = jobs.clean_barrel(path="transverse", seed=3, forces=(60.0, 80.0))
 
-Beside the arguments that stand here, a job takes the options of its scenario: seed, water, vehicle,
+Besides the arguments declared here, a job takes the options of its scenario: seed, water, vehicle,
 sensors, object and task. Units are those of the command line: metres and newtons, angles in
 degrees, clearances in millimetres.
 """
@@ -19,14 +19,14 @@ from uuv.models.registry import Registry
 from uuv.sim.interfaces.options import MILLIMETRE
 from uuv.sim.interfaces.spatial import finite_number
 
-if TYPE_CHECKING:  # a list of jobs needs none of what a scenario is made of
+if TYPE_CHECKING:  # listing the jobs does not need the parts of a scenario
     from uuv.scenario import Scenario, Task
     from uuv.site import Workpiece
 
 BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
-BOX = 0.03  # [m] of the box that is dragged
+BOX = 0.03  # [m] depth of the dragged box in the ground
 ALONG = (60.0, 90.0, 60.0)  # [N] set forces on a path along an object
-AROUND = (60.0, 90.0)  # [N] on one around it
+AROUND = (60.0, 90.0)  # [N] set forces on a path around an object
 
 
 @job
@@ -40,8 +40,8 @@ def clean_barrel(
 
     Args:
         path: Along the barrel's top, half around it, or first along and then off to a side.
-        arc: Arc of the transverse path [deg]; default 180, with --quick 60. Where the reach ends
-            sooner, the largest from 150 deg on is worked and reported.
+        arc: Arc of the transverse path [deg]; default 180, with --quick 60. If the reach is too
+            short for it, the largest arc from 150 deg on is worked and reported.
         quick: A shorter path, for a first look within a minute.
     """
     from uuv.site import Barrel
@@ -71,8 +71,8 @@ def clean_pile(
 
     Args:
         path: Up the pile, around it, or both at once.
-        arc: Arc of ring and helix [deg]; default 100, with --quick 40. Where the reach ends
-            sooner, the largest possible from 80 deg on is worked and reported.
+        arc: Arc of ring and helix [deg]; default 100, with --quick 40. If the reach is too short
+            for it, the largest arc from 80 deg on is worked and reported.
         rise: Rise of the helix [m]; default 0.003 for each degree of its arc.
         quick: A shorter path, for a first look within a minute.
     """
@@ -99,7 +99,7 @@ def clean_object(*, quick: bool = False) -> "Scenario":
     """Clean a known object with a set force.
 
     Args:
-        quick: One set force in place of three.
+        quick: One set force instead of three.
     """
     from uuv.site import KnownObject
     from uuv.tasks.surface_work import SurfaceWorkTask
@@ -109,7 +109,7 @@ def clean_object(*, quick: bool = False) -> "Scenario":
 
 
 def _on_object(name: str, piece: "Workpiece", task: "Task", by: str = "uuv_puma") -> "Scenario":
-    """A task at an object, by a vehicle."""
+    """Scenario of a task at an object, with the vehicle `by`."""
     from uuv.scenario import Scenario, VehicleSetup
     from uuv.site import Site
 
@@ -192,7 +192,7 @@ def inspect_object(*, quick: bool = False) -> "Scenario":
 @job
 def identify_friction(
     *,
-    seed: int = 0,  # of the gears too
+    seed: int = 0,  # also of the gears
     gear_spread: float = 0.3,
     quick: bool = False,
 ) -> "Scenario":
@@ -200,12 +200,12 @@ def identify_friction(
 
     The vehicle keeps station while its joints swing, slowly, then fast. Encoders, torque sensors at
     the gear outputs and motor torques give the friction of each gear, which is compared with the
-    true one. The true gears deviate from those that the vehicle believes in. Rotor inertias are
-    known. No other command reads the result.
+    true friction. The true friction deviates from that in the vehicle's model of itself. Rotor
+    inertias are known. No other command reads the result.
 
     Args:
         seed: Seed of everything random: the true gears, the noise of the sensors, the gusts.
-        gear_spread: Share in +- by which the true friction of each gear deviates from the
+        gear_spread: Largest relative deviation (+-) of the true friction of each gear from the
             controller's model.
         quick: Shorter swings.
     """
@@ -227,7 +227,7 @@ def identify_friction(
 
 @job
 def open_water(*, quick: bool = False) -> "Scenario":
-    """Keep station in open water, or do a task of one's own there (--task MODULE:CLASS).
+    """Keep station in open water, or do a task of your own there (--task MODULE:CLASS).
 
     Args:
         quick: Station keeping for a shorter time.
@@ -247,6 +247,6 @@ def named(name: str) -> Job:
     """Job by name: of this project, of another package, or MODULE:FUNCTION.
 
     Raises:
-        ConfigurationError: There is none; the message lists those there are.
+        ConfigurationError: There is no such job; the message lists the jobs.
     """
     return as_job(JOBS.maker(name), name)

@@ -1,4 +1,4 @@
-"""Command line of a job: its keyword arguments as options, beside those of every run."""
+"""Command line of a job: its keyword arguments as options, in addition to those of every run."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import field, fields, make_dataclass
@@ -8,24 +8,24 @@ from uuv.jobs.job import Job, JobOption
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import RunOptions, parse
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.scenario import Scenario
 
 
 def options_class(
     job: Job,
-    beside: type[Any] = RunOptions,  # those of the command
+    beside: type[Any] = RunOptions,  # options of the command
     base: "Scenario | None" = None,
 ) -> type[Any]:
     """Dataclass of all options of a job, for `uuv.start.parse`.
 
     Args:
         job: The job.
-        beside: Class of the command's options beside those of job and run.
-        base: Its scenario, where a task of the user's own changes which options there are.
+        beside: Class of the command's options in addition to those of job and run.
+        base: Scenario of the job, if a user's task changes which options there are.
 
     Raises:
-        ConfigurationError: The job has an option of a word that every run has.
+        ConfigurationError: An option of the job has the same name as one of every run.
     """
     bases = (RunOptions,) if issubclass(RunOptions, beside) else (beside, RunOptions)
     options = list(job.options(base).values())
@@ -34,7 +34,7 @@ def options_class(
     taken = {option.name for kind in bases for option in fields(kind)}
     for option in options:
         if option.word in taken:
-            rule = "is an option of every run; it needs another word"
+            rule = "is also an option of every run; rename the job's option"
             raise ConfigurationError(f"job {job.name}: {option.key or option.word} {rule}")
 
     # Titles of groups, keys of a scenario file and texts, as `parse` reads them.
@@ -54,7 +54,7 @@ def options_class(
 def parsed(
     job: Job, args: Sequence[str], beside: type[Any] = RunOptions, base: "Scenario | None" = None
 ) -> tuple[dict[str, Any], Any]:
-    """What a command line asks of a job; the arguments are those of `options_class`.
+    """Values that a command line gives to a job; the arguments are those of `options_class`.
 
     Returns:
         Arguments of the job that were typed, by keyword; and all options, defaults included.
@@ -67,7 +67,7 @@ def parsed(
 
 
 def typed(args: Iterable[str]) -> frozenset[str]:
-    """Names of the options on a command line, where what was not typed has a default."""
+    """Names of the options that were typed on a command line; all others have defaults."""
     words = {arg[2:].partition("=")[0] for arg in args if arg.startswith("--")}
     names = {word.replace("-", "_") for word in words}
     return frozenset(names | {name.removeprefix("no_") for name in names})

@@ -8,7 +8,7 @@
 
     sweep_rock(width=0.3, seed=4, forces=(40.0,))
 
-It is called with its own arguments and with the options of the scenario that it returns. Command
+A job is called with its own arguments and with the options of the scenario that it returns. Command
 line, help, list, campaigns and notebooks read its signature:
 
     uuv run my_module:sweep_rock --width 0.3 --seed 4 --forces 40
@@ -25,14 +25,14 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import shown
 from uuv.sim.interfaces.tables import TableReader
 
-if TYPE_CHECKING:  # a list of jobs does without what they are made of
+if TYPE_CHECKING:  # not needed for a list of jobs
     from uuv.jobs.scenario_options import ScenarioOption
     from uuv.scenario import Scenario
 
     Change = Callable[[Scenario], Scenario]
 
 QUICK = "quick"  # argument of a job that has a shorter form, for a first look within a minute
-_ABOUT_QUICK = "A shorter job, for a first look within a minute; what is given keeps its value."
+_ABOUT_QUICK = "A shorter job, for a first look within a minute; given options keep their values."
 BY_NAME: "dict[str, Job]" = {}  # jobs that `job` has registered
 
 
@@ -45,11 +45,11 @@ class JobOption:
     default: Any
     about: str
     group: str = "job"
-    key: str = ""  # of a scenario file; empty: an argument of the job's function
+    key: str = ""  # key in a scenario file; empty: an argument of the job's function
 
 
 class Job:
-    """A job; called, it returns the scenario."""
+    """Job that returns its scenario when called."""
 
     def __init__(self, function: "Callable[..., Scenario]") -> None:
         """Take a function that returns the scenario, whose arguments are keywords with defaults.
@@ -73,12 +73,12 @@ class Job:
 
     @property
     def about(self) -> str:
-        """What it is, in one line."""
+        """Description of the job in one line."""
         return " ".join(self._text.partition("\n\n")[0].split())
 
     @property
     def description(self) -> str:
-        """What it is, without its arguments."""
+        """Description of the job, without its arguments."""
         return self._text.partition("\nArgs:\n")[0].strip()
 
     @property
@@ -111,7 +111,7 @@ class Job:
         """All keyword arguments: those of the function, then those of the scenario that it returns.
 
         Args:
-            base: A scenario in place of that, for instance with a task of the user's own.
+            base: Scenario to use instead, for instance with a user's task.
         """
         listed = dict(self.arguments)
         if base is None:
@@ -144,14 +144,14 @@ class Job:
         return self.scenario(values)
 
     def scenario(self, values: Mapping[str, Any], changed: "Change | None" = None) -> "Scenario":
-        """The scenario, as by a call.
+        """The scenario for some values of options.
 
         Args:
-            values: By keyword.
-            changed: Applied to what the function returns, before the scenario's own options.
+            values: Values of options, by keyword.
+            changed: Applied to the scenario that the function returns, before its options are set.
 
         Raises:
-            ConfigurationError: As a call.
+            ConfigurationError: There is no such option, or a value is of another type or range.
         """
         from uuv.jobs.scenario_options import with_options_set
 
@@ -180,7 +180,7 @@ class Job:
         return with_options_set(base, options, of_scenario)
 
     def _base(self, values: Mapping[str, Any]) -> "Scenario":
-        """What the function returns."""
+        """The scenario that the function returns."""
         from uuv.scenario import Scenario
 
         scenario = self.function(**values)
@@ -190,14 +190,14 @@ class Job:
         return scenario
 
     def _scenario_options(self, base: "Scenario") -> "dict[str, ScenarioOption]":
-        """Options of its scenario; an argument of the function hides one of the same name."""
+        """Options of the scenario, except those with the name of an argument of the function."""
         from uuv.jobs.scenario_options import scenario_options
 
         options = scenario_options(base)
         return {word: options[word] for word in options if word not in self.arguments}
 
     def _hints(self) -> dict[str, Any]:
-        """Types of the function's arguments; its result may be named for type checkers alone."""
+        """Types of the function's arguments; the type of its result may be unknown at run time."""
         annotations = dict(self.function.__annotations__)
         annotations.pop("return", None)
         holder = type(self.name, (), {"__annotations__": annotations})
@@ -215,10 +215,10 @@ def job(function: "Callable[..., Scenario]") -> Job:
 
 
 def as_job(candidate: "Job | Callable[..., Any]", name: str) -> Job:
-    """A job, or a plain function as one; `name` is how the user calls it.
+    """A job as it is, or one made of a plain function; `name`: as the user typed it.
 
     Raises:
-        ConfigurationError: It is neither.
+        ConfigurationError: The candidate is neither a job nor a function.
     """
     if isinstance(candidate, Job):
         return candidate
@@ -229,34 +229,34 @@ def as_job(candidate: "Job | Callable[..., Any]", name: str) -> Job:
 
 
 def _checked(hint: Any, value: Any, word: str) -> Any:
-    """A value of an option's type; any, where it has none."""
+    """The value, checked against an option's type; unchecked if the option has none."""
     return value if hint is Any else TableReader().value(hint, _plain(value), word)
 
 
 def _plain(value: Any) -> Any:
-    """A value as a document has it: lists, texts and Python's own numbers."""
+    """A value in the types of a document: lists, texts and Python's own numbers."""
     if isinstance(value, Path):
         return str(value)
-    if hasattr(value, "tolist"):  # of numpy
+    if hasattr(value, "tolist"):  # an array or number of numpy
         return value.tolist()
     return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value
 
 
 def _typed(value: Any) -> str:
-    """A default as it is typed."""
+    """A default as one types it on a command line."""
     several: Collection[Any] = value if isinstance(value, tuple) else (value,)
     return " ".join(f"{entry:g}" if isinstance(entry, float) else str(entry) for entry in several)
 
 
 def _arguments(text: str) -> dict[str, str]:
-    """What the section "Args:" of a docstring says of each argument."""
+    """Description of each argument in the section "Args:" of a docstring."""
     abouts: dict[str, str] = {}
     name = ""
     for line in text.partition("\nArgs:\n")[2].split("\n"):
         if line and not line.startswith(" "):
             break
 
-        # An entry begins at four blanks, what follows of it further in.
+        # An entry begins at four blanks; its further lines are indented more.
         if line.startswith("    ") and line[4:5].strip():
             name, _, about = line.strip().partition(": ")
             abouts[name] = about

@@ -1,8 +1,8 @@
-"""Options of a scenario: found in its tables, where they are declared, and set there.
+"""Options of a scenario, which fields of its tables declare: lists them, and sets their values.
 
 A field that `uuv.sim.interfaces.options.option` declares is an option of every job whose scenario
-has it. So a job's function has arguments of its own alone: seed, water, vehicle, sensors, object
-and task bring theirs.
+has the field. So a job's function declares only its own arguments; seed, water, vehicle, sensors,
+object and task add theirs.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.options import KEPT, Option, option_of
 from uuv.sim.interfaces.spatial import shown
 
-_DIGITS = 12  # of a default in another unit: 0.1 mm is no 0.09999999999999999
+_DIGITS = 12  # significant, of a default in another unit: 0.1 mm, not 0.09999999999999999
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,11 +24,11 @@ class ScenarioOption:
     """One option of a scenario."""
 
     word: str  # as a keyword argument
-    key: str  # of a scenario file
+    key: str  # key in a scenario file
     declared: Option
     hint: Any  # type of the option's value
-    value: Any  # that of the scenario, in the option's unit
-    table: type | None = None  # class of the field's value, where true or false is the option's
+    value: Any  # value in the scenario, in the option's unit
+    table: type | None = None  # class of the table that an option of true or false adds
 
     def in_field(self, value: Any) -> Any:
         """An option's value in the unit and type of the field."""
@@ -39,7 +39,7 @@ class ScenarioOption:
         return _scaled(value, self.declared.unit)
 
     def takes(self, value: Any) -> bool:
-        """True for a thing itself, where a name would do as well."""
+        """True if the value is an object in place of its name."""
         return self.declared.named is not None and not isinstance(value, str | None)
 
     def closes(self, value: Any) -> bool:
@@ -52,10 +52,10 @@ Changes = Mapping[str, tuple[ScenarioOption, Any]]  # options and their values, 
 
 
 def scenario_options(scenario: Scenario) -> dict[str, ScenarioOption]:
-    """Options by their words: those of every job, and those that the scenario's task heeds.
+    """Options by name: those of every job, and those that the scenario's task lists in `heeds`.
 
     Raises:
-        ConfigurationError: Two of them have the same word.
+        ConfigurationError: Two options have the same name.
     """
     options: dict[str, ScenarioOption] = {}
     for option in every_option(scenario):
@@ -63,7 +63,7 @@ def scenario_options(scenario: Scenario) -> dict[str, ScenarioOption]:
             continue
         if option.word in options:
             both = f"{options[option.word].key} and {option.key}"
-            rule = f"both are the option {option.word!r}; one of them needs another word"
+            rule = f"both are the option {option.word!r}; rename one of them"
             raise ConfigurationError(f"{both}: {rule}")
         options[option.word] = option
     return options
@@ -79,8 +79,8 @@ def with_options_set(scenario: Scenario, options: Options, values: Mapping[str, 
 
     Args:
         scenario: The base.
-        options: Of that scenario, by word.
-        values: In the options' units, by word.
+        options: Options of that scenario, by name.
+        values: Their values in the options' units, by name.
 
     Raises:
         ConfigurationError: A value is out of range, or needs another option.
@@ -90,7 +90,7 @@ def with_options_set(scenario: Scenario, options: Options, values: Mapping[str, 
 
 
 def _of_table(table: Any, before: str) -> Iterator[ScenarioOption]:
-    """Options in a table and in the tables within it; of a class: in a table that is absent."""
+    """Options in a table and in its inner tables; a class stands for an absent table."""
     absent = isinstance(table, type)
     hints = _hints(table if absent else type(table))
     for field in fields(table):
@@ -108,7 +108,7 @@ def _of_table(table: Any, before: str) -> Iterator[ScenarioOption]:
                 yield from _of_table(inner, f"{key}.")
             continue
 
-        # A thing by its name.
+        # An object that is chosen by name.
         word = declared.word or field.name
         if declared.named is not None:
             name = None if value is None else type(value).__name__
@@ -116,13 +116,13 @@ def _of_table(table: Any, before: str) -> Iterator[ScenarioOption]:
             yield ScenarioOption(word=word, key=key, declared=declared, hint=kind, value=name)
             continue
 
-        # A table as an option is there, or is not.
+        # A table that an option of true or false adds.
         if inner is not None:
             option = ScenarioOption(word=word, key=key, declared=declared, hint=bool, value=False)
             yield replace(option, value=value is not None, table=inner)
             continue
 
-        # A number, a text, or several.
+        # A number, a text, or several of them.
         if absent:
             value = _of_absent(declared, field)
             hint = hint | None if declared.closed is None else hint
@@ -139,7 +139,7 @@ def _of_absent(declared: Option, field: "Field[Any]") -> Any:
 
 
 def _table_class(hint: Any) -> type | None:
-    """The dataclass of an annotation that allows one or None; None for another annotation."""
+    """The dataclass D of an annotation `D | None`; None for another annotation."""
     if get_origin(hint) not in (Union, UnionType):
         return None
     kinds = [kind for kind in get_args(hint) if kind is not NoneType]
@@ -170,7 +170,7 @@ def _in_unit(value: Any, unit: float) -> Any:
 
 
 def _changed(table: Any, changes: Changes, before: str) -> Any:
-    """A table with other values; `before` is its key with a dot."""
+    """The table with other values; `before`: its key with a dot."""
     replaced: dict[str, Any] = {}
     within: dict[str, dict[str, tuple[ScenarioOption, Any]]] = {}
     for key, (option, value) in changes.items():
@@ -180,7 +180,7 @@ def _changed(table: Any, changes: Changes, before: str) -> Any:
         else:
             replaced[name] = option.in_field(value)
 
-    # Tables within it are changed, made or removed.
+    # Inner tables are changed, added or removed.
     for name, inner in within.items():
         present = getattr(table, name)
         key = f"{before}{name}."
@@ -194,16 +194,16 @@ def _changed(table: Any, changes: Changes, before: str) -> Any:
 
 
 def _opened(kind: type | None, changes: Changes, before: str) -> Any:
-    """A table that was absent; None where the option that makes it says that there is none.
+    """The table that the options add; None if the option that adds it is not among them.
 
     Raises:
-        ConfigurationError: Options of the table are given without that one.
+        ConfigurationError: Options of the table are given without the one that adds it.
     """
     assert kind is not None
     if any(_makes(option, value) for option, value in changes.values()):
         return kind(**{key: option.in_field(value) for key, (option, value) in changes.items()})
 
-    # Without it, another option may be given as what it is anyway.
+    # Without that option, the others may only have their default values.
     for key, (option, value) in changes.items():
         if option.declared.closed is KEPT and value != option.value:
             makers = [field.name for field in fields(kind) if _is_maker(option_of(field))]
@@ -213,7 +213,7 @@ def _opened(kind: type | None, changes: Changes, before: str) -> Any:
 
 
 def _makes(option: ScenarioOption, value: Any) -> bool:
-    """True if an option makes the table that it is in."""
+    """True if an option with this value adds the table that it is in."""
     return _is_maker(option.declared) and not option.closes(value)
 
 

@@ -1,4 +1,4 @@
-"""`uuv identify friction`: the job identify-friction by the name of what it does."""
+"""`uuv identify friction`: runs the job identify-friction."""
 
 import time
 from collections.abc import Sequence

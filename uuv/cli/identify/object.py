@@ -12,7 +12,7 @@ from uuv.sim.runs.command_line import as_base
 from uuv.sim.runs.saving import write_json
 from uuv.start import new_folder, parse
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from rich.console import Console
 
     from uuv.models.objects.target_model import TargetModel
@@ -30,8 +30,8 @@ class ObjectVerb(IdentificationOptions):
     The result is the pose, the decision, the clouds and pictures. Where an accepted object differs
     from its model (growth, silt, dents) the regions are listed and shown in colour.
 
-    The object is one of the library by name, or a file: a mesh, or a cloud of its surface. With
-    --among the command finds out which of several objects it is. Coordinates are those of the
+    The object is a name of the library, or a file: a mesh, or a cloud of its surface. With --among
+    the command decides which of several objects is in the frame. Coordinates are those of the
     sensor (x right, y down, z ahead). Exit code 0: accepted; 1: rescan or refused; 2: invalid file
     or option.
     """
@@ -65,7 +65,7 @@ def identify_object(options: IdentificationOptions) -> int:
     console = PlainConsole()
     folder = new_folder("identify_object", options.out, options.seed)
 
-    # One object that is known, or which of several it is: then these decide.
+    # A single known object; or the choice among several, which then gives the decision.
     several = None
     if options.among:
         models = identification.models_among(options)
@@ -111,7 +111,7 @@ def print_candidates(several: "Recognition", console: "Console") -> None:
 
 
 def print_pose(pose: "Identification", target: "TargetModel", console: "Console") -> None:
-    """Prints the middle of the object, how its symmetry was settled, and the time taken."""
+    """Prints the middle of the object, the choice among symmetric poses, and the time taken."""
     from uuv.sim.interfaces.spatial import transform_points
 
     p_C = transform_points(pose.X_sensor_target, target.center)
@@ -123,7 +123,7 @@ def print_pose(pose: "Identification", target: "TargetModel", console: "Console"
 def deformation(
     pose: "Identification", name: str, folder: Path, console: "Console"
 ) -> dict[str, Any]:
-    """Figures of where an object differs from its model; also prints, writes and draws that."""
+    """Figures of an object's deviations from its model; also prints, writes and draws them."""
     from uuv.clouds import deformation_report
     from uuv.perception.toolpath.deformation import map_deformation
 
@@ -135,6 +135,6 @@ def deformation(
         figure = deformation_report.picture_of_deviations(mapped, title)
         figure.savefig(folder / "deformation.png", dpi=120)
     else:
-        compared = f"of the {mapped.compared:.0%} of the surface in view that was compared"
-        console.print(f"no significant deviation {compared}", highlight=False)
+        compared = f"{mapped.compared:.0%} of the surface in view was compared"
+        console.print(f"no significant deviation; {compared}", highlight=False)
     return deformation_report.figures(mapped)

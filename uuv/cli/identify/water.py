@@ -11,22 +11,22 @@ from uuv.sim.runs.command_line import as_base
 from uuv.start import parse
 from uuv.water_identification.options import WaterOptions, check_inputs
 
-_PLAN = "plan.json"  # the result where nothing is identified
+_PLAN = "plan.json"  # the result if nothing is identified
 
 
 @dataclass(kw_only=True)
 class WaterVerb(WaterOptions):
     """Identify added mass, damping, trim and thrust of a vehicle from logs.
 
-    The vehicle's present coefficients are the prior. What the logs cannot tell is said in words;
-    with --plan the most informative next manoeuvre is named. Without --log a vehicle drawn from
-    the prior is simulated; with --plan alone the first manoeuvre is planned.
+    The vehicle's present coefficients are the prior. Parameters that the logs do not identify are
+    listed; with --plan the most informative next manoeuvre is proposed. Without --log a vehicle
+    drawn from the prior is simulated; with --plan alone the first manoeuvre is planned.
     """
 
     groups: ClassVar[Mapping[str, str]] = {"output": "json"}
 
     json: bool = False
-    """Print metrics.json alone, or plan.json where nothing is identified."""
+    """Print metrics.json alone, or plan.json if nothing is identified."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:

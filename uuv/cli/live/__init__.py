@@ -1,1 +1,1 @@
-"""Verbs on a run that goes on with others: serve ardupilot, serve udp, drive."""
+"""Verbs for runs with another program or an operator: serve ardupilot, serve udp, drive."""

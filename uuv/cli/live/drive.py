@@ -1,4 +1,4 @@
-"""A job's site, driven by an operator: `uuv drive NAME`."""
+"""Drives the vehicle of a job by an operator's inputs: `uuv drive NAME`."""
 
 import time
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from uuv.sim.runs.command_line import parse
 class DriveOptions(NamedJobOptions):
     """Drive the vehicle of a job at its site, in place of the job's planner.
 
-    Velocities of hull and tool, a set force and a clutch; the controllers below, the monitors and
-    the departure stay in force (docs/your_tools.md).
+    The inputs are velocities of hull and tool, a set force and a clutch. Controllers, monitors and
+    departure remain active (docs/your_tools.md).
     """
 
     inputs: str = KEYBOARD

@@ -1,4 +1,4 @@
-"""A run that keys drive, with its window."""
+"""A run that is driven by keyboard, with its window."""
 
 from uuv.assembly import Assembly
 from uuv.command import command
@@ -14,8 +14,8 @@ def run_by_keyboard(scenario: Scenario, options: RunOptions, started: float) -> 
     """Run a scenario with a window and progress on screen; the exit code.
 
     Args:
-        scenario: With an operator at the keyboard.
-        options: Of the run.
+        scenario: Scenario with an operator at the keyboard.
+        options: Options of the run.
         started: [s] time.perf_counter() at the start of the command.
     """
     windows: list[Window] = []

@@ -8,7 +8,7 @@ from tyro.conf import Positional, arg
 from uuv.cli.carry_out import Assignments, values_of
 from uuv.sim.runs.command_line import RunOptions
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.scenario import Scenario
 
 
@@ -26,7 +26,7 @@ class NamedJobOptions(RunOptions):
     set: Assignments = ()
     """KEY=VALUE, repeatable: values by the keys of a scenario file."""
     trust: bool = False
-    """Run the code that a scenario file names too."""
+    """Also run the code that a scenario file names."""
     json: bool = False
     """Print metrics.json alone."""
 

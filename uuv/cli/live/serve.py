@@ -1,4 +1,4 @@
-"""Doors for other programs: `uuv serve ardupilot`, `uuv serve udp`."""
+"""Connects other programs to a vehicle: `uuv serve ardupilot`, `uuv serve udp`."""
 
 import math
 import sys
@@ -13,21 +13,21 @@ from uuv.cli.live.named_job import NamedJobOptions, named_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import parse
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.serve.ardupilot import ArduPilotDoor
 
 
 @dataclass(kw_only=True)
 class ArduPilotOptions:
-    """Physics behind ArduPilot's simulation (SITL), by its JSON interface, in lockstep.
+    """Serve the physics of a vehicle to ArduPilot's simulation (SITL), in lockstep, as JSON.
 
-    Start SITL with `--model JSON:127.0.0.1`. Ctrl-C ends it; exit code 0.
+    Start SITL with `--model JSON:127.0.0.1`. Ctrl-C ends the command with exit code 0.
     """
 
     frame: str = "vectored_6dof"
     """ArduSub's motor frame: vectored (FRAME_CONFIG 1) or vectored_6dof (2)."""
     vehicle: str | None = None
-    """Named vehicle (`uuv list vehicles`) whose thrusters are arranged so; default: bluerov2 for
+    """Named vehicle (`uuv list vehicles`) with the thrusters of that frame; default: bluerov2 for
     vectored, bluerov2_heavy for vectored_6dof."""
     port: int = 9002
     """UDP port; 0: any that is free."""
@@ -40,20 +40,21 @@ class ArduPilotOptions:
     bottom: float | None = None
     """Depth of a level bottom [m], for a range finder that looks down (rng_1)."""
     directions: tuple[int, ...] = ()
-    """MOT_n_DIRECTION of the autopilot, 1 or -1 for each motor, where they are not all 1."""
+    """MOT_n_DIRECTION of the autopilot, 1 or -1 for each motor, if they are not all 1."""
     arm_channels: tuple[int, ...] = ()
-    """Channel of each joint of the arm, its range over 1100 to 1900 us; default: held at home."""
+    """Channel of each joint of the arm; 1100 to 1900 us cover its range. Default: arm held at
+    home."""
     seconds: float | None = None
-    """End after so much simulated time [s]."""
+    """End after this simulated time [s]."""
     json: bool = False
-    """Print what arrived as JSON at the end."""
+    """Print the counts of packets as JSON at the end."""
 
 
 @dataclass(kw_only=True)
 class UdpOptions(NamedJobOptions):
     """Run a job whose controller is another process, over UDP (docs/udp.md).
 
-    Without --pace in lockstep: each command is waited for.
+    Without --pace it runs in lockstep: the simulation waits for each command.
     """
 
     port: int = 9010
@@ -70,7 +71,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _serve_udp(args: Sequence[str]) -> int:
-    """A job with a controller in another process."""
+    """Serves a job to a controller in another process."""
     options = parse(UdpOptions, args)
     started = time.perf_counter()
     scenario = named_scenario(options)
@@ -90,7 +91,7 @@ def _serve_udp(args: Sequence[str]) -> int:
 
 
 def _serve_ardupilot(args: Sequence[str]) -> int:
-    """A vehicle behind an autopilot."""
+    """Serves the physics of a vehicle to an autopilot."""
     options = parse(ArduPilotOptions, args)
     from uuv.serve.datagrams import answer_all, listening
 
@@ -116,7 +117,7 @@ def _serve_ardupilot(args: Sequence[str]) -> int:
 
 
 def _print_end(door: "ArduPilotDoor", *, as_json: bool) -> None:
-    """Print what arrived, and how much was simulated."""
+    """Print the counts of packets, and the simulated time."""
     traffic = door.traffic
     simulated = door.vehicle.time
     if as_json:
@@ -125,11 +126,11 @@ def _print_end(door: "ArduPilotDoor", *, as_json: bool) -> None:
 
     print(f"{simulated:.1f} s simulated; packets: {traffic.summary()}")
     if traffic.reason:
-        print(f"last refused: {traffic.reason}")
+        print(f"last refused packet: {traffic.reason}")
 
 
 def _door(options: ArduPilotOptions) -> "ArduPilotDoor":
-    """Vehicle behind the door, from the options."""
+    """Connection of a vehicle to the autopilot, from the options."""
     from uuv.serve.ardupilot import ArduPilotDoor
     from uuv.serve.served_vehicle import DiveSite
 

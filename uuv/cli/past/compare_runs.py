@@ -22,30 +22,30 @@ if TYPE_CHECKING:
     from uuv.sim.reporting.series_tables import PastRun
 
 _LEFT_OUT = (FORMAT_KEY, "provenance", "timings", "start", "schema")
-# what was asked for, and the model that follows from it
+# requested values, and the model that follows from them
 _ASKED = ("scenario", "options.", "model_sha256")
-_SAME = 0.02  # share by which figures may differ and still count as alike
+_SAME = 0.02  # relative difference up to which figures count as equal
 Rows = list[tuple[str, list[Any]]]
 
 
 @dataclass(kw_only=True)
 class CompareOptions:
-    """Options and versions in which runs differ, and figures that differ by more than 2 %.
+    """Compare runs: options and versions that differ, and figures that differ by more than 2 %.
 
-    The same and the time series of the first two, laid over each other, are left as
+    The tables, and the time series of the first two runs laid over each other, are written to
     compare_NAME.html in the first folder.
     """
 
     a: Run
     b: Run
     more: Annotated[
-        Positional[tuple[str, ...]], arg(metavar="[RUN ...]", help="Further ones.")
+        Positional[tuple[str, ...]], arg(metavar="[RUN ...]", help="Further runs.")
     ] = ()
     all: bool = False
-    """All figures."""
+    """Print all figures."""
     trust: Trust = False
     json: bool = False
-    """Print the tables as JSON, and leave no page."""
+    """Print the tables as JSON, and write no page."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
@@ -137,7 +137,7 @@ def write_page(runs: "Sequence[PastRun]", rows_by_title: Mapping[str, Rows]) -> 
 
 
 def _short(folders: Sequence[Path]) -> list[str]:
-    """Names of folders: the last part, or more of them where they would be alike."""
+    """Names of folders: as many last parts of their paths as distinguish them."""
     whole = [folder.resolve().parts for folder in folders]
     for parts in range(1, max(map(len, whole))):
         names = ["/".join(parts_of[-parts:]) for parts_of in whole]
@@ -147,7 +147,7 @@ def _short(folders: Sequence[Path]) -> list[str]:
 
 
 def numbers(nested: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted name and value of each number, verdict and word of a run's metrics."""
+    """Dotted name and value of each number, boolean, state and abort code of a run's metrics."""
     for key, value in nested.items():
         if key in _LEFT_OUT:
             continue

@@ -12,7 +12,7 @@ from uuv.sim.runs.command_line import parse
 
 @dataclass(kw_only=True)
 class ExportOptions:
-    """Write a run's series, events and clouds in a format of other tools; one or several."""
+    """Write a run's series, events and clouds in one or more formats of other tools."""
 
     run: Run
     mcap: Path | None = None
@@ -33,7 +33,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     del verb
     options = parse(ExportOptions, args)
     if not any((options.mcap, options.bag, options.csv, options.mat)):
-        raise ConfigurationError("export: give at least one of --mcap, --bag, --csv, --mat")
+        raise ConfigurationError("export: needs at least one of --mcap, --bag, --csv, --mat")
 
     folder = run_folder(options.run)
     for file in (options.mcap, options.mat):
@@ -55,7 +55,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _exported(folder: Path, options: ExportOptions) -> dict[str, int]:
-    """Files that were written, and the messages in each; 0 where it holds tables."""
+    """Files that were written, with the number of messages in each; 0 for tables."""
     from uuv.export import files
     from uuv.sim.reporting.series_tables import PastRun
 

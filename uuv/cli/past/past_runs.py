@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
 Run = Annotated[
     Positional[str],
-    arg(metavar="RUN", help="Folder of a run, or the name of a job for its latest."),
+    arg(metavar="RUN", help="Folder of a run, or the name of a job for its latest run."),
 ]
-Trust = Annotated[bool, arg(help="Run the code, MODULE:ATTRIBUTE, that its scenario names too.")]
-_RRD = b"RRF"  # begins a log
+Trust = Annotated[bool, arg(help="Also run the code MODULE:ATTRIBUTE that the scenario names.")]
+_RRD = b"RRF"  # first bytes of a log
 
 
 @dataclass(kw_only=True)
 class ReplayOptions:
-    """Run again from the record of a run, and compare the trajectory to the bit."""
+    """Repeat a run from its record, and compare the trajectories bit for bit."""
 
     run: Run
     trust: Trust = False
@@ -41,7 +41,7 @@ class ReplayOptions:
 
 @dataclass(kw_only=True)
 class ReportOptions:
-    """Print the path of report.html; where there is none it is written by running again."""
+    """Print the path of report.html; if there is none, the run is repeated to write it."""
 
     run: Run
     trust: Trust = False
@@ -55,7 +55,7 @@ class ViewOptions:
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Does the verb with the run; returns the exit code."""
+    """Carries out the verb on the run; returns the exit code."""
     match verb:
         case "replay":
             options = parse(ReplayOptions, args)
@@ -68,15 +68,15 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def run_folder(name: str) -> Path:
-    """Folder of a run: as given, or the latest of a scenario's.
+    """Folder of a run: the one given, or the latest run of a scenario.
 
     Raises:
-        ConfigurationError: There is none.
+        ConfigurationError: There is no such run.
     """
     try:
         for folder in (Path(name), RUNS / name / LATEST, RUNS / name.replace("-", "_") / LATEST):
             if (folder / "metrics.json").exists():
-                # where `latest` points now, for it moves on
+                # the present target of `latest`, since later runs change that link
                 return folder.parent / folder.readlink() if folder.is_symlink() else folder
 
         names = (
@@ -86,13 +86,13 @@ def run_folder(name: str) -> Path:
         raise ConfigurationError(f"{name}: no run ({error.strerror})") from error
 
     known = f"; runs/ has {', '.join(names)}" if names else "; there is no folder runs/ here"
-    raise ConfigurationError(f"{name}: no run, a folder with metrics.json{known}")
+    raise ConfigurationError(f"{name}: must be a run, a folder with metrics.json{known}")
 
 
 def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
-    """The scenario of a run; with the arguments and errors of `scenario_file.read_scenario`.
+    """The scenario of a run; arguments and errors are those of `scenario_file.read_scenario`.
 
-    An operator's inputs are those that the folder keeps.
+    The inputs of an operator are read from the run's folder.
     """
     from uuv.scenario import INPUTS_FILE
     from uuv.scenario_file import SCENARIO_FILE, read_scenario
@@ -106,15 +106,15 @@ def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
 
 
 def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
-    """Runs again; 0 if the trajectory is the same to the bit, else 1.
+    """Repeats a run; 0 if the trajectory is the same to the bit, else 1.
 
     Args:
         folder: Folder of the run.
-        trust: Run code that its scenario names too.
+        trust: Also run the code that its scenario names.
         as_json: Print JSON.
 
     Raises:
-        UuvError: The record cannot be read, or what it describes cannot be run.
+        UuvError: The record cannot be read, or its scenario cannot be run.
     """
     from uuv.inputs import check_inputs
     from uuv.sim.reporting.series_tables import PastRun
@@ -122,7 +122,7 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
     recorded = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
     scenario = scenario_of(folder, trust=trust)
     check_inputs(scenario)
-    from uuv.runner import run  # what runs it is imported, and compiled, after what can be refused
+    from uuv.runner import run  # imported, and compiled, after all checks
 
     ran = run(scenario)
     got = ran.recording.digest()
@@ -137,15 +137,15 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
         return 0
 
     print(
-        f"different trajectory: {got[:12]}, recorded {str(recorded)[:12]}. The record is of other "
-        "code or libraries, of another machine, or of a run that was interrupted (see provenance "
-        "in metrics.json)."
+        f"different trajectory: {got[:12]}, recorded {str(recorded)[:12]}. The record was made by "
+        "other code or libraries, on another machine, or by a run that was interrupted (see "
+        "provenance in metrics.json)."
     )
     return 1
 
 
 def report(folder: Path, *, trust: bool = False) -> int:
-    """Prints the path of the report, made where missing; `trust`: also by its scenario's code."""
+    """Prints the path of the report, written if missing; `trust`: run its scenario's code too."""
     file = folder / "report.html"
     if not file.exists():
         if absent(LOG):
@@ -163,7 +163,7 @@ def report(folder: Path, *, trust: bool = False) -> int:
 
 
 def view(folder: Path) -> int:
-    """Opens the Rerun viewer on the run's log; its exit code."""
+    """Opens the run's log in the Rerun viewer; returns the viewer's exit code."""
     log = folder / "run.rrd"
     if not log.exists():
         raise ConfigurationError(

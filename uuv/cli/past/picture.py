@@ -14,7 +14,7 @@ STILL, CLIP = "scene.png", "clip.webp"
 class PictureOptions:
     """Render a still, 5 s after the work began, and a clip of the whole run into its folder.
 
-    By MuJoCo's renderer, or by ray casting where there is no OpenGL.
+    MuJoCo renders them, or ray casting if there is no OpenGL.
     """
 
     run: Run
@@ -31,11 +31,11 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def pictures(folder: Path, *, trust: bool = False) -> Iterator[Path]:
-    """Still and clip of a run, each when it is written; `trust`: also by its scenario's code.
+    """Still and clip of a run, each when it is written; `trust`: run its scenario's code too.
 
     Raises:
-        ConfigurationError: The run has no series, or its scenario cannot be read or names what
-            there is not.
+        ConfigurationError: The run has no series, or its scenario cannot be read or has an unknown
+            name.
     """
     from uuv.inputs import check_inputs
     from uuv.sim.reporting.series_tables import SLOW, PastRun

@@ -22,15 +22,15 @@ from uuv.sim.reporting.series_tables import PastRun
 from uuv.sim.runs.saving import write_whole
 
 WIDTH, HEIGHT = 960, 600  # [px]
-FRAMES = 150  # of the clip: ten seconds
+FRAMES = 150  # number of frames of the clip: ten seconds
 PACE = 15.0  # [frames/s]
-MURK = 0.35  # [1/m] by which what lies behind the work fades into the water
-# its colour, from above down
+MURK = 0.35  # [1/m] rate at which things behind the work fade into the colour of the water
+# colour of the water, from top to bottom
 _WATER = np.linspace([58.0, 110.0, 130.0], [16.0, 44.0, 60.0], HEIGHT)[:, None]
 
 
 def render(scenario: Scenario, past: PastRun, still: Path, clip: Path) -> Iterator[Path]:
-    """Renders a run into the files `still` and `clip`; gives each when it is written."""
+    """Renders a run into the files `still` and `clip`; yields each when it is written."""
     stage = RunScene(scenario, past)
 
     # The still: some seconds into the work.
@@ -140,7 +140,7 @@ class RunScene:
         mujoco.mj_forward(self._model, self._data)
 
     def _aim(self) -> None:
-        """Look at the middle of the tool's and the hull's places, from far enough to see both."""
+        """Aim at the middle of all tool and hull positions, from a distance that shows both."""
         # Sampled over the whole run.
         places: list[Array] = []
         for row in np.linspace(0, len(self.time) - 1, 20).astype(int):

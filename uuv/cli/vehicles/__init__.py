@@ -1,1 +1,1 @@
-"""Verbs about vehicles: what one has, its water from geometry, the named models."""
+"""Verbs about vehicles: their check, hydrodynamic data from geometry, the named models."""

@@ -1,4 +1,4 @@
-"""`uuv check VEHICLE`: what it has of the contract, what is doubtful, which jobs it can begin."""
+"""`uuv check VEHICLE`: parts of the contract, doubts, and the jobs that the vehicle can begin."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,27 +12,27 @@ from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import parse
 
-WIDTH = 132  # characters of the tables where the output is no terminal
+WIDTH = 132  # [characters] of the tables if the output is no terminal
 
 
 @dataclass(kw_only=True)
 class CheckOptions:
-    """What a vehicle has of the contract, what looks wrong, and which jobs it can begin.
+    """Check a vehicle: parts of the contract, doubtful figures, and the jobs that it can begin.
 
-    Exit code 0: all of them; 1: some are refused.
+    Exit code 0: all jobs are feasible; 1: some are refused.
     """
 
     vehicle: Annotated[
         Positional[str],
         arg(
             metavar="VEHICLE",
-            help="Of `uuv list vehicles`, a file, or MODULE:FUNCTION, which returns an MjSpec that "
-            "need not be compiled.",
+            help="A name of `uuv list vehicles`, a file, or MODULE:FUNCTION, which returns an "
+            "MjSpec that need not be compiled.",
         ),
     ]
     parts: Path | None = None
-    """File that maps the model's names to those of the contract; default: NAME.parts.yaml beside
-    the vehicle's file."""
+    """File that maps the model's names to those of the contract; default: NAME.parts.yaml in the
+    folder of the vehicle's file."""
     tool: str | None = None
     """Tool on the tip: a name of `uuv list tools`."""
     forces: tuple[float, ...] = ()
@@ -40,19 +40,19 @@ class CheckOptions:
     flow: str | None = None
     """Flow field at the jobs' site: a kind, or MODULE:CLASS (docs/own_current.md)."""
     poses: Annotated[int, arg(metavar="N")] = 1
-    """Poses of the object that are drawn for each job of the arm: it is promised if 95 % of them
-    pass."""
+    """Number of poses of the object to draw for each job of the arm, which is feasible if 95 % of
+    them pass."""
     battery: float | None = None
     """Battery of this voltage [V] for thrusters with tables of their current; default: their
     voltage is constant."""
     jobs: tuple[str, ...] = JOBS
-    """Jobs for which a verdict is wanted."""
+    """Jobs to judge."""
     json: bool = False
     """Print the check as JSON."""
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Prints the check; 1 if a job is refused."""
+    """Prints the check; exit code 1 if a job is refused."""
     del verb
     options = parse(CheckOptions, args)
     check_jobs(options.jobs)

@@ -9,12 +9,12 @@ from tyro.conf import Positional, arg
 from uuv.cli.json_output import print_json
 from uuv.start import parse
 
-_NAMES = "Of `uuv list vehicles`; default: all."
+_NAMES = "Names of `uuv list vehicles`; default: all."
 
 
 @dataclass(kw_only=True)
 class ModelsOptions:
-    """Named models, their size, actuation and sources."""
+    """List the named models with size, actuation and sources."""
 
     names: Annotated[Positional[tuple[str, ...]], arg(metavar="[NAME ...]", help=_NAMES)] = ()
     json: bool = False

@@ -1,4 +1,4 @@
-"""`uuv new mapping FILE`: a first mapping beside a vehicle's file, and the questions left."""
+"""`uuv new mapping FILE`: writes a first mapping for a vehicle's file; prints open questions."""
 
 from pathlib import Path
 
@@ -7,10 +7,10 @@ from uuv.sim.interfaces.files import existing_file
 
 
 def new_mapping(file: Path) -> int:
-    """Writes NAME.parts.yaml beside a file; returns the exit code.
+    """Writes NAME.parts.yaml to the folder of a file; returns the exit code.
 
     Raises:
-        ConfigurationError: the mapping is there already, or the file cannot be read.
+        ConfigurationError: The mapping exists already, or the file cannot be read.
     """
     from uuv.models.completing.first_mapping import first_mapping
     from uuv.models.files.parts_file import PARTS_SUFFIX, read_parts
@@ -19,7 +19,7 @@ def new_mapping(file: Path) -> int:
     vehicle = existing_file(file, "vehicle")
     mapping = vehicle.with_name(vehicle.stem + PARTS_SUFFIX)
     if mapping.exists():
-        raise ConfigurationError(f"{mapping} is there already; move it away for a new one")
+        raise ConfigurationError(f"{mapping} exists already; move it away to write a new one")
 
     source = read(vehicle)
     text, questions = first_mapping(source)
@@ -27,7 +27,7 @@ def new_mapping(file: Path) -> int:
         mapping.write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{mapping}: cannot be written ({error.strerror})") from error
-    read_parts(mapping)  # what is written can be read
+    read_parts(mapping)  # check that the written file can be read
 
     for entry in source.entries:
         print(f"  {entry.line()}")

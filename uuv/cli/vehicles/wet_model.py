@@ -1,4 +1,4 @@
-"""`uuv wet MODEL`: an MJCF with the water of its geometry, and a table of where it is from."""
+"""`uuv wet MODEL`: an MJCF with hydrodynamic data from geometry, and a table of their origins."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -24,32 +24,32 @@ _COLUMNS = ("body", "quantity", "value", "origin", "uncertainty")
 
 @dataclass
 class WetOptions:
-    """Water of a model from its geometry: volume, buoyancy, added mass and drag of every body.
+    """Compute volume, buoyancy, added mass and drag of every body of a model from its geometry.
 
-    Writes NAME.wet.xml, an MJCF with its water, and prints where each number is from and how wrong
-    it may be.
+    Writes NAME.wet.xml, an MJCF with these hydrodynamic data, and prints the origin and the
+    uncertainty of each number.
     """
 
     model: Annotated[Positional[Path], arg(metavar="MODEL", help="URDF, MJCF, or one mesh.")]
     out: Path | None = None
-    """File to write; default NAME.wet.xml beside the model."""
+    """File to write; default: NAME.wet.xml in the folder of the model."""
     geoms: Choice = "auto"
-    """Geoms that displace water; auto: the visual ones of a body that has some, else those that
-    collide."""
+    """Geoms that displace water; auto: the visual geoms of a body that has some, otherwise its
+    collision geoms."""
     density: float = SEA_WATER
-    """[kg/m^3] of the water."""
+    """Density of the water [kg/m^3]."""
     panels: int = PANELS
-    """Triangles of each body's surface."""
+    """Number of triangles of each body's surface."""
     neutral: bool = False
-    """Foam or ballast on the floating root makes the vehicle weightless and level."""
+    """Add foam or ballast to the floating root, so that the vehicle is weightless and level."""
     metacentric_height: float = 0.02
-    """[m] of the centre of buoyancy above that of mass, with --neutral."""
+    """Height [m] of the centre of buoyancy above the centre of mass, with --neutral."""
     free: bool = False
-    """The root link of a URDF floats; else it is fixed to the world."""
+    """Let the root link of a URDF float; otherwise it is fixed to the world."""
     scale: float | None = None
-    """[m] of a mesh file's unit: 0.001 for millimetres."""
+    """Length [m] of a mesh file's unit: 0.001 for millimetres."""
     sidecar: bool = False
-    """Write the water to NAME.wet.water.yaml beside the MJCF instead of into it."""
+    """Write the hydrodynamic data to NAME.wet.water.yaml instead of into the MJCF."""
     json: bool = False
     """Print the table as JSON."""
 

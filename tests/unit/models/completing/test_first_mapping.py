@@ -86,5 +86,5 @@ def test_the_command_writes_it_once(tmp_path: Path, capsys: pytest.CaptureFixtur
     said = capsys.readouterr().out
     assert "rov.parts.yaml" in said
     assert "? tip: where on c does the tool end" in said
-    with pytest.raises(ConfigurationError, match="is there already"):
+    with pytest.raises(ConfigurationError, match="exists already"):
         main("new", ["mapping", str(file)])

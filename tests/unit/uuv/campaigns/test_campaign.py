@@ -471,7 +471,7 @@ def test_the_command_refuses_a_mistake_in_one_line(verb, tmp_path, old, new, sai
     [
         (("--version", "with luck"), "--version: only with --only or --replay"),
         (("--only", 1, "--version", "luck"), "--version: allowed without fusion, got 'luck'"),
-        (("--only", 9), "case: allowed up to 3, as drawn, got 9"),
+        (("--only", 9), "case: allowed 0 to 3, got 9"),
         (("--drawn", "gone.json"), "drawn cases 'gone.json': there is no such file"),
         (("--drawn", "gone.json", "--seed", 1), "--drawn and --seed: give only one of them"),
     ],

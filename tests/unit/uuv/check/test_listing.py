@@ -73,11 +73,12 @@ def test_a_list_beyond_twenty_degrees_is_refused_with_its_figure() -> None:
     verdict = check_vehicle(six_vectored(0.02), jobs=("hover",)).verdict("hover")
     assert (verdict.promised, verdict.code) == (False, "list")
     assert verdict.figure == pytest.approx(np.degrees(np.arctan(0.4)))
-    assert "at most 20 deg" in verdict.said
+    assert "limit 20 deg" in verdict.said
 
     check = check_vehicle(six_vectored(0.005), jobs=("hover",))
     assert check.verdict("hover").promised
-    assert "nothing drives pitch: 1.5 N m against W h = 14.7 N m/rad" in check.verdict("hover").said
+    listing = "no thruster drives pitch: 1.5 N m against W h = 14.7 N m/rad"
+    assert listing in check.verdict("hover").said
     finding = check.found("thruster-rank")
     assert finding is not None
     assert (finding.level, finding.figure) == ("doubt", 5.0)

@@ -19,7 +19,7 @@ def test_most_poses_must_pass_and_the_commonest_reason_is_told() -> None:
     promise = of_poses([*good, verdict("start", 0.06)])
     assert (promise.promised, promise.code, promise.share) == (True, "ok", 0.95)
     assert promise.figure == 0.3
-    assert promise.said == ("19 of 20 poses; at the worst ok 0.3; 1 refused for start: start 0.06")
+    assert promise.said == ("19 of 20 poses; worst: ok 0.3; 1 refused for start: start 0.06")
 
     bad = [verdict("reach", 0.2), verdict("start", 0.06), verdict("start", 0.09)]
     refused = of_poses([*good[:17], *bad])
@@ -35,7 +35,7 @@ def test_each_seed_draws_another_pose() -> None:
     )
     assert drawn.share == 1.0
     assert drawn.figure is not None
-    assert drawn.said.startswith("2 of 2 poses; at the worst margin")
+    assert drawn.said.startswith("2 of 2 poses; worst: margin")
 
 
 def test_a_number_of_poses_that_is_none_is_refused() -> None:

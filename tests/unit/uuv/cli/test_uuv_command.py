@@ -99,7 +99,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         ),
         (
             ["run", "clean-barrel", "--target-pose", "known"],
-            "--target-pose: a known pose is now --sensor survey",
+            "--target-pose: no longer an option; use --sensor survey",
         ),
         (
             ["run", "clean-barrel", "--sensor", "survey", "--looks", "3"],
@@ -120,9 +120,9 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
             ["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"],
             "--path (task.path) 'top' and --line (site.object.line): give only one of the two",
         ),
-        (["replay", "elsewhere"], "elsewhere: no run, a folder with metrics.json"),
+        (["replay", "elsewhere"], "elsewhere: must be a run, a folder with metrics.json"),
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
-        (["new", "boat", "mine"], "no skeleton of a 'boat'; there are "),
+        (["new", "boat", "mine"], "KIND: must be one of "),
         (["new", "object", "My-Thing"], "a module's name in lower case"),
     ],
 )
@@ -183,19 +183,19 @@ def test_every_verb_is_completed_and_prints_its_figures_as_json(name: str):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["identify-water"], "identify-water: that is now `uuv identify water`"),
+        (["identify-water"], "identify-water: this command is now `uuv identify water`"),
         (
             ["identify-object", "--object", "valve"],
-            "identify-object: that is now `uuv identify object`",
+            "identify-object: this command is now `uuv identify object`",
         ),
-        (["identify_friction"], "identify_friction: that is now `uuv identify friction`"),
-        (["calibrate-arm"], "calibrate-arm: that is now `uuv calibrate`"),
-        (["run_campaign.py", "x.toml"], "run_campaign.py: that is now `uuv campaign`"),
-        (["run-scenario"], "run-scenario: that is now `uuv run`"),
-        (["show_models"], "show_models: that is now `uuv models`"),
-        (["validate-physics"], "validate-physics: that is now `uuv validate`"),
-        (["contact-score"], "contact-score: that is now `uuv benchmark`"),
-        (["run", "campaign"], "campaign is no job, but a verb of its own: `uuv campaign`"),
+        (["identify_friction"], "identify_friction: this command is now `uuv identify friction`"),
+        (["calibrate-arm"], "calibrate-arm: this command is now `uuv calibrate`"),
+        (["run_campaign.py", "x.toml"], "run_campaign.py: this command is now `uuv campaign`"),
+        (["run-scenario"], "run-scenario: this command is now `uuv run`"),
+        (["show_models"], "show_models: this command is now `uuv models`"),
+        (["validate-physics"], "validate-physics: this command is now `uuv validate`"),
+        (["contact-score"], "contact-score: this command is now `uuv benchmark`"),
+        (["run", "campaign"], "campaign is not a job but a verb: `uuv campaign`"),
         (["identify"], "identify: needs one of object, friction, water, got none"),
         (
             ["identify", "watr"],
@@ -353,7 +353,7 @@ def test_a_skeleton_passes_its_own_test(kinds: tuple[str, ...], uuv, tmp_path: P
     for kind in kinds:
         name = f"my_{kind}"
         uuv("new", kind, name)
-        assert "is there already" in uuv("new", kind, name, code=2)
+        assert "exists already" in uuv("new", kind, name, code=2)
         used = {"task": f"{name}:Circle", "perturbation": f"perturbations.{name}:Worn.factor=2.0"}
         use = skeletons.SKELETONS[kind].use.replace("NAME", name).split()
         assert used.get(kind, f"{name}:{name}") in use

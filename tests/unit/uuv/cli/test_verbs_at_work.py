@@ -95,7 +95,7 @@ def test_validate_without_a_checkout_is_told(verb, tmp_path: Path, monkeypatch: 
     ran = verb("validate")
     assert (ran.returncode, ran.stderr.count("\n")) == (2, 1)
     assert (
-        "validate: the checks are tests of the project, which are in a checkout of it alone"
+        "validate: works only in a checkout, since the checks are tests of the project"
         in ran.stderr
     )
 
@@ -113,7 +113,7 @@ def test_driving_prints_json_alone(document, tmp_path):
 def test_a_verb_of_past_runs_refuses_what_is_none(name: str, verb, tmp_path: Path):
     ran = verb(name, tmp_path)
     assert (ran.returncode, ran.stderr.count("\n")) == (2, 1)
-    assert "no run, a folder with metrics.json" in ran.stderr
+    assert "must be a run, a folder with metrics.json" in ran.stderr
 
 
 @pytest.mark.long(guarded_by="tests/unit/uuv/cli/test_verbs_at_work.py::test_plan_seabed")

@@ -354,7 +354,7 @@ def test_a_word_with_two_meanings_is_refused():
     class Stream(Drift):
         fast: float = option(1.0, "Of the stream [m/s].", word="current")
 
-    with pytest.raises(ConfigurationError, match="job loud: json is an option of every run"):
+    with pytest.raises(ConfigurationError, match="job loud: json is also an option of every run"):
         options_class(Job(loud), EveryJob)
     with pytest.raises(
         ConfigurationError,

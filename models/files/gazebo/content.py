@@ -130,7 +130,7 @@ def numbers_in(
     if allowed and len(numbers) not in allowed:
         expected = " or ".join(map(str, allowed))
         raise ConfigurationError(
-            f"{name}: <{tag}>: must have {expected} numbers, got {shown(text)}"
+            f"{name}: <{tag}>: expected {expected} numbers, got {shown(text)}"
         )
 
     return numbers

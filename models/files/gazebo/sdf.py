@@ -317,7 +317,7 @@ def _numbers(text: str, count: int, subject: str) -> Array:
         numbers = [float(word) for word in text.replace(",", " ").split()]
     except ValueError as error:
         raise ConfigurationError(
-            f"{subject}: must have {count} numbers, got {shown(text)}"
+            f"{subject}: expected {count} numbers, got {shown(text)}"
         ) from error
 
     return checked(numbers, (count,), subject)

@@ -218,7 +218,7 @@ def test_visual_meshes_are_not_needed_for_collision_geoms(tmp_path: Path):
     with pytest.raises(ConfigurationError, match=r"x.stl': there is no such file"):
         read_model(file)
     spec, notes = read_model(file, visual=False)
-    assert notes[0].startswith("meshes left out, not found or not of .stl")
+    assert notes[0].startswith("meshes left out, since they were not found or are none of .stl")
     assert notes[0].endswith(": x.osg, x.stl")
     assert 1e3 * wet(spec, geoms="collision", panels=FAST).bodies["arm"].volume == pytest.approx(
         4.0, rel=1e-5

@@ -120,7 +120,7 @@ def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
     ("text", "said"),
     [
         ("", "the file is empty"),
-        ("# x y z\n", "there is no point in it"),
+        ("# x y z\n", "the text has no points"),
         ("0 0 -2.5\n1 0 -2.5 7\n", "line 2: expected 3"),
     ],
     ids=["empty", "comments alone", "wrong columns"],

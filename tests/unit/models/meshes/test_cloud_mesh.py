@@ -133,7 +133,7 @@ def test_what_is_no_model_is_refused_in_a_line(rng: np.random.Generator) -> None
     for arguments, words in (
         ((points[:50],), f"at least {FEWEST} distinct points, got 50"),
         ((np.ones((300, 3)),), "distinct points, got 1"),
-        ((np.linspace(0.0, 1.0, 300)[:, None] * np.ones(3),), "form no surface"),
+        ((np.linspace(0.0, 1.0, 300)[:, None] * np.ones(3),), "must form a surface"),
         ((points, points[:10]), r"normals must be \(300, 3\), one for each point, got \(10, 3\)"),
         ((points[:, :2],), r"points must be \(n, 3\)"),
         ((1e200 * points,), "must lie within"),

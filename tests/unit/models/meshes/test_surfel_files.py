@@ -59,8 +59,8 @@ FORMS = {  # head of the file, columns after the point, delimiter, decimal sign,
     "comment": ("# x y z red green blue", "c", " ", ".", "columns left out: red green blue"),
     "PTS": ("900", "ic", " ", ".", "columns left out: 4, 5, 6, 7"),
     "ParaView": ("Points:0,Points:1,Points:2", "", ",", ".", ""),
-    "decimal commas": ("", "", "; ", ",", "commas are taken for decimal signs"),
-    "decimal commas and blanks": ("x y z", "", " ", ",", "commas are taken for decimal signs"),
+    "decimal commas": ("", "", "; ", ",", "commas are read as decimal signs"),
+    "decimal commas and blanks": ("x y z", "", " ", ",", "commas are read as decimal signs"),
 }
 
 

@@ -112,13 +112,13 @@ def test_targets_and_direction(tmp_path):
     ("name", "content", "words"),
     [
         ("empty.txt", b"", "empty"),
-        ("comments.txt", b"# nothing\n\n", "there is no point"),
+        ("comments.txt", b"# nothing\n\n", "the text has no points"),
         ("columns.txt", b"0 0 0\n1 2\n", "line 2: expected 3 numbers"),
         ("narrow.txt", b"0 0\n1 2\n", "line 1: expected x y z, and perhaps more columns, got 2"),
         ("named.txt", b"x y\n1 2\n", "line 1: expected 3 numbers .x y z., or a line that names"),
         ("fewer.txt", b"x y z\n1 2 3 4\n", "3 columns are named .x y z., line 2 holds 4"),
         ("twice.txt", b"x,y,z\nx,y,z\n1,2,3\n", "line 2: expected 3 numbers"),
-        ("count.pts", b"0\n", "there is no point in it"),
+        ("count.pts", b"0\n", "the text has no points"),
         (
             "a.npy",
             b"\x93NUMPY\x01\x00v\x00",

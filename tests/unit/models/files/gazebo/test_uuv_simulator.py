@@ -170,27 +170,27 @@ def test_a_curve_of_a_command_becomes_that_of_a_share(
         (  # 0.02 N 50^2 ahead
             "<clampMin>0</clampMin><clampMax>50</clampMax>",
             (50.0, 0.5),
-            ["the other way 0.5 N, guessed (the file lets it push ahead only", "read (its limits)"],
+            ["the other way 0.5 N, guessed (the file allows thrust ahead only", "read (its limits)"],
         ),
         (
             "<clampMin>-50</clampMin><clampMax>0</clampMax>",
             (0.5, 50.0),
-            ["the file lets it push astern only", "read (its limits)"],
+            ["the file allows thrust astern only", "read (its limits)"],
         ),
         (
             "<thrustMin>0</thrustMin><thrustMax>40</thrustMax>",
             (40.0, 0.4),
-            ["the file lets it push ahead only", "thrust 40 and -0.4 N, read (its limits)"],
+            ["the file allows thrust ahead only", "thrust 40 and -0.4 N, read (its limits)"],
         ),
         (
             "<thrustMin>0</thrustMin>",
             (PRIOR, 0.01 * PRIOR),
-            ["the file lets it push ahead only", "guessed (no limit in the file"],
+            ["the file allows thrust ahead only", "guessed (no limit in the file"],
         ),
         (
             "<thrustMin>-40</thrustMin><thrustMax>40</thrustMax><gain>0</gain>",
             (PRIOR, PRIOR),
-            ["guessed (no thrust within its limits in the file"],
+            ["guessed (the file's limits allow no thrust"],
         ),
     ],
 )

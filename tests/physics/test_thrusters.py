@@ -361,7 +361,7 @@ def test_other_actuators_and_other_peoples_user_data_are_no_thrusters():
     model = spec.compile()
     assert thrusters.read(model)[0].tolist() == [0]
     assert model.actuator_gear[0, 3] == pytest.approx(0.014)
-    with pytest.raises(ConfigurationError, match=r"'other'.*already in use"):
+    with pytest.raises(ConfigurationError, match=r"'other'.*holds other data already"):
         thrusters.attach(spec, {"other": thrusters.t200()})
 
 

@@ -156,5 +156,5 @@ def test_joints_that_cannot_carry_it():
     with pytest.raises(ConfigurationError, match=r"'nowhere': there is no joint of that name; the joints are .*'joint1'"):
         gear_friction.attach(spec, {"nowhere": gear})
     spec.joint(JOINT).userdata = [1.0, 2.0, 3.0, 4.0]
-    with pytest.raises(ConfigurationError, match="already in use"):
+    with pytest.raises(ConfigurationError, match="holds other data already"):
         gear_friction.attach(spec, {JOINT: gear})

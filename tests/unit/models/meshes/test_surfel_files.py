@@ -170,7 +170,7 @@ def test_normals_of_which_none_is_usable_are_taken_as_none(
     plain = TargetModel.from_cloud(points)
     np.testing.assert_array_equal(model.vertices, plain.vertices)
     assert model.cloud is not None
-    assert "its normals are all zero or not finite, and taken as none" in model.cloud.note
+    assert "all normals are zero or not finite, so they are ignored" in model.cloud.note
 
 
 @pytest.mark.parametrize("name", ["model.npy", "model.las", "model.e57"])

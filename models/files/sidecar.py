@@ -538,7 +538,7 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
         return numbers.reshape(6, 6)
 
     count = "6, 21 (upper triangle by rows) or 6 x 6" if triangle else "6 or 6 x 6"
-    raise ConfigurationError(f"{where}: must have {count} numbers, got {shown(numbers)}")
+    raise ConfigurationError(f"{where}: must be {count} numbers, got {shown(numbers)}")
 
 
 # -- writing ---------------------------------------------------------------------------------------

@@ -33,8 +33,9 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, what: str) -> tuple[
         corners.min() >= 0 and corners.max() < len(points) and np.all(corners == np.floor(corners))
     ):
         raise ConfigurationError(
-            f"{what}: triangles must refer to vertices 0 to {len(points) - 1}, got {corners.min()} "
-            f"to {corners.max()}"
+            f"{what}: triangles must be indices of vertices, whole numbers from 0 to "
+            f"{len(points) - 1}, "
+            f"got {corners.min():g} to {corners.max():g}"
         )
 
     faces = corners.astype(np.int64)

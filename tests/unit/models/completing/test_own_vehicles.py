@@ -225,7 +225,7 @@ def test_a_root_of_ros_floats_with_the_mass_that_is_fixed_to_it(tmp_path: Path, 
     model = spec.compile()
     notes = computed(spec)
     assert notes["note_1"] == "link world left out: base floats"
-    assert "it takes that of 'heavy'" in notes["note_2"]
+    assert "the mass of 'heavy'" in notes["note_2"]
     joint, inertial = (
         Rotation.from_euler("xyz", angles) for angles in ([0.4, -0.3, 1.2], [-0.2, 0.5, 0.3])
     )
@@ -304,7 +304,7 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
             r"zero",
         ),
         ("pos: [0, 0.2, 0]", "body: nowhere, pos: [0, 0.2, 0]", "no body 'nowhere'"),
-        (", direction: [2, 0, 0]", "", r"thrusters\[0\]: direction: three numbers are missing"),
+        (", direction: [2, 0, 0]", "", r"thrusters\[0\]: direction: three numbers each are missing"),
         (
             "kind: {forward: 30, reverse: 20}",
             "kind: {forwrd: 30}",
@@ -313,7 +313,7 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
         (
             "kind: {forward: 30, reverse: 20}",
             "kind: t500",
-            r"thrusters\[1\]: kind: t200 is the only one by name, got 't500'",
+            r"thrusters\[1\]: kind: t200 is the only name that is allowed, got 't500'",
         ),
         (
             "pos: [-0.2, 0, 0.05]",

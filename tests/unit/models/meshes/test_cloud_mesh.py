@@ -170,7 +170,7 @@ def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:
     assert read_surfels(tmp_path / "bare.xyz").normals is None
     assert TargetModel.from_file(tmp_path / "bare.xyz", scale=0.5).radius < 0.14
     (tmp_path / "bad.xyz").write_text("1 2\n3 4\n")
-    with pytest.raises(ConfigurationError, match=r"bad\.xyz, line 1: expected x y z, .*'1 2'"):
+    with pytest.raises(ConfigurationError, match=r"bad\.xyz, line 1: expected x y z and .*'1 2'"):
         TargetModel.from_file(tmp_path / "bad.xyz")
     np.savetxt(tmp_path / "mm.xyz", 1e3 * points[8:])
     with pytest.raises(ConfigurationError, match="millimetres"):

@@ -178,7 +178,7 @@ def test_models_of_other_programs_are_refused_with_a_way_on(tmp_path: Path, name
     (tmp_path / name).write_bytes(b"LASF")
     with pytest.raises(
         ConfigurationError,
-        match=r"files are not read; allowed are PLY, PCD, or "
+        match=r"files cannot be read; allowed are PLY, PCD, or "
         r"text .*: ",
     ):
         TargetModel.from_file(tmp_path / name)

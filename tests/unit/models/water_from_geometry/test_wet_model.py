@@ -307,7 +307,7 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
         (
             "r.urdf",
             urdf('<collision><geometry><mesh filename="x.osg"/></geometry></collision>'),
-            "link 'arm': mesh 'x.osg': allowed are .stl, .obj, .msh, .dae",
+            "link 'arm': mesh 'x.osg': must be of one of the formats .stl, .obj, .msh, .dae",
         ),
         (
             "r.urdf",
@@ -338,7 +338,7 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
             '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>',
             "no body moves, so none feels water",
         ),
-        ("m.xml", "<mujoco", "not an MJCF that MuJoCo reads"),
+        ("m.xml", "<mujoco", "MuJoCo cannot read this MJCF"),
         ("m.stl", "", "is empty"),
         ("none.stl", None, "there is no such file"),
     ],

@@ -58,7 +58,7 @@ def test_the_three_kinds_of_pcd(tmp_path):
         file.write_bytes(pcd(kind, data, 500, FIELDS))
         assert np.array_equal(read_cloud(file), points, equal_nan=True), kind
         file.write_bytes(pcd(kind, data, 501, FIELDS))
-        with pytest.raises(ConfigurationError, match="cut short"):
+        with pytest.raises(ConfigurationError, match="truncated"):
             read_cloud(file)
     # four bytes, then 264, 264 and 8 of them
     ones = bytes([3, 0, 0, 0x80, 0x3F, 0xE0, 255, 3, 0xE0, 255, 3, 0xC0, 3])
@@ -71,7 +71,7 @@ def test_the_three_kinds_of_pcd(tmp_path):
         file.write_bytes(
             pcd("binary_compressed", np.array([len(spoilt), 540], "<u4").tobytes() + spoilt, 45)
         )
-        with pytest.raises(ConfigurationError, match="cut short"):
+        with pytest.raises(ConfigurationError, match="truncated"):
             read_cloud(file)
 
 
@@ -122,7 +122,7 @@ def test_targets_and_direction(tmp_path):
         (
             "a.npy",
             b"\x93NUMPY\x01\x00v\x00",
-            "NumPy files are not read; allowed are PLY, PCD.*numpy.savetxt",
+            "NumPy files cannot be read; allowed are PLY, PCD.*numpy.savetxt",
         ),
         ("a.las", b"LASF and more", "LAS files are not read; .*pdal translate"),
         ("a.LAZ", b"LASF and more", "LAS files are not read"),

@@ -258,7 +258,7 @@ def test_water_that_would_feed_energy_in_is_reduced_and_said(tmp_path: Path) -> 
     (tmp_path / "rov.urdf").write_text(urdf(wrong))
     text = "\n".join(entry.line() for entry in read(tmp_path / "rov.urdf").entries)
     assert "added mass, guessed (its diagonal only, since the whole matrix is not positive semidefinite)" in text
-    assert "linear damping, guessed (magnitudes: as signed it feeds energy in)" in text
+    assert "linear damping, guessed (magnitudes only, since the signs of the file would add energy)" in text
     body = hydrodynamics.attached(spec_of(tmp_path, urdf(wrong)))["hull"]
     assert np.diag(body.linear_damping) == pytest.approx(LINEAR)
 

@@ -89,7 +89,7 @@ class Registry(Generic[T]):
         if name not in self:
             meant = did_you_mean(name, self.names())
             raise ConfigurationError(
-                f"unknown {self.kind} {shown(name)}; must be one of {', '.join(self.names())}, or "
+                f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}, or "
                 f"MODULE:ATTRIBUTE{meant}"
             )
         return self._aliases.get(name, name)
@@ -122,7 +122,7 @@ class Registry(Generic[T]):
             if not anything and not set(options) <= set(allowed):
                 unknown = sorted(set(options) - set(allowed))
                 raise ConfigurationError(
-                    f"{self.kind} {name!r} has no option {unknown}; the options are {list(allowed)}"
+                    f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}"
                 )
 
         # An error in another package is reported as a fault of the name, not of this program.

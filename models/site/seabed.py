@@ -172,7 +172,7 @@ def seabed(
         ConfigurationError: the kind is unknown, or a size is out of range.
     """
     if kind not in KINDS:
-        raise ConfigurationError(f"unknown seabed {kind!r}; the kinds are {', '.join(KINDS)}")
+        raise ConfigurationError(f"unknown seabed {kind!r}; there are {', '.join(KINDS)}")
     if not (half > 0.0 and 0.0 < step <= half and 5.0 <= steepest < 60.0):
         raise ConfigurationError(
             "seabed: must have half > 0 m, 0 < step <= half and 5 <= steepest < 60 deg, got "

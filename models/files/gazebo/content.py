@@ -129,8 +129,6 @@ def numbers_in(
 
     if allowed and len(numbers) not in allowed:
         expected = " or ".join(map(str, allowed))
-        raise ConfigurationError(
-            f"{name}: <{tag}>: expected {expected} numbers, got {shown(text)}"
-        )
+        raise ConfigurationError(f"{name}: <{tag}>: expected {expected} numbers, got {shown(text)}")
 
     return numbers

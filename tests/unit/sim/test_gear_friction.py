@@ -153,7 +153,10 @@ def test_figures_that_cannot_be(change, said):
 def test_joints_that_cannot_carry_it():
     spec = models.load("uuv_puma")
     gear = GearFriction(coulomb=2.0, stiction=3.0, stribeck_speed=0.03)
-    with pytest.raises(ConfigurationError, match=r"'nowhere': there is no joint of that name; the joints are .*'joint1'"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"'nowhere': there is no joint of that name; the joints are .*'joint1'",
+    ):
         gear_friction.attach(spec, {"nowhere": gear})
     spec.joint(JOINT).userdata = [1.0, 2.0, 3.0, 4.0]
     with pytest.raises(ConfigurationError, match="holds other data already"):

@@ -104,7 +104,12 @@ def test_a_robot_from_urdf_is_solved(method: Method) -> None:
         (CRANE.format(multiplier=-1), "trolley", "flange", "no joint"),
         (CRANE.format(multiplier=-1), "pad", "eye", "'float'.*got type floating"),
         (CRANE.format(multiplier=-2), "pad", "hook", "'lift' and 'level'"),
-        (CRANE.replace('type="fixed"', 'type="glued"'), "pad", "hook", "'bolts'.*must be one of.*fixed"),
+        (
+            CRANE.replace('type="fixed"', 'type="glued"'),
+            "pad",
+            "hook",
+            "'bolts'.*must be one of.*fixed",
+        ),
         ("<robot><link name='a'/><link name='b'/></robot>", "a", "b", "one tree"),
         ("<mujoco/>", "a", "b", "<robot>"),
         ("<robot>", "a", "b", "XML"),
@@ -202,7 +207,11 @@ def hinge(
         ),
         (hinge("ab") + hinge("bc", xyz="0 1"), "c", "^arm: joint 'bc': expected shape"),
         (hinge("ab") + hinge("bc", xyz="0 0 1e5"), "c", "^arm: joint 'bc': must lie within 10000"),
-        (hinge("ab") + hinge("bc", axis="0 0 0"), "c", "^arm: joint 'bc': the axis must be longer than zero"),
+        (
+            hinge("ab") + hinge("bc", axis="0 0 0"),
+            "c",
+            "^arm: joint 'bc': the axis must be longer than zero",
+        ),
         (
             hinge("ab") + hinge("bc", more="<limit lower='x'/>"),
             "c",

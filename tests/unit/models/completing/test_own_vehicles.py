@@ -304,7 +304,11 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
             r"zero",
         ),
         ("pos: [0, 0.2, 0]", "body: nowhere, pos: [0, 0.2, 0]", "no body 'nowhere'"),
-        (", direction: [2, 0, 0]", "", r"thrusters\[0\]: direction: three numbers each are missing"),
+        (
+            ", direction: [2, 0, 0]",
+            "",
+            r"thrusters\[0\]: direction: three numbers each are missing",
+        ),
         (
             "kind: {forward: 30, reverse: 20}",
             "kind: {forwrd: 30}",

@@ -87,7 +87,8 @@ def test_a_rating_below_zero_or_without_end_is_none(tmp_path: Path, endless: str
 def test_what_is_not_taken_as_it_stands_is_said(tmp_path: Path) -> None:
     spec = vehicle_of(tmp_path, robot(f'type="continuous">{limit("-0.5", "0.7")}'))
     assert (
-        "continuous joints keep the limits that are stated for them: turn" in computed(spec).values()
+        "continuous joints keep the limits that are stated for them: turn"
+        in computed(spec).values()
     )
 
 

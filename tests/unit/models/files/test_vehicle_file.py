@@ -87,7 +87,9 @@ def test_a_function_and_a_spec_go_the_way_of_a_file(tmp_path: Path, monkeypatch)
     for described in (tmp_path / "drone.xml", "my_drone:build", spec):
         vehicle = vehicle_spec(described)
         assert vehicle.bodies[1].name == "hull"
-        assert computed(vehicle) == {"note_1": "body hull: 'drone', since it is the only body on the world"}
+        assert computed(vehicle) == {
+            "note_1": "body hull: 'drone', since it is the only body on the world"
+        }
     assert spec.bodies[1].name == "drone"  # it is left as it is
     assert not spec.texts
 

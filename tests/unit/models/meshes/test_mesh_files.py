@@ -73,5 +73,7 @@ def test_text_that_is_not_utf_8_is_read(tmp_path, monkeypatch):
     assert vertices.shape == (3, 3)
     assert triangles.shape == (1, 3)
     monkeypatch.setitem(sys.modules, "charset_normalizer", None)
-    with pytest.raises(ConfigurationError, match=r"the file cannot be read as STL: .*charset_normalizer"):
+    with pytest.raises(
+        ConfigurationError, match=r"the file cannot be read as STL: .*charset_normalizer"
+    ):
         mesh_files.read_mesh(file)

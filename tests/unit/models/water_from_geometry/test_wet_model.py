@@ -138,7 +138,7 @@ def test_a_tube_too_thin_for_panels_is_its_hull():
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="tube", mass=1.0)
     wetted = wet(spec, panels=FAST)
     origin = next(o for o in wetted.origins if o.quantity == "added mass")
-    assert "on the convex hull: the body is too thin" in origin.origin
+    assert "on the convex hull, since the body is too thin" in origin.origin
     assert origin.uncertainty == "factor 2"
     assert wetted.bodies["a"].volume == pytest.approx(0.5 * area, rel=1e-5)
 
@@ -336,7 +336,7 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
         (
             "m.xml",
             '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>',
-            "no body moves, so none feels water",
+            "no body moves, so none can have hydrodynamics",
         ),
         ("m.xml", "<mujoco", "MuJoCo cannot read this MJCF"),
         ("m.stl", "", "is empty"),

@@ -112,7 +112,9 @@ class Fixes:
 
     memory: np.ndarray  # (1,) of `filter_kernel.FILTER`, changed in place
     gate: float  # [-] chi-square with 3 degrees of freedom beyond which a fix is refused
-    adapt: bool  # raise a sensor's variance on large innovations; estimate a bias anew that jumped
+    # True: raise a sensor's variance on large innovations, and re-estimate an accelerometer bias
+    # that jumped
+    adapt: bool
     watches: tuple[FixMonitor, FixMonitor]  # vision, DVL
     bias_jumps: int = 0  # detected jumps of the accelerometer bias since the start, for the log
 
@@ -162,14 +164,14 @@ class Fixes:
             excess = min(square, _SCALE_CAP) - _SCALE_SLACK
             watch.scale = min(max(watch.scale * math.exp(_SCALE_GAIN * excess), 1.0), _MOST_SCALE)
 
-        # A jump of the bias explains the fix, or the gate decides
+        # If a jump of the bias does not explain the fix, the gate decides
         first = self._bias_jumped(watch, innovation, time) if kind == DVL and self.adapt else -1
         if first < 0 and not self._admit(kind, fix, at, innovation, squared):
             return False
 
-        # Stored at its step, from where the filter runs forward again
+        # The fix is stored at its step, from which the filter runs forward again
         slot = self.memory["past_fix"][0, at, kind]
-        if slot[HAS]:  # two of a kind at one step: their weighted mean
+        if slot[HAS]:  # two fixes of a kind at one step are replaced by their weighted mean
             share = fix[VARIANCE] / (fix[VARIANCE] + slot[VARIANCE])
             fix[VALUE:] = share * slot[VALUE:] + (1.0 - share) * fix[VALUE:]
             fix[VARIANCE] = share * slot[VARIANCE]
@@ -181,11 +183,11 @@ class Fixes:
         return True
 
     def _bias_jumped(self, watch: FixMonitor, innovation: Array, time: float) -> int:
-        """Row of the past before a jump of the accelerometer bias; -1 without one.
+        """Row of the past before a jump of the accelerometer bias; -1 if there was no jump.
 
-        The DVL's mean innovation shows the jump. The bias is then assumed to have changed twice the
-        time constant of the mean ago. The variance added there explains the innovation as a
-        velocity that runs away.
+        The DVL's mean innovation shows the jump. The bias is then assumed to have changed earlier
+        by twice the time constant of the mean. The variance added at that step allows the filter to
+        explain the innovation as a growing velocity error.
         """
         if float(watch.mean @ watch.mean) <= _MEAN_GATE * watch.mean_variance:
             return -1
@@ -205,7 +207,7 @@ class Fixes:
 
         watch.mean = np.zeros(3)
         watch.mean_variance = 0.0
-        for blamed in self.watches:  # their errors were the accelerometer's
+        for blamed in self.watches:  # the errors of the DVL were those of the accelerometer
             blamed.scale = 1.0
             blamed.agreeing = 0
         return before

@@ -96,7 +96,7 @@ ANOTHER_CLOUD = pytest.mark.long(
 @pytest.mark.parametrize(
     ("cloud", "said"),
     [
-        (layers, "two surfaces one above the other"),
+        (layers, "two surfaces, one above the other"),
         pytest.param(holed, "target B_1: a hole in the cloud lies under it", marks=ANOTHER_CLOUD),
         pytest.param(line, "all 4000 points lie in a line", marks=ANOTHER_CLOUD),
         pytest.param(not_numbers, "80 of 4000 points are not finite numbers", marks=ANOTHER_CLOUD),

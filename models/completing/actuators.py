@@ -140,8 +140,8 @@ def bound(spec: mujoco.MjSpec, joints: Collection[str], name: str) -> None:
     for joint in arm:
         if joint.range[0] > joint.range[1]:
             raise ConfigurationError(
-                f"{name}: joint {joint.name!r}: its lower limit {joint.range[0]:g} lies above the "
-                f"upper {joint.range[1]:g}; exchange them in the file"
+                f"{name}: joint {joint.name!r}: its lower limit {joint.range[0]:g} is above its "
+                f"upper limit {joint.range[1]:g}; exchange them in the file"
             )
 
     half = 180.0 if spec.compiler.degree else np.pi

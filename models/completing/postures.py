@@ -5,8 +5,9 @@ every time. Parts that touch in nearly every posture are neighbours whose shapes
 count as touching.
 
 - `home` is compact. The arm is clear of the hull, of itself and of the camera's view, and the list
-  of the vehicle in water is small. - `ready` has the largest margin from singular postures and
-  joint limits. The tool is ahead of the camera, at 40 to 75 % of the arm's reach.
+  of the vehicle in water is small.
+- `ready` has the largest margin from singular postures and joint limits. The tool is ahead of the
+  camera, at 40 to 75 % of the arm's reach.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

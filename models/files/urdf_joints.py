@@ -1,11 +1,13 @@
 """Ranges of the joints of a URDF and couplings between them, by one rule for all readers.
 
 `settle` rewrites the joints of a robot once, where it is parsed, so that the readers of arms, of
-vehicles and of MuJoCo get the same joints: ¶ - Stated limits apply, also those of a `continuous`
-joint. - A joint whose limits are missing or too large for any arm turns or slides without end. - A
-joint whose limits are equal is fixed at that value. - A lower limit above the upper one is refused
-when the joint is used (`limits_of`). - An effort or a velocity below zero (SDF's -1) or infinite is
-ignored.
+vehicles and of MuJoCo get the same joints:
+
+- Stated limits apply, also those of a `continuous` joint.
+- A joint whose limits are missing or too large for any arm turns or slides without end.
+- A joint whose limits are equal is fixed at that value.
+- A lower limit above the upper one is refused when the joint is used (`limits_of`).
+- An effort or a velocity below zero (SDF's -1) or infinite is ignored.
 """
 
 from collections.abc import Mapping

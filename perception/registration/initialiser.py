@@ -183,7 +183,9 @@ def initial_poses(
     pairs.
 
     Point pairs are used if the attitude is unknown; their poses are included both unchanged and
-    after the fast ICP. ¶ Patches do not compete with each other, because a small sliver of the scan
+    after the fast ICP.
+
+    Patches do not compete with each other, because a small sliver of the scan
     is always explained well by some part of any model.
 
     Args:

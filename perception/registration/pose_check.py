@@ -11,10 +11,12 @@ front of the model, or the scan is behind the model (the scan "sees through" the
 occluder hides the model, which is no evidence.
 
 A trimmed rms, the shares of these classes, the coverage and the offset of sharp depth edges are
-compared with limits from the sensor's noise and resolution. There are three further conditions: ¶ -
-ICP from the pose does not move it. - The object has the size of the model. - The scan is far less
-likely at every other pose that looks similar (such as a starfish turned by one arm), and at every
-pose to which another ICP converged.
+compared with limits from the sensor's noise and resolution. There are three further conditions:
+
+- ICP from the pose does not move it.
+- The object has the size of the model.
+- The scan is far less likely at every other pose that looks similar (such as a starfish turned by
+  one arm), and at every pose to which another ICP converged.
 """
 
 from dataclasses import dataclass, replace

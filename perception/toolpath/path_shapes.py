@@ -403,8 +403,9 @@ def _averaged(normals: Array, p: Array) -> Array:
 
 
 def _path(p: Array, a: Array, name: str, ways: Array) -> ModelPath:
-    """Path with its own direction as b. ¶ Raises ConfigurationError if a ray along `ways` grazes
-    the surface.
+    """Path with its own direction as b.
+
+    Raises ConfigurationError if a ray along `ways` grazes the surface.
     """
     cosine = np.einsum("ij,ij->i", a, ways)
     if cosine.min() < _GRAZING:

@@ -198,7 +198,7 @@ def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
     filmed = MJCF.replace('<body name="bracket"', '<camera name="front"/><body name="bracket"')
     with pytest.raises(
         ConfigurationError,
-        match=r"no site 'front'.*there is a <camera> of that name: give "
+        match=r"no site 'front'.*there is a <camera> of that name: write "
         r"its position, camera:",
     ):
         vehicle_spec(

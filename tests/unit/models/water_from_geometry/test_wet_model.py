@@ -315,7 +315,7 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
                 '<visual><geometry><mesh filename="capsule.stl" scale="1e3 1e3 '
                 '1e3"/></geometry></visual>'
             ),
-            "460 m across, more than 20 m: is its mesh in millimetres?",
+            "must be at most 20 m across, got 460 m; if its mesh is in millimetres",
         ),
         (
             "r.urdf",
@@ -387,7 +387,7 @@ def test_bad_options_are_one_line(verb, capsule: Path, options, said):
 def test_bad_arguments_of_the_function():
     with pytest.raises(ConfigurationError, match="panels: expected a whole number"):
         wet(spec_of('<geom size=".1"/>'), panels=untyped(True))
-    with pytest.raises(ConfigurationError, match="geoms: allowed auto, visual"):
+    with pytest.raises(ConfigurationError, match="geoms: must be one of auto, visual"):
         wet(spec_of('<geom size=".1"/>'), geoms=untyped("some"))
     with pytest.raises(
         ConfigurationError, match="neutral: expected one floating body with water, found none"

@@ -126,7 +126,7 @@ def test_faces_of_four_corners(tmp_path):
     (tmp_path / "quads.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
     assert len(TargetModel.from_file(tmp_path / "quads.obj").triangles) == 2
     (tmp_path / "beyond.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
-    with pytest.raises(ConfigurationError, match="not there"):
+    with pytest.raises(ConfigurationError, match="does not exist"):
         TargetModel.from_file(tmp_path / "beyond.obj")
 
 
@@ -243,7 +243,7 @@ def test_off_and_what_is_none(tmp_path):
         ("OFF\n", "no vertices"),
         ("4 2 0\n" + body, "begin with"),
         ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n4 0 1 2\n", "fewer corners"),
-        ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "not there"),
+        ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "does not exist"),
         ("OFF 3 1 0\n0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", "not finite"),
     ):
         file.write_text(text)

@@ -3,8 +3,8 @@
     source = read_arm("arm.urdf", tip="ball_link")
     source.arm, source.tcp
 
-A URDF or MJCF has six numbers a joint. They become rows of a table (`uuv.models.arms.serial_arm`),
-and the tip the flange.
+A URDF or MJCF has six numbers per joint. They are converted to rows of a table
+(`uuv.models.arms.serial_arm`); the tip becomes the flange.
 """
 
 import hashlib
@@ -52,18 +52,18 @@ _DH_NAMES = {
 }
 _COLUMNS = ("theta", "d", "a", "alpha", "beta")
 _ANGLES, _LENGTHS = (0, 3, 4), (1, 2)
-_MOST_BYTES = 1_000_000  # of a YAML file
+_MOST_BYTES = 1_000_000  # [bytes] largest size of a YAML file
 _FACTORS = {"deg": np.pi / 180.0, "mm": 1e-3}
-# [m] an arm that reaches farther is written in millimetres, where no unit is stated
+# [m] an arm that reaches farther is assumed to be in millimetres, if no unit is stated
 _LONGEST = 50.0
-_DETOUR = 5.0  # times the reach of an arm: longer links cancel
-_POSTURES = 64  # drawn to guess the reach of an arm
-_LONGEST_KEY = 60  # characters of a column's name
+_DETOUR = 5.0  # factor on the reach of an arm, beyond which lengths of links cancel each other
+_POSTURES = 64  # number of postures drawn to estimate the reach of an arm
+_LONGEST_KEY = 60  # largest number of characters of a column's name
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ArmSource:
-    """An arm with the file that it is from."""
+    """An arm with the file from which it was read."""
 
     path: Path
     kind: Kind
@@ -73,14 +73,14 @@ class ArmSource:
     # (3,) [m] tool point in the flange, if stated
     tcp: Array = field(default_factory=lambda: readonly(np.zeros(3)))
     sha256: str
-    notes: tuple[str, ...] = ()  # what was assumed while reading
+    notes: tuple[str, ...] = ()  # assumptions made while reading
 
 
 def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = None) -> ArmSource:
     """Read the kinematics of an arm from a DH table, YAML, URDF or MJCF file.
 
     Args:
-        path: .csv or .txt (DH table), .yaml or .yml (DH table, what `uuv.calib.results` wrote, or
+        path: .csv or .txt (DH table), .yaml or .yml (DH table, a file of `uuv.calib.results`, or
             the calibration of a Universal Robots arm), .urdf, .xml or .mjcf (MuJoCo).
         base: link of a URDF (default: its root) or body of an MJCF (default: arm_base).
         tip: link of a URDF (default: its only leaf) or site of an MJCF (default: tip).
@@ -89,14 +89,14 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
         The arm with its source.
 
     Raises:
-        ConfigurationError: the file cannot be read, or holds no serial arm.
+        ConfigurationError: the file cannot be read, or does not describe a serial arm.
     """
     raw = bytes_of(path, "arm")
     file = Path(path)
     suffix = file.suffix.lower()
     digest = hashlib.sha256(raw).hexdigest()
 
-    # Any XML may be a robot in URDF.
+    # Any XML may be a URDF.
     if suffix == ".xml" and b"<robot" in raw[:4000]:
         suffix = ".urdf"
 
@@ -111,7 +111,7 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
 
     if suffix not in (*readers, ".urdf"):
         raise ConfigurationError(
-            f"arm {file}: allowed {', '.join((*readers, '.urdf'))}, got {suffix!r}"
+            f"arm {file}: ending must be one of {', '.join((*readers, '.urdf'))}, got {suffix!r}"
         )
     if suffix == ".urdf":
         return _from_urdf(file, raw, digest, base, tip)  # XML says its encoding itself
@@ -119,7 +119,7 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ConfigurationError(f"arm {file}: not a text file in UTF-8") from error
+        raise ConfigurationError(f"arm {file}: must be a text file in UTF-8") from error
 
     return readers[suffix](file, text, digest, base, tip)
 
@@ -144,14 +144,14 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
         cells = cells[1:]
 
     if not cells:
-        raise ConfigurationError(f"arm {file}: holds no rows")
+        raise ConfigurationError(f"arm {file}: must have at least one row, has none")
     columns = header or _COLUMNS[: len(cells[0])]
 
     rows = []
     for k, row in enumerate(cells, 1):
         if len(row) != len(columns):
             raise ConfigurationError(
-                f"arm {file}: row {k} has {len(row)} numbers, {len(columns)} expected"
+                f"arm {file}: row {k} must have {len(columns)} numbers, got {len(row)}"
             )
         rows.append(dict(zip(columns, row, strict=True)))
 
@@ -160,7 +160,7 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Units:
-    """Units of a table whose columns state none."""
+    """Units of a table whose columns state no units."""
 
     angle: Literal["rad", "deg"] | None = None
     length: Literal["m", "mm"] | None = None
@@ -188,10 +188,10 @@ _UNITS = {"schema": {"title": "{angle: rad or deg, length: m or mm}"}}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _ArmTable:
-    """A table with what may stand beside it; files may have further entries."""
+    """A table and optional further entries of its file; other entries are ignored."""
 
     dh: list[_Row] | None = field(default=None, metadata=_ROWS)
-    joints: list[_Row] | None = field(default=None, metadata=_ROWS)  # another name for it
+    joints: list[_Row] | None = field(default=None, metadata=_ROWS)  # another name of `dh`
     units: _Units | None = field(default=None, metadata=_UNITS)
     joint_types: str | None = field(default=None, metadata=_TYPES)
     joint_names: list[str | int] | None = field(default=None, metadata=_NAMES)
@@ -232,7 +232,7 @@ def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | 
         raise ConfigurationError(f"arm {file}: larger than {_MOST_BYTES} bytes")
     document = parsed_yaml(text, f"arm {file}")
     if isinstance(document, list):
-        document = {"dh": document}  # the rows alone
+        document = {"dh": document}  # only the rows
 
     try:
         table = _READER.table(document)
@@ -255,12 +255,16 @@ def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | 
         named_row = zip(_COLUMNS, row, strict=False) if isinstance(row, list) else row.items()
         rows.append({key.lower(): value for key, value in named_row})
 
-    notes = [f"{file.name}: no {shown(key)} is read{near}" for key in table if (near := _near(key))]
+    notes = [
+        f"{file.name}: the entry {shown(key)} is ignored{near}"
+        for key in table
+        if (near := _near(key))
+    ]
     return _of_rows(file, "yaml", rows, digest, arm, base, tip, notes)
 
 
 def _near(key: str) -> str:
-    """Question for the key that a key of no meaning looks like."""
+    """Hint at the known key that an unknown key resembles."""
     return "" if key in _KEYS else did_you_mean(key, _KEYS)
 
 
@@ -274,8 +278,11 @@ def _of_rows(
     tip: str | None,
     notes: Sequence[str] = (),
 ) -> ArmSource:
-    """An arm of rows by name; units from the names ("alpha_deg", "d [mm]"), `about` or the size."""
-    # its kernels compile on import: first what can be refused
+    """An arm from rows of named columns; units from the names ("alpha_deg", "d [mm]"), from
+    `about`, or inferred from the size.
+    """
+    # imported here, since its kernels compile on import; inputs that can be refused are refused
+    # before
     from uuv.models.arms.serial_arm import SerialArm
 
     read = _table_of(file, rows, about.units or _Units())
@@ -289,8 +296,8 @@ def _of_rows(
     # Lengths in millimetres.
     if "length" not in read.stated and reach > _LONGEST:
         notes.append(
-            f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), "
-            "turned into metres"
+            f"{file.name}: lengths look like millimetres (the arm reaches {reach:.4g}), converted "
+            "to metres"
         )
         table[:, _LENGTHS] *= 1e-3
         reach *= 1e-3
@@ -344,16 +351,18 @@ def _or(stated: Array | None, default: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Table:
-    """Rows as read: in rad and m where a unit is stated, else as the file has them."""
+    """Rows as read: in rad and m if a unit is stated, else as in the file."""
 
     table: Array  # (n, 5)
-    stated: frozenset[str]  # of "angle" and "length": those with a stated unit
+    stated: frozenset[str]  # kinds, of "angle" and "length", with a stated unit
     names: list[str]  # of the joints
     types: list[str]
 
 
 def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
-    """The rows of a table; a stated unit counts for all columns of its kind that state none."""
+    """The rows of a table; a stated unit also applies to all columns of its kind that state
+    none.
+    """
     table = np.zeros((len(rows), len(_COLUMNS)))
     names: list[str] = []
     types: list[str] = []
@@ -387,7 +396,7 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
     if not np.all(np.isfinite(table)):
         raise ConfigurationError(f"arm {file}: every number must be finite")
 
-    # Bare columns take the unit of their kind.
+    # Columns without a unit take the unit of their kind.
     for kind, columns in (("angle", _ANGLES), ("length", _LENGTHS)):
         chosen = getattr(units, kind) or (
             min(units_read[kind]) if len(units_read[kind]) == 1 else ""
@@ -406,7 +415,7 @@ def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
 def _word_and_unit(file: Path, k: int, key: str) -> tuple[str, str]:
     """Word of a column's name, and the unit that it states or an empty text."""
     if len(key) > _LONGEST_KEY:
-        raise ConfigurationError(f"arm {file}: row {k + 1}: no column is called {shown(key)}")
+        raise ConfigurationError(f"arm {file}: row {k + 1}: there is no column {shown(key)}")
 
     word = (
         re.split(r"[\[( ]", key)[0]
@@ -418,7 +427,8 @@ def _word_and_unit(file: Path, k: int, key: str) -> tuple[str, str]:
 
     if word not in _DH_NAMES and word not in ("name", "joint", "type", "joint_type"):
         raise ConfigurationError(
-            f"arm {file}: unknown column {key!r}; allowed theta, d, a, alpha, beta, name, type"
+            f"arm {file}: unknown column {key!r}; must be one of theta, d, a, alpha, beta, name, "
+            "type"
         )
 
     unit = re.search(r"(deg|rad|mm|m)(?:rees|ians)?[\])]?$", key[len(word) :])
@@ -435,11 +445,11 @@ def _figure(file: Path, k: int, key: str, value: float | str) -> float:
 
 
 def _guessed_angles(file: Path, read: _Table) -> Iterator[str]:
-    """Turns angles without a stated unit into radians where they look like degrees, and says so."""
+    """Convert angles without a stated unit to radians if they look like degrees, with a note."""
     largest = np.abs(read.table[:, _ANGLES]).max()
     if "angle" not in read.stated and largest > 4.0 * np.pi:
         yield (
-            f"{file.name}: angles look like degrees (the largest is {largest:.4g}), turned into "
+            f"{file.name}: angles look like degrees (the largest is {largest:.4g}), converted to "
             "radians"
         )
 
@@ -449,14 +459,14 @@ def _guessed_angles(file: Path, read: _Table) -> Iterator[str]:
 def _extent(file: Path, table: Array, letters: str) -> float:
     """Largest distance [unit of the table] of the flange from the base over many postures.
 
-    The lengths themselves do not tell it: along nearly parallel axes, d of hundreds of metres
-    cancel.
+    The lengths themselves do not show the reach: along nearly parallel axes, values of d of
+    hundreds of metres cancel.
     """
     from uuv.models.arms.serial_arm import SerialArm
 
     size = max(float(np.abs(table[:, _LENGTHS]).max()), 1e-300)
     unit = table.copy()
-    unit[:, _LENGTHS] /= size  # a table in millimetres is no reason to refuse it here
+    unit[:, _LENGTHS] /= size  # a table in millimetres must not be refused here
 
     arm = SerialArm.from_dh(unit[:, :4], letters, beta=unit[:, 4], name=f"arm {file}")
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(table)))
@@ -467,7 +477,9 @@ def _extent(file: Path, table: Array, letters: str) -> float:
 
 
 def _near_frames(arm: "SerialArm") -> "SerialArm":
-    """The same arm with the origin of each frame where its axis is nearest to the one before."""
+    """The same arm, with the origin of each frame at the point of its axis that is nearest to the
+    previous axis.
+    """
     from uuv.models.arms import kinematics
     from uuv.models.arms.serial_arm import SerialArm
 
@@ -481,12 +493,14 @@ def _near_frames(arm: "SerialArm") -> "SerialArm":
 
 
 def _joint_names(file: Path, about: _ArmTable, n: int) -> tuple[str, ...]:
-    """`joint_names`: as many different words as there are joints, or none."""
+    """Validated `joint_names`: as many different words as there are joints, or none."""
     names = tuple(map(str, about.joint_names or ()))
 
     if about.joint_names is not None and not len(names) == len(set(names)) == n:
         names_got = shown(about.joint_names)
-        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {names_got}")
+        raise ConfigurationError(
+            f"arm {file}: joint_names: must have {n} different names, got {names_got}"
+        )
 
     return names
 
@@ -497,7 +511,7 @@ def _limits(file: Path, about: _ArmTable, n: int) -> Array:
 
     if len(pairs) != n:
         raise ConfigurationError(
-            f"arm {file}: limits: {n} pairs of numbers, got {shown(about.limits)}"
+            f"arm {file}: limits: must have {n} pairs of numbers, got {shown(about.limits)}"
         )
 
     limits = np.array(pairs, dtype=np.float64)  # of None: NaN
@@ -507,7 +521,8 @@ def _limits(file: Path, about: _ArmTable, n: int) -> Array:
     if crossed.size:
         k = int(crossed[0])
         raise ConfigurationError(
-            f"arm {file}: limits: those of joint {k + 1} must rise, got {shown(limits[k])}"
+            f"arm {file}: limits: the lower limit of joint {k + 1} must be below the upper one, "
+            f"got {shown(limits[k])}"
         )
 
     return readonly(limits)
@@ -516,7 +531,9 @@ def _limits(file: Path, about: _ArmTable, n: int) -> Array:
 def _of_ur(
     file: Path, robot: _UniversalRobot, digest: str, base: str | None, tip: str | None
 ) -> ArmSource:
-    """Universal Robots' calibration: x, y, z, roll, pitch, yaw of each joint, its axis z."""
+    """An arm from Universal Robots' calibration: x, y, z, roll, pitch, yaw of each joint, whose
+    axis is z.
+    """
     joints = {
         name: _PASSING.made(_UniversalJoint, entry, f"kinematics.{name}")
         for name, entry in robot.kinematics.items()
@@ -524,7 +541,7 @@ def _of_ur(
     }
 
     if not joints:
-        raise ConfigurationError("kinematics holds no joints")
+        raise ConfigurationError("kinematics must have joints, has none")
 
     X = np.eye(4)
     axes = []
@@ -561,7 +578,8 @@ def _from_urdf(file: Path, raw: bytes, digest: str, base: str | None, tip: str |
 
 
 def mjcf_arm(file: Path, base: str | None, tip: str | None) -> "tuple[mujoco.MjSpec, SerialArm]":
-    """Read the spec and the arm of an MJCF; joints without actuator are fixed if others have one.
+    """Read the spec and the arm of an MJCF. If some joints have an actuator, joints without one are
+    fixed.
 
     Args:
         file: path.

@@ -6,11 +6,11 @@ c|^2. The m (m - 1) / 2 dependent pairs are therefore replaced by m centred poin
 degrees of freedom right.
 
 That criterion alone has its minimum at an arm shrunk to a point. The prior fixes the scale and
-every other direction that touching does not observe. Where no prior is stated, its deviations and
-the noise are those that maximise the evidence of the data [MacKay 1992, eq. 2.25-2.27], the
-deviations within bounds: those of touches that do not belong together, or of very many touches,
-grow without end in directions that touching does not observe. Columns are scaled to unit size by
-the prior's deviations.
+every other direction that touching does not observe. If no prior is stated, the deviations of the
+prior and the noise are those that maximise the evidence of the data [MacKay 1992, eq. 2.25-2.27].
+The deviations have bounds, because otherwise they would grow without limit in unobserved directions
+for touches that do not belong together, or for very many touches. Columns are scaled to unit size
+by the prior's deviations.
 """
 
 from collections.abc import Callable
@@ -27,22 +27,24 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.models.arms.tip_places import NO_JACOBIAN, tips
 from uuv.sim.interfaces.spatial import Array
 
-# [m] initial noise of a touch, kept where too few touches are left to estimate it
+# [m] initial noise of a touch, kept if there are too few touches to estimate it
 FIRST_NOISE = 1e-4
 LEAST_FREEDOM = 5.0  # degrees of freedom needed to estimate the noise
 # [m] least noise, below encoder resolution; at zero the prior would have no weight
 NOISE_FLOOR = 1e-6
-_SETTLED = 1e-5  # step length, as a share of the posterior deviations, that ends the iteration
-_PSEUDO = 2.0  # pseudo-observations: weight of the default deviation where the data choose it
+_SETTLED = 1e-5  # step length that ends the iteration, as a share of the posterior deviations
+# number of pseudo-observations: weight of the default deviation where the data choose it
+_PSEUDO = 2.0
 _ROUNDS = 12  # maximal iterations of the evidence: noise and prior deviations
 _CAUCHY = 2.4  # [deviations] residual length at which a touch has weight 1/2
 _CAUCHY_ROUNDS = 30  # maximal reweighted estimates with the Cauchy loss
-_CAUCHY_STEPS = 3  # Levenberg-Marquardt steps of each
+_CAUCHY_STEPS = 3  # Levenberg-Marquardt steps of each estimate
 _MEDIAN = 1.5382  # median length of a vector of three unit normals
 _REJECTIONS = 10  # maximal rounds of reweighting and of outlier rejection
 _SAME_WEIGHTS = 0.01  # change of the weights that ends the reweighting
-_FAR = 0.01  # share of normal errors beyond which the weight of a touch falls
-_BLUNDER_TAIL = 4.0  # degrees of freedom of the Student's t that tells a heavy tail from a blunder
+_FAR = 0.01  # share of normal errors, beyond which the weight of a touch falls
+# degrees of freedom of the Student's t that distinguishes a heavy tail from a blunder
+_BLUNDER_TAIL = 4.0
 Load = Callable[[Array], Array]  # table (n, 5) -> joint loads (M, n) [N m]
 
 
@@ -55,7 +57,8 @@ class Data:
     # (series, series, length [m], deviation [m])
     distances: tuple[tuple[int, int, float, float], ...] = ()
     load: Load | None = None
-    weights: Array = field(default_factory=lambda: np.empty(0))  # (M,) of each touch; 0 excludes it
+    # (M,) weight of each touch; 0 excludes it
+    weights: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def series(self) -> np.ndarray:
@@ -119,7 +122,7 @@ def linearised(
         arm: kinematics.
         full: (5 n + 3 + n,) full vector.
         data: touches.
-        parameters: free parameters, P of them.
+        parameters: P free parameters.
 
     Returns:
         Residuals (M, 3) [m], weighted residuals (3 M,), weighted derivatives (3 M, P), means (S, 3)
@@ -153,7 +156,7 @@ def pair_cost(residuals: Array, data: Data) -> float:
 def _distances(data: Data, noise: float) -> list[tuple[int, int, float, float]]:
     """Known distances between series points, each with its total deviation [m].
 
-    The mean of m touches itself deviates by noise / sqrt(m), which is added. The correlation of
+    The mean of m touches has a deviation of noise / sqrt(m), which is included. The correlation of
     distances that share a point is neglected.
     """
     share = noise**2 / np.maximum(np.add.reduceat(data.weights, data.starts), 1e-300)
@@ -200,10 +203,10 @@ class Problem:
     def scale(self, full: Array) -> tuple[float, Array]:
         """Size of the arm relative to that at `mean`, and its derivative (P,).
 
-        The criterion rewards a smaller arm, because all spreads shrink with it. Read as a
-        likelihood of joint values, the density of the tip carries the volume of dp/dq, which
-        shrinks equally fast. Residuals are therefore divided by the relative size, so that touching
-        carries no information about size.
+        The criterion rewards a smaller arm, because all spreads shrink with it. As a likelihood of
+        joint values, the density of the tip contains the volume of dp/dq, which shrinks equally
+        fast. Residuals are therefore divided by the relative size, so that touching carries no
+        information about size.
         """
         table, tcp = self._split(full)[:2]
         length, gradient = kernels.arm_size(table, self.arm.X_n_flange, tcp, self._parallel)
@@ -241,7 +244,7 @@ class Problem:
         return residuals, H, g
 
     def value(self, full: Array, noise: float, deviations: Array) -> tuple[float, Array]:
-        """Objective: twice the negative log posterior without its constants.
+        """Objective: twice the negative log posterior without the constant terms.
 
         Args:
             full: (5 n + 3 + n,) full vector.
@@ -275,7 +278,8 @@ class Problem:
     def descend(
         self, full: Array, noise: float, deviations: Array, iterations: int, history: list[float]
     ) -> tuple[Array, bool]:
-        """Levenberg-Marquardt on the objective [Yukhimets 2023, eq. 17]; mu rises on failure.
+        """Levenberg-Marquardt on the objective [Yukhimets 2023, eq. 17]; the damping mu rises after
+        a failed step.
 
         Args:
             full: (5 n + 3 + n,) start.
@@ -471,7 +475,7 @@ def solve_robustly(
     strange = _strange(fit, problem.data, counted, ordinary, noise)
     start = fit.full
 
-    # Estimate without them, until the same ones are left out.
+    # Estimate without these touches, repeated until the same touches are left out.
     for _ in range(_REJECTIONS):
         problem.data = (
             replace(every, weights=(counted & ~strange).astype(np.float64))
@@ -487,7 +491,7 @@ def solve_robustly(
     if not strange.any():
         return fit, problem.data
 
-    # Reweighting: blunders are left out, far touches count less.
+    # Reweighting: blunders are left out, far touches have less weight.
     limit = float(3.0 * f.isf(share, 3, _BLUNDER_TAIL))
     for _ in range(_REJECTIONS):
         before = problem.data
@@ -503,8 +507,8 @@ def solve_robustly(
 def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> Fit:
     """Fit to the majority of touches: Cauchy weights whose scale falls with the median residual.
 
-    The prior stays as stated: chosen by the evidence of data with outliers it becomes so wide that
-    the arm shrinks to a point. `problem.data` gets the weights.
+    The prior is kept as stated. If it were chosen by the evidence of data with outliers, it would
+    become so wide that the arm shrinks to a point. `problem.data` gets the weights.
     """
     every = problem.data
     fit = problem.summary(problem.mean, FIRST_NOISE, deviations, [], False)
@@ -524,7 +528,7 @@ def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> F
 
 
 def _far_weights(fit: Fit, data: Data, ordinary: np.ndarray) -> Array:
-    """Weights (M,): 1 near the mean, beyond falling with squared distance, 0 if not `ordinary`."""
+    """Weights (M,): 1 near the mean, falling with squared distance beyond, 0 if not `ordinary`."""
     square = (
         np.einsum("mi,mi->m", fit.residuals, fit.residuals)
         / _robust_noise(fit, data, ordinary) ** 2

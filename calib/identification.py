@@ -57,20 +57,21 @@ Method = Literal["map", "paper"]
 Distance = tuple[int, int, float] | tuple[int, int, float, float]
 
 _SURE_DISTANCE = 5e-5  # [m] standard deviation of a known distance where none is stated
-_BETA_LEVEL = 0.05  # significance level: betas that are not significant at it are dropped
-_FAR_TURN, _FAR_SHARE = 0.1, 0.05  # [rad], share of the arm's length: a larger change is warned of
+_BETA_LEVEL = 0.05  # significance level below which betas are dropped
+# [rad], and share of the arm's length: a larger change causes a warning
+_FAR_TURN, _FAR_SHARE = 0.1, 0.05
 _MOST_LENGTH = 1e3  # [m] largest known distance, and largest arm
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1.0  # [m] allowed range of the stated noise of a touch
-_FAR_OFF = 5e-3  # [m] noise above which the touches or the table are taken as wrong
+_FAR_OFF = 5e-3  # [m] noise, above which the touches or the table are assumed to be wrong
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outlier:
     """A touch that was excluded because its distance from the point of its series is improbable."""
 
-    series: int  # from 0
-    touch: int  # from 0
-    distance: float  # [m] from the series' point under the identified arm
+    series: int  # index of the series, from 0
+    touch: int  # index of the touch, from 0
+    distance: float  # [m] distance from the series' point under the identified arm
 
     def __str__(self) -> str:
         return (
@@ -81,10 +82,12 @@ class Outlier:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combination:
-    """An observable combination: weighted sum of changes over `RankReport.scales`."""
+    """An observable combination: a weighted sum of parameter changes, each divided by its
+    `RankReport.scales`.
+    """
 
-    text: str  # its largest terms
-    weights: Array  # (P,) of the changes over `RankReport.scales`, unit length
+    text: str  # text of its largest terms
+    weights: Array  # (P,) weights of the changes over `RankReport.scales`, of unit length
     value: float  # in units of `RankReport.scales`
     sigma: float
     interval: tuple[float, float]
@@ -96,7 +99,7 @@ class Estimate:
 
     parameters: Parameters
     values: Array  # (P,) identified
-    changes: Array  # (P,) against nominal
+    changes: Array  # (P,) change relative to nominal
     covariance: Array  # (P, P) posterior, in the units of `parameters`
     prior: Array  # (P,) standard deviations of the prior in use, stated or chosen by the data
 
@@ -115,7 +118,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class MapFit:
-    """Maximum a posteriori fit, how it treats noise and outliers, and when it ends.
+    """Settings of the maximum a posteriori fit: noise, outliers, and number of steps.
 
     Raises:
         ConfigurationError: a number out of its range.
@@ -123,7 +126,7 @@ class MapFit:
 
     # [m] standard deviation of a touch along each axis; None estimates it
     noise: float | None = None
-    # reduce the weight of far touches, see `Calibration.weights` and `Calibration.outliers`
+    # True: reduce the weight of far touches, see `Calibration.weights` and `Calibration.outliers`
     robust: bool = True
     max_iterations: int = 200  # largest number of Levenberg-Marquardt steps
 
@@ -146,29 +149,30 @@ class Calibration:
 
     tcp: Array  # (3,) [m] tool point in the flange
     compliance: Array  # (n,) [rad/(N m)] zero where not identified
-    # the identified arm; its table (n, 5) has beta as a column, so all changes are small
+    # the identified arm; its table (n, 5) has a column for beta, so that all changes are small
     arm: SerialArm
     nominal: SerialArm
-    nominal_tcp: Array  # (3,) [m] initial tool point, by [Yukhimets 2023, eq. 16] or as given
+    nominal_tcp: Array  # (3,) [m] initial tool point, from [Yukhimets 2023, eq. 16] or as stated
     cost: float  # [m^2] pair criterion (eq. 7) over the touches in use
     cost_nominal: float  # [m^2] the same for the nominal arm with `nominal_tcp`
     # [m] standard deviation of a touch along each axis, corrected for degrees of freedom
     noise: float
     points: Array  # (S, 3) [m] the touched points in the base
-    residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
-    # (m_i,) of every touch in the fit: 1 ordinary, less for far ones, 0 left out
+    # (m_i,) [m] distance of every touch from its point, including outliers
+    residuals: tuple[Array, ...]
+    # (m_i,) weight of every touch in the fit: 1 ordinary, less for far touches, 0 left out
     weights: tuple[Array, ...]
     outliers: tuple[Outlier, ...]
     estimate: Estimate
-    # of the noise: 3 (touches - series) minus the effective number of parameters
+    # degrees of freedom of the noise: 3 (touches - series) minus the effective number of parameters
     degrees_of_freedom: float
-    rank: RankReport  # of the 4 n + 3 DH and tool numbers
-    rank_free: RankReport  # of `parameters`: with betas and compliances, without fixed ones
+    rank: RankReport  # rank of the 4 n + 3 DH and tool numbers
+    rank_free: RankReport  # rank of `parameters`: with betas and compliances, without fixed ones
     history: tuple[float, ...]  # [m^2] pair criterion at the start and after each step
     converged: bool
     warnings: tuple[str, ...]
     loads: BoundLoads | None
-    # (3 K,) sorted errors of touches predicted from other places, in predicted deviations
+    # (3 K,) sorted errors of touches predicted from other positions, in predicted deviations
     scores: Array
 
     @property
@@ -178,7 +182,7 @@ class Calibration:
 
     @property
     def beta(self) -> Array:
-        """Hayati's angles (n,) [rad]; they belong to `arm.table`, not to `dh`."""
+        """Hayati's angles (n,) [rad], which belong to `arm.table`, not to `dh`."""
         return self.arm.table[:, -1]
 
     @property
@@ -209,7 +213,7 @@ class Calibration:
     def quantile(self, confidence: float = 0.95) -> float:
         """Half-width of a two-sided confidence interval, in standard deviations."""
         if not 0.0 < number(confidence, "confidence") < 1.0:
-            raise ConfigurationError(f"confidence: between 0 and 1, got {confidence!r}")
+            raise ConfigurationError(f"confidence: must be between 0 and 1, got {confidence!r}")
         return float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees_of_freedom, 1.0)))
 
     def combinations(self, confidence: float = 0.95) -> tuple[Combination, ...]:
@@ -234,7 +238,8 @@ class Calibration:
     def scale(self, q: ArrayLike) -> tuple[float, float]:
         """Scale of the identified arm to the nominal one, from flanges at poses `q` (N, n).
 
-        A scale of 1.001 means: where the nominal arm moves 1 m, the identified one moves 1.001 m.
+        A scale of 1.001 means that the identified arm moves 1.001 m where the nominal arm moves 1
+        m.
 
         Returns:
             The scale and its standard deviation.
@@ -267,7 +272,8 @@ class Calibration:
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
 
     def touched_tips(self, series: Sequence[Array]) -> list[Array]:
-        """Tip positions (m_i, 3) [m] of its own touches, each under the payload of that touch.
+        """Tip positions (m_i, 3) [m] of the calibration's own touches, each under the payload of
+        that touch.
 
         Args:
             series: those touches (m_i, n), all of them.
@@ -292,7 +298,7 @@ class Calibration:
         Args:
             q: (M, n) joint values of all touches of that point.
             payload_mass: [kg] carried.
-            confidence: share of the errors, along each axis, that the intervals shall hold.
+            confidence: share of the errors, along each axis, that the intervals should contain.
 
         Returns:
             Half-widths (M, 3) [m].
@@ -312,7 +318,7 @@ class Calibration:
         J = tips_of(self.arm, full, data)[1][:, self.estimate.parameters.index]
         J = J - J.mean(axis=0)
 
-        # Variance by the parameters and by the hand; errors of prediction may ask for more.
+        # Variance from the parameters and from the operator; errors of prediction may require more.
         share = 1.0 - 1.0 / len(values)
         variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
         factor = max(self.quantile(confidence), float(np.quantile(self.scores, confidence)))
@@ -348,16 +354,16 @@ def identify(
         nominal: standard DH (n, 4) of hinges as theta0 [rad], d [m], a [m], alpha [rad], or a
             `SerialArm` (from axes, with slides).
         free: parameters that may change, as groups (theta, d, a, alpha, beta, tcp, compliance) or
-            single names ("a2"). By default all but compliance, which joins where `loads` are given.
-            Beta applies between near-parallel axes only; unless named, it is dropped again where it
-            is not significant.
+            single names ("a2"). By default all except compliance, which is included if `loads` are
+            given. Beta applies between near-parallel axes only; unless named, it is dropped again
+            if it is not significant.
         prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it
             the evidence of the data chooses the deviation of each group, starting from
             `uuv.calib.parameters.DEFAULT_PRIOR`.
         distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series
-            i and j, counted from 0. Nothing else here makes scale observable.
+            i and j, counted from 0. No other input makes the scale observable.
         tcp: initial tool point (3,) [m] in the flange; by default from [Yukhimets 2023, eq. 13-16].
-        loads: weights and buoyancy on the arm; they make joint compliances observable.
+        loads: weights and buoyancy on the arm; they make the joint compliances observable.
         method: "map", the fit by `MapFit()`; a `MapFit` with other settings; or "paper" for the run
             of [Yukhimets 2023], three steps on all 4 n + 3 parameters, for comparison.
 
@@ -365,8 +371,8 @@ def identify(
         The identified arm with uncertainty, rank and outliers.
 
     Raises:
-        ConfigurationError: wrong joint count, no touches, numbers that are not finite, degrees,
-            millimetres, unknown words.
+        ConfigurationError: the joint count is wrong, there are no touches, a number is not finite,
+            units are degrees or millimetres, or a word is unknown.
     """
     if not isinstance(method, MapFit):
         one_of(method, get_args(Method), "method")
@@ -375,11 +381,13 @@ def identify(
 
     arm = nominal if isinstance(nominal, SerialArm) else SerialArm.from_dh(nominal, name="nominal")
     if not max(float(np.abs(arm.X_base_0[:3, 3]).max()), arm.reach) < _MOST_LENGTH:
-        raise ConfigurationError(f"nominal: an arm within {_MOST_LENGTH:g} m of its base is needed")
+        raise ConfigurationError(
+            f"nominal: all of the arm must be within {_MOST_LENGTH:g} m of its base"
+        )
     touches = usable(series, arm, tcp)
     used = touches.used
 
-    # All touches in use as one array, and where they are among all touches.
+    # All touches in use as one array, and their indices among all touches.
     counts = [len(q) for q in touches.series]
     bound = None if loads is None else loads.bind(arm, counts)
     q = np.ascontiguousarray(np.vstack(used))
@@ -410,7 +418,7 @@ def identify(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Observed:
-    """What was touched, and the arm that is assumed to have touched it."""
+    """The touches, and the nominal arm with which they are assumed to be made."""
 
     arm: SerialArm  # nominal
     mean: Array  # (5 n + 3 + n,) its table, initial tool point, no compliance
@@ -435,16 +443,18 @@ def _map_fit(
             [free] if isinstance(free, str) else list(default if free is None else free)
         )
     except TypeError as error:
-        raise ConfigurationError(f"free: expected words, got {shown(free)}") from error
+        raise ConfigurationError(f"free: must be words, got {shown(free)}") from error
 
     if prior is not None and not isinstance(prior, Mapping):
         raise ConfigurationError(
-            f"prior: expected a mapping of words to deviations, got {shown(prior)}"
+            f"prior: must be a mapping of words to deviations, got {shown(prior)}"
         )
 
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
-        raise ConfigurationError("free: compliance needs `loads`, which bend the joints")
+        raise ConfigurationError(
+            "free: compliance is allowed only with `loads`, which deflect the joints"
+        )
 
     solver = (
         solve_robustly
@@ -468,7 +478,7 @@ def _map_fit(
     betas = np.array([i for i, group in enumerate(parameters.groups) if group == "beta"], dtype=int)
     named = free is not None and any(word.startswith("beta") for word in words)
     if len(betas) and not named and not np.any(mean[parameters.index[betas]]):
-        # Betas that are not significant are dropped, and the rest estimated anew.
+        # Betas that are not significant are dropped, and the other parameters estimated again.
         estimated = fit.full[parameters.index[betas]]
         significance = estimated @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], estimated)
         if significance < chi2.isf(_BETA_LEVEL, len(betas)):
@@ -485,7 +495,9 @@ def _words(parameters: Parameters) -> set[str]:
 def _checked_distances(
     distances: Iterable[Distance], live: list[int], count: int
 ) -> tuple[tuple[int, int, float, float], ...]:
-    """Known distances between series in use, by their index among those, each with a deviation."""
+    """Known distances between series in use, with the indices of these series among those in use,
+    each with a deviation.
+    """
     out = []
     try:
         rows = [tuple(entry) for entry in distances]
@@ -502,7 +514,8 @@ def _checked_distances(
         i, j = (whole_number(k, "distances: series", most=count - 1) for k in row[:2])
         if i == j:
             raise ConfigurationError(
-                f"distances: two different series of 0..{count - 1} are needed, got {i} and {j}"
+                f"distances: must be between two different series of 0 to {count - 1}, got {i} and "
+                f"{j}"
             )
 
         length = finite_number(row[2], "distances: length [m]", above=0.0, most=_MOST_LENGTH)
@@ -535,7 +548,7 @@ def _assemble(
     same = parameters.names == dh_numbers.names
     rank_free = rank if same else rank_report(arm, fit.full, data, parameters, fit.noise)
 
-    # Tips of all touches, also of those left out.
+    # Tips of all touches, including those left out.
     every = np.vstack(touches)
     bent = every if bound is None else every + compliance * bound.at(every)(identified.table)
     tips = identified.tips(bent, tcp)
@@ -572,8 +585,8 @@ def _assemble(
 
     if fit.noise > _FAR_OFF:
         warnings.append(
-            f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not "
-            "of this arm, or its table, joint signs or zeros are wrong"
+            f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they were not "
+            "made with this arm, or the table, the joint signs or the joint zeros are wrong"
         )
 
     moved = np.abs(fit.full - mean)[dh_numbers.index[:-3]]
@@ -585,7 +598,7 @@ def _assemble(
         amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
         warnings.append(
             f"the identified arm is far from the nominal one ({dh_numbers.names[k]} by {amount}): "
-            "are the table, the joint signs and the joint zeros right?"
+            "check the table, the joint signs and the joint zeros"
         )
 
     warnings += _at_the_bound(arm, parameters, fit)
@@ -624,7 +637,9 @@ def _assemble(
 
 
 def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]:
-    """Warning of the groups for which the touches ask for a wider prior than arms are made to."""
+    """Warning about the groups for which the touches require a prior wider than manufacturing
+    tolerances.
+    """
     widest = widest_prior(parameters, arm.reach)
     held = {group: k for k, group in enumerate(parameters.groups) if fit.deviations[k] == widest[k]}
 
@@ -639,9 +654,9 @@ def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]
     )
 
     return [
-        f"the identified arm is far from the nominal one: its {', '.join(bounds)} and more, "
-        "beyond manufacturing tolerances, where the prior holds; are the table, the joint signs "
-        "and the joint zeros right? (a prior may be stated)"
+        f"the identified arm is far from the nominal one: its {', '.join(bounds)} or more, beyond "
+        "manufacturing tolerances, to which the prior is limited; check the table, the joint signs "
+        "and the joint zeros, or state a prior"
     ]
 
 

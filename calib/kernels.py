@@ -1,7 +1,7 @@
 """Compiled kernels: size of the arm, centred touches, loads of joints, inverse kinematics.
 
-Tables are those of `uuv.models.arms.kinematics`. Angles in rad, lengths in m, all vectors in base
-axes.
+Tables are those of `uuv.models.arms.kinematics`. Angles are in rad, lengths in m, all vectors in
+base axes.
 """
 
 import math
@@ -24,9 +24,9 @@ def arm_size(table, X_flange, tcp, parallel):
     """Size of the arm [m], the root of summed squares of observable lengths, and its derivative.
 
     The last link and the tool count as one length, from the last joint to the tip. The d of the
-    first joint is left out, because it moves the base only. Along parallel axes the sum of the d
-    counts: shifts that cancel move no tip, and an arm could else grow by them to make its residuals
-    small beside its size.
+    first joint is left out, because it only moves the base. Along parallel axes the sum of the d is
+    used: shifts that cancel move no tip, and otherwise an arm could grow by such shifts, so that
+    its residuals become small compared with its size.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).
@@ -50,7 +50,7 @@ def arm_size(table, X_flange, tcp, parallel):
             + X_flange[i, 2] * tcp[2]
         )
 
-    # Tip seen from the last joint.
+    # Position of the tip relative to the last joint.
     row = table[n - 1]
     ca, sa, cb, sb = (
         math.cos(row[ALPHA]),
@@ -64,7 +64,7 @@ def arm_size(table, X_flange, tcp, parallel):
     for i in range(3):
         tip[i] = R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
 
-    # Its squared length, with derivatives by a, d, alpha and the tool point.
+    # Squared length, with derivatives with respect to a, d, alpha and the tool point.
     last = ROW * (n - 1)
     y, z = tip[1], tip[2]
     tip[0] += row[A]
@@ -77,14 +77,15 @@ def arm_size(table, X_flange, tcp, parallel):
             column = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
             gradient[ROW * n + j] += tip[i] * column
 
-    # Lengths between the axes; of parallel axes only the sum of the shifts is observed.
+    # Lengths between the axes; for parallel axes only the sum of the shifts is observed.
     first = 0
     for k in range(n - 1):
         square += table[k, A] ** 2
         gradient[ROW * k + A] = table[k, A]
         if k < n - 2 and parallel[k]:
             continue
-        shift, way = 0.0, 1.0  # along the axis of joint `first`, which those up to k share
+        # along the axis of joint `first`, which is parallel to those of the joints up to k
+        shift, way = 0.0, 1.0
         for j in range(first, k + 1):
             shift += way * table[j, D]
             gradient[ROW * j + D] = way
@@ -163,10 +164,11 @@ def centred_rows(p, J, weights, starts, index):
 
 @kernel(signature=float64[:, ::1](_X4, _FLAGS, _T, _T, _T, _T))
 def joint_loads(X, slides, forces, points, extra_forces, extra_points):
-    """Load (M, n) of hanging bodies on each joint along its axis: [N m] of hinges, [N] of slides.
+    """Load (M, n) of weights and buoyancy on each joint, along the joint's axis: [N m] for hinges,
+    [N] for slides.
 
     Args:
-        X: (M, n + 1, 4, 4) link frames as of `uuv.models.arms.kinematics.frames`.
+        X: (M, n + 1, 4, 4) link frames, as `uuv.models.arms.kinematics.frames` returns them.
         slides: (n,) bool, True for a slide.
         forces: (n, B, 3) [N] on each link, in base axes.
         points: (n, B, 3) [m] where they act, fixed in frame k + 1.
@@ -189,7 +191,7 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
         force[:] = 0.0
         about[:] = 0.0
         for k in range(n, 0, -1):
-            # Bodies of link k; the last link also has those that change with the touch.
+            # Bodies of link k; the last link also has those that differ from touch to touch.
             fixed = forces.shape[1]
             count = fixed + (extra_forces.shape[1] if k == n else 0)
             for b in range(count):
@@ -230,7 +232,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
         iterations: largest number of steps.
 
     Returns:
-        True where the tip is within 1e-11 m and 1e-6 rad.
+        True if the tip is within 1e-11 m and 1e-6 rad.
     """
     n = len(q)
     rows = 6 if orient else 3
@@ -254,7 +256,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
             for j in range(3):
                 p[i] += R[i, j] * X_flange[j, 3] + F[i, j] * tcp[j]
 
-        # Error of position, and of orientation by the cross products of the frames' axes.
+        # Error of position, and of orientation from the cross products of the frames' axes.
         e[:3] = goal - p
         if orient:
             e[3:] = 0.0
@@ -272,7 +274,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
         if math.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2) < 1e-11 and turn < 1e-6 and trace > 0.0:
             return True
 
-        # beyond 90 deg the sine falls again, so the step gets full length
+        # beyond 90 deg the sine decreases again, so the step gets full length
         if trace < 0.0 and turn > 0.0:
             for i in range(3):
                 e[3 + i] /= turn

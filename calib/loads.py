@@ -1,6 +1,6 @@
 """Loads on the joints of an arm: link weights, buoyancy in water, and the payload in the tool.
 
-A joint of compliance c [rad/(N m)] stands at q + c tau [Yukhimets 2020]. Touches of one point under
+A joint with compliance c [rad/(N m)] is at q + c tau [Yukhimets 2020]. Touches of one point under
 different moments make c observable, except at joints whose moment does not change.
 """
 
@@ -16,7 +16,7 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import GRAVITY, Array, checked
 
-# [kg/m] assumed where no mass is given; only ratios of moments matter, c absorbs the factor
+# [kg/m] assumed if no mass is stated; only ratios of moments matter, since c absorbs the factor
 _EVEN = 10.0
 
 
@@ -24,21 +24,21 @@ _EVEN = 10.0
 class Loads:
     """Weights and buoyancy on an arm. Frame k moves with joint k (standard DH).
 
-    Without `link_masses` the arm's mass is assumed spread evenly along its links, 10 kg/m.
-    Compliances are then relative to that assumption, and still compensate the sag.
+    Without `link_masses` the arm is assumed to have 10 kg/m along its links. Compliances are then
+    relative to that assumption, and still compensate the sag.
     """
 
     link_masses: ArrayLike | None = None  # (n,) [kg]
-    # (n, 3) [m] centre of mass of link k in frame k; default the link's middle
+    # (n, 3) [m] centre of mass of link k in frame k; default: the middle of the link
     link_centers: ArrayLike | None = None
-    link_volumes: ArrayLike = 0.0  # (n,) or one [m^3] displaced
-    # (n, 3) [m] in frame k; default the centre of mass
+    link_volumes: ArrayLike = 0.0  # (n,) or one number [m^3] displaced
+    # (n, 3) [m] centre of buoyancy in frame k; default: the centre of mass
     link_buoyancy_centers: ArrayLike | None = None
-    # [kg] one for all, per series, or (m_i,) per touch
+    # [kg] one number for all touches, one per series, or (m_i,) per touch
     payload_mass: ArrayLike | Sequence[ArrayLike] = 0.0
     payload_center: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m] centre of mass in the flange frame
-    payload_volume: float = 0.0  # [m^3] displaced by the payload, where there is one
-    water_density: float = 0.0  # [kg/m^3] 0 in air
+    payload_volume: float = 0.0  # [m^3] displaced by the payload, if there is one
+    water_density: float = 0.0  # [kg/m^3] density of the water; 0 in air
     gravity: ArrayLike = (0.0, 0.0, -GRAVITY)  # (3,) [m/s^2] in the arm's base frame
 
     def bind(self, arm: SerialArm, counts: Sequence[int]) -> "BoundLoads":
@@ -98,7 +98,8 @@ class Loads:
             series_masses = list(payload)  # pyright: ignore[reportArgumentType]
             if len(series_masses) != len(counts):
                 raise ConfigurationError(
-                    f"loads.payload_mass: {len(counts)} series, got {len(series_masses)} masses"
+                    f"loads.payload_mass: must have one mass for each of the {len(counts)} series, "
+                    f"got {len(series_masses)}"
                 )
 
             parts = []
@@ -107,8 +108,8 @@ class Loads:
                 part = np.asarray(series_mass, dtype=np.float64)
                 if part.shape not in {(), (count,)}:
                     raise ConfigurationError(
-                        f"loads.payload_mass of series {i + 1}: one mass or ({count},), got shape "
-                        f"{part.shape}"
+                        f"loads.payload_mass of series {i + 1}: must be one mass or an array "
+                        f"({count},), got shape {part.shape}"
                     )
                 parts.append(np.broadcast_to(part, (count,)))
             masses = np.concatenate(parts)

@@ -1,8 +1,9 @@
-"""Calibration of an arm on a moving base: its measured pose becomes six joints ahead of the arm's.
+"""Calibration of an arm on a moving base, whose measured pose becomes six joints ahead of the
+arm's.
 
-Touches made from a hovering vehicle are then touches of a longer arm, with three slides and three
-hinges first. The "encoders" of these six are the vehicle's navigation. Only the arm's own
-parameters are left free.
+Touches made from a hovering vehicle are then touches of a longer arm that begins with three slides
+and three hinges. The "encoders" of these six joints are the vehicle's navigation. Only the
+parameters of the arm itself are estimated.
 """
 
 from dataclasses import replace
@@ -66,10 +67,13 @@ def with_base(series: Array, X_WB: Array) -> Array:
         Joint values with x, y, z [m] and yaw, pitch, roll [rad] first.
 
     Raises:
-        ConfigurationError: different numbers of joint values and base poses.
+        ConfigurationError: the numbers of joint values and of base poses differ.
     """
     if len(series) != len(X_WB):
-        raise ConfigurationError(f"touches: {len(series)} joint values and {len(X_WB)} base poses")
+        raise ConfigurationError(
+            f"touches: must have as many base poses as joint values, got {len(series)} joint "
+            f"values and {len(X_WB)} base poses"
+        )
 
     R = X_WB[:, :3, :3]
     pitch = np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0]))
@@ -79,14 +83,17 @@ def with_base(series: Array, X_WB: Array) -> Array:
 
 
 def own_parameters(longer: SerialArm) -> list[str]:
-    """Names, in the longer arm, of the arm's parameters and of the tool point: those left free."""
+    """Names, in the longer arm, of the free parameters: those of the arm itself and of the tool
+    point.
+    """
     first = BASE_JOINTS + 1
     names = [f"{name}{k}" for k in range(first, longer.n + 1) for name in _NAMES]
     return [*names, *(f"beta{k + 1}" for k in longer.near_parallel if k >= BASE_JOINTS), "tcp"]
 
 
 def in_own_names(calibration: Calibration, alike: Calibration) -> Calibration:
-    """The calibration of the longer arm in the names of the arm's parameters, ranks of `alike`.
+    """The calibration of the longer arm, with the parameter names of the arm itself and the ranks
+    of `alike`.
 
     `alike` is a calibration of the arm alone in the same poses. The base's small motion does not
     change which directions touching observes.
@@ -105,7 +112,7 @@ def in_own_names(calibration: Calibration, alike: Calibration) -> Calibration:
 
 
 def own_arm(longer: SerialArm, X_BA: Array) -> SerialArm:
-    """Extract the arm alone, from its base on, out of an identified longer arm.
+    """Extract the arm itself, from its base on, from an identified longer arm.
 
     Args:
         longer: identified arm with six base joints.

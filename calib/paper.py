@@ -1,9 +1,10 @@
 """Run of [Yukhimets 2023]: three Levenberg-Marquardt steps (eq. 17) on all parameters, no prior.
 
-Criterion (7) falls to zero with the arm shrunk to a point, so the run is right only because it
-stops early. It serves for comparison. Parameters are in mm and degrees, as printed there. The paper
-states neither mu, eta nor delta: here mu starts at `MU`, falls tenfold on success and rises tenfold
-on failure (as printed, 0 < eta < 1, it would rise on success).
+Criterion (7) falls to zero with the arm shrunk to a point, so the run gives a useful result only
+because it stops early. It is included for comparison. Parameters are in mm and degrees, as in the
+paper. The paper does not state mu, eta and delta. Here mu starts at `MU`, falls tenfold after a
+success and rises tenfold after a failure; with 0 < eta < 1, as printed, it would rise after a
+success.
 """
 
 import numpy as np
@@ -12,14 +13,14 @@ from uuv.calib.fit import Fit, Problem, linearised
 from uuv.sim.interfaces.spatial import Array
 
 STEPS = 3  # Levenberg-Marquardt steps, as published
-MU = 1e3  # [mm^2] initial damping, our choice
+MU = 1e3  # [mm^2] initial damping, chosen for this project
 ETA = 10.0  # factor by which the damping falls on success and rises on failure
 WARNING = (
-    "method 'paper': criterion (7) has no least arm, its minimum is an arm shrunk to a point; "
-    "three steps stop before it by accident. The scale and 8 or 10 other directions mean nothing "
-    "here; use method 'map'"
+    "method 'paper': the minimum of criterion (7) is an arm shrunk to a point, and three steps "
+    "stop before it only by accident; scale and 8 or 10 other directions of the result are "
+    "meaningless; use method 'map'"
 )
-_WIDE = 100.0  # [mm, deg] prior deviation for the covariance only, wide enough to act as none
+_WIDE = 100.0  # [mm, deg] prior deviation for the covariance only, so wide that it has no effect
 
 
 def paper_run(problem: Problem) -> Fit:

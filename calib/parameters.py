@@ -25,9 +25,9 @@ UNITS = {
     "compliance": "rad/(N m)",
 }
 
-# Standard deviations about the nominal arm where the caller states none, for a machined arm of
-# about a metre. A UR10e as delivered has 0.5 mm and 0.2 deg (tables of [Yukhimets 2023]), a Panda 1
-# mm and 0.3 deg. The tool point is practically unknown; 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
+# Standard deviations about the nominal arm if the caller states none, for a machined arm of about a
+# metre. A UR10e as delivered has 0.5 mm and 0.2 deg (tables of [Yukhimets 2023]), a Panda 1 mm and
+# 0.3 deg. The tool point is practically unknown; 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
 DEFAULT_PRIOR = {
     "theta": np.deg2rad(0.2),
     "d": 1e-3,
@@ -37,12 +37,12 @@ DEFAULT_PRIOR = {
     "tcp": 0.1,
     "compliance": 1e-4,
 }
-# How arms are made bounds the prior that the evidence of the touches may choose: some times what is
-# usual (0.2 deg, 1e-3 of a length), which holds the real arms seen (0.6 deg, 1 mm). Without a bound
-# the evidence of touches that do not belong together chooses ever wider deviations, under which the
-# arm shrinks to a point.
-MADE_TURN = np.deg2rad(0.6)  # [rad] of angles
-# of lengths, as a share of the arm's reach, and at least [m]
+# Manufacturing tolerances limit the prior that the evidence of the touches may choose: a multiple
+# of the usual tolerances (0.2 deg, 1e-3 of a length), which includes the real arms examined (0.6
+# deg, 1 mm). Without this limit, touches that do not belong together lead to ever wider deviations,
+# with which the arm shrinks to a point.
+MADE_TURN = np.deg2rad(0.6)  # [rad] limit for angles
+# limit for lengths, as a share of the arm's reach, and the least limit [m]
 MADE_SHARE, MADE_LENGTH = 2e-3, 1.5e-3
 # bounds of a deviation, so that squares neither vanish nor overflow in sums
 _NARROWEST, _WIDEST = 1e-12, 1e6
@@ -55,8 +55,8 @@ class Parameters:
 
     # "theta1", "d1", "a1", "alpha1", ..., "tcp_x", ..., "beta2", ..., "c1", ...
     names: tuple[str, ...]
-    groups: tuple[str, ...]  # the group of each, one of GROUPS
-    index: np.ndarray  # (P,) place of each in the full vector
+    groups: tuple[str, ...]  # group of each parameter, one of GROUPS
+    index: np.ndarray  # (P,) index of each parameter in the full vector
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ class Parameters:
         return tuple(UNITS[group] for group in self.groups)
 
     def where(self, *names: str) -> np.ndarray:
-        """Indices in this selection of those of `names` that it contains."""
+        """Indices, in this selection, of those `names` that it contains."""
         return np.array([self.names.index(name) for name in names if name in self.names], dtype=int)
 
     def only(self, keep: Iterable[int]) -> "Parameters":
@@ -111,7 +111,7 @@ def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
     """Select parameters by `words`: groups ("a", "alpha", "tcp", ...) or names ("a2", "tcp_z").
 
     Raises:
-        ConfigurationError: a word that names no parameter, or nothing left to identify.
+        ConfigurationError: a word names no parameter, or no parameter is left to identify.
     """
     every = all_parameters(arm)
     words_chosen = [words] if isinstance(words, str) else list(words)
@@ -119,9 +119,9 @@ def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
     for word in words_chosen:
         if not isinstance(word, str) or (word not in GROUPS and word not in every.names):
             raise ConfigurationError(
-                f"free: {shown(word)} is no parameter of this arm; allowed: groups "
-                f"{', '.join(GROUPS)}, or single ones "
-                f"such as {every.names[0]}, {every.names[4 * arm.n]}"
+                f"free: {shown(word)} is no parameter of this arm; must be a group "
+                f"({', '.join(GROUPS)}) or a single parameter such as {every.names[0]}, "
+                f"{every.names[4 * arm.n]}"
                 + (
                     f", beta{arm.near_parallel[0] + 1}"
                     if arm.near_parallel
@@ -135,7 +135,7 @@ def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
         if {name, group} & {*words_chosen}
     ]
     if not chosen:
-        raise ConfigurationError(f"free: nothing left to identify, got {words_chosen}")
+        raise ConfigurationError(f"free: no parameter is left to identify, got {words_chosen}")
     return every.only(chosen)
 
 
@@ -144,20 +144,20 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
 
     Args:
         parameters: P free parameters.
-        prior: deviations by group or single name. A name takes precedence over its group; what is
-            not named keeps `DEFAULT_PRIOR`.
+        prior: deviations by group or single name. A name takes precedence over its group;
+            parameters that are not named keep `DEFAULT_PRIOR`.
 
     Returns:
         Standard deviations in rad, m, rad/(N m).
 
     Raises:
-        ConfigurationError: unknown words, and deviations that are not positive and finite.
+        ConfigurationError: a word is unknown, or a deviation is not positive and finite.
     """
     stated = dict(prior or {})
     for word, value in stated.items():
         if word not in GROUPS and word not in parameters.names:
             raise ConfigurationError(
-                f"prior: {shown(word)} is not identified here; allowed: "
+                f"prior: {shown(word)} is not a free parameter; must be one of "
                 f"{', '.join((*GROUPS, *parameters.names))}"
             )
         stated[word] = finite_number(
@@ -184,8 +184,8 @@ def widest_prior(parameters: Parameters, reach: float) -> Array:
         reach: [m] of the nominal arm.
 
     Returns:
-        Standard deviations in rad and m; infinite for the tool point and compliances, which no
-        workshop bounds.
+        Standard deviations in rad and m; infinite for the tool point and compliances, which have no
+            manufacturing tolerance.
     """
     bounds = {"rad": MADE_TURN, "m": max(MADE_SHARE * reach, MADE_LENGTH)}
     free = {"tcp", "compliance"}

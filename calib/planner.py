@@ -1,9 +1,9 @@
-"""Optimal choice of touches by information: greedy selection out of candidates, then exchanges.
+"""Optimal choice of touches by information: greedy selection from candidates, then exchanges.
 
 A touch of point i at pose q measures J dTheta - dc_i. The three coordinates of each point are
-unknown too and are estimated along. Criterion D maximises the determinant of the information of all
-parameters under the prior [Fedorov 1972], for arms [Borm 1991]. Criterion V minimises the mean
-variance of relative flange positions between given poses.
+unknown too, and are estimated together with the parameters. Criterion D maximises the determinant
+of the information of all parameters under the prior [Fedorov 1972], for arms [Borm 1991]. Criterion
+V minimises the mean variance of relative flange positions between given poses.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,24 +29,25 @@ _SWEEPS = 3  # maximal sweeps of exchanges over all chosen touches
 class Plan:
     """Touches to make, with the expected accuracy."""
 
-    chosen: tuple[tuple[int, int], ...]  # (series, row) among the candidates
+    chosen: tuple[tuple[int, int], ...]  # (series, row) of the chosen touches among the candidates
     series: tuple[Array, ...]  # (m_i, n) the same per point; empty for an unused point
     # after each choice: log determinant of the information (D), or expected RMS [m] (V)
     merit: tuple[float, ...]
-    before: float  # the same merit by the prior and the touches already made
+    before: float  # the same figure for the prior and the touches already made
     deviations: Array  # (P,) expected posterior standard deviation of each parameter
     names: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Design:
-    """Candidate touches as rows of information, and what is known before; made by `design`."""
+    """Candidate touches as rows of information, and the prior knowledge; made by `design`."""
 
     poses: list[Array]  # (K_i, n) per point
     pairs: list[tuple[int, int]]  # (series, row) of each candidate
     # (K, 3, P + 3 S) derivatives of each candidate over the noise, in units of the priors
     rows: Array
-    # (P + 3 S, P + 3 S) covariance by the prior and the touches already made, in units of the prior
+    # (P + 3 S, P + 3 S) covariance from the prior and the touches already made, in units of the
+    # prior
     C: Array
     W: Array | None  # weight of `_aim` for criterion V; None for D
     deviations: Array  # (P,) prior standard deviations
@@ -57,7 +58,7 @@ def plan(design: Design, count: int) -> Plan:
     """Choose `count` candidates for the largest information or the least variance at the targets.
 
     Raises:
-        ConfigurationError: fewer candidates than `count`.
+        ConfigurationError: there are fewer candidates than `count`.
     """
     _check_count(design, count)
     rows = design.rows
@@ -70,14 +71,14 @@ def plan(design: Design, count: int) -> Plan:
     merit = []
     free_to_take = np.ones(len(rows), dtype=bool)
     for _ in range(count):
-        # D in both cases: the first touch of a point gains nothing in V
+        # criterion D in both cases, since the first touch of a point gains nothing in V
         best = _best(rows, C, None, free_to_take)
         C = _updated(C, rows[best], 1.0)
         free_to_take[best] = False
         chosen.append(best)
         merit.append(_merit(C, W))
 
-    # Exchanges: every touch against the best in its place, until none gains.
+    # Exchanges: every touch is compared with the best candidate for its place, until none gains.
     for _ in range(_SWEEPS):
         swapped = False
         for slot in range(count):
@@ -121,7 +122,7 @@ def random_merits(design: Design, count: int, rng: np.random.Generator, trials: 
         Log determinant of the information (D), or expected RMS [m] (V), of each choice.
 
     Raises:
-        ConfigurationError: fewer candidates than `count`.
+        ConfigurationError: there are fewer candidates than `count`.
     """
     _check_count(design, count)
     out = []
@@ -138,7 +139,9 @@ def random_merits(design: Design, count: int, rng: np.random.Generator, trials: 
 def _check_count(design: Design, count: int) -> None:
     total = len(design.rows)
     if not 0 < count <= total:
-        raise ConfigurationError(f"count: between 1 and the {total} candidates, got {count}")
+        raise ConfigurationError(
+            f"count: must be between 1 and {total}, the number of candidates, got {count}"
+        )
 
 
 def design(
@@ -159,8 +162,8 @@ def design(
         candidates: (K_i, n) joint values [rad] per point.
         tcp: (3,) [m] tool point in the flange; by default the calibration's, else the flange.
         done: touches already made, of the same points in the same order.
-        targets: (N, n) poses whose relative flange positions criterion V is about; without them the
-            criterion is D.
+        targets: (N, n) poses for whose relative flange positions criterion V is computed; without
+            targets the criterion is D.
         free: parameters to be identified, as in `identify`.
         prior: standard deviations by group or name, as in `identify`.
         noise: [m] standard deviation of a touch; by default the calibration's, else `HAND_NOISE`.
@@ -169,8 +172,8 @@ def design(
         The candidates, for `plan` and `random_merits`.
 
     Raises:
-        ConfigurationError: candidates, targets or touches that are not joint values of the arm, or
-            unknown parameters.
+        ConfigurationError: candidates, targets or touches are not joint values of the arm, or a
+            parameter is unknown.
     """
     if isinstance(arm, Calibration):
         model = arm.arm
@@ -230,7 +233,7 @@ def _rows(
         block = np.zeros((len(q), 3, len(index) + 3 * points))
         block[:, :, : len(index)] = J.transpose(0, 2, 1) * deviations
 
-        # Tip less point, whose prior is wide.
+        # Tip minus point, whose prior is wide.
         start = len(index) + 3 * (s + first)
         block[:, :, start : start + 3] = -_ANYWHERE * np.eye(3)
         blocks.append(block / noise)
@@ -278,7 +281,7 @@ def _best(rows: Array, C: Array, W: Array | None, allowed: np.ndarray) -> int:
 
 
 def _updated(C: Array, row: Array, sign: float) -> Array:
-    """Covariance after adding the touch `row` (3, N), or removing it where `sign` is -1."""
+    """Covariance after adding the touch `row` (3, N), or after removing it if `sign` is -1."""
     carried = row @ C
     new = C - sign * carried.T @ np.linalg.solve(np.eye(3) + sign * carried @ row.T, carried)
     return 0.5 * (new + new.T)

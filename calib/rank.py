@@ -1,9 +1,10 @@
-"""Rank analysis of a calibration: which directions are observable, and why others are not.
+"""Rank analysis of a calibration: observable directions, and reasons why others are not observable.
 
-Columns are scaled to comparable errors: 0.1 deg, and the length that such a turn moves over a sixth
-of the arm. Singular values can then be compared; below `THRESHOLD` of the largest a direction
-counts as hidden. On a UR10e with 63 touches, observable directions lie above 0.04. The pair hidden
-by a straight pin lies at 5e-4, exact gauges at 1e-6 and less.
+Columns are scaled to comparable errors: 0.1 deg, and the displacement that such a turn causes over
+a sixth of the arm. Singular values can then be compared; a direction counts as hidden if its value
+is below `THRESHOLD` times the largest. For a UR10e with 63 touches, observable directions are above
+0.04 times the largest. The pair hidden by a straight pin is at 5e-4, exact gauge freedoms are at
+1e-6 and less.
 """
 
 from dataclasses import dataclass
@@ -17,13 +18,14 @@ from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.spatial import Array
 
-THRESHOLD = 3e-3  # share of the largest singular value below which a direction counts as hidden
-_ANGLE = np.deg2rad(0.1)  # [rad] error that the columns of angles are scaled to
+THRESHOLD = 3e-3  # share of the largest singular value, below which a direction counts as hidden
+_ANGLE = np.deg2rad(0.1)  # [rad] error to which the columns of angles are scaled
 # divisor of the arm's length: over that length `_ANGLE` gives the comparable error in metres
 _SHARE = 6.0
-_LIES_IN = 0.9  # cosine to the hidden space above which a direction counts as inside it
-_EXPLAINS = 0.3  # residual length below which a direction is already explained by those named
-# share of a parameter in hidden directions: known below, unknowable above
+_LIES_IN = 0.9  # cosine to the hidden space, above which a direction counts as inside it
+_EXPLAINS = 0.3  # residual length, below which a direction is explained by those named already
+# shares of a parameter in hidden directions: below the first it is known, above the second
+# unknowable
 _TOUCHED, _MIXED = 0.02, 0.98
 
 
@@ -34,7 +36,7 @@ class HiddenGroup:
     names: tuple[str, ...]
     count: int
     reason: str
-    handle: str  # the remedy, or why none is needed
+    handle: str  # remedy, or the reason why none is needed
 
     def __str__(self) -> str:
         return f"{self.count} in ({', '.join(self.names)}): {self.reason}; {self.handle}"
@@ -54,7 +56,7 @@ class RankReport:
     hidden: tuple[HiddenGroup, ...]
     # (P,) bool: as many parameters as the rank, identifiable with the others fixed
     identifiable: np.ndarray
-    status: tuple[str, ...]  # of each parameter: "known", "in combination" or "unknowable"
+    status: tuple[str, ...]  # status of each parameter: "known", "in combination" or "unknowable"
     touches: int
 
     @property
@@ -116,7 +118,7 @@ def rank_report(
 ) -> RankReport:
     """Analyse the rank of `parameters` at a solution, for the touches with weight > 0.
 
-    A known distance counts as a row, in units of the noise of a touch.
+    A known distance is an additional row, in units of the noise of a touch.
 
     Args:
         arm: kinematics.
@@ -186,7 +188,7 @@ def _like_errors(arm: SerialArm, full: Array, data: Data, parameters: Parameters
 
 
 def _chosen(arm: SerialArm, observed: Array, parameters: Parameters) -> np.ndarray:
-    """As many independent parameters as the rank; by choice those usually left free."""
+    """As many independent parameters as the rank, preferably those that are usually left free."""
     # Preferably fixed at nominal: the base, the last frame (the tool point replaces it), the first
     # links of a parallel run, and the longest link (scale).
     n = arm.n
@@ -201,7 +203,7 @@ def _chosen(arm: SerialArm, observed: Array, parameters: Parameters) -> np.ndarr
         if name in held:
             preference[i] = 0.3
 
-    # Pivots of QR: independent columns, preferred ones first.
+    # Pivots of QR: independent columns, with the preferred ones first.
     chosen = np.zeros(len(preference), dtype=bool)
     if len(observed):
         chosen[qr(observed * preference, pivoting=True, mode="r")[1][: len(observed)]] = True
@@ -210,7 +212,9 @@ def _chosen(arm: SerialArm, observed: Array, parameters: Parameters) -> np.ndarr
 
 
 def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
-    """Split hidden directions into groups: null spaces of a few columns with a common reason."""
+    """Split hidden directions into groups, the null spaces of a few columns with a common
+    reason.
+    """
     missing, total = hidden.shape
     explained = np.zeros((0, total))
     groups = []
@@ -235,7 +239,7 @@ def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[Hid
             )
             explained = np.vstack([explained, new])
 
-    # What no suspect explains.
+    # Hidden directions without a known reason.
     if len(explained) < missing:
         null = hidden - (hidden @ explained.T) @ explained
         _, _, new = np.linalg.svd(null, full_matrices=False)
@@ -270,17 +274,18 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
     suspects = [
         (
             ["theta1", "d1"],
-            "base gauge: turns about and shifts along the first axis move all points alike",
+            "base gauge: turns about the first axis and shifts along it move all points in the "
+            "same way",
             "touching cannot observe the base frame; nothing is lost",
         ),
         (
             [f"c{k + 1}" for k in range(n)],
-            "no load moment that changes on these joints",
+            "the load moment on these joints does not change",
             "load them otherwise: pull sideways, tilt the base, or hold the load off the axis",
         ),
         (
             last,
-            "last frame against tool point: both describe the same tip",
+            "last frame and tool point describe the same tip",
             "nothing is lost for this tool; the flange itself needs a tool of known length",
         ),
     ]
@@ -298,7 +303,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
     suspects += [
         (
             lengths,
-            "scale: coincidence is the same in an arm of any size",
+            "scale: the touches of a point coincide equally well with an arm of any size",
             "one known distance between points determines it",
         ),
         (
@@ -322,7 +327,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
 
 
 def _parallel_runs(arm: SerialArm) -> list[list[int]]:
-    """Rows whose d shift along axes that are near-parallel to each other, grouped in runs."""
+    """Rows whose d shift along near-parallel axes, grouped in runs."""
     runs: list[list[int]] = []
     for k in arm.near_parallel:
         if runs and runs[-1][-1] == k:

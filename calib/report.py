@@ -29,12 +29,13 @@ def shown(unit: str) -> tuple[float, str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Statement:
-    """What the report says of a calibration, beside the result itself."""
+    """Content of the report besides the result of the calibration."""
 
     title: str
     accepted: bool  # verdict, shown next to the title
-    figures_of_merit: Sequence[tuple[str, str]]  # name and value, in order of reading
-    notes: Iterable[str] = ()  # shown before the calibration's own warnings
+    # name and value of each figure, in order of reading
+    figures_of_merit: Sequence[tuple[str, str]]
+    notes: Iterable[str] = ()  # warnings shown before those of the calibration
     # settings of the run and versions of the packages
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -80,8 +81,8 @@ def _rank(calibration: Calibration) -> list[Html]:
 
     sentence = (
         f"{page.strong(f'{rank.rank} of {rank.total}')} directions of the parameters move the "
-        f"touched tips apart, and are identified; condition {rank.condition:.3g}, observability "
-        f"index O1 {rank.observability:.3g} m."
+        f"touched tips relative to each other, and are identified; condition {rank.condition:.3g}, "
+        f"observability index O1 {rank.observability:.3g} m."
     )
 
     columns = ("directions", "in", "why they are not observable", "what helps")
@@ -95,7 +96,7 @@ def _rank(calibration: Calibration) -> list[Html]:
         page.table(columns, rows, texts=(1, 2, 3)) if rows else Html(),
         page.caption(
             "Least observable of the identified directions, in shares of comparable errors: more "
-            "touches help here most."
+            "touches improve these most."
         ),
         page.items((rank.combination(i) for i in least), "caption"),
     ]
@@ -104,7 +105,9 @@ def _rank(calibration: Calibration) -> list[Html]:
 def _compliances(
     calibration: Calibration, series: Sequence[Array], rigid: Calibration | None
 ) -> list[Html]:
-    """Compliances with intervals, joints not identified, residuals by payload; empty if rigid."""
+    """Compliances with intervals, joints that are not identified, and residuals by payload; empty
+    for a rigid arm.
+    """
     if calibration.loads is None:
         return []
     touches = np.ascontiguousarray(np.vstack(series))
@@ -129,10 +132,10 @@ def _compliances(
     lines = []
     for group in calibration.rank_free.hidden:
         if joints := [name for name in group.names if name in names]:
-            why = page.text(f": {group.reason}. What helps: {group.handle}.")
+            why = page.text(f": {group.reason}. Remedy: {group.handle}.")
             lines.append(Html(page.strong(", ".join(joints)) + why))
     if lines:
-        parts.append(page.paragraph("Not identified; their values stay with the prior:"))
+        parts.append(page.paragraph("Not identified; their values are those of the prior:"))
         parts.append(page.items(lines))
     return [*parts, *_payloads(calibration, rigid)]
 
@@ -159,7 +162,9 @@ def _zero(value: float) -> float:
 
 
 def _payloads(calibration: Calibration, rigid: Calibration | None) -> list[Html]:
-    """Table of the RMS distance of touches from their points by payload, rigid and elastic."""
+    """Table of the RMS distance of touches from their points by payload, for the rigid and the
+    elastic arm.
+    """
     assert calibration.loads is not None
     payload = calibration.loads.payload
     used = np.concatenate(calibration.weights) > 0.0

@@ -1,4 +1,6 @@
-"""Figures of a calibration report: figures 4 to 8 of [Yukhimets 2023], intervals of parameters."""
+"""Figures of a calibration report: those of [Yukhimets 2023, fig. 4-8], and intervals of
+parameters.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -48,11 +50,11 @@ def figures(
         _pairs(calibration, series, point_names),
     )
 
-    # The comparison with a tracker, where there is one.
+    # The comparison with a tracker, if there is one.
     if clouds:
         raw = (
-            "Flange points with the flange turned alike: as the tracker sees them in its own "
-            "frame, and as each model "
+            "Flange points at constant orientation: as the tracker measures them in its own frame, "
+            "and as each model "
         )
         stages: tuple[tuple[str, str, Callable[[Cloud], Array]], ...] = (
             (
@@ -62,7 +64,8 @@ def figures(
             ),
             (
                 "Clouds, centred",
-                "The same less their means: the frames are turned (figure 6).",
+                "The same points minus their means; the frames have different orientations (figure "
+                "6).",
                 lambda c: c.centred,
             ),
             (
@@ -79,7 +82,7 @@ def figures(
             "Residuals between model and tracker",
             "Distance of every flange point from the tracker's, after alignment (figure 8)."
             + (
-                " The controller's table is that of a maker, simulated."
+                " The controller's table is that of a simulated maker."
                 if "controller" in clouds
                 else ""
             ),
@@ -96,7 +99,8 @@ def figures(
     yield (
         "Changes of the parameters",
         "Identified minus nominal in deviations of the prior, with 95 % intervals: a bar as wide "
-        "as the band shows that the touches added nothing, a short one an identified parameter.",
+        "as the band shows a parameter about which the touches contain no information, a short bar "
+        "an identified parameter.",
         _changes(calibration),
     )
 
@@ -121,7 +125,7 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
         label=f"identified, mean {1e3 * after.mean():.3g} mm",
     )
 
-    # A line between points; their names only where there is room.
+    # A line between points; their names are shown only if there is room.
     start = 0
     for name, q in zip(names, series, strict=True):
         count = len(q) * (len(q) - 1) // 2
@@ -215,7 +219,7 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
             _above(axes, float(places.mean()), names[i])
         start += len(residuals)
 
-    # On a linear axis outliers would hide the rest.
+    # On a linear axis outliers would hide the other touches.
     if out:
         axes.set_yscale("log")
     else:

@@ -39,8 +39,8 @@ def write_results(
 ) -> list[Path]:
     """Write the identified arm into `folder` in every format.
 
-    A URDF or MJCF source is corrected: `arm.urdf` is that file with other origins;
-    `arm.mjcf_patch.xml` lists its bodies and sites with other poses.
+    A URDF or MJCF source is corrected: `arm.urdf` is the source with other origins;
+    `arm.mjcf_patch.xml` lists the bodies and sites of the source whose poses change.
 
     Args:
         folder: existing folder.
@@ -48,7 +48,7 @@ def write_results(
         source: file that the arm came from; its joint names and limits are written.
         sha256: hash of the touches.
         date: ISO 8601.
-        arm: replaces the calibration's arm, which is longer where the base moved.
+        arm: replaces the calibration's arm, which is longer if the base moved.
         tcp: (3,) [m] replaces the calibration's tool point.
 
     Returns:
@@ -59,10 +59,10 @@ def write_results(
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise ConfigurationError(f"folder {shown(str(folder))}: there is none")
+        raise ConfigurationError(f"folder {shown(str(folder))}: there is no such folder")
     if not hasattr(source, "arm"):
         raise ConfigurationError(
-            f"source: expected what `read_arm` returns, got {type(source).__name__}"
+            f"source: must be an ArmSource, as `read_arm` returns it, got {type(source).__name__}"
         )
 
     tcp = calibration.tcp if tcp is None else tcp
@@ -74,11 +74,11 @@ def write_results(
     written = [_write_yaml(folder / "arm.yaml", calibration, arm, source, sha256, date)]
     written.append(_write_dh(folder / "dh.csv", arm, tcp, stamp))
 
-    # URDF: that of the source corrected, or a new one.
+    # URDF: the corrected source, or a new one.
     text = corrected_urdf(source, arm, tcp) if source.kind == "urdf" else urdf(arm, tcp)
     written.append(_write(folder / "arm.urdf", _commented(text, f"{stamp}; rad, m")))
 
-    # MJCF: what changes in that of the source, or a new one.
+    # MJCF: changes relative to the source, or a new one.
     if source.kind == "mjcf":
         text = mjcf_patch(source, arm, tcp)
         written.append(
@@ -184,7 +184,8 @@ def _write_dh(file: Path, arm: SerialArm, tcp: Array, stamp: str) -> Path:
 def links(arm: SerialArm) -> list[Array]:
     """Link frames at zero: n + 1 poses (4, 4).
 
-    Each joint's child link is in the link before, its z the axis; the last is the flange in link n.
+    The pose of each joint's child link is relative to the link before, with z along the joint axis;
+    the last pose is that of the flange in link n.
     """
     out = []
     rest = np.array(arm.X_base_0)
@@ -197,7 +198,7 @@ def links(arm: SerialArm) -> list[Array]:
 
 
 def urdf(arm: SerialArm, tcp: Array) -> str:
-    """The arm as a new URDF of bare links, from `base` by `flange` to `touch_tip`.
+    """The arm as a new URDF of links without shapes, from `base` over `flange` to `touch_tip`.
 
     Args:
         arm: identified arm.
@@ -213,7 +214,8 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
         ET.SubElement(root, "link", name=name)
     steps = [*links(arm), pose(p=tcp)]
 
-    # A joint to every link: those driven first, flange and tool point fixed.
+    # One joint for every link: first the driven joints, then flange and tool point, which are
+    # fixed.
     for k, X in enumerate(steps):
         driven = k < arm.n
         kind = "fixed"
@@ -247,7 +249,8 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
 
 
 def mjcf(arm: SerialArm, tcp: Array) -> str:
-    """The arm as a new MJCF of bare bodies, from `arm_base` to the site `tip`; placeholder masses.
+    """The arm as a new MJCF of bodies without shapes, from `arm_base` to the site `tip`, with
+    placeholder masses.
 
     Args:
         arm: identified arm.
@@ -292,7 +295,7 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     """The URDF of `source` with the joint origins of the identified `arm`.
 
     Every link stays fixed to its joint's axis, so axes, zeros, meshes and inertias remain as
-    written. Where the tip link is a driven one, a link `touch_tip` is added.
+    written. If the tip link is the child of a driven joint, a link `touch_tip` is added.
 
     Args:
         source: URDF that the nominal arm was read from.
@@ -320,7 +323,7 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
             carried = moved
         parent = child
 
-    # The tool point moves the last origin, or has a link of its own behind a driven joint.
+    # The tool point moves the last origin, or has a separate link behind a driven joint.
     X_base_tip = arm.axes()[2] @ pose(p=tcp)
     if len(chain.joints) - 1 in driven:
         ET.SubElement(root, "link", name="touch_tip")
@@ -336,7 +339,9 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
 
 
 def _riding(arm: SerialArm) -> list[Array]:
-    """Frames (4, 4) of the links in the base at zero: on their joint axes, turned by theta0."""
+    """Frames (4, 4) of the links in the base at zero, with origins on the joint axes, turned by
+    theta0.
+    """
     X = np.eye(4)
     out = []
     for step in links(arm)[:-1]:

@@ -15,7 +15,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.spatial import Array, checked, rotation_from_z
 
 HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of [Yukhimets 2023] over 3 x 21 touches
-_TRIES = 400  # maximal starts and orientations tried for one touch
+_TRIES = 400  # maximal number of starts and orientations tried for one touch
 _STEPS = 60  # maximal iterations of the inverse kinematics
 _SEATED = 1e-10  # [m] distance from its seat at which a tip rests
 # [rad] difference of encoder readings that ends the search for true joint values
@@ -25,7 +25,8 @@ _READ_ALIKE = 1e-12
 def wrong_arm(
     arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Generator
 ) -> SerialArm:
-    """Arm with normally distributed errors in its table, standard deviations given per group.
+    """Arm with normally distributed errors in its table, whose standard deviations are stated per
+    group.
 
     Args:
         arm: nominal arm.
@@ -36,13 +37,14 @@ def wrong_arm(
         The disturbed arm.
 
     Raises:
-        ConfigurationError: other groups.
+        ConfigurationError: a group is unknown.
     """
     table = np.array(arm.table)
     for group in deviations:
         if group not in GROUPS[:5]:
             raise ConfigurationError(
-                f"deviations: {group!r} is not of the table; allowed {', '.join(GROUPS[:5])}"
+                f"deviations: {group!r} is no group of the table; must be one of "
+                f"{', '.join(GROUPS[:5])}"
             )
 
     for group in GROUPS[:5]:  # in fixed order, so that a seed gives one arm
@@ -68,7 +70,7 @@ class Postures:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sag:
-    """Joints that bend under weights and buoyancy, evaluated at the true joint positions."""
+    """Joints that deflect under weights and buoyancy, evaluated at the true joint positions."""
 
     compliance: ArrayLike  # (n,) [rad/(N m)]
     loads: Loads
@@ -76,7 +78,7 @@ class Sag:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EccentricGears:
-    """Eccentric gears: a joint at q reads q - amplitude sin(q + phase)."""
+    """Eccentric gears: the encoder of a joint at q reads q - amplitude sin(q + phase)."""
 
     amplitude: Array  # (n,) [rad]
     phase: Array  # (n,) [rad]
@@ -89,10 +91,12 @@ class EccentricGears:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seating:
-    """Errors of a ball in its sockets: the centre rests at `maps[s] z` beside the middle of s.
+    """Errors of a ball in its sockets: the centre of the ball has an offset of `maps[s] z` from the
+    middle of socket s.
 
-    z is the flange's z axis in the base. A ball that leans on one flank by friction and by errors
-    of form does so again whenever it comes from the same direction, so the error is no noise.
+    z is the flange's z axis in the base. Because of friction and form errors a ball rests on one
+    flank of its socket, and does so again whenever it comes from the same direction, so the error
+    is not noise.
     """
 
     maps: Array  # (S, 3, 3) [m]
@@ -103,7 +107,8 @@ class Seating:
         return cls(maps=spread * rng.standard_normal((points, 3, 3)))
 
     def seat(self, arm: SerialArm, tcp: ArrayLike, series: Sequence[Array]) -> list[Array]:
-        """Move the joints, by the least motion, so that the tips rest where the sockets hold them.
+        """Move the joints, by the least motion, so that the tips rest at their positions in the
+        sockets.
 
         Args:
             arm: true arm.
@@ -112,8 +117,8 @@ class Seating:
                 socket.
 
         Raises:
-            ReachError: the arm does not reach the displaced place.
-            ConfigurationError: another number of series than of sockets.
+            ReachError: the arm does not reach the displaced position.
+            ConfigurationError: the numbers of series and of sockets differ.
         """
         maps = checked(self.maps, (len(series), 3, 3), "seating")
         tip = checked(tcp, (3,), "tcp")
@@ -136,7 +141,7 @@ class Seating:
                     break
             else:
                 raise ReachError(
-                    "the arm does not reach the seats of the tip beside the middle of the sockets"
+                    "the arm does not reach the displaced positions of the tip in the sockets"
                 )
 
             out.append(q)
@@ -150,7 +155,7 @@ def read_by_encoders(
     sag: Sag | None = None,
     gears: EccentricGears | None = None,
 ) -> list[Array]:
-    """Encoder readings where the joints of `arm` truly stand at `series`, arrays (m_i, n) [rad].
+    """Encoder readings, arrays (m_i, n) [rad], for the true joint values `series` of `arm`.
 
     Args:
         arm: true arm.
@@ -184,7 +189,7 @@ def true_joints(
         gears: eccentric gears; None: ideal ones.
 
     Raises:
-        ConfigurationError: the joints bend or err so much that no true values were found.
+        ConfigurationError: deflections or gear errors are so large that no true values were found.
     """
     stands = np.array(read)
 
@@ -194,7 +199,9 @@ def true_joints(
         if np.abs(error).max() < _READ_ALIKE:
             return stands
 
-    raise ConfigurationError("sag, gears: too large, no true joint values give these readings")
+    raise ConfigurationError(
+        "sag, gears: must be smaller; no true joint values were found for these readings"
+    )
 
 
 def touch(
@@ -216,8 +223,9 @@ def touch(
         arm: true arm.
         tcp: (3,) [m] tool point in the flange.
         rng: source of randomness.
-        points: number of points, drawn in the arm's reach, or (P, 3) [m] in the base.
-        touches: number per point.
+        points: number of points, which are drawn within the arm's reach, or points (P, 3) [m] in
+            the base.
+        touches: number of touches per point.
         noise: [m] standard deviation of the operator's error along each axis.
         postures: directions and joint limits; by default those of `Postures()`.
         sag: elastic joints; None: stiff ones.
@@ -227,7 +235,7 @@ def touch(
 
     Raises:
         ReachError: no pose within the limits reaches a point.
-        ConfigurationError: wrong shapes or counts.
+        ConfigurationError: a shape or count is wrong.
     """
     hand = _Hand(arm, checked(tcp, (3,), "tcp"), postures or Postures())
     requested = np.asarray(points, dtype=np.float64)
@@ -236,7 +244,8 @@ def touch(
     counts = [touches] * len(goals) if isinstance(touches, (int, np.integer)) else list(touches)
     if len(counts) != len(goals) or goals.ndim != 2 or goals.shape[1] != 3:
         raise ConfigurationError(
-            f"points, touches: {len(counts)} counts for points of shape {goals.shape}"
+            f"points, touches: must have one count for each point (P, 3), got {len(counts)} counts "
+            f"for points of shape {goals.shape}"
         )
 
     series = []
@@ -255,7 +264,8 @@ def touch(
 
 
 def reach(arm: SerialArm, tcp: Array, p: Array, R: Array, q: Array, steps: int = _STEPS) -> bool:
-    """Move `q` in place until the tool point is at `p`; from six joints on with the flange as `R`.
+    """Move `q` in place until the tool point is at `p`, and, with six or more joints, the flange
+    has orientation `R`.
 
     Args:
         arm: kinematics.
@@ -266,14 +276,14 @@ def reach(arm: SerialArm, tcp: Array, p: Array, R: Array, q: Array, steps: int =
         steps: largest number of iterations.
 
     Returns:
-        True where the goal was reached.
+        True if the goal was reached.
     """
     rows = (arm.table, arm.slides, arm.X_base_0, arm.X_n_flange)
     return bool(kernels.reach_pose(*rows, tcp, p, R, q, arm.n >= 6, steps))
 
 
 class _Hand:
-    """An operator who leads an arm to points, in given postures."""
+    """An operator who guides an arm to points, in given postures."""
 
     def __init__(self, arm: SerialArm, tcp: Array, postures: Postures) -> None:
         self.arm = arm
@@ -297,14 +307,14 @@ class _Hand:
 
             hinges = ~self.arm.slides
             q[hinges] = (q[hinges] + np.pi) % (2.0 * np.pi) - np.pi
-            # With fewer than six joints the position alone was solved, so the orientation is tested
-            # here.
+            # With fewer than six joints only the position was solved for, so the orientation is
+            # tested here.
             if np.all((q >= lower) & (q <= upper)) and (self.arm.n >= 6 or self._in_cone(q)):
                 return q
         return None
 
     def points(self, count: int, rng: np.random.Generator) -> Array:
-        """Random points that the arm reaches in varied orientations, well apart."""
+        """Random points, well apart, that the arm reaches in varied orientations."""
         length = self.arm.reach + float(np.linalg.norm(self.tcp))
         points: list[Array] = []
         for _ in range(_TRIES):
@@ -318,7 +328,9 @@ class _Hand:
                 points.append(goal)
             if len(points) == count:
                 return np.array(points)
-        raise ReachError(f"no {count} points found that the arm can touch in varied orientations")
+        raise ReachError(
+            f"could not find {count} points that the arm can touch in varied orientations"
+        )
 
     def _try(self, p: Array, rng: np.random.Generator) -> tuple[Array, bool]:
         q = rng.uniform(self.bounds[:, 0], self.bounds[:, 1])

@@ -2,7 +2,7 @@
 
 A folder holds one CSV file per point. A single file holds one point, or several separated by a
 column `point` or by empty lines. Separators are commas, semicolons, tabs or blanks; a header is
-optional. Radians and degrees are told apart automatically, and the result is reported.
+optional. Radians and degrees are distinguished automatically, and the result is reported.
 """
 
 import hashlib
@@ -21,10 +21,11 @@ from uuv.sim.interfaces.spatial import Array, readonly, shown
 Units = Literal["auto", "rad", "deg"]
 POINT_COLUMNS = ("point", "series", "socket", "hole", "nest", "target", "label")
 IGNORED_COLUMNS = ("time", "t", "stamp", "timestamp", "index", "touch", "comment", "note")
-# Hinges turn at most one turn either way and a little, so a larger value is in degrees. Touching in
-# many orientations takes more than 7 deg, so degrees exceed the bound.
+# Hinges turn little more than one turn in either direction, so a larger value is in degrees.
+# Touches in many orientations turn joints by more than 7 deg, so values in degrees exceed this
+# bound.
 _MOST_RADIANS = 2.0 * np.pi + 0.6
-# [rad], share of a slide's range: tolerated excess over joint limits (stops, offsets)
+# [rad], and share of a slide's range: tolerated excess over joint limits (stops, offsets)
 _BEYOND = 0.35
 _UNIT = 2e-3  # tolerance of a unit quaternion's length, for files with few digits
 
@@ -36,8 +37,8 @@ class Touches:
     series: tuple[Array, ...]  # each (m_i, n) [rad], slides [m]
     names: tuple[str, ...]  # names of the points
     sha256: str  # hash of the files' bytes, in the order read
-    notes: tuple[str, ...] = ()  # findings about the files, to be reported
-    beyond: tuple[str, ...] = ()  # of each point with joint values beyond the limits, the worst
+    notes: tuple[str, ...] = ()  # notes about the files, to be reported
+    beyond: tuple[str, ...] = ()  # for each point with joint values beyond the limits, the worst
 
     @property
     def count(self) -> int:
@@ -65,10 +66,10 @@ def read_touches(
 
     Args:
         paths: file, folder, or several of them.
-        joint_types: one letter per joint of the arm (r, p): sets the number of joint values and
-            which are angles.
+        joint_types: one letter per joint of the arm (r, p), which determines the number of joint
+            values and which of them are angles.
         joint_names: selects and orders the columns of a header that has all of them.
-        units: "rad", "deg", or "auto" by header or size.
+        units: "rad", "deg", or "auto": by the header or by the size of the values.
         limits: (n, 2) joint limits [rad], slides [m].
         beyond: "refuse" values far beyond those limits, or "note" them as `Touches.beyond`.
 
@@ -76,15 +77,15 @@ def read_touches(
         The touches in radians and metres.
 
     Raises:
-        ConfigurationError: files that are missing or empty, numbers that are not finite, rows of
-            another length. Also poses (x y z qx qy qz qw) in place of joint values. Values far
-            beyond the limits, unless they are noted. Also files that look like degrees beside
-            others that look like radians.
+        ConfigurationError: a file is missing or empty, a number is not finite, or a row has another
+            length. A file has poses (x y z qx qy qz qw) in place of joint values. Values are far
+            beyond the limits, unless these are noted. Some files look like degrees and others like
+            radians.
     """
     path_list = [paths] if isinstance(paths, str | Path) else list(paths)
     files = [file for path in path_list for file in _files(Path(path))]
     if not files:
-        raise ConfigurationError("touches: no file was named")
+        raise ConfigurationError("touches: must name at least one file or folder")
 
     digest = hashlib.sha256()
     points: dict[str, list[list[float]]] = {}
@@ -104,7 +105,7 @@ def read_touches(
         for row in rows:
             if len(row.values) != width:
                 raise ConfigurationError(
-                    f"{row.where}: {len(row.values)} joint values, {width} expected"
+                    f"{row.where}: must have {width} joint values, got {len(row.values)}"
                 )
             points.setdefault(row.point, []).append(row.values)
 
@@ -132,20 +133,22 @@ def read_touches(
         notes=tuple(notes),
     )
 
-    # Joint limits, where the arm is known.
+    # Joint limits, if the arm is known.
     if limits is None:
         return read
     outside = _beyond_limits(read, np.asarray(limits), hinges, joint_names)
     if outside and beyond == "refuse":
-        raise ConfigurationError(f"{outside[0]}: wrong arm, unit or order of the joint values")
+        raise ConfigurationError(
+            f"{outside[0]}: check the arm, the unit and the order of the joint values"
+        )
     return replace(read, beyond=tuple(outside))
 
 
 def check_touches(paths: Sequence[Path | str]) -> None:
-    """Refuse files that are missing, empty or no text, before their arm is known.
+    """Refuse files that are missing, empty or not text, before their arm is known.
 
     Raises:
-        ConfigurationError: Which one.
+        ConfigurationError: A file is unsuitable; the message names it.
     """
     for path in paths:
         for file in _files(Path(path)):
@@ -158,8 +161,8 @@ def write_touches(
     """Write one CSV file per point into `folder`, readable by `read_touches`.
 
     Args:
-        folder: created where missing.
-        names: of the points, and so of the files.
+        folder: created if it is missing.
+        names: names of the points, which are also those of the files.
         series: joint values (m_i, n) per point.
         joint_names: header.
 
@@ -195,7 +198,8 @@ def write_touch_list(
     for point in points:
         if re.search(r"[,;#\s]", point):
             raise ConfigurationError(
-                f"point {shown(point)}: a name in a list has no comma, semicolon, # or blank"
+                f"point {shown(point)}: a name in a list must not have a comma, semicolon, # or "
+                "blank"
             )
 
     units = ("m" if letter == "p" else "rad" for letter in joint_types)
@@ -218,21 +222,21 @@ def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
         return
     if np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1.0).max() < _UNIT:
         raise ConfigurationError(
-            f"{file}: holds poses (x y z and a unit quaternion in every row), not joint values; "
-            "name the files of joint values themselves, or move this one out of the folder"
+            f"{file}: must hold joint values, but has poses (x y z and a unit quaternion in every "
+            "row); name the files of joint values one by one, or move this file out of the folder"
         )
 
 
 def _beyond_limits(
     read: Touches, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]
 ) -> list[str]:
-    """Of each point with joint values beyond the arm's limits, the worst.
+    """A message for each point with joint values beyond the arm's limits, about the worst value.
 
     Args:
         read: touches.
         limits: (n, 2) joint limits [rad], slides [m]; infinite or NaN where there are none.
         hinges: (n,) bool, True for a hinge.
-        joint_names: of the joints; may be empty.
+        joint_names: names of the joints; may be empty.
     """
     out = []
     with np.errstate(invalid="ignore"):
@@ -269,11 +273,11 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
     # As the headers state.
     if len(stated) > 1:
         raise ConfigurationError(
-            "touches: some headers say degrees, others radians; say --units rad or --units deg"
+            "touches: some headers state degrees, others radians; state --units rad or --units deg"
         )
     if stated:
         if "deg" in stated:
-            notes.append("touches: degrees by their header, turned into radians")
+            notes.append("touches: degrees by their header, converted to radians")
         return "deg" in stated
 
     # By size.
@@ -281,14 +285,14 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
     if large and len(large) < len(largest):
         raise ConfigurationError(
             f"touches: {', '.join(large[:3])} {'looks' if len(large) == 1 else 'look'} like "
-            f"degrees (up to {max(largest.values()):.4g}), the rest like radians; say --units rad "
-            "or --units deg"
+            f"degrees (up to {max(largest.values()):.4g}), the rest like radians; state --units "
+            "rad or --units deg"
         )
 
     if large:
         notes.append(
             f"touches: look like degrees (the largest angle is {max(largest.values()):.4g}), "
-            "turned into radians; --units rad if they are not"
+            "converted to radians; state --units rad if they are radians already"
         )
 
     return bool(large)
@@ -328,7 +332,7 @@ def _text(raw: bytes, file: Path) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigurationError(
-            f"{file}: not a text file in UTF-8; touches are CSV, or a folder of it"
+            f"{file}: must be a text file in UTF-8; touches are CSV files or a folder of such files"
         ) from error
 
 
@@ -352,16 +356,18 @@ def _parse(
             header = [cell.strip('"').strip().lower() for cell in cells]
             continue
 
-        # A blank line after touches begins the next point.
+        # A blank line after touches separates points.
         if gap:
             block += 1
             gap = False
         if header is not None and len(cells) != len(header):
-            raise ConfigurationError(f"{where}: {len(cells)} cells, the header has {len(header)}")
+            raise ConfigurationError(
+                f"{where}: must have {len(header)} cells as the header, got {len(cells)}"
+            )
         rows.append(_row(cells, header, joint_names, width, where, block))
 
     if not rows:
-        raise ConfigurationError(f"{file}: holds no touches")
+        raise ConfigurationError(f"{file}: must have at least one touch, has none")
 
     # A point is named by its label, or by the file and the block in it.
     labels = list(dict.fromkeys(row.point for row in rows))
@@ -437,7 +443,7 @@ def _row(
         try:
             value = float(cell)
         except ValueError:
-            raise ConfigurationError(f"{where}: {shown(cell)} is no number") from None
+            raise ConfigurationError(f"{where}: {shown(cell)} must be a number") from None
         if not np.isfinite(value):
             raise ConfigurationError(
                 f"{where}: every joint value must be finite, got {shown(cell)}"
@@ -445,5 +451,8 @@ def _row(
         values.append(value)
 
     if width is not None and len(values) != width:
-        raise ConfigurationError(f"{where}: {len(values)} joint values, the arm has {width} joints")
+        raise ConfigurationError(
+            f"{where}: must have one joint value for each of the arm's {width} joints, got "
+            f"{len(values)}"
+        )
     return _Row(values, point, where)

@@ -10,35 +10,36 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked, real_array, shown
 
-# [rad], of the reach: least RMS motion of a joint that is identified
+# [rad], relative to the reach for slides: least RMS motion of a joint that is identified
 STILL, STILL_SHARE = np.deg2rad(1.0), 5e-3
-_SAME = 1e-9  # [rad] or [m] below this difference two touches count as one written twice
-_TWO_TURNS = 4.0 * np.pi  # [rad] beyond this a joint angle is taken as degrees
-_LONGEST_SLIDE = 50.0  # [m] beyond this a slide is taken as millimetres
-# ratio of spreads (radians to degrees) from which the angles are taken as degrees
+_SAME = 1e-9  # [rad] or [m] difference, below which two touches count as one that was written twice
+_TWO_TURNS = 4.0 * np.pi  # [rad] larger joint angles are assumed to be in degrees
+_LONGEST_SLIDE = 50.0  # [m] larger values of a slide are assumed to be in millimetres
+# ratio of spreads (radians to degrees), from which on angles are assumed to be in degrees
 _FIT_BETTER = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UsableTouches:
-    """Touches as checked, and those of them that tell something of the arm."""
+    """Checked touches, and the selection of those that contain information on the arm."""
 
     series: list[Array]  # (m_i, n) of every point
-    kept: list[np.ndarray]  # rows of each series that are no repeats; none of a series of one touch
-    live: list[int]  # series of which rows are kept
+    # rows of each series that are not repeats; none for a series of one touch
+    kept: list[np.ndarray]
+    live: list[int]  # indices of the series of which rows are kept
     tcp: Array  # (3,) [m] initial tool point in the flange
     warnings: tuple[str, ...]
 
     @property
     def used(self) -> list[Array]:
-        """The touches that are kept, by series in use."""
+        """The touches that are kept, for each series in use."""
         return [self.series[i][self.kept[i]] for i in self.live]
 
 
 def usable(
     series: Sequence[ArrayLike], arm: SerialArm, tcp: ArrayLike | None = None
 ) -> UsableTouches:
-    """The touches that an arm can be identified from, and the tool point to begin with.
+    """The touches from which an arm can be identified, and the initial tool point.
 
     Args:
         series: joint values (m_i, n) of each point.
@@ -46,7 +47,8 @@ def usable(
         tcp: (3,) [m] initial tool point; by default that of `first_tcp`.
 
     Raises:
-        ConfigurationError: as of `checked_series`; too few touches; no joint moves over them.
+        ConfigurationError: as for `checked_series`; there are too few touches; no joint moves over
+            them.
     """
     series = checked_series(series, arm)
     places_used, warnings = without_repeats(series)
@@ -55,13 +57,13 @@ def usable(
 
     if sum(len(q) - 1 for q in used) < 2:
         raise ConfigurationError(
-            "series: no point was touched in enough different poses; at least three different "
-            "touches are needed, got " + ", ".join(str(len(places)) for places in places_used)
+            "series: at least one point must be touched at least three times in different poses, "
+            "got " + ", ".join(str(len(places)) for places in places_used)
         )
     if not any(moved(q, arm).any() for q in used):
         raise ConfigurationError(
-            "series: no joint moves by a degree about any point; touches in one posture do not "
-            "identify an arm"
+            "series: at least one joint must move by a degree over the touches of a point; touches "
+            "in one posture do not identify an arm"
         )
     start = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
     return UsableTouches(
@@ -70,10 +72,11 @@ def usable(
 
 
 def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
-    """Validate the series: arrays (m_i, n), finite, one column a joint, in radians and metres.
+    """Validate the series: finite arrays (m_i, n), one column per joint, in radians and metres.
 
     Raises:
-        ConfigurationError: anything else, naming series, touch and joint; also angles in degrees.
+        ConfigurationError: a value is invalid, for instance an angle in degrees; the message names
+            series, touch and joint.
     """
     if isinstance(series, np.ndarray) and series.ndim == 2:
         raise ConfigurationError(
@@ -87,19 +90,17 @@ def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
 
     series = list(series)
     if len(series) == 0:
-        raise ConfigurationError(
-            "series: empty; at least one series of touches of one point is needed"
-        )
+        raise ConfigurationError("series: must have at least one series of touches, got none")
 
     out = []
     for i, values in enumerate(series):
         q = real_array(values, f"series {i + 1}", f"joint values (m, {arm.n})")
         if q.size == 0:
-            raise ConfigurationError(f"series {i + 1}: empty")
+            raise ConfigurationError(f"series {i + 1}: must have at least one touch, got none")
         if q.ndim != 2 or q.shape[1] != arm.n:
             raise ConfigurationError(
-                f"series {i + 1}: the arm has {arm.n} joints, so (m, {arm.n}) is needed, got "
-                f"shape {q.shape}"
+                f"series {i + 1}: the arm has {arm.n} joints, so the shape must be (m, {arm.n}), "
+                f"got {q.shape}"
             )
 
         bad = np.argwhere(~np.isfinite(q))
@@ -112,7 +113,8 @@ def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
         far = np.abs(q[:, arm.slides])
         if far.size and far.max() > _LONGEST_SLIDE:
             raise ConfigurationError(
-                f"series {i + 1}: a slide at {far.max():.4g} m; millimetres? Metres are needed"
+                f"series {i + 1}: slides must be in metres, got {far.max():.4g}, which looks like "
+                "millimetres"
             )
         out.append(q)
 
@@ -135,7 +137,7 @@ def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
             f"{message}; these look like degrees, radians are needed (numpy.deg2rad)"
         )
 
-    # Within two turns, the unit under which the touches of a point lie closer together.
+    # Within two turns, the unit with which the touches of a point are closer together.
     turned = [np.where(hinges, np.deg2rad(q), q) for q in series]
     as_radians, as_degrees = (
         spread(arm, first_tcp(arm, q_series), q_series) for q_series in (series, turned)
@@ -154,7 +156,7 @@ def motions(q: Array) -> Array:
 
 
 def moved(q: Array, arm: SerialArm) -> np.ndarray:
-    """Mask (n,) of the joints that move enough over the touches `q` (m, n) to tell something."""
+    """Mask (n,) of the joints that move enough over the touches `q` (m, n) to be identified."""
     return motions(q) > np.where(arm.slides, STILL_SHARE * arm.reach, STILL)
 
 
@@ -202,10 +204,11 @@ def spread(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
 
 
 def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str]]:
-    """Indices of the informative touches per series, and a message on each series that lost some.
+    """Indices of the informative touches per series, and a message about each series from which
+    touches were left out.
 
-    A touch written twice counts once, since its copy has no noise of its own. A series of a single
-    touch is left out.
+    A touch that is written twice is used once, since its copy has no noise of its own. A series of
+    a single touch is left out.
     """
     places_used = []
     lines = []
@@ -215,12 +218,13 @@ def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str
 
         if len(places) < len(q):
             lines.append(
-                f"series {i + 1}: {len(q) - len(places)} of {len(q)} touches repeat "
-                "another exactly, left out"
+                f"series {i + 1}: {len(q) - len(places)} of {len(q)} touches left out, since they "
+                "repeat another exactly"
             )
         if len(places) < 2:
             lines.append(
-                f"series {i + 1}: a single touch of a point does not constrain the arm, left out"
+                f"series {i + 1}: left out, since a single touch of a point does not constrain the "
+                "arm"
             )
             places = places[:0]
         places_used.append(places)

@@ -1,13 +1,14 @@
-"""Verification of a calibration: by a tracker, and by touches predicted from other places.
+"""Verification of a calibration, by a tracker and by touches predicted from other positions.
 
 Against a tracker [Yukhimets 2023], clouds of flange points are centred, aligned and compared. The
-flange keeps its orientation, so that the reflector's place on it does not matter. The residuals
-measure the accuracy of relative moves; alignment removes the poses of base and tracker.
+flange keeps its orientation, so that the position of the reflector on the flange does not matter.
+The residuals measure the accuracy of relative moves; alignment removes the poses of base and
+tracker.
 
-The posterior covariance speaks of touch noise alone. A real arm has errors that its parameters
-cannot express (gears, sag, seating of the probe); they are alike in neighbouring postures, so that
-residuals of the fit understate them. Each place is therefore predicted from the touches of the
-others, and the spread of those errors widens the intervals.
+The posterior covariance only accounts for touch noise. A real arm has errors that its parameters
+cannot express (gears, sag, seating of the probe). Such errors are similar in neighbouring postures,
+so the residuals of the fit understate them. The touches at each position are therefore predicted
+from those at the other positions, and the spread of these prediction errors widens the intervals.
 """
 
 from collections.abc import Sequence
@@ -23,13 +24,14 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.spatial import Array, checked, exp_so3, readonly, transform_points
 
-TRACKER_NOISE = 0.015e-3  # [m] of a FARO Vantage [Yukhimets 2023]
+TRACKER_NOISE = 0.015e-3  # [m] noise of a FARO Vantage [Yukhimets 2023]
 Alignment = Literal["kabsch", "icp"]
-# points closer than this share of the arm's reach are one place, predicted together
+# share of the arm's reach: points closer to each other count as one position and are predicted
+# together
 _ONE_PLACE = 0.1
-_POINTS = 13  # flange points, as many as measured in [Yukhimets 2023]
-_PLACES = 300  # maximal places of the box that are tried
-_TRIES = 6  # goals drawn per wanted point
+_POINTS = 13  # number of flange points, as in [Yukhimets 2023]
+_PLACES = 300  # maximal number of positions of the box that are tried
+_TRIES = 6  # number of goals drawn per required point
 _STEPS = 60  # maximal iterations of the inverse kinematics
 _ICP_STEPS = 100  # maximal iterations of one ICP run
 
@@ -38,11 +40,11 @@ _ICP_STEPS = 100  # maximal iterations of one ICP run
 class Cloud:
     """Flange points of one model, by stage of the comparison [Yukhimets 2023, fig. 5-8]."""
 
-    raw: Array  # (N, 3) [m] in the arm's base; the tracker's own in the tracker's frame
-    centred: Array  # (N, 3) [m] less their mean
+    raw: Array  # (N, 3) [m] in the arm's base; the tracker's points in the tracker's frame
+    centred: Array  # (N, 3) [m] minus their mean
     aligned: Array  # (N, 3) [m] turned onto the tracker's centred points
-    deviations: Array  # (N,) [m] from the tracker's points
-    rms: float  # [m]
+    deviations: Array  # (N,) [m] distance from the tracker's points
+    rms: float  # [m] RMS of these distances
 
 
 def flange_poses(
@@ -55,8 +57,9 @@ def flange_poses(
 ) -> Array:
     """Joint values (count, n) of random flange points in a box, at constant orientation and branch.
 
-    The box spans `box` times the arm's reach to each side of a random place in front of or beside
-    the arm. The flange looks down, and the arm keeps its branch, as it does in straight moves.
+    The box extends by `box` times the arm's reach to each side of a random position in front of or
+    beside the arm. The flange looks down, and the arm keeps its branch, as it does in straight
+    moves.
 
     Args:
         controller: arm as its controller models it.
@@ -69,7 +72,7 @@ def flange_poses(
         Joint values [rad], slides [m].
 
     Raises:
-        ReachError: too few points found.
+        ReachError: too few points were found.
     """
     bounds = np.full((controller.n, 2), [-np.pi, np.pi])
     bounds = bounds if limits is None else checked(limits, (controller.n, 2), "limits")
@@ -77,7 +80,7 @@ def flange_poses(
     start = controller.X_base_0[:3, 3]
     best = 0
 
-    # A random middle and posture, about which all points are sought.
+    # A random middle and posture, around which all points are searched for.
     for _ in range(_PLACES):
         turn, out, up = rng.uniform([-np.pi, 0.35, 0.05], [np.pi, 0.5, 0.3])
         middle = start + controller.reach * np.array([out * np.cos(turn), out * np.sin(turn), up])
@@ -144,7 +147,8 @@ def kabsch(source: Array, target: Array) -> Array:
 
 
 def icp(source: Array, target: Array) -> Array:
-    """Rigid transform (4, 4) as of `kabsch` without correspondences: iterative closest points.
+    """Rigid transform (4, 4) as by `kabsch`, but without known correspondences, by iterative
+    closest points.
 
     Starts from four alignments of the principal axes and keeps the best, since clouds that are only
     centred may differ by any rotation.
@@ -163,7 +167,7 @@ def icp(source: Array, target: Array) -> Array:
             before = pairs
 
         rms = float(np.sqrt(np.mean(tree.query(transform_points(X, source))[0] ** 2)))
-        # Two points paired with one target are not a valid match.
+        # A match is not valid if two points are paired with one target.
         if before is not None and len(np.unique(before)) == len(source) and rms < best_rms:
             best = X
             best_rms = rms
@@ -200,20 +204,21 @@ def compare(
         alignment: "kabsch" pairs points by index; "icp" finds the pairs.
 
     Returns:
-        The compared clouds by name, the tracker's own under "tracker".
+        The compared clouds by name, and that of the tracker as "tracker".
 
     Raises:
-        ConfigurationError: clouds of other sizes, fewer than 3 points, unknown alignments.
+        ConfigurationError: the clouds differ in size, there are fewer than 3 points, or the
+            alignment is unknown.
     """
     if alignment not in get_args(Alignment):
         raise ConfigurationError(
-            f"alignment: allowed {', '.join(get_args(Alignment))}, got {alignment!r}"
+            f"alignment: must be one of {', '.join(get_args(Alignment))}, got {alignment!r}"
         )
 
     measured = np.asarray(tracker, dtype=np.float64)
     measured = checked(measured, (len(measured), 3), "tracker")
     if len(measured) < 3:
-        raise ConfigurationError(f"tracker: at least 3 points are needed, got {len(measured)}")
+        raise ConfigurationError(f"tracker: must have at least 3 points, got {len(measured)}")
 
     # The tracker's own points.
     target = measured - measured.mean(axis=0)
@@ -265,7 +270,9 @@ def pair_distances(tips: list[Array]) -> Array:
 
 
 def places(points: ArrayLike, reach: float) -> np.ndarray:
-    """Place (S,) of each point: points within a tenth of `reach` [m], in chains, share one."""
+    """Index (S,) of the position of each point; points within a tenth of `reach` [m], also in
+    chains, share a position.
+    """
     p = np.asarray(points, dtype=np.float64)
     near = np.linalg.norm(p[:, None] - p[None], axis=2) < _ONE_PLACE * reach
     labels = np.arange(len(p))
@@ -279,30 +286,32 @@ def places(points: ArrayLike, reach: float) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PointTouches:
-    """Touches of one point under the identified arm, less their weighted mean."""
+    """Touches of one point under the identified arm, minus their weighted mean."""
 
     rows: Array  # (m, P, 3) derivatives of the tips by the free parameters
     residuals: Array  # (m, 3) [m]
-    weights: Array  # (m,) in the fit, above 0
+    weights: Array  # (m,) weights in the fit, above 0
 
 
 def scores(series: Sequence[PointTouches], label: np.ndarray, prior: Array, noise: float) -> Array:
-    """Errors of touches predicted without their own place, over their predicted deviations, sorted.
+    """Sorted errors of touches that are predicted without those at their own position, over their
+    predicted deviations.
 
-    The parameters without a place follow from one Gauss-Newton step that removes its touches. Known
-    distances are left
-    aside: they settle the scale, which the spread of touches does not show.
+    The parameters without a position's touches are computed by one Gauss-Newton step that removes
+    these touches. Known distances are not used, since they only determine the scale, which does not
+    affect the spread of touches.
 
     Args:
         series: touches in use.
-        label: (S,) place of each series. Where all share one, each series counts as a place.
+        label: (S,) position of each series. If all series share one position, each series counts as
+            a separate one.
         prior: (P,) standard deviations of the prior.
         noise: [m] standard deviation of a touch along each axis.
 
     Returns:
-        Absolute scores (3 M,); their 95 % quantile is 1.96 where the model is right.
+        Absolute scores (3 M,); their 95 % quantile is 1.96 if the model is right.
     """
-    # In a single place each point is predicted from the others.
+    # With a single position each point is predicted from the others.
     if len(set(label.tolist())) == 1:
         label = np.arange(len(series))
 
@@ -322,7 +331,7 @@ def scores(series: Sequence[PointTouches], label: np.ndarray, prior: Array, nois
         w = np.concatenate([weights[s] for s in mine])
         r = np.concatenate([series[s].residuals.ravel() for s in mine]) / noise
 
-        # Variance of a touch about the mean of its series, over that of a touch.
+        # Ratio of the variance of a touch about the mean of its series to that of a touch.
         lost = np.repeat(
             [1.0 - 1.0 / len(series[s].weights) for s in mine], [len(weights[s]) for s in mine]
         )

@@ -1,8 +1,8 @@
 """Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables.
 Nothing is stepped.
 
-A vehicle's module is imported when it is loaded: `from uuv import models`, names and descriptions
-of files need no MuJoCo.
+The module of a vehicle is imported when that vehicle is loaded. `from uuv import models` and the
+lists of names therefore need no MuJoCo.
 """
 
 if __name__ != "uuv.models":
@@ -80,7 +80,7 @@ _MODELS = {
 VEHICLES: "Registry[mujoco.MjSpec]" = Registry(
     "vehicle",
     {name: entry.build for name, entry in _MODELS.items()},
-    {"bluerov2_heavy": "bluerov2_heavy_benzon2022"},  # the later set, and better attested
+    {"bluerov2_heavy": "bluerov2_heavy_benzon2022"},  # the later and better attested set
     form=MadeForm("a mujoco.MjSpec", lambda spec: hasattr(spec, "worldbody")),
 )
 
@@ -89,15 +89,16 @@ VEHICLES: "Registry[mujoco.MjSpec]" = Registry(
 class Description:
     """Summary of a named model."""
 
-    name: str  # never an alias
+    name: str  # a name of its own, never an alias
     source: str
-    floating: bool  # it has a free hull; else its base is fixed to the world
-    dof: int  # degrees of freedom, those of the hull included
+    floating: bool  # True: it has a free hull; False: its base is fixed to the world
+    dof: int  # number of degrees of freedom, including those of the hull
     joints: tuple[str, ...]  # driven joints
     thrusters: int
-    drive: str  # what moves it: "thrusters", "wrench" where the source has none, or "fixed base"
-    mass: float  # [kg] dry
-    volume: float  # [m^3] displaced, after ballasting
+    # how it moves: by "thrusters", by a "wrench" where the source has no thrusters, or "fixed base"
+    drive: str
+    mass: float  # [kg] dry mass
+    volume: float  # [m^3] displaced volume, after ballasting
 
 
 def available() -> tuple[str, ...]:
@@ -112,7 +113,7 @@ def load(name: str) -> "mujoco.MjSpec":
         name: one of `available`.
 
     Returns:
-        The model, which the caller may change.
+        The model, as a new copy that the caller may change.
 
     Raises:
         ConfigurationError: no model has that name; the message lists those that exist.
@@ -143,7 +144,7 @@ def describe(name: str) -> Description:
     water = hydrodynamics.attached(spec)
     model = spec.compile()
 
-    # What moves it: thrusters, and drives of joints.
+    # How it moves: by thrusters, and by drives of joints.
     count = len(thrusters.read(model)[0])
     floating = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY) >= 0
     driven = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
@@ -165,7 +166,7 @@ def _source(name: str) -> str:
     return _MODELS[name].source if name in _MODELS else "another package"
 
 
-if not TYPE_CHECKING:  # which sees modules that are imported, and no others
+if not TYPE_CHECKING:  # a type checker sees only the modules that are imported here
 
     def __getattr__(name: str) -> Any:
         """Import a module of this package, such as `uuv.models.hydrodynamics`, on its first use."""

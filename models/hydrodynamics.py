@@ -2,7 +2,7 @@
 
 Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's
 order). They are stored in `body.userdata`, one row of `LAYOUT.size` numbers per body. A compiled
-`MjModel` therefore carries them by itself, and one stateless callback (`uuv.sim.hydrodynamics`)
+`MjModel` therefore contains its coefficients, and one stateless callback (`uuv.sim.hydrodynamics`)
 serves every model of the process.
 """
 
@@ -34,60 +34,63 @@ from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, shown, skew
 
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
-MAX_STRIPS: Final = 2  # segments with strip drag per body
+MAX_STRIPS: Final = 2  # largest number of segments with strip drag per body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations per segment
-# begin the names of custom elements with the water of bodies, and thrusters
+# prefixes of custom elements with the water of bodies, and with thrusters
 ELEMENTS: Final = "water/", "thruster/"
 CEILING: Final = 10.0  # [m] above the sea surface z = 0; a wet body above it causes a warning
 
-# numbers per strip: start (3), end (3), normal, tangential, number of stations
+# numbers per strip: start (3), end (3), normal drag, tangential drag, number of stations
 _STRIP_SIZE: Final = 9
 _UPPER: Final = np.triu_indices(6)
 
-# Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with
-# a stamp that changes with the layout, so that a table of another layout or project is rejected.
-# The stamp has six digits and is below 1: MJCF has six digits and, from MuJoCo 4.0 on, rounds off
-# numbers that are small beside the others. Behind a body's row stand the records of its forms:
-# kind, length, and that many numbers. A kind of 0 ends them.
+# Index of each number in a row of `body_user`. The world body has a row of its own. Both kinds of
+# row begin with a stamp that changes with the layout, so that a table of another layout or project
+# is rejected. The stamp has six digits and is below 1, because MJCF has six digits and, from MuJoCo
+# 4.0 on, rounds off numbers that are small beside the others. The records of a body's forms follow
+# its row: kind, length, and that many numbers. A kind of 0 ends them.
 LAYOUT: Final = SimpleNamespace(
     stamp_value=0.620263,
     stamp=0,
-    # a body
+    # stamp of a body's row
     volume=1,
     center_of_buoyancy=2,  # 3
     added_mass=5,  # 21, upper triangle by rows
     linear_damping=26,  # 36, by rows
     quadratic_damping=62,  # 6
     strip_count=68,
-    strips=69,  # MAX_STRIPS times 9
+    strips=69,  # MAX_STRIPS times 9 numbers
     strip_size=_STRIP_SIZE,
-    # [kg/m^3] of the water; the world's own takes precedence
+    # [kg/m^3] density of the water; the world's row takes precedence
     body_density=69 + MAX_STRIPS * _STRIP_SIZE,
     size=70 + MAX_STRIPS * _STRIP_SIZE,
-    # the world; MJCF does not keep this row
+    # stamp of the world's row; MJCF does not keep this row
     density=1,
     current_acceleration=2,  # 3
     current_shear=5,  # 3
     compiled=8,  # sum of dof_invweight0, set by uuv.sim.hydrodynamics.compile
     drag_rate=9,  # 2: drag over inertia [1/s] at rest, and its increase per m/s or rad/s
     ceiling=11,  # [m] above z = 0; a wet body above it causes a warning (`attach` sets CEILING)
-    seen=12,  # sum of the flags below met by the callback, each added once
-    told=13,  # the flags already reported by a Python warning
-    flow=14,  # 2: 1 + index in `data.userdata` of a simulation's current, or 0; numbers there
+    seen=12,  # sum of the flags below that the callback has raised, each counted once
+    told=13,  # sum of the flags that a Python warning has reported already
+    # 2 numbers: 1 + index in `data.userdata` of a simulation's current, or 0; count of numbers
+    # there
+    flow=14,
 )
 TOO_FAST: Final = 1  # flag: drag beyond the range for which the time step was found stable
 TOO_HIGH: Final = 2  # flag: a wet body above the ceiling
 INDEFINITE: Final = 4  # flag: inertia with added mass not positive definite
-NO_CURRENT: Final = 8  # flag: numbers of something else where a simulation has its current
+# flag: `data.userdata` holds other numbers where a simulation has its current
+NO_CURRENT: Final = 8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StripDrag:
     """Drag of a slender part, integrated along a segment by Gauss-Legendre stations.
 
-    Each station has its own velocity, so that a swinging link is damped correctly, which a single
-    6x6 matrix cannot do. Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the
-    cross-flow principle [Faltinsen 1990, section 7].
+    Each station has its own velocity. A swinging link is therefore damped correctly, which is not
+    possible with a single 6x6 matrix. Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`,
+    the cross-flow principle [Faltinsen 1990, section 7].
 
     Raises:
         ConfigurationError: a number that is not finite or is negative, or a segment without length.
@@ -116,7 +119,7 @@ class StripDrag:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyHydrodynamics:
-    """Hydrodynamic coefficients of one body, in its body frame. Arrays are read-only copies.
+    """Hydrodynamic coefficients of one body, in the body frame. Arrays are read-only copies.
 
     An asymmetry of the added mass up to 1e-3 of its largest number is removed (PhysicsWarning).
 
@@ -156,12 +159,12 @@ class BodyHydrodynamics:
 
     @property
     def segments(self) -> tuple[StripDrag, ...]:
-        """The strips as the tuple that they are stored as."""
+        """The strips, as the tuple in which they are stored."""
         return _strips(self.strips)
 
     @property
     def terms(self) -> tuple[Form, ...]:
-        """The forms as the tuple that they are stored as."""
+        """The forms, as the tuple in which they are stored."""
         return _forms(self.forms)
 
 
@@ -170,8 +173,9 @@ def attach(
 ) -> None:
     """Write the coefficients of `bodies` and the density of the water into `spec`.
 
-    Repeated calls add or replace bodies; the last density holds for all. Rows of bodies survive
-    `MjSpec.attach` and MJCF, which keeps six digits. No force acts on a body welded to the world.
+    Repeated calls add or replace bodies; the last density holds for all. Rows of bodies are kept by
+    `MjSpec.attach` and by MJCF, which keeps six digits. No force acts on a body welded to the
+    world.
 
     Args:
         spec: model to extend.
@@ -198,7 +202,7 @@ def attach(
 
     mark(spec)
     rows = {name: pack(coefficients) for name, coefficients in bodies.items()}
-    # if negative, MuJoCo takes the longest row, and attached specs do not conflict
+    # if negative, MuJoCo uses the longest row, so that attached specs do not conflict
     if spec.nuser_body >= 0:
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size, *map(len, rows.values()))
 
@@ -213,7 +217,7 @@ def attach(
         # block.
         targets[name].simple = 0
 
-    # The density holds for bodies of earlier calls too.
+    # The density also holds for bodies of earlier calls.
     for body in spec.bodies[1:]:
         row = body.userdata
         if carries(row) and row[LAYOUT.body_density] != density:
@@ -244,8 +248,7 @@ def is_wet(model: mujoco.MjModel) -> bool:
 def water_density(model: mujoco.MjModel) -> float:
     """Density of the water [kg/m^3] of a compiled wet model: the world's, else that of its bodies.
 
-    MJCF keeps only the bodies' rows, so a model that MuJoCo loads by itself has no row of the
-    world.
+    MJCF does not keep the world's row, so a model that MuJoCo loads from MJCF does not have it.
 
     Raises:
         ConfigurationError: the bodies have different densities, or the model has no hydrodynamics.
@@ -286,9 +289,10 @@ def set_current(
 ) -> None:
     """Set the current of a model: velocity at z = 0, acceleration and shear, in world axes.
 
-    A simulation can have its own (`uuv.sim.hydrodynamics.set_current`). A body is exposed to the
-    current at its own origin. A compiled model has the velocity in `opt.wind`, the others in
-    `body_user[0]` (`LAYOUT.current_acceleration`, `current_shear`). MJCF keeps only the velocity.
+    A simulation can have a current of its own (`uuv.sim.hydrodynamics.set_current`). Each body is
+    exposed to the current at the body's origin. A compiled model stores the velocity in `opt.wind`,
+    acceleration and shear in `body_user[0]` (`LAYOUT.current_acceleration`, `current_shear`). MJCF
+    keeps only the velocity.
 
     Args:
         spec: model with hydrodynamics attached.
@@ -356,7 +360,7 @@ def pack(body: BodyHydrodynamics) -> Array:
 def unpack(row: ArrayLike) -> BodyHydrodynamics:
     """Decode a row of `body_user`; the inverse of `pack`.
 
-    A semidefinite matrix that lost this property to MJCF's six digits is replaced by the nearest
+    A matrix that is no longer semidefinite because MJCF keeps six digits is replaced by the nearest
     semidefinite one.
 
     Raises:
@@ -367,10 +371,12 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
 
 @lru_cache(maxsize=512)
 def _unpacked(content: bytes) -> BodyHydrodynamics:
-    """The body of a row, which is frozen: an assembly asks for the same ones dozens of times."""
+    """The body of a row, stored because an assembly asks for the same bodies dozens of times; it is
+    frozen.
+    """
     row = np.frombuffer(content)
 
-    # Rounding to MJCF's six digits may cost a matrix its definiteness.
+    # After rounding to MJCF's six digits a matrix may no longer be definite.
     added_mass = np.zeros((6, 6))
     added_mass[_UPPER] = row[LAYOUT.added_mass :][:21]
     added_mass = _restored(added_mass + np.triu(added_mass, 1).T)
@@ -403,9 +409,10 @@ def _unpacked(content: bytes) -> BodyHydrodynamics:
 
 
 def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
-    """Decode a row for a model that knows no forms; a PhysicsWarning names those left out.
+    """Decode a row for a model that does not support forms; a PhysicsWarning names the forms left
+    out.
 
-    The warning begins with `whose`.
+    `whose` is the beginning of the warning.
 
     Raises:
         ConfigurationError: as `unpack` does.
@@ -414,7 +421,10 @@ def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
     if body.terms:
         names = ", ".join(sorted({type(form).__name__ for form in body.terms}))
         warnings.warn(
-            f"{whose} leaves out forms of the water that the plant has: {names}", PhysicsWarning, 3
+            f"{whose} does not include these forms of the hydrodynamics, which the plant has: "
+            f"{names}",
+            PhysicsWarning,
+            3,
         )
     return replace(body, forms=())
 
@@ -422,11 +432,12 @@ def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
 def trim(
     spec: mujoco.MjSpec, body: str, *, metacentric_height: float, qpos: ArrayLike | None = None
 ) -> BodyHydrodynamics:
-    """Ballast a tree: its `body` gets the volume and centre of buoyancy with which it floats.
+    """Ballast a tree: set volume and centre of buoyancy of `body` so that the tree is neutral and
+    upright.
 
-    Afterwards the tree's buoyancy equals its weight. Its centre of buoyancy lies straight above its
-    centre of mass, against gravity. Every other coefficient stays. All bodies must have their
-    coefficients attached first.
+    Afterwards the tree's buoyancy equals its weight. The centre of buoyancy is vertically above the
+    centre of mass. All other coefficients are unchanged. All bodies must have their coefficients
+    attached first.
 
     Args:
         spec: model, changed in place.
@@ -438,14 +449,16 @@ def trim(
         The coefficients now attached to `body`.
 
     Raises:
-        ConfigurationError: not an MjSpec or number, no coefficients on `body`, zero gravity, a
-            wrong shape of `qpos`, or other bodies that alone displace more than the tree weighs.
+        ConfigurationError: an argument is not an MjSpec or number, `body` has no coefficients,
+            gravity is zero, `qpos` has a wrong shape, or the other bodies alone displace more mass
+            than the tree has.
     """
     _check_spec(spec)
     here = attached(spec)
     if body not in here:
         raise ConfigurationError(
-            f"{body}: no hydrodynamics attached; attached are {', '.join(sorted(here))}"
+            f"{body}: has no hydrodynamics; the bodies with hydrodynamics are "
+            f"{', '.join(sorted(here))}"
         )
 
     metacentric_height = float(checked([metacentric_height], (1,), "metacentric_height [m]")[0])
@@ -465,7 +478,7 @@ def trim(
     root = int(model.body_rootid[ballasted])
     density = density_of(spec)
     mass = float(model.body_subtreemass[root])
-    displaced = 0.0  # [kg] by the other bodies
+    displaced = 0.0  # [kg] displaced by the other bodies
     moment = np.zeros(3)  # [kg m]
     for i in np.flatnonzero(model.body_rootid == root):
         if i != ballasted and carries(model.body_user[i]):
@@ -477,8 +490,8 @@ def trim(
     needed = mass - displaced
     if needed <= 0.0:
         raise ConfigurationError(
-            f"trim: the tree of {body} weighs {mass:.6g} kg, its other bodies displace "
-            f"{displaced:.6g} kg already"
+            f"trim: the tree of {body} weighs {mass:.6g} kg, but its other bodies alone displace "
+            f"{displaced:.6g} kg"
         )
     p_W = (mass * (data.subtree_com[root] + metacentric_height * up) - moment) / needed
     trimmed = replace(
@@ -581,11 +594,11 @@ def box(
 ) -> BodyHydrodynamics:
     """Estimated hydrodynamics of a rectangular prism with edges along the body axes.
 
-    Added mass along each axis is from [DNV C205, table D-2]: the square prism of the same frontal
-    area, tending to a square plate as the length goes to 0. In rotation it is that of the inscribed
-    ellipsoid, scaled by the volumes. Drag acts on the frontal areas (cube, [Hoerner 1965, p.
-    3-17]). In rotation the same coefficient applies to the local speed of each face. Drag acts at
-    the body origin.
+    Added mass along each axis is that of a square prism of the same frontal area [DNV C205, table
+    D-2], which becomes a square plate as the length goes to 0. Added inertia is that of the
+    inscribed ellipsoid, multiplied by the ratio of the volumes. Drag acts on the frontal areas with
+    the coefficient of a cube [Hoerner 1965, p. 3-17]. In rotation the same coefficient applies to
+    the local speed of each face. Drag acts at the body origin.
 
     Args:
         size: (3,) [m] edges.
@@ -603,10 +616,10 @@ def box(
 
     volume = float(np.prod(edges))
     area = volume / edges
-    side = np.sqrt(area)  # [m] side of the square of equal frontal area
+    side = np.sqrt(area)  # [m] side of a square of equal frontal area
 
-    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant if
-    # long.
+    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant for
+    # long prisms.
     slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
     reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
     translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
@@ -760,20 +773,21 @@ def _targets_of(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics]) ->
     for name, coefficients in bodies.items():
         if not isinstance(coefficients, BodyHydrodynamics):
             raise ConfigurationError(
-                f"{name}: expected BodyHydrodynamics, got {type(coefficients).__name__}"
+                f"{name}: must be BodyHydrodynamics, got {type(coefficients).__name__}"
             )
     for body in [spec.worldbody, *targets.values()]:
         if len(body.userdata) and not carries(body.userdata):
-            raise ConfigurationError(f"body {body.name}: its user data is already in use")
+            raise ConfigurationError(f"body {body.name}: its user data holds other data already")
     return targets
 
 
 def _common_density(rows: dict[str, float]) -> float:
-    """Common density [kg/m^3] of all rows, given by body name."""
+    """Common density [kg/m^3] of all rows, whose keys are body names."""
     if len(set(rows.values())) > 1:
         listed = ", ".join(f"{name} {density:g}" for name, density in rows.items())
         raise ConfigurationError(
-            f"the bodies carry waters of different density [kg/m^3]: {listed}; attach one to all"
+            f"the bodies have different densities of water [kg/m^3]: {listed}; attach all of them "
+            "with the same density"
         )
     return next(iter(rows.values()))
 
@@ -786,7 +800,9 @@ def _body_named(spec: mujoco.MjSpec, name: object) -> Any:
 
 
 def _numbers(userdata: Sequence[float]) -> Array:
-    """Array of MuJoCo's vector `userdata`, by numbers: fifteen times as fast as NumPy's."""
+    """Array of MuJoCo's vector `userdata`, read number by number, which is fifteen times as fast as
+    NumPy's conversion.
+    """
     return np.array([userdata[k] for k in range(len(userdata))])
 
 
@@ -799,7 +815,9 @@ def _row_of(body: mujoco.MjsBody) -> Array:
 
 
 def _restored(symmetric: Array) -> Array:
-    """`symmetric` (6, 6), or the nearest semidefinite one where six digits made it indefinite."""
+    """`symmetric` (6, 6), or the nearest semidefinite matrix if rounding to six digits made it
+    indefinite.
+    """
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
         return symmetric
@@ -821,7 +839,7 @@ def _forms(values: Form | tuple[Form, ...]) -> tuple[Form, ...]:
         names = ", ".join(kind.__name__ for kind in KINDS.values())
         raise ConfigurationError(f"forms: expected any of {names}, got {shown(values)}")
     if sum(isinstance(form, MunkFactor) for form in forms) > 1:
-        raise ConfigurationError("forms: at most one MunkFactor for a body")
+        raise ConfigurationError("forms: a body must have at most one MunkFactor")
     return forms
 
 
@@ -834,7 +852,7 @@ def _unpacked_forms(tail: Array) -> tuple[Form, ...]:
         end = at + 2 + int(count)
         if kind not in KINDS or not (count >= 0 and count == int(count)) or end > len(tail):
             raise ConfigurationError(
-                f"forms: no record of a known form: kind {kind:g} with {count:g} numbers"
+                f"forms: unknown record of kind {kind:g} with {count:g} numbers"
             )
         forms.append(KINDS[kind].of(tail[at + 2 : end]))
         at = end

@@ -1,10 +1,11 @@
-"""The contract with a vehicle's MJCF: names of bodies, sites, geoms, joints, keyframes; look-up.
+"""Contract for a vehicle's MJCF: names of bodies, sites, geoms, joints and keyframes, and their
+look-up.
 
 A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of
 `uuv.models.water.thrusters`. If it has an arm: a body `arm_base` fixed to the hull, a serial arm
 whose driven joints each have an actuator (found by its transmission), and a site `tip` (z out of
-the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a sliding joint `pad` behind
-the face of the pad.
+the tool). Jobs also need a site `camera` (OpenCV axes). Optionally there is a sliding joint `pad`
+behind the face of the pad.
 """
 
 from collections.abc import Collection
@@ -18,25 +19,26 @@ from uuv.sim.interfaces.errors import ConfigurationError
 if TYPE_CHECKING:
     import mujoco
 
-HULL_BODY = "hull"  # free; also the name of its joint
-ARM_BASE_BODY = "arm_base"  # fixed to the hull, carries the arm
-TIP_SITE = "tip"  # of the tool, z out
+HULL_BODY = "hull"  # floating; also the name of its joint
+ARM_BASE_BODY = "arm_base"  # fixed to the hull, base of the arm
+TIP_SITE = "tip"  # of the tool, z pointing out
 CAMERA_SITE = "camera"  # OpenCV axes
-HOME_KEY = "home"  # arm folded; the vehicle is trimmed so
-TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without it the tip
-READY_KEY = "ready"  # arm bent; inverse kinematics starts there
-TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"  # contacts of this geom are work, all others collisions
-# After the tool's name; what these geoms of a gripper or a socket touch, is work too.
+HOME_KEY = "home"  # arm folded; the vehicle is trimmed in this posture
+TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without this site the tip is used
+READY_KEY = "ready"  # arm bent; initial posture of inverse kinematics
+# contacts of this geom count as work, all others as collisions
+TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"
+# Suffixes of the tool's name, for geoms of a gripper or socket whose contacts count as work too.
 OTHER_PAD = "_right"
 SLOT_BOTTOM = "_bottom"
-# What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them
+# Parts that a job of the arm needs besides thrusters, with a short description of each. All of them
 # fit into one message.
 _PARTS = (
     ("body", HULL_BODY, "free"),
     ("body", ARM_BASE_BODY, "carries the arm"),
-    ("site", TIP_SITE, "of the tool, z out"),
+    ("site", TIP_SITE, "of the tool, z pointing out"),
     ("site", CAMERA_SITE, "sees the object"),
-    ("geom", TOOL_GEOM, "may touch"),
+    ("geom", TOOL_GEOM, "may be in contact"),
     ("keyframe", HOME_KEY, "arm folded"),
     ("keyframe", READY_KEY, "arm bent, IK starts there"),
 )
@@ -44,7 +46,9 @@ _PARTS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartNames:
-    """What the parts of a vehicle are called in a model; scenes that attach some add prefixes."""
+    """Names of the parts of a vehicle in a model; scenes that attach several vehicles add
+    prefixes.
+    """
 
     hull: str = HULL_BODY
     arm_base: str = ARM_BASE_BODY
@@ -57,7 +61,7 @@ USUAL_NAMES = PartNames()
 
 
 def find(model: "mujoco.MjModel", kind: "mujoco.mjtObj", name: str) -> int:
-    """Index of the named object; ConfigurationError that lists what there is otherwise."""
+    """Index of the named object; if it does not exist, a ConfigurationError lists those that do."""
     import mujoco
 
     index = mujoco.mj_name2id(model, kind, name)
@@ -72,20 +76,20 @@ def find(model: "mujoco.MjModel", kind: "mujoco.mjtObj", name: str) -> int:
         }[kind]
         names = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
         raise ConfigurationError(
-            f"the model has no {word} named {name!r}; it has {[n for n in names if n]}"
+            f"the model has no {word} named {name!r}; the names are {[n for n in names if n]}"
         )
     return index
 
 
 def of_geom(model: "mujoco.MjModel", geom: int) -> str:
-    """A geom in a message: by its name, if it has one, and by its body."""
+    """Description of a geom for messages: its name, if it has one, and its body."""
     name = model.geom(geom).name
     body = model.body(int(model.geom_bodyid[geom])).name
     return repr(name or body) if name in ("", body) or body == "world" else f"{name!r} of {body!r}"
 
 
 def parts(model: "mujoco.MjModel") -> list[tuple[str, str, str, bool]]:
-    """Kind, name and use of each part that a job of the arm needs; whether `model` has it.
+    """Kind, name and use of each part that a job of the arm needs, and True if `model` has it.
 
     Thrusters come first.
     """
@@ -106,11 +110,13 @@ def parts(model: "mujoco.MjModel") -> list[tuple[str, str, str, bool]]:
         (word, name, use, mujoco.mj_name2id(model, enums[word], name) >= 0)
         for word, name, use in _PARTS
     ]
-    return [("actuators", "thrusters", "hold the hull", driven), *named]
+    return [("actuators", "thrusters", "station keeping of the hull", driven), *named]
 
 
 def lacks(model: "mujoco.MjModel", but: Collection[str] = ()) -> list[str]:
-    """Parts that a job of the arm needs and `model` lacks, with their use, but for `but`."""
+    """Parts that a job of the arm needs and `model` lacks, with their use, except those in
+    `but`.
+    """
     return [
         name if name == "thrusters" else f"{word} {name!r} ({use})"
         for word, name, use, present in parts(model)
@@ -121,7 +127,9 @@ def lacks(model: "mujoco.MjModel", but: Collection[str] = ()) -> list[str]:
 def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
     """Raise ConfigurationError that names, with their use, the parts that `model` lacks for a job.
 
-    `but` names parts that this job does without.
+    `but` names parts that this job does not need.
     """
     if lacking := lacks(model, but):
-        raise ConfigurationError(f"the vehicle lacks what this work needs: {', '.join(lacking)}")
+        raise ConfigurationError(
+            f"the vehicle lacks parts that this work needs: {', '.join(lacking)}"
+        )

@@ -1,10 +1,11 @@
-"""Registry: things that are made by name, ours and those of other packages (entry points).
+"""Registry of things that are made by name, from this project and from other packages (entry
+points).
 
     VEHICLES = Registry("vehicle", {"uuv_puma": uuv_puma.build})
     spec = VEHICLES.load("uuv_puma")
 
-A package adds its own in its pyproject.toml; the group is the registry's kind, the object a
-callable that makes it:
+A package adds entries in its pyproject.toml. The last part of the group is the registry's kind, and
+each entry refers to a function that makes the thing:
 
     [project.entry-points."uuv_arm.object"]
     wellhead = "my_package.objects:wellhead"
@@ -12,8 +13,8 @@ callable that makes it:
 Without a package, a name MODULE:ATTRIBUTE, such as my_objects:wellhead, is imported from the module
 path.
 
-A registry's own makers can be MODULE:ATTRIBUTE too: names are then known, and unknown ones refused,
-before anything heavy is imported.
+Built-in makers can be stated as MODULE:ATTRIBUTE too. Their names are then known, and unknown names
+refused, without a costly import.
 """
 
 import importlib
@@ -29,19 +30,21 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
-GROUP = "uuv_arm"  # of entry points, with the kind behind a dot
+GROUP = "uuv_arm"  # group of entry points, followed by a dot and the kind
 
 
 @dataclass(frozen=True, slots=True)
 class MadeForm:
-    """What a maker has to return."""
+    """Requirement on what a maker returns."""
 
     words: str
     fits: Callable[[Any], bool]
 
 
 class Registry(Generic[T]):
-    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", ..."""
+    """Functions ("makers") by name that make one kind of thing: "vehicle", "arm", "object", "tool",
+    "soil", ...
+    """
 
     def __init__(
         self,
@@ -50,14 +53,14 @@ class Registry(Generic[T]):
         aliases: Mapping[str, str] | None = None,
         form: "MadeForm | None" = None,
     ) -> None:
-        """Take the kind, its built-in makers by name, and other names for some of them.
+        """Set the kind, the built-in makers by name, and aliases of some of them.
 
         Args:
             kind: word that messages use, and the last part of the entry points' group.
-            built_in: makers by name, or MODULE:ATTRIBUTE of one, imported when it is asked for;
-                they take precedence over other packages' of the same name.
+            built_in: makers by name, or MODULE:ATTRIBUTE of a maker, which is imported when it is
+                needed; they take precedence over makers of other packages with the same name.
             aliases: built-in names by alias.
-            form: of what a user's maker has to return; None: nothing is known of it.
+            form: requirement on what a user's maker returns; None: no requirement.
         """
         self.kind = kind
         self._form = form
@@ -70,7 +73,7 @@ class Registry(Generic[T]):
         return tuple(sorted({*self._built_in, *self._aliases, *self._of_packages()}))
 
     def __contains__(self, name: object) -> bool:
-        """Whether `load` knows `name`."""
+        """True if `load` knows `name`."""
         return isinstance(name, str) and (
             name in self._built_in
             or name in self._aliases
@@ -79,9 +82,9 @@ class Registry(Generic[T]):
         )
 
     def resolve(self, name: str) -> str:
-        """The name that an alias stands for; another name as it is.
+        """The name that an alias refers to; any other name unchanged.
 
-        Raises ConfigurationError for an unknown one.
+        Raises ConfigurationError for an unknown name.
         """
         if name not in self:
             meant = did_you_mean(name, self.names())
@@ -103,14 +106,14 @@ class Registry(Generic[T]):
             What the maker returns.
 
         Raises:
-            ConfigurationError: for an unknown name or option, with those there are, and for
-                whatever another package's maker raises while it is imported or called.
+            ConfigurationError: the name or an option is unknown (the message lists the known ones),
+                or the maker of another package raises an error while it is imported or called.
         """
         name = self.resolve(name)
         is_built_in = name in self._built_in
         make = self.maker(name)
 
-        # Options that the maker does not have, before it is called.
+        # Options that the maker does not have are refused before it is called.
         if options:
             allowed = inspect.signature(make).parameters
             anything = any(
@@ -122,7 +125,7 @@ class Registry(Generic[T]):
                     f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}"
                 )
 
-        # What another package raises is a fault of its name, not of the program.
+        # An error in another package is reported as a fault of the name, not of this program.
         if is_built_in:
             return make(*arguments, **options)
         try:
@@ -134,7 +137,7 @@ class Registry(Generic[T]):
                 f"{self.kind} {name!r}: {type(error).__name__}: {error}"
             ) from error
 
-        # A user's maker may return anything.
+        # The function of a user may return anything, so the result is checked.
         if self._form is not None and not self._form.fits(instance):
             got = type(instance).__name__
             raise ConfigurationError(
@@ -143,7 +146,7 @@ class Registry(Generic[T]):
         return instance
 
     def maker(self, name: str) -> Callable[..., T]:
-        """The callable that makes the thing of that name.
+        """The function that makes the thing of that name.
 
         Raises:
             ConfigurationError: The name is unknown, or another package's maker cannot be imported.
@@ -155,15 +158,16 @@ class Registry(Generic[T]):
         return self._of_user(name) if ":" in name else self._imported(self._of_packages()[name])
 
     def class_of(self, name: str, base: type, where: str) -> type[T]:
-        """The dataclass of that name, which has to be a `base`.
+        """The dataclass of that name, which must be a subclass of `base`.
 
         Args:
             name: as for `load`.
-            base: class that all of this kind inherit, or whose `needs` says what is asked of one.
-            where: begins the message about a class that is none.
+            base: base class of this kind, or an object whose `needs` describes the required class.
+            where: first words of the message about an unsuitable class.
 
         Raises:
-            ConfigurationError: it is no dataclass or no `base`, or as `maker` does.
+            ConfigurationError: it is not a dataclass or not a subclass of `base`, or as for
+                `maker`.
         """
         chosen: Any = self.maker(name)
         if isinstance(chosen, type) and issubclass(chosen, base) and is_dataclass(chosen):
@@ -174,7 +178,9 @@ class Registry(Generic[T]):
         raise ConfigurationError(f"{where}: {which} must be a dataclass that {needs}")
 
     def name_of(self, make: Callable[..., T]) -> str | None:
-        """The name under which `make` is built in, or another package's; None: under none."""
+        """The name of `make` among the built-in makers or those of other packages; None if it has
+        no name.
+        """
         path = f"{make.__module__}:{make.__qualname__}"
         for name, known in self._built_in.items():
             if known is make or known == path:
@@ -184,7 +190,7 @@ class Registry(Generic[T]):
 
     def _of_packages(self) -> "dict[str, EntryPoint]":
         if self._found is None:
-            # reads the metadata of all packages
+            # this reads the metadata of all packages
             from importlib.metadata import entry_points
 
             points = entry_points(group=f"{GROUP}.{self.kind}")
@@ -194,7 +200,7 @@ class Registry(Generic[T]):
         return self._found
 
     def _of_user(self, name: str) -> Callable[..., T]:
-        """The callable MODULE:ATTRIBUTE of a user."""
+        """The function MODULE:ATTRIBUTE of a user."""
         try:
             make = _attribute(name)
         except (Exception, SystemExit) as error:
@@ -224,6 +230,6 @@ class Registry(Generic[T]):
 
 
 def _attribute(path: str) -> Any:
-    """What MODULE:ATTRIBUTE names."""
+    """The object that MODULE:ATTRIBUTE names."""
     module, _, attribute = path.partition(":")
     return getattr(importlib.import_module(module), attribute)

@@ -17,13 +17,13 @@ from uuv.sim.interfaces.spatial import Array, pose, readonly
 class Vehicle:
     """Indices, limits and postures of one vehicle in one MjModel."""
 
-    hull: int  # body
+    hull: int  # index of the body
     hull_qpos: int  # address of the free joint in qpos
     hull_dof: int  # address of the free joint in qvel
-    arm_base: int  # body; without an arm, the hull
+    arm_base: int  # index of the body; without an arm that of the hull
     X_BA: Array  # (4, 4) arm base on the hull
-    tip: int  # site; without an arm, -1
-    joint_names: tuple[str, ...]  # driven joints, base to tip; none without an arm
+    tip: int  # index of the site; -1 without an arm
+    joint_names: tuple[str, ...]  # names of driven joints, base to tip; empty without an arm
     joints: np.ndarray  # (n,) joint indices
     qpos: np.ndarray  # (n,) addresses in qpos
     dof: np.ndarray  # (n,) addresses in qvel
@@ -34,9 +34,10 @@ class Vehicle:
     armature: Array
     # (n,) [N m s/rad] friction in the gear, on the motor's side of the torque sensor
     joint_damping: Array
-    dry_friction: gear_friction.DryFriction  # of the gears, on the same side
-    q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
-    q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
+    # friction of the gears, on the motor's side of the torque sensor
+    dry_friction: gear_friction.DryFriction
+    q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed in this posture
+    q_ready: Array  # (n,) [rad] initial posture of inverse kinematics
     thruster_actuators: np.ndarray  # (m,) actuator indices
     thruster_table: Array  # (m, ...) rows of uuv.models.water.thrusters
     # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
@@ -48,8 +49,8 @@ class Vehicle:
         """The vehicle in a compiled model; with neither `arm_base` nor `tip` it has no arm.
 
         Args:
-            model: compiled model with a vehicle by the contract of `uuv.models.naming`.
-            names: what its parts are called there.
+            model: compiled model with a vehicle that follows the contract of `uuv.models.naming`.
+            names: names of the vehicle's parts in the model.
 
         Returns:
             The vehicle.
@@ -109,9 +110,10 @@ class Vehicle:
         )
 
     def damping_in(self, model: mujoco.MjModel) -> Array:
-        """Viscous friction (n,) [N m s/rad] of the joints, a view where they are neighbours.
+        """Viscous friction (n,) [N m s/rad] of the joints, as a view if their indices are
+        consecutive.
 
-        So what changes it in `model` during a run, changes it for the sensors too.
+        With the view, a change of the friction in `model` during a run also reaches the sensors.
         """
         of_dofs = np.asarray(model.dof_damping).reshape(model.nv, -1)[:, 0]
         first = int(self.dof[0]) if len(self.dof) else 0
@@ -123,7 +125,9 @@ class Vehicle:
 
 
 def thruster_names(model: mujoco.MjModel) -> tuple[str, ...]:
-    """Names of a vehicle's thrusters, such as "heave_front": their actuators' less "thruster_"."""
+    """Names of a vehicle's thrusters, such as "heave_front": names of the actuators without
+    "thruster_".
+    """
     return _names_of(model, thrusters.read(model)[0])
 
 
@@ -167,7 +171,7 @@ def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
     X = np.eye(4)
     at = body
 
-    # Up the tree, as long as nothing moves in between.
+    # Up the tree, as long as no joint is in between.
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
             raise ConfigurationError(
@@ -192,7 +196,9 @@ def _keyframe(model: mujoco.MjModel, name: str, default: Array) -> Array:
 
 
 def _free_joint(model: mujoco.MjModel, hull: int) -> int:
-    """The free joint of the hull, or of a body to which a scene has fixed it without an offset."""
+    """The free joint of the hull, or of a body to which a scene has fixed the hull without an
+    offset.
+    """
     at = hull
     while at and not model.body_jntnum[at]:
         at = int(model.body_parentid[at])
@@ -215,7 +221,7 @@ def _free_joint(model: mujoco.MjModel, hull: int) -> int:
 
 
 def _has_arm(model: mujoco.MjModel, names: PartNames) -> bool:
-    """Whether `model` names a part of an arm."""
+    """True if `model` has a part of an arm."""
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, names.arm_base)
     return body >= 0 or mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tip) >= 0
 
@@ -229,14 +235,20 @@ def _driven_joints(model: mujoco.MjModel, base: int, tip: int) -> list[int]:
     body = int(model.site_bodyid[tip])
     while body != base:
         if body == 0:
-            raise ConfigurationError(f"site {end!r} is not carried by body {carrier!r}")
+            raise ConfigurationError(
+                f"site {end!r} must be on the arm that starts at body {carrier!r}, but that body "
+                "does not carry it"
+            )
         first = int(model.body_jntadr[body])
         count = int(model.body_jntnum[body])
         joints[:0] = [j for j in range(first, first + count) if _actuator_of(model, j) >= 0]
         body = int(model.body_parentid[body])
 
     if not joints:
-        raise ConfigurationError(f"no driven joint between body {carrier!r} and site {end!r}")
+        raise ConfigurationError(
+            f"there is no driven joint between body {carrier!r} and site {end!r}; an arm needs at "
+            "least one"
+        )
     return joints
 
 
@@ -252,7 +264,7 @@ def _actuator_of(model: mujoco.MjModel, joint: int) -> int:
 def _check_limits(
     model: mujoco.MjModel, joints: list[int], actuators: np.ndarray, names: tuple[str, ...]
 ) -> None:
-    """Raise ConfigurationError unless each driven joint has a range, and its actuator too."""
+    """Raise ConfigurationError unless each driven joint and its actuator have a range."""
     for joint, actuator, name in zip(joints, actuators, names, strict=True):
         if not model.jnt_limited[joint]:
             raise ConfigurationError(f"joint {name!r} of the arm must have a range")
@@ -261,12 +273,14 @@ def _check_limits(
             known = most if model.actuator_forcelimited[actuator] and most > 0.0 else 10.0
             raise ConfigurationError(
                 f"the actuator of joint {name!r} must be a motor with a ctrlrange [N m]; a mapping "
-                f"puts one in place of a servo: joints: {{{name}: {known:g}, ...}}"
+                f"replaces a servo by a motor: joints: {{{name}: {known:g}, ...}}"
             )
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:
-    """Columns (6, m) at the hull's origin: a unit thrust at each site, with its torque."""
+    """Columns (6, m): wrench at the hull's origin of a unit thrust at each site, with its reaction
+    torque.
+    """
     B = np.zeros((6, len(actuators)))
     for column, actuator in enumerate(actuators):
         X = pose_in_body(model, int(model.actuator_trnid[actuator, 0]), hull)

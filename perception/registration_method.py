@@ -2,5 +2,6 @@
 
 from typing import Literal
 
-# "paper" for comparison, as published; "paper-q" with the published threshold on its quality Q too.
+# "paper": as published, for comparison; "paper-q": also with the published threshold on its quality
+# Q.
 Method = Literal["planes", "paper", "paper-q"]

@@ -1,1 +1,1 @@
-"""Whether a calibration may be believed: what else would explain its touches, by how much worse."""
+"""Verdict on a calibration: other explanations of its touches, with their odds."""

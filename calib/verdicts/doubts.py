@@ -1,9 +1,10 @@
-"""Doubts of a calibration: wrong files, tables or lengths that explain its touches better.
+"""Doubts about a calibration: wrong files, tables or lengths that explain its touches better.
 
-A fit finds the arm that brings the touches of a point closest together. Any file has such an arm,
-also one whose columns are exchanged. How arms are made and how a hand touches tell right from
-wrong: each doubt states the odds of a wrong input against the arm as found, and those of more than
-`REFUSED` to 1 refuse it. What no odds can tell is said.
+A fit finds the arm that brings the touches of a point closest together. Such an arm exists for any
+file, also for one whose columns are exchanged. Manufacturing tolerances and the accuracy of an
+operator distinguish right inputs from wrong ones. Each doubt states the odds of a wrong input
+against the arm found, and a doubt with odds above `REFUSED` to 1 refuses the calibration. Questions
+that the touches cannot decide are stated separately.
 
     found = identify(series, nominal)
     for doubt in examine(found, series, partial(identify, nominal=nominal)).doubts:
@@ -45,43 +46,47 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-REACHES = (0.05, 50.0)  # [m] of arms; beyond, the unit of the lengths is wrong
-# factor of `HAND_NOISE` that is one standard deviation of how well a point is touched
+REACHES = (0.05, 50.0)  # [m] reach of arms; outside this range the unit of the lengths is wrong
+# factor on `HAND_NOISE` that is one standard deviation of the accuracy of touching
 _LIKE_HAND = 3.0
-_SHARE_OF_MOTION = 3e-4  # noise over the motion of the joints
-_LIKE_SHARE = 4.0  # factor of it that is one standard deviation
-# scatter by a nominal arm, as a share of the motion of the joints, that is no accident
+_SHARE_OF_MOTION = 3e-4  # usual ratio of the noise to the motion of the joints
+_LIKE_SHARE = 4.0  # factor on this ratio that is one standard deviation
+# scatter with the nominal arm, as a share of the motion of the joints, that is not due to chance
 _COINCIDE = 0.15
-_BLUNDERS = 20.0  # blunders are rare: their share is drawn from the density 20 (1 - share)^19
-# times the deviation to which arms are made: errors of a table that is of another arm
+_BLUNDERS = 20.0  # blunders are rare: their share has the prior density 20 (1 - share)^19
+# factor on manufacturing tolerances: errors of a table that belongs to another arm
 _FOREIGN = 10.0
-_WRONG_LENGTH = 0.1  # standard deviation of a wrong known length, as a share of it
+_WRONG_LENGTH = 0.1  # standard deviation of a wrong known length, as a share of the length
 _MADE_SCALE = 1e-3  # standard deviation of the size of a whole arm, slides included
-# most touches of a point that count for its place: the seat of a ball repeats its errors
+# largest number of touches of a point that count for its position, since the seat of a ball repeats
+# its errors
 _SEATS = 4.0
-_SAME = 2e-4  # [rad], [m] a hand does not find a posture again so closely in every joint
-_RANGE = 0.1  # [rad], [m] over which a hand spreads a joint at least
-_TWO_SEATS = 5e-3  # [m] apart, two seats are no longer one: a ball leans on one flank by less
-_CLUSTER = 3  # least touches of a point
+_SAME = 2e-4  # [rad], [m] an operator does not repeat a posture so closely in every joint
+_RANGE = 0.1  # [rad], [m] least range over which an operator moves a joint
+# [m] distance from which on two seats are not the same: the play of a ball is smaller
+_TWO_SEATS = 5e-3
+_CLUSTER = 3  # least number of touches of a point
 
 
 @dataclass(frozen=True, kw_only=True)
 class Examination:
-    """What the touches say against a calibration, and what they cannot say."""
+    """Evidence of the touches against a calibration, and questions that they cannot decide."""
 
-    doubts: tuple[Doubt, ...] = ()  # that refuse it, named causes first
-    untold: tuple[str, ...] = ()  # wrong inputs that touches like these cannot tell from right ones
+    doubts: tuple[Doubt, ...] = ()  # doubts that refuse it, named causes first
+    # wrong inputs that touches like these cannot distinguish from right ones
+    untold: tuple[str, ...] = ()
 
 
 def examine(
     calibration: Calibration, series: Sequence[Array], again: Again, stated: Told | None = None
 ) -> Examination:
-    """Doubts that refuse a calibration, and what its touches cannot tell.
+    """Doubts that refuse a calibration, and questions that its touches cannot decide.
 
     Args:
         calibration: the calibration.
-        series: touches (m_i, n) that it is from.
-        again: the same identification from other touches, `again(series, distances=...)`.
+        series: touches (m_i, n) from which it was computed.
+        again: function that repeats the identification with other touches, `again(series,
+            distances=...)`.
         stated: names of the points, known distances between them, joints of a moving base.
 
     Returns:
@@ -108,7 +113,7 @@ def examine(
     hidden: list[HiddenJoint] = []
     rivals: list[Rival] = []
 
-    # Other readings of the files, where no named cause refuses the calibration.
+    # Other readings of the files, if no named cause refuses the calibration.
     if not any(doubt.grave for doubt in named):
         hidden += hidden_joints(calibration, series, again, stated)
         rivals += rival_readings(
@@ -122,7 +127,7 @@ def examine(
         if not any(doubt.grave for doubt in causes):
             causes += shifted_readings(calibration, series, again, stated)
 
-        # A wrong file may look like several: what explains it best is said.
+        # A wrong file may fit several doubts; only the best explanation is reported.
         named += sorted(causes, key=lambda doubt: -doubt.log_odds)[:1]
 
     grave = tuple(doubt for doubt in (*named, *general) if doubt.grave)
@@ -134,7 +139,9 @@ def examine(
 def _cannot_tell(
     hidden: Sequence[HiddenJoint], rivals: Sequence[Rival], stated: Told
 ) -> Iterator[str]:
-    """Joints whose readings explain nothing, and readings that explain as much as those given."""
+    """Statements about joints whose readings cannot be checked, and about other readings that
+    explain the touches equally well.
+    """
     lost = {suspect.joint for suspect in hidden if not suspect.told}
 
     for suspect in hidden:
@@ -145,7 +152,7 @@ def _cannot_tell(
                 "of that joint is identifiable"
             )
         elif suspect.doubt.log_odds > 0.0:
-            yield f"possibly {suspect.doubt}: too weak to refuse it"
+            yield f"possibly {suspect.doubt}: too weak to refuse the calibration"
 
     for rival in rivals:
         if rival.doubt.log_odds < -np.log(REFUSED) or {*rival.reading.joints} & lost:
@@ -153,28 +160,29 @@ def _cannot_tell(
 
         if rival.reading.mirrored:
             yield (
-                "the arm and its mirror image fit the touches equally: check the sign of one "
-                "joint by a move"
+                "the arm and its mirror image fit the touches equally: check the sign of one joint "
+                "by moving it"
             )
         else:
             yield (
-                f"the file as it is and {rival.reading.text} fit the touches equally: check it by "
-                "a move"
+                f"the file as it is and {rival.reading.text} fit the touches equally: check this "
+                "by moving the joint"
             )
 
 
-# Nothing can be told
+# Touches without information
 
 
 def _untold(calibration: Calibration, series: Sequence[Array], stated: Told) -> Iterator[Doubt]:
-    """Joints, scale and parameters of which the touches tell nothing."""
+    """Doubts about joints, scale and parameters about which the touches contain no information."""
     arm = calibration.nominal
 
     if not REACHES[0] <= arm.reach <= REACHES[1]:
         yield Doubt(
-            reason=f"the nominal arm reaches {arm.reach:.3g} m, arms {REACHES[0]:g} to "
-            f"{REACHES[1]:g} m: the unit of "
-            "its lengths is wrong"
+            reason=(
+                f"the nominal arm reaches {arm.reach:.3g} m, but arms reach {REACHES[0]:g} to "
+                f"{REACHES[1]:g} m: the unit of its lengths is wrong"
+            )
         )
 
     if calibration.degrees_of_freedom < LEAST_FREEDOM:
@@ -197,7 +205,9 @@ def _untold(calibration: Calibration, series: Sequence[Array], stated: Told) -> 
 
 
 def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
-    """Postures that two points share, and points of which most postures are repeats."""
+    """Doubts about postures that two points share, and about points most of whose postures are
+    repeats.
+    """
     n = series[0].shape[1]
     likely = np.log(_RANGE / _SAME)
 
@@ -206,8 +216,10 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
 
         if shared:
             yield Doubt(
-                reason=f"points {names[i]} and {names[j]} share {shared} postures: the same "
-                "touches twice",
+                reason=(
+                    f"points {names[i]} and {names[j]} share {shared} postures: the same touches "
+                    "were written twice"
+                ),
                 log_odds=n * likely - np.log(len(a) * len(b)),
             )
 
@@ -216,23 +228,27 @@ def _repeats(series: Sequence[Array], names: Sequence[str]) -> Iterator[Doubt]:
         fresh = sum(min(mine) == k for k, mine in enumerate(near))
 
         if len(q) >= 4 and fresh <= len(q) / 2:
-            # A point leaves n - 3 joints to choose.
+            # For each point, n - 3 joints can be chosen freely.
             yield Doubt(
-                reason=f"point {name}: {len(q)} touches are {fresh} postures, the rest repeats "
-                "them",
+                reason=(
+                    f"point {name}: {len(q)} touches have only {fresh} different postures, the "
+                    "others repeat them"
+                ),
                 log_odds=(len(q) - fresh) * max(n - 3, 0) * likely,
             )
 
 
-# Two points in one series
+# Touches of two points in one series
 
 
 def _two_points(
     free: Calibration, series: Sequence[Array], again: Again, names: Sequence[str]
 ) -> Iterator[Doubt]:
-    """Series that fit far better as touches of two points each than `free` without distances."""
+    """Doubts about series that fit far better as touches of two points each than in the fit `free`,
+    without distances.
+    """
     if free.loads is not None:
-        return  # its payloads are those of the series as they are
+        return  # the payloads belong to the series in their original form
 
     parts: list[Array] = []
     split: list[tuple[str, int]] = []
@@ -270,7 +286,9 @@ def _two_points(
 
 
 def _clusters(calibration: Calibration, q: Array) -> np.ndarray | None:
-    """Mask (m,) of the touches `q` (m, n) in one of two clusters of tips; None if one will do."""
+    """Mask (m,) of the touches `q` (m, n) in one of two clusters of tips; None if one cluster
+    suffices.
+    """
     best = 0.0
     labels = None
 
@@ -282,7 +300,7 @@ def _clusters(calibration: Calibration, q: Array) -> np.ndarray | None:
         off = p - p.mean(axis=0)
         mine = off @ np.linalg.svd(off, full_matrices=False)[2][0] > 0.0
 
-        # Two means, from the cut across the principal axis.
+        # Two means, starting from the cut perpendicular to the principal axis.
         for _ in range(10):
             if not _CLUSTER <= mine.sum() <= len(q) - _CLUSTER:
                 break
@@ -295,8 +313,8 @@ def _clusters(calibration: Calibration, q: Array) -> np.ndarray | None:
             ((p[cluster] - p[cluster].mean(axis=0)) ** 2).sum() for cluster in (mine, ~mine)
         )
 
-        # Of isotropic tips a cut leaves 0.79 of the squares; which touch is of which point costs a
-        # bit each.
+        # For isotropic tips such a cut leaves 0.79 of the sum of squares; the assignment of each
+        # touch costs one bit.
         gain = 1.5 * len(q) * np.log((off**2).sum() / max(within, 1e-18)) - len(q) * np.log(2.0)
 
         if gain > best:
@@ -310,7 +328,9 @@ def _clusters(calibration: Calibration, q: Array) -> np.ndarray | None:
 
 
 def _wrong_lengths(free: Calibration, series: Sequence[Array], stated: Told) -> Iterator[Doubt]:
-    """Known lengths against those that the touches and the making of the arm tell, without them."""
+    """Doubts about known lengths, which are compared with lengths from the touches and the
+    manufacturing tolerances alone.
+    """
     informed = _information(free)
     tolerances = as_made(free)
     covariance = np.linalg.inv(
@@ -324,7 +344,7 @@ def _wrong_lengths(free: Calibration, series: Sequence[Array], stated: Told) -> 
         size = float(np.linalg.norm(gap))
         variance = deviation**2 + (_MADE_SCALE * length) ** 2
 
-        # Variance of the length by the touches: seats of the points, and the arm.
+        # Variance of the length from the touches: seats of the points, and the arm.
         for k in (i, j):
             if k not in slopes:
                 slopes[k] = _slope(free, series[k], k)
@@ -358,7 +378,9 @@ def _slope(free: Calibration, q: Array, k: int) -> Array:
 
 
 def _scatter(calibration: Calibration, series: Sequence[Array]) -> Doubt:
-    """Touches that come no closer than those of no point: by a hand's noise, by joint motion."""
+    """Doubt about touches that scatter too much to be touches of points, compared with an
+    operator's noise and with the joint motion.
+    """
     motion = motion_of(calibration.arm, calibration.tcp, series)
     share = calibration.noise / max(motion, 1e-12)
 
@@ -376,13 +398,17 @@ def _scatter(calibration: Calibration, series: Sequence[Array]) -> Doubt:
 
 
 def coincide(arm: SerialArm, series: Sequence[Array]) -> bool:
-    """True if by the nominal `arm` the touches of each point lie close, for their motion."""
+    """True if, with the nominal `arm`, the touches of each point are close compared with the joint
+    motion.
+    """
     tcp = first_tcp(arm, series)
     return spread(arm, tcp, series) < _COINCIDE * np.sqrt(3.0) * motion_of(arm, tcp, series)
 
 
 def _log_unlike(value: float, usual: float, factor: float, most: float) -> float:
-    """Log odds that `value` is any up to `most`, log-uniform, against about `usual` by a factor."""
+    """Log odds that `value` is log-uniform up to `most`, against log-normal about `usual` with
+    deviation `factor`.
+    """
     if value <= usual or most <= usual:
         return -np.inf
 
@@ -391,7 +417,9 @@ def _log_unlike(value: float, usual: float, factor: float, most: float) -> float
 
 
 def _left_out(calibration: Calibration, names: Sequence[str]) -> Doubt:
-    """More touches left out than a hand's blunders, of all points or of one."""
+    """Doubt about more touches left out, of all points or of one, than an operator's blunders
+    explain.
+    """
     out = np.array([(weights == 0.0).sum() for weights in calibration.weights])
     counts = np.array([len(weights) for weights in calibration.weights])
 
@@ -412,14 +440,16 @@ def _left_out(calibration: Calibration, names: Sequence[str]) -> Doubt:
 
 
 def _foreign_table(calibration: Calibration) -> Doubt:
-    """One parameter further off than arms are made, by the evidence of the linearised touches."""
+    """Doubt about one parameter beyond manufacturing tolerances, from the evidence of the
+    linearised touches.
+    """
     estimate = calibration.estimate
     informed = _information(calibration)
     tolerances = as_made(calibration)
     toward = np.linalg.solve(estimate.covariance, estimate.changes)
 
     def evidence(deviations: Array) -> tuple[float, Array]:
-        """Logarithm of the evidence, and the changes (P,) that the touches then give."""
+        """Logarithm of the evidence with prior `deviations`, and the resulting changes (P,)."""
         root = informed * np.outer(deviations, deviations) + np.eye(len(deviations))
 
         changes = deviations * np.linalg.solve(root, deviations * toward)
@@ -434,7 +464,7 @@ def _foreign_table(calibration: Calibration) -> Doubt:
     ]
     best = Doubt(reason="", log_odds=-np.inf)
 
-    # Each parameter with a wider deviation of its own.
+    # Each parameter in turn gets a wider deviation.
     for k in tried:
         wider = tolerances.copy()
         wider[k] *= _FOREIGN

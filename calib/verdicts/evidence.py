@@ -1,4 +1,6 @@
-"""Evidence of a calibration: how well an arm as made explains its touches, and doubts from it."""
+"""Evidence of a calibration: how well an arm within manufacturing tolerances explains its
+touches.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,10 +13,11 @@ from uuv.calib.simulation import HAND_NOISE
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.spatial import Array
 
-REFUSED = 100.0  # odds to 1 above which a wrong input is the better explanation
-BRIEF = MapFit(max_iterations=20)  # a right reading settles in fewer steps
+REFUSED = 100.0  # odds to 1, above which a wrong input is the better explanation
+# number of steps within which the fit of a right reading converges
+BRIEF = MapFit(max_iterations=20)
 _MOST = 300.0 * np.log(10.0)  # logarithm of the largest odds that are printed
-_SHUFFLES = 8  # draws of the motion
+_SHUFFLES = 8  # number of draws of the motion
 
 # (series, *, distances, method) -> `identify` with the same arm and options
 Again = Callable[..., Calibration]
@@ -22,10 +25,11 @@ Again = Callable[..., Calibration]
 
 @dataclass(frozen=True, kw_only=True)
 class Doubt:
-    """A wrong input that explains the touches better than the arm found does."""
+    """A possible wrong input that explains the touches better than the identified arm."""
 
     reason: str
-    # natural logarithm, wrong input against the arm found; infinite: nothing can be told
+    # natural logarithm of the odds, wrong input against the arm found; infinite: nothing can be
+    # concluded
     log_odds: float = np.inf
 
     def __str__(self) -> str:
@@ -38,23 +42,25 @@ class Doubt:
 
     @property
     def grave(self) -> bool:
-        """Whether the odds refuse a calibration."""
+        """True if the odds refuse a calibration."""
         return self.log_odds > np.log(REFUSED)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Told:
-    """What is told of the touches beside their joint values."""
+    """Information stated about the touches besides their joint values."""
 
-    names: Sequence[str]  # of the points
+    names: Sequence[str]  # names of the points
     # (series, series, length [m], deviation [m])
     distances: Sequence[tuple[int, int, float, float]] = ()
-    # first joints, which are the measured pose of a moving base and not of the arm
+    # number of first joints that are the measured pose of a moving base, not of the arm
     base_joints: int = 0
 
 
 def log_evidence(calibration: Calibration, series: Sequence[Array]) -> float:
-    """Logarithm of how well an arm as made explains all touches, of a hand's noise or more."""
+    """Log evidence of all touches, for an arm within manufacturing tolerances and noise of at least
+    an operator's.
+    """
     square = np.concatenate(calibration.residuals) ** 2
     return freedom(series) * float(
         log_likely(square, motion_of(calibration.arm, calibration.tcp, series)).sum()
@@ -65,19 +71,19 @@ def log_likely(square: Array, motion: float) -> Array:
     """Logarithm of the likelihood of touches at squared distances `square` [m^2] from their point.
 
     Args:
-        square: of any shape.
-        motion: [m] as of `motion_of`.
+        square: array of any shape.
+        motion: [m] as returned by `motion_of`.
     """
     return -2.0 * np.log((square + 3.0 * HAND_NOISE**2) / max(motion, 1e-12) ** 2)
 
 
 def freedom(series: Sequence[Array]) -> float:
-    """Share of the touches that is left when each series has its point."""
+    """Share of the degrees of freedom that remains after one point per series is estimated."""
     return 1.0 - len(series) / sum(map(len, series))
 
 
 def log_made(calibration: Calibration) -> float:
-    """Logarithm of how likely the arm found was made so."""
+    """Log likelihood that the identified arm was manufactured with its deviations."""
     away = calibration.estimate.changes / as_made(calibration)
 
     bounded = np.isfinite(widest_prior(calibration.estimate.parameters, calibration.nominal.reach))
@@ -85,7 +91,7 @@ def log_made(calibration: Calibration) -> float:
 
 
 def as_made(calibration: Calibration) -> Array:
-    """Deviations (P,) to which arms are made, or as stated where that is more."""
+    """Manufacturing deviations (P,), or the stated ones if they are larger."""
     bounds = widest_prior(calibration.estimate.parameters, calibration.nominal.reach)
     return np.where(
         np.isfinite(bounds),
@@ -95,10 +101,11 @@ def as_made(calibration: Calibration) -> Array:
 
 
 def motion_of(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
-    """RMS distance [m] along each axis of the tips from their mean, joint values in any order.
+    """RMS distance [m] along each axis of the tips from their mean, with joint values in random
+    order.
 
-    The touches of a point are judged by it: an arm that shrinks, or joint values in a unit that
-    makes them small, shrink it as much as their scatter.
+    The scatter of the touches of a point is compared with this distance: if the arm shrinks, or a
+    unit makes the joint values small, both shrink by the same factor.
     """
     rng = np.random.default_rng(0)
     square = 0.0

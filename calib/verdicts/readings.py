@@ -1,9 +1,10 @@
-"""Other readings of touch files that explain the touches as well: of columns, or of one joint.
+"""Other interpretations ("readings") of touch files, of columns or of one joint, that explain the
+touches equally well.
 
-Columns may be exchanged, of the other sign, in another unit, mirrored. The readings of a joint may
-be unrelated to the touches, or shifted in a part of them. A joint whose axis passes close by the
-tip hides what it reads: the fit moves the tip onto the axis and takes what is left for noise. Such
-a joint is fitted anew with its reading of each touch unknown.
+Columns may be exchanged, have the other sign, be in another unit, or be mirrored. The readings of a
+joint may be unrelated to the touches, or shifted in a part of them. If the axis of a joint passes
+close to the tip, wrong readings of the joint are hidden: the fit moves the tip onto the axis and
+interprets the rest as noise. Such a joint is fitted again with its reading unknown in each touch.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,23 +34,24 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-_SCREENED = 4  # readings of a file that are fitted, the nearest by the nominal arm
-# logarithm of distances, for each point, within which a reading is worth a fit
+_SCREENED = 4  # number of readings of a file that are fitted, those that fit the nominal arm best
+# difference of the log distance, for each point, within which a reading is fitted
 _ABOUT = np.log(3.0)
-_SIGN = "with the other sign"
-_UNITS = (("in degrees", np.pi / 180.0), ("turned from degrees once too often", 180.0 / np.pi))
-# distance of the tip from an axis, over the noise, below which its readings may hide in the noise
+_SIGN = "with the opposite sign"
+_UNITS = (("in degrees", np.pi / 180.0), ("converted from degrees once too often", 180.0 / np.pi))
+# ratio of the tip's distance from an axis to the noise, below which wrong readings may be hidden in
+# the noise
 _HIDDEN = 10.0
-_CLOSE = 0.02  # the same as a share of the reach
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)  # [rad] of an unknown reading
-_ROUNDS = 5  # fits with unknown readings, or with a shift
-_ALL_REPLACED = 2  # of them with all readings unknown
-_UNKNOWN = (0.1, 0.3, 0.5, 0.9, 1.0 - 1e-9)  # shares of the readings that are unknown
+_CLOSE = 0.02  # the same limit as a share of the reach
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)  # [rad] grid of an unknown reading
+_ROUNDS = 5  # number of fits with unknown readings, or with a shift
+_ALL_REPLACED = 2  # number of these with all readings unknown
+_UNKNOWN = (0.1, 0.3, 0.5, 0.9, 1.0 - 1e-9)  # shares of the readings that are assumed unknown
 _WRONG_ZERO = 0.1  # [rad], [m] standard deviation of a shift of readings
-_GEARS = 5e-3  # [rad], [m] of gears and bearings, which also shift the readings of a point
-_LEAST_FROZEN = 4  # touches in a row
-_LEAST_RUN = 3  # touches of a shift
-_MOST_SPLITS = 60  # touches from which on a shift is tried
+_GEARS = 5e-3  # [rad], [m] error of gears and bearings, which also shifts the readings of a point
+_LEAST_FROZEN = 4  # least number of consecutive touches with a frozen reading
+_LEAST_RUN = 3  # least number of touches with a shift
+_MOST_SPLITS = 60  # number of touches from which on a shift is tried
 
 
 # Whole columns
@@ -60,14 +62,14 @@ class ColumnReading:
     """Another reading of joint values."""
 
     text: str
-    change: Callable[[Array], Array]  # joint values (m, n) as given -> as meant
-    joints: tuple[int, ...]  # that it reads otherwise, from 0; empty: all
-    mirrored: bool = False  # the arm becomes its mirror image
+    change: Callable[[Array], Array]  # joint values (m, n) as stated -> as meant
+    joints: tuple[int, ...]  # indices of series that are read differently, from 0; empty: all
+    mirrored: bool = False  # True: the arm becomes its mirror image
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rival:
-    """A reading that was fitted, with its odds against the file as given."""
+    """A reading that was fitted, with its odds against the file as it is."""
 
     reading: ColumnReading
     doubt: Doubt
@@ -78,14 +80,15 @@ def rival_readings(
 ) -> list[Rival]:
     """Other readings of the files that explain the touches about as well: columns, signs, units.
 
-    Readings that bring the touches about as close as they are, by the nominal arm, are fitted.
+    Only readings are fitted with which, for the nominal arm, the touches are about as close
+    together as in the file as it is.
 
     Args:
-        calibration: from the files as given.
-        series: their touches (m_i, n).
-        again: the same identification from other touches.
+        calibration: calibration from the files as they are.
+        series: touches (m_i, n) of the files.
+        again: function that repeats the identification with other touches.
         stated: names of the points, known distances, joints of a moving base.
-        single: also readings of one file alone.
+        single: True: also try other readings of single files.
     """
     readings = list(_readings(calibration.nominal, stated.base_joints))
 
@@ -97,7 +100,7 @@ def rival_readings(
         (total, k, range(len(series))) for k, total in enumerate((misses - as_read).sum(axis=1))
     ]
 
-    # A reading of one file alone.
+    # A different reading of a single file.
     if single and len(series) > 1:
         read += [
             (misses[k, i] - as_read[i], k, (i,))
@@ -111,7 +114,7 @@ def rival_readings(
         if candidate[0] < _ABOUT * len(candidate[2])
     ]
 
-    # A mirror image may explain touches to the last digit, and other readings come closer by
+    # A mirror image may explain touches to the last digit, and other readings may be closer by
     # chance.
     mirrored = [
         candidate
@@ -119,7 +122,7 @@ def rival_readings(
         if readings[candidate[1]].mirrored and len(candidate[2]) == len(series)
     ]
 
-    # Those worth it are fitted.
+    # Readings close enough are fitted.
     evidence = log_evidence(calibration, series)
     out = []
     for _, k, chosen in (*nearest[:_SCREENED], *mirrored):
@@ -146,7 +149,7 @@ def rival_readings(
 
 
 def _miss(arm: SerialArm, q: Array) -> float:
-    """Log median distance of the touches `q` (m, n) from their point, by the nominal arm."""
+    """Log median distance of the touches `q` (m, n) from their point, with the nominal arm."""
     p = arm.tips(q, first_tcp(arm, [q]))
     return float(np.log(np.median(np.linalg.norm(p - p.mean(axis=0), axis=1)) + HAND_NOISE))
 
@@ -184,28 +187,29 @@ def _readings(arm: SerialArm, first: int) -> Iterator[ColumnReading]:
 
 @dataclass(frozen=True, kw_only=True)
 class HiddenJoint:
-    """A joint whose readings are lost in the noise, or nearly."""
+    """A joint whose readings are hidden, or nearly hidden, by the noise."""
 
-    joint: int  # from 0
+    joint: int  # index of the joint, from 0
     lever: float  # [m] RMS distance of the tip from its axis
-    doubt: Doubt  # some or all readings unknown, against those given
-    log_any: float  # logarithm of the odds of any other readings against those given
+    doubt: Doubt  # doubt that some or all readings are unknown, against those in the file
+    log_any: float  # log odds of any other readings against those in the file
 
     @property
     def told(self) -> bool:
-        """Whether the touches tell the readings given from any others."""
+        """True if the touches distinguish the readings in the file from any others."""
         return self.log_any < -np.log(REFUSED)
 
 
 def hidden_joints(
     calibration: Calibration, series: Sequence[Array], again: Again, stated: Told
 ) -> Iterator[HiddenJoint]:
-    """Hinges whose axis is close to the tip, and the odds that their readings are of other touches.
+    """Hinges whose axis is close to the tip, with the odds that their readings belong to other
+    touches.
 
     Args:
         calibration: the calibration.
-        series: touches (m_i, n) that it is from.
-        again: the same identification from other touches.
+        series: touches (m_i, n) from which it was computed.
+        again: function that repeats the identification with other touches.
         stated: names of the points, known distances, joints of a moving base.
     """
     for k in range(stated.base_joints, calibration.arm.n):
@@ -218,7 +222,7 @@ def hidden_joints(
 
 
 def _by_joint(calibration: Calibration, series: Sequence[Array], k: int) -> Array:
-    """Derivatives (M, 3) of all tips by the reading of joint k."""
+    """Derivatives (M, 3) of all tips with respect to the reading of joint k."""
     _, J = calibration.arm.tips_and_jacobian(
         np.ascontiguousarray(np.vstack(series)), calibration.tcp
     )
@@ -233,11 +237,12 @@ def _with_unknown_readings(
     k: int,
     lever: float,
 ) -> HiddenJoint:
-    """Joint k fitted in turn with the arm, by readings that bring each touch closest to its point.
+    """Fit joint k and the arm in turn, with readings of joint k that bring each touch closest to
+    its point.
 
-    The first fits replace all readings, which finds the arm without them; the others those that it
-    finds unlikely. Where the joint stood still for some touches, those are replaced: its reading
-    may have frozen.
+    The first fits replace all readings of the joint, which identifies the arm without them; later
+    fits replace only readings that are unlikely with this arm. If the reading is constant for some
+    touches, these readings are replaced too, since the reading may have frozen.
     """
     evidence = log_evidence(calibration, series)
     refitted = calibration
@@ -263,7 +268,7 @@ def _with_unknown_readings(
             some = mixture
             noise = refitted.noise
 
-        # The least likely readings are replaced, and the arm is fitted to these.
+        # The least likely readings are replaced, and the arm is fitted again.
         unlikely = frozen if frozen.any() else (unknown > as_read) | (turn < _ALL_REPLACED)
         replaced = np.split(unlikely, np.cumsum([len(q) for q in series])[:-1])
         read = [
@@ -292,7 +297,7 @@ def _with_unknown_readings(
 
 
 def repeated(read: Array) -> np.ndarray:
-    """Mask (m,) of readings in a run of exact repeats, `_LEAST_FROZEN` of them at least."""
+    """Mask (m,) of readings in a run of at least `_LEAST_FROZEN` exact repeats."""
     run = np.cumsum(np.concatenate([[True], np.diff(read) != 0.0]))
     return np.bincount(run)[run] >= _LEAST_FROZEN
 
@@ -300,7 +305,9 @@ def repeated(read: Array) -> np.ndarray:
 def _log_likely_readings(
     calibration: Calibration, series: Sequence[Array], k: int
 ) -> tuple[Array, Array]:
-    """Log likelihoods (M,) of the touches with the readings of joint k, and with any of it."""
+    """Log likelihoods (M,) of the touches with the readings of joint k, and with an arbitrary
+    reading of it.
+    """
     motion = motion_of(calibration.arm, calibration.tcp, series)
     pairs = list(zip(series, calibration.points, strict=True))
 
@@ -316,7 +323,7 @@ def _log_likely_readings(
 
 
 def _squares(calibration: Calibration, q: Array, point: Array, k: int) -> Array:
-    """Squared distances (A, m) [m^2] of the touches from `point` (3,), joint k at every angle."""
+    """Squared distances (A, m) [m^2] of the touches from `point` (3,), with joint k at A angles."""
     turned = np.tile(q, (len(_ANGLES), 1))
     turned[:, k] += np.repeat(_ANGLES, len(q))
     return (
@@ -327,7 +334,9 @@ def _squares(calibration: Calibration, q: Array, point: Array, k: int) -> Array:
 
 
 def _nearest(calibration: Calibration, q: Array, point: Array, k: int) -> Array:
-    """The touches `q` (m, n) with joint k turned for each tip closest to `point` (3,) [m]."""
+    """The touches `q` (m, n), with joint k turned so that each tip is closest to `point` (3,)
+    [m].
+    """
     out = np.array(q)
     out[:, k] += _ANGLES[_squares(calibration, q, point, k).argmin(axis=0)]
     out[:, k] = (out[:, k] + np.pi) % (2.0 * np.pi) - np.pi
@@ -340,7 +349,9 @@ def _nearest(calibration: Calibration, q: Array, point: Array, k: int) -> Array:
 def frozen_readings(
     calibration: Calibration, series: Sequence[Array], stated: Told
 ) -> Iterator[Doubt]:
-    """Joints that read the same for touches which the fit left out, as blunders hardly do."""
+    """Doubts about joints with the same reading in touches that the fit left out, which blunders
+    hardly cause.
+    """
     left_out = np.concatenate([weights == 0.0 for weights in calibration.weights])
 
     for k in range(stated.base_joints, calibration.arm.n):
@@ -349,8 +360,10 @@ def frozen_readings(
 
         if lost:
             yield Doubt(
-                reason=f"joint {k + 1 - stated.base_joints} reads the same in {same.sum()} "
-                f"touches, of which {lost} do not belong to their points: its reading froze",
+                reason=(
+                    f"joint {k + 1 - stated.base_joints} has the same reading in {same.sum()} "
+                    f"touches, of which {lost} do not belong to their points: its reading froze"
+                ),
                 log_odds=-lost * np.log(same.mean())
                 - np.log(calibration.arm.n - stated.base_joints),
             )
@@ -371,10 +384,11 @@ class _Shift:
 def shifted_readings(
     calibration: Calibration, series: Sequence[Array], again: Again, stated: Told
 ) -> Iterator[Doubt]:
-    """The shift of one joint, in one file or from some touch on, that explains the touches best.
+    """Doubt about a shift of one joint's readings, in one file or from some touch on, that explains
+    the touches best.
 
-    The evidence of the linearised touches chooses it; the arm is then fitted to the touches without
-    it.
+    The shift is chosen by the evidence of the linearised touches; the arm is then fitted to the
+    touches without the shift.
     """
     shifts = list(_shifts(calibration, series, stated))
     if not shifts:
@@ -389,7 +403,7 @@ def shifted_readings(
     shift = shifts[best]
     refitted = calibration
 
-    # Its size in turn with the arm, while the evidence rises.
+    # The shift and the arm are refined in turn while the evidence rises.
     evidence = log_evidence(calibration, series)
     shifted = -np.inf
     settled = size
@@ -422,7 +436,7 @@ def shifted_readings(
 
 
 def _shifts(calibration: Calibration, series: Sequence[Array], stated: Told) -> Iterator[_Shift]:
-    """Shifts that are tried: each joint in each file, and from some touch on."""
+    """Shifts that are tried, for each joint in each file and from some touch on."""
     counts = [len(q) for q in series]
     rows = np.arange(sum(counts))
     ends = np.cumsum(counts)
@@ -452,7 +466,7 @@ def _shifts(calibration: Calibration, series: Sequence[Array], stated: Told) -> 
 
 
 def _without(series: Sequence[Array], shift: _Shift, size: float) -> list[Array]:
-    """The touches with `size` taken from the shifted readings."""
+    """The touches with `size` subtracted from the shifted readings."""
     every = np.vstack(series)
     every[shift.rows, shift.joint] -= size
     return np.split(every, np.cumsum([len(q) for q in series])[:-1])
@@ -461,25 +475,25 @@ def _without(series: Sequence[Array], shift: _Shift, size: float) -> list[Array]
 def _linear_odds(
     calibration: Calibration, series: Sequence[Array], shifts: Sequence[_Shift]
 ) -> tuple[Array, Array, Array]:
-    """Linearised touches with each of C shifts, the noise unknown.
+    """Log odds of each of C shifts for linearised touches with unknown noise.
 
-    Touches that the fit left out count as well: they may be those of a shift.
+    Touches that the fit left out are included, since they may be those with the shift.
 
     Returns:
-        Logarithms (C,) of the odds against no shift, sizes (C,), and what a shift of unknown size
-        costs (C,).
+        Log odds (C,) against no shift, sizes (C,), and the penalty (C,) for the unknown size of a
+            shift.
     """
     counts = np.array([len(q) for q in series])
     owner = np.repeat(np.arange(len(series)), counts)
 
     def rows(values: Array) -> Array:
-        """Values (M, ..., 3) less their mean in each series, in standard deviations of a touch."""
+        """Values (M, ..., 3) minus their mean in each series, in standard deviations of a touch."""
         means = np.zeros((len(series), *values.shape[1:]))
         np.add.at(means, owner, values)
         means /= counts.reshape(-1, *(1,) * (values.ndim - 1))
         return (values - means[owner]) / calibration.noise
 
-    # Residuals less what the parameters explain.
+    # Residuals without the part that the parameters explain.
     _, J = calibration.arm.tips_and_jacobian(
         np.ascontiguousarray(np.vstack(series)), calibration.tcp
     )

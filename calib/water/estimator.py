@@ -1,10 +1,10 @@
-"""Parameters from logs, with intervals that allow for misstated noise and coloured residuals.
+"""Estimation of parameters from logs, with intervals that allow for misstated noise and coloured
+residuals.
 
-Residuals of real logs are neither of the stated size nor independent. After a fit each channel is
-compared with white
-noise that has gone through the same fit: by its variance, and by the variance of its sums over a
-second, which neighbours of one sign enlarge. The larger of the two ratios widens the channel's
-noise, and the fit is made again.
+Residuals of real logs neither have the stated size nor are independent. After a fit, the residuals
+of each channel are compared with white noise that has gone through the same fit. Their variance is
+compared, and the variance of their sums over one second, which is larger for correlated residuals.
+The larger of the two ratios widens the noise of the channel, and the fit is repeated.
 """
 
 from collections.abc import Sequence
@@ -17,17 +17,18 @@ from scipy.stats import t
 from uuv.calib.water.named_fit import Blocks, NamedFit, NamedParameter, Reduced, Slopes, fit_blocks
 from uuv.sim.interfaces.spatial import Array
 
-PASSES = 2  # comparisons with white noise
-# degrees of freedom of Student's t that a block counts as: what disturbs is drawn anew in each
+PASSES = 2  # number of comparisons with white noise
+# degrees of freedom of Student's t for which a block counts, since disturbances are drawn anew in
+# each block
 FREEDOM = 2
-# share of the cost by which a round must lower it: far less than a standard deviation makes
+# relative decrease of the cost below which rounds end: far less than a standard deviation causes
 SETTLED = 1e-5
-_DRAWS = 4  # of white noise
-_LEAST = 0.05  # of a ratio
+_DRAWS = 4  # number of draws of white noise
+_LEAST = 0.05  # largest value of a ratio
 
 
 class ChannelBlocks(Blocks, Protocol):
-    """Blocks whose residuals are those of channels."""
+    """Blocks of residuals that belong to channels."""
 
     @property
     def channels(self) -> Sequence[str]:
@@ -41,16 +42,16 @@ class ChannelBlocks(Blocks, Protocol):
 
     @property
     def widths(self) -> Sequence[int]:
-        """Numbers of a sample of each channel, which follow one another in a block."""
+        """Number of values in a sample of each channel; these values are consecutive in a block."""
         ...
 
     @property
     def a_second(self) -> Sequence[int]:
-        """Samples in a second of each channel."""
+        """Number of samples per second of each channel."""
         ...
 
     def widen(self, factors: Array) -> None:
-        """Multiply the noise of each channel."""
+        """Multiply the noise of each channel by a factor."""
         ...
 
 
@@ -59,17 +60,18 @@ class WaterFit:
     """Estimate from logs."""
 
     named: NamedFit
-    widened: dict[str, float]  # by channel: noise that the intervals allow for, over the stated one
-    quantile: float  # standard deviations of half a 95 % interval
+    # by channel: ratio of the noise that the intervals allow for to the stated noise
+    widened: dict[str, float]
+    quantile: float  # half of a 95 % interval, in standard deviations
 
     @property
     def parameters(self) -> tuple[NamedParameter, ...]:
-        """Those fitted."""
+        """The fitted parameters."""
         return self.named.parameters
 
     @property
     def sigmas(self) -> Array:
-        """Standard deviations (n,) in those of the priors."""
+        """Standard deviations (n,), in units of the prior standard deviations."""
         return np.sqrt(np.diag(self.named.covariance))
 
 
@@ -84,9 +86,9 @@ def estimate(
 
     Args:
         blocks: Residuals; their noise is widened in place.
-        parameters: Those to fit.
-        start: (n,) deviations to begin with, from which the residuals are nearly straight.
-        rounds: Most rounds of the first fit.
+        parameters: Parameters to fit.
+        start: (n,) initial deviations, from which the residuals are nearly linear.
+        rounds: Largest number of rounds of the first fit.
 
     Returns:
         The estimate.
@@ -120,13 +122,15 @@ def estimate(
 
 
 def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
-    """Variance (channels,) of residuals over that of white noise passed through the same fit."""
+    """Ratio (channels,) of the variance of residuals to that of white noise passed through the same
+    fit.
+    """
     slopes = blocks.slopes(fit.deviations, fit.local)
     reduced = Reduced.of(slopes, fit.deviations, fit.local)
     inverse = np.array(np.linalg.inv(reduced.H), dtype=np.float64)
     solved = [np.linalg.inv(L.T @ L + np.eye(L.shape[1])) @ L.T for _, _, L in slopes]
 
-    # Powers of the residuals, and of white noise through the same fit.
+    # Mean squares of the residuals, and of white noise through the same fit.
     measured = _powers(blocks, [block.residuals for block in slopes])
     rng = np.random.default_rng(0)
     white = np.mean(
@@ -147,7 +151,7 @@ def excess(blocks: ChannelBlocks, fit: NamedFit) -> Array:
 def _through(
     slopes: Sequence[Slopes], solved: Sequence[Array], inverse: Array, noise: list[Array]
 ) -> list[Array]:
-    """What a fit leaves of noise in the residuals."""
+    """Residuals that a fit leaves of given noise."""
     left = [e - L @ (P @ e) for e, (_, _, L), P in zip(noise, slopes, solved, strict=True)]
     gradient = np.sum([J.T @ e for e, (_, J, _) in zip(left, slopes, strict=True)], axis=0)
 
@@ -160,7 +164,9 @@ def _through(
 
 
 def _powers(blocks: ChannelBlocks, residuals: Sequence[Array]) -> Array:
-    """Mean squares (2, channels) of residuals, and of their sums over a second by their number."""
+    """Mean squares (2, channels) of residuals, and of their sums over a second divided by the
+    number of samples.
+    """
     count = len(blocks.channels)
     squares = np.zeros((2, count))
     numbers = np.zeros((2, count))

@@ -1,4 +1,6 @@
-"""Observability of the parameters of a fit: identified, partly, not, or only in combination."""
+"""Observability of the parameters of a fit: identified, partly identified, not identifiable, or
+only in combination.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,9 +11,9 @@ from uuv.calib.water.named_fit import NamedFit
 from uuv.calib.water.parameters import AXES, group_of
 from uuv.sim.interfaces.spatial import Array
 
-TOLD, PARTLY = 0.9, 0.3  # shares of the prior variance
-TOGETHER = 0.95  # correlation beyond which numbers are told only together
-_HELP = {  # group: what would tell more
+TOLD, PARTLY = 0.9, 0.3  # limits of the verdicts, as shares of the prior variance
+TOGETHER = 0.95  # correlation beyond which parameters are identifiable only together
+_HELP = {  # for each group: the experiment that would help
     "added mass": "faster reversals there",
     "linear damping": "slow runs there, or a release that dies away",
     "quadratic damping": "fast runs there",
@@ -31,9 +33,9 @@ class Finding:
     group: str
     nominal: float
     value: float
-    low: float  # of the 95 % interval
+    low: float  # half of the 95 % interval
     high: float
-    told: float  # share of the prior variance that the logs took away
+    told: float  # share of the prior variance that the logs removed
 
     @property
     def verdict(self) -> str:
@@ -44,7 +46,7 @@ class Finding:
 
     @property
     def helps(self) -> str:
-        """What would identify it; empty for what is identified."""
+        """Experiment that would identify the parameter; empty if it is identified."""
         return "" if self.verdict == "identified" else _HELP.get(self.group, "")
 
 
@@ -70,7 +72,9 @@ def findings(fit: NamedFit, count: int, quantile: float) -> list[Finding]:
 
 
 def together(fit: NamedFit, count: int) -> list[str]:
-    """Sentences on parameters with correlated errors, of which only a sum or a ratio is told."""
+    """Sentences about parameters with correlated errors, of which only a sum or a ratio is
+    identifiable.
+    """
     sigma = np.sqrt(np.diag(fit.covariance))
     correlation = fit.covariance / np.outer(sigma, sigma)
     sentences = []
@@ -110,7 +114,7 @@ def _sentence(names: Sequence[str], correlation: Array) -> str:
     least = float(np.abs(correlation)[np.triu_indices(len(names), 1)].min())
     axes = {axis for axis in AXES for name in names if name.endswith(axis)}
 
-    # What remains open, and the experiment that resolves it.
+    # Combinations that remain undetermined, and the experiment that resolves them.
     if "thrusters" in kinds and kinds & {"added mass", "quadratic damping", "linear damping"}:
         what = "only their ratios are identifiable"
         how = _SCALE

@@ -1,19 +1,19 @@
 """Vehicle logs for the identification of water: columns, units, one reader of CSV and Parquet.
 
-Columns, all but `time` optional; a cell may be blank (null in Parquet) where there is no sample at
-that time:
+The columns are listed below. All except `time` are optional. A cell is blank (null in Parquet) if
+there is no sample at that time.
 
     time                 [s], increasing
-    x y z qx qy qz qw    pose of the hull in W [m], z up from the surface; quaternion alone allowed
+    x y z qx qy qz qw pose of the hull in W [m], z up from the surface; the quaternion may be alone
     wx wy wz             IMU in hull axes: rate [rad/s]
     ax ay az             IMU in hull axes: specific force [m/s^2], +9.81 in z at rest
     vx vy vz             DVL: velocity over ground in hull axes [m/s]
     depth                of the hull's origin [m], down
     thruster.NAME        command as a fraction from -1 to 1, held until the next
-    thrust.NAME          instead: thrust [N], where it is known
+    thrust.NAME alternatively: thrust [N], if it is known
     joint.NAME           joint angle [rad]
 
-A Parquet table that a run of this project records can be read too: its names are translated.
+A Parquet table recorded by a run of this project can be read too; its column names are translated.
 """
 
 import csv
@@ -37,7 +37,7 @@ POSITION, ATTITUDE, RATE, FORCE, VELOCITY, DEPTH = (
     "velocity",
     "depth",
 )
-CHANNELS = {  # columns of each
+CHANNELS = {  # number of columns of each
     POSITION: ("x", "y", "z"),
     ATTITUDE: ("qx", "qy", "qz", "qw"),
     RATE: ("wx", "wy", "wz"),
@@ -47,15 +47,15 @@ CHANNELS = {  # columns of each
 }
 KINDS = "CSV, Parquet, or the folder of a recorded run"
 THRUSTER, THRUST, JOINT = "thruster.", "thrust.", "joint."
-SHORTEST = 4.0  # [s] of a log
-GAP = 0.5  # [s] without any row, beyond five usual steps
+SHORTEST = 4.0  # [s] least length of a log
+GAP = 0.5  # [s] without any row, in addition to five usual steps, from which on there is a gap
 _PULSE, _NEUTRAL, _SPAN = (900.0, 2100.0), 1500, 400  # [us]
-_FASTEST, _SPINNING = 10.0, 12.0  # [m/s], [rad/s] beyond which a unit is wrong
-_OF_RUNS = {  # column of a run's own table: column here
+_FASTEST, _SPINNING = 10.0, 12.0  # [m/s], [rad/s] beyond which a unit must be wrong
+_OF_RUNS = {  # column of a run's own table: column in this format
     **{f"p_WB.{axis}": axis for axis in "xyz"},
     **{f"quat_WB_wxyz.{part}": f"q{part}" for part in "xyzw"},
 }
-_RUN = "quat_WB_wxyz.w"  # tells such a table
+_RUN = "quat_WB_wxyz.w"  # column by which such a table is recognised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,7 +68,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WaterLog:
-    """One log; what has no column is empty."""
+    """One log; fields without a column are empty."""
 
     name: str
     time: Array  # (N,) [s] of its rows
@@ -83,7 +83,7 @@ class WaterLog:
         return float(self.time[-1] - self.time[0])
 
     def segments(self) -> list[tuple[float, float]]:
-        """Begin and end [s] of each part without a gap."""
+        """Beginning and end [s] of each part without a gap."""
         steps = np.diff(self.time)
         after = np.flatnonzero(steps > max(GAP, 5.0 * float(np.median(steps))))
         begins = self.time[np.r_[0, after + 1]]
@@ -98,13 +98,13 @@ def read_log(
 
     Args:
         file: CSV or Parquet, with the columns of this module.
-        thrusters: Names that the vehicle has.
+        thrusters: Names of the vehicle's thrusters.
         joints: Ranges [rad] of the vehicle's joints by name.
 
     Raises:
         ConfigurationError: The file cannot be read, or a column is unknown, incomplete or in
             another unit.
-        MissingLibraryError: A Parquet file, without the package pyarrow.
+        MissingLibraryError: The file is Parquet, and the package pyarrow is not installed.
     """
     path = Path(file)
     columns = _parquet(path) if path.suffix == ".parquet" else _csv(path)
@@ -135,11 +135,12 @@ def log_of(
     time = _time(name, columns["time"])
     channels = _channels(name, columns, time)
 
-    # Channels that need one another.
+    # Channels that depend on each other.
     _compare_rates(name, channels)
     if POSITION in channels and ATTITUDE not in channels:
         raise ConfigurationError(
-            f"{name}: x y z need qx qy qz qw: without an attitude the heading is unknown"
+            f"{name}: x y z must be accompanied by qx qy qz qw, since without an attitude the "
+            "heading is unknown"
         )
 
     _refuse_half(name, columns, thrusters, joints)
@@ -176,7 +177,7 @@ def _channels(name: str, columns: Mapping[str, Array], time: Array) -> dict[str,
         if len(have) < len(words):
             lacking = next(word for word in words if word not in columns)
             raise ConfigurationError(
-                f"{name}: {kind} needs {', '.join(words)}; {lacking!r} is missing"
+                f"{name}: {kind} must have all of {', '.join(words)}; {lacking!r} is missing"
             )
 
         values = np.column_stack([columns[word] for word in words])
@@ -185,7 +186,8 @@ def _channels(name: str, columns: Mapping[str, Array], time: Array) -> dict[str,
         if half.any():
             row = int(np.flatnonzero(half)[0])
             raise ConfigurationError(
-                f"{name}: at {time[row]:g} s only a part of {', '.join(words)} is there"
+                f"{name}: at {time[row]:g} s some of {', '.join(words)} are missing; a sample must "
+                "have all of them"
             )
 
         if present.sum() >= 2:
@@ -195,7 +197,9 @@ def _channels(name: str, columns: Mapping[str, Array], time: Array) -> dict[str,
 
     if not channels:
         some = "; ".join(" ".join(words) for words in CHANNELS.values())
-        raise ConfigurationError(f"{name}: nothing was measured; it needs one of: {some}")
+        raise ConfigurationError(
+            f"{name}: no sensor has a sample; the log must have at least one of: {some}"
+        )
 
     return channels
 
@@ -203,7 +207,7 @@ def _channels(name: str, columns: Mapping[str, Array], time: Array) -> dict[str,
 def _refuse_half(
     name: str, columns: Mapping[str, Array], thrusters: Sequence[str], joints: Iterable[str]
 ) -> None:
-    """Refuse thrusters and joints of which only some have a column, or a thruster with two."""
+    """Refuse logs in which only some thrusters or joints have a column, or a thruster has two."""
     # A column for every thruster and joint, or for none.
     for kind, have in (
         (
@@ -223,11 +227,11 @@ def _refuse_half(
         ]
         if have and lacking:
             raise ConfigurationError(
-                f"{name}: {kind} {lacking[0]} has no column, others have; give "
+                f"{name}: {kind} {lacking[0]} has no column, although others have one; add "
                 f"{kind}.{lacking[0]}{', zero if it was off' if kind == 'thruster' else ''}"
             )
 
-    # Of a thruster the command or the thrust, not both.
+    # A thruster has either the command or the thrust.
     both = [
         thruster
         for thruster in thrusters
@@ -235,7 +239,7 @@ def _refuse_half(
     ]
     if both:
         raise ConfigurationError(
-            f"{name}: thruster {both[0]} has a command and a thrust; give only one of the two"
+            f"{name}: thruster {both[0]} must have a command or a thrust, not both"
         )
 
 
@@ -267,7 +271,9 @@ def check_log(file: str | Path) -> None:
     path = Path(file)
     if path.suffix == ".parquet":
         if not bytes_of(path, "log").startswith(b"PAR1"):
-            raise ConfigurationError(f"log {path.name}: it is no Parquet file; allowed are {KINDS}")
+            raise ConfigurationError(
+                f"log {path.name}: must be {KINDS}; this is not a Parquet file"
+            )
     else:
         _text(path)
 
@@ -279,20 +285,20 @@ def _text(path: Path) -> str:
         raise ConfigurationError(f"{error}; allowed are {KINDS}") from error
 
     if "\0" in text:
-        raise ConfigurationError(f"log {path.name}: it is binary; allowed are {KINDS}")
+        raise ConfigurationError(f"log {path.name}: must be {KINDS}; this file is binary")
     return text
 
 
 def _csv(path: Path) -> dict[str, Array]:
     text = _text(path)
-    # every kind of line end, as of older spreadsheets, becomes one
+    # all kinds of line ends, such as those of older spreadsheets, become one
     lines = io.StringIO(text, newline=None)
     rows = _rows(csv.reader(lines), path.name)
 
-    # Names of the columns, each once.
+    # Names of the columns; each must occur once.
     head = [cell.strip() for cell in next(rows, [])]
     if twice := [cell for i, cell in enumerate(head) if cell in head[:i]]:
-        raise ConfigurationError(f"log {path.name}: column {shown(twice[0])} is there twice")
+        raise ConfigurationError(f"log {path.name}: column {shown(twice[0])} occurs twice")
 
     # Rows of numbers.
     table = []
@@ -301,7 +307,8 @@ def _csv(path: Path) -> dict[str, Array]:
             continue
         if len(row) != len(head):
             raise ConfigurationError(
-                f"log {path.name}: line {number} has {len(row)} cells, the first line {len(head)}"
+                f"log {path.name}: line {number} must have {len(head)} cells as the first line, "
+                f"got {len(row)}"
             )
         table.append(
             [_cell(path.name, number, word, cell) for word, cell in zip(head, row, strict=True)]
@@ -309,14 +316,15 @@ def _csv(path: Path) -> dict[str, Array]:
 
     if len(table) < 2:
         raise ConfigurationError(
-            f"log {path.name}: it has {len(table)} rows of numbers; it needs {SHORTEST:g} s of them"
+            f"log {path.name}: must have at least {SHORTEST:g} s of samples, got {len(table)} rows "
+            "of numbers"
         )
 
     return dict(zip(head, np.array(table).T, strict=True))
 
 
 def _rows(read: Iterator[list[str]], file: str) -> Iterator[list[str]]:
-    """Rows of cells as the module `csv` reads them."""
+    """Rows of cells, as read by the module `csv`."""
     try:
         yield from read
     except csv.Error as error:
@@ -349,7 +357,9 @@ def _parquet(path: Path) -> dict[str, Array]:
     try:
         table = pq.read_table(io.BytesIO(raw))
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise ConfigurationError(f"log {path.name}: no Parquet table ({error})") from error
+        raise ConfigurationError(
+            f"log {path.name}: cannot be read as a Parquet table ({error})"
+        ) from error
 
     columns = {}
     for word in table.column_names:
@@ -359,12 +369,12 @@ def _parquet(path: Path) -> dict[str, Array]:
             )
         except (pa.ArrowException, ValueError) as error:
             raise ConfigurationError(
-                f"log {path.name}: column {word!r} holds no numbers ({error})"
+                f"log {path.name}: column {word!r} must hold numbers ({error})"
             ) from error
 
         blank = np.asarray(table[word].is_null().to_numpy(), dtype=bool)
         bad = np.flatnonzero(~blank & ~np.isfinite(values)).tolist()
-        if bad and _RUN not in table.column_names:  # runs record NaN where there is nothing to tell
+        if bad and _RUN not in table.column_names:  # runs record NaN where there is no value
             raise ConfigurationError(
                 f"log {path.name}: row {bad[0]}, column {word!r} is not finite; leave null where "
                 "there is no sample"
@@ -373,7 +383,7 @@ def _parquet(path: Path) -> dict[str, Array]:
 
     if len(table) < 2:
         raise ConfigurationError(
-            f"log {path.name}: it has {len(table)} rows; it needs {SHORTEST:g} s of them"
+            f"log {path.name}: must have at least {SHORTEST:g} s of samples, got {len(table)} rows"
         )
 
     return columns
@@ -384,7 +394,7 @@ def _of_run(
     thrusters: Sequence[str],
     joints: Mapping[str, tuple[float, float]],
 ) -> dict[str, Array]:
-    """Columns of a run's own table by the names of this module; all others are left out."""
+    """Columns of a run's own table, renamed as in this module; all other columns are left out."""
     names = {"time": "time", **_OF_RUNS}
     names |= {f"{THRUST}{thruster}": f"{THRUST}{thruster}" for thruster in thrusters} | {
         f"q.{joint}": f"{JOINT}{joint}" for joint in joints
@@ -411,7 +421,7 @@ def _unknown(
 
     plain = ", ".join(("time", *(word for group in CHANNELS.values() for word in group)))
     return (
-        f"{name}: unknown column {shown(column)}; there are {plain}, {THRUSTER}NAME, "
+        f"{name}: unknown column {shown(column)}; the columns are {plain}, {THRUSTER}NAME, "
         f"{THRUST}NAME, {JOINT}NAME{did_you_mean(column, list(known))}"
     )
 
@@ -433,13 +443,14 @@ def _time(name: str, time: Array) -> Array:
     usual = float(np.median(steps))
     if usual > 1.0:
         raise ConfigurationError(
-            f"{name}: its rows are {usual:g} s apart; time is in s (not ms, us or ns), 1 Hz at "
-            "least"
+            f"{name}: rows must be at most 1 s apart, got {usual:g} s; time must be in s (not ms, "
+            "us or ns)"
         )
 
     if time[-1] - time[0] < SHORTEST:
         raise ConfigurationError(
-            f"{name}: it lasts {time[-1] - time[0]:.3g} s; {SHORTEST:g} s are needed, time in s"
+            f"{name}: must last at least {SHORTEST:g} s, got {time[-1] - time[0]:.3g} s; time must "
+            "be in s"
         )
     return time
 
@@ -452,7 +463,7 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
         speed = float(np.quantile(np.abs(np.diff(values, axis=0)).max(axis=1) / dt, 0.9))
         if speed > _FASTEST:
             raise ConfigurationError(
-                f"{name}: {kind} changes by {speed:.3g} m/s; it is in m (not mm)"
+                f"{name}: {kind} changes by {speed:.3g} m/s; it must be in m (not mm)"
             )
     elif kind == ATTITUDE:
         length = np.linalg.norm(values, axis=1)
@@ -466,8 +477,8 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
         upright = 1.0 - 2.0 * (values[:, 0] ** 2 + values[:, 1] ** 2)
         if float(np.median(upright)) < -0.5:
             raise ConfigurationError(
-                f"{name}: the hull is upside down; the order is qx qy qz qw, of the hull in W "
-                "with z up"
+                f"{name}: the hull is upside down; the attitude of the hull in W, with z up, must "
+                "be in the order qx qy qz qw"
             )
 
         # q and -q are one attitude: no jumps of sign.
@@ -477,17 +488,17 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
         values = values * flips[:, None]
     elif kind == VELOCITY and float(np.quantile(np.abs(values), 0.9)) > _FASTEST:
         raise ConfigurationError(
-            f"{name}: vx vy vz reach {np.abs(values).max():.3g}; they are in m/s (not mm/s)"
+            f"{name}: vx vy vz reach {np.abs(values).max():.3g}; they must be in m/s (not mm/s)"
         )
     elif kind == RATE and float(np.quantile(np.abs(values), 0.99)) > _SPINNING:
         raise ConfigurationError(
-            f"{name}: wx wy wz reach {np.abs(values).max():.3g}; they are in rad/s (not deg/s)"
+            f"{name}: wx wy wz reach {np.abs(values).max():.3g}; they must be in rad/s (not deg/s)"
         )
     elif kind == FORCE:
         usual = float(np.median(np.linalg.norm(values, axis=1)))
         if not 5.0 < usual < 20.0:
             raise ConfigurationError(
-                f"{name}: ax ay az have a usual length of {usual:.3g}; they are specific force "
+                f"{name}: ax ay az have a usual length of {usual:.3g}; they must be specific force "
                 "[m/s^2], 9.81 at rest"
             )
 
@@ -495,7 +506,7 @@ def _in_units(name: str, kind: str, time: Array, values: Array) -> Array:
 
 
 def _compare_rates(name: str, channels: Mapping[str, Channel]) -> None:
-    """Refuse rates that are those of the attitude times 57: deg/s."""
+    """Refuse rates that are 57 times those of the attitude, and therefore in deg/s."""
     if ATTITUDE not in channels or RATE not in channels:
         return
 
@@ -506,13 +517,13 @@ def _compare_rates(name: str, channels: Mapping[str, Channel]) -> None:
 
     if turned > 0.3 and measured > 20.0 * turned:
         raise ConfigurationError(
-            f"{name}: wx wy wz turn by {measured:.3g}, the quaternion by {turned:.3g} rad; rad/s "
-            "(not deg/s)"
+            f"{name}: wx wy wz integrate to {measured:.3g}, but the quaternion turns by "
+            f"{turned:.3g} rad; wx wy wz must be in rad/s (not deg/s)"
         )
 
 
 def _held(values: Array) -> Array:
-    """A column with blanks filled by the last value; zero before the first."""
+    """A column with blanks filled by the last value, and by zero before the first value."""
     last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
     return np.where(last >= 0, values[np.maximum(last, 0)], 0.0)
 
@@ -521,16 +532,18 @@ def _command(name: str, thruster: str, values: Array) -> Array:
     most = float(np.abs(values).max())
     if most <= 1.0 + 1e-6:
         return np.clip(values, -1.0, 1.0)
-    message = f"{name}: {THRUSTER}{thruster} reaches {most:.4g}; it is a fraction from -1 to 1"
+    message = f"{name}: {THRUSTER}{thruster} reaches {most:.4g}; it must be a fraction from -1 to 1"
     if _PULSE[0] <= float(np.median(values)) <= _PULSE[1]:
-        raise ConfigurationError(f"{message}: of a pulse in us, (pulse - {_NEUTRAL}) / {_SPAN}")
+        raise ConfigurationError(
+            f"{message}: for a pulse in us it is (pulse - {_NEUTRAL}) / {_SPAN}"
+        )
     raise ConfigurationError(f"{message}{': of percent, a hundredth' if most <= 100.0 else ''}")
 
 
 def _joint(name: str, joint: str, time: Array, values: Array, limits: tuple[float, float]) -> Array:
     sampled = ~np.isnan(values)
     if sampled.sum() < 2:
-        raise ConfigurationError(f"{name}: {JOINT}{joint} has no two samples")
+        raise ConfigurationError(f"{name}: {JOINT}{joint} must have at least two samples")
 
     filled = np.interp(time, time[sampled], values[sampled])
     low, high = limits
@@ -539,7 +552,7 @@ def _joint(name: str, joint: str, time: Array, values: Array, limits: tuple[floa
         degrees = np.radians(filled)
         fits = degrees.max() <= high + 0.1 and degrees.min() >= low - 0.1
         raise ConfigurationError(
-            f"{name}: {JOINT}{joint} runs from {filled.min():.4g} to {filled.max():.4g}, its "
+            f"{name}: {JOINT}{joint} runs from {filled.min():.4g} to {filled.max():.4g}, but its "
             f"range is {low:.3g} to {high:.3g} rad{' (these look like degrees)' if fits else ''}"
         )
     return filled

@@ -1,9 +1,9 @@
 """Gauss-Newton fit of named parameters with priors, for few parameters and costly residuals.
 
 Each parameter has a nominal value and a prior standard deviation, and is fitted as a number of
-standard deviations from it. Residuals come in blocks. All blocks share the named parameters; each
-may have numbers of its own, such as the state in which it begins. Those are eliminated block by
-block, so that a long log costs no more than its length.
+standard deviations from the nominal value. Residuals come in blocks. All blocks share the named
+parameters. Each block may also have local parameters, such as its initial state. Local parameters
+are eliminated block by block, so that the computing time is proportional to the length of the log.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,11 +15,11 @@ import numpy as np
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number
 
-STEP = 0.03  # prior standard deviations, of the differences
-LONGEST_STEP = 1.5  # prior standard deviations that a parameter moves in one round
-SMALLEST_FACTOR = 0.3  # by which a straight step reduces a value
-ENOUGH = 2e-3  # share of the cost by which a round must lower it
-_TRIES = 6  # damping factors tried in a round
+STEP = 0.03  # step of the differences, in prior standard deviations
+LONGEST_STEP = 1.5  # largest motion of a parameter in one round, in prior standard deviations
+SMALLEST_FACTOR = 0.3  # largest factor by which a linear step reduces a value
+ENOUGH = 2e-3  # relative decrease of the cost, below which rounds end
+_TRIES = 6  # number of damping factors tried in a round
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,8 +29,9 @@ class NamedParameter:
     name: str
     unit: str
     nominal: float
-    sigma: float  # prior standard deviation in the unit; of a factor, that of its logarithm
-    factor: bool = False  # positive, fitted as the logarithm of its ratio to the nominal value
+    sigma: float  # prior standard deviation in the unit; for a factor that of its logarithm
+    # True: positive, fitted as the logarithm of its ratio to the nominal value
+    factor: bool = False
 
     def __post_init__(self) -> None:
         finite_number(self.sigma, f"parameter {self.name}: prior standard deviation", above=0.0)
@@ -41,13 +42,13 @@ class NamedParameter:
             )
 
     def value(self, deviations: float) -> float:
-        """Value at so many prior standard deviations from the nominal one."""
+        """Value at `deviations` prior standard deviations from the nominal value."""
         if self.factor:
             return self.nominal * float(np.exp(self.sigma * deviations))
         return self.nominal + self.sigma * deviations
 
     def moved(self, deviations: float, step: float) -> float:
-        """Deviations after a step of the value by its slope; of a factor, not of its logarithm."""
+        """Deviations after a linear step of the value itself, also for a factor."""
         if not self.factor:
             return deviations + step
         return (
@@ -68,9 +69,10 @@ class Mapping(Protocol):
 class Slopes(NamedTuple):
     """Residuals of one block and their derivatives."""
 
-    residuals: Array  # (m,) in their standard deviations
+    residuals: Array  # (m,) residuals in units of their standard deviations
     shared: Array  # (m, n) with respect to the deviations of the named parameters
-    local: Array  # (m, k) with respect to the block's own numbers, which have unit prior variance
+    # (m, k) with respect to the block's local parameters, which have unit prior variance
+    local: Array
 
 
 class Blocks(Protocol):
@@ -78,15 +80,17 @@ class Blocks(Protocol):
 
     @property
     def local(self) -> Sequence[int]:
-        """How many numbers of its own each block has."""
+        """Number of local parameters of each block."""
         ...
 
     def residuals(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
-        """Residuals of each block in their standard deviations; not finite where not computable."""
+        """Residuals of each block in units of their standard deviations; not finite if they cannot
+        be computed.
+        """
         ...
 
     def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
-        """Residuals of each block with their derivatives."""
+        """Residuals of each block, with their derivatives."""
         ...
 
 
@@ -95,12 +99,12 @@ class NamedFit:
     """Result of a fit."""
 
     parameters: tuple[NamedParameter, ...]
-    deviations: Array  # (n,) prior standard deviations from the nominal values
-    # (n, n) of the deviations, if residuals have unit variance and are independent
+    deviations: Array  # (n,) deviations from the nominal values, in prior standard deviations
+    # (n, n) covariance of the deviations, if residuals are independent with unit variance
     covariance: Array
     cost: float  # sum of squares of residuals and deviations
     rounds: int
-    local: tuple[Array, ...] = ()  # numbers of each block
+    local: tuple[Array, ...] = ()  # local parameters of each block
 
     @property
     def values(self) -> dict[str, float]:
@@ -109,7 +113,9 @@ class NamedFit:
 
     @property
     def told(self) -> Array:
-        """Share (n,) of the prior variance that the data took away: 0 where uninformative."""
+        """Share (n,) of the prior variance that the data removed; 0 for data without
+        information.
+        """
         return 1.0 - np.diag(self.covariance)
 
     def interval(self, index: int, sigmas: float) -> tuple[float, float]:
@@ -121,7 +127,7 @@ class NamedFit:
 
 
 def values_of(parameters: Sequence[NamedParameter], deviations: Array) -> dict[str, float]:
-    """Value by name at so many prior standard deviations (n,) from the nominal values."""
+    """Values by name, at `deviations` (n,) prior standard deviations from the nominal values."""
     return {
         parameter.name: parameter.value(float(x))
         for parameter, x in zip(parameters, deviations, strict=True)
@@ -136,14 +142,14 @@ def fit_named(
     rounds: int = 8,
     mapped: Mapping = map,
 ) -> NamedFit:
-    """Fit parameters to one block of residuals, with differences for slopes.
+    """Fit parameters to one block of residuals, with derivatives by finite differences.
 
     Args:
-        residuals: Function of the deviations (n,), residuals (m,) in their standard deviations.
-            Where it cannot be computed it gives numbers that are not finite.
-        parameters: Those to fit.
-        start: (n,) deviations to begin with; None: the nominal values.
-        rounds: Most rounds.
+        residuals: Function of the deviations (n,) that returns residuals (m,) in units of their
+            standard deviations, or numbers that are not finite if it cannot be computed.
+        parameters: Parameters to fit.
+        start: (n,) initial deviations; None: the nominal values.
+        rounds: Largest number of rounds.
         mapped: Maps the function over the points of a round, as `concurrent.futures.Executor.map`
             does.
 
@@ -170,13 +176,13 @@ def fit_blocks(
 
     Args:
         blocks: The residuals.
-        parameters: Those to fit.
-        start: (n,) deviations to begin with; None: the nominal values.
-        local: Numbers of each block to begin with; None: zeros.
-        rounds: Most rounds.
-        enough: Share of the cost by which a round must lower it.
-        straight: Step in the values of factors, not in their logarithms: residuals of forces are
-            linear in those.
+        parameters: Parameters to fit.
+        start: (n,) initial deviations; None: the nominal values.
+        local: Initial local parameters of each block; None: zeros.
+        rounds: Largest number of rounds.
+        enough: Relative decrease of the cost, below which rounds end.
+        straight: True: step in the values of factors, not in their logarithms, since residuals of
+            forces are linear in the values.
 
     Returns:
         The fit.
@@ -192,8 +198,8 @@ def fit_blocks(
     if not np.isfinite(cost):
         raise ConfigurationError("the residuals are not finite at the start of the fit")
 
-    # Relative to the diagonal, damping holds what only a sum tells; a straight fit begins with
-    # hardly any.
+    # Damping relative to the diagonal also limits directions that only a sum observes; a linear fit
+    # begins with almost no damping.
     damping, least = (1e-6, 1e-9) if straight else (1e-2, 1e-4)
     reduced = Reduced.of([], x, y)
     done = 0
@@ -232,11 +238,13 @@ def fit_blocks(
 
 
 class Reduced(NamedTuple):
-    """Normal equations of the named parameters, with the blocks' own numbers eliminated."""
+    """Normal equations of the named parameters, with the local parameters of the blocks
+    eliminated.
+    """
 
     H: Array  # (n, n)
     gradient: Array  # (n,)
-    # of each block: (k,) step without the others, (k, n) its slope
+    # for each block: (k,) step without the named parameters, (k, n) its derivative
     eliminated: list[tuple[Array, Array]]
 
     @classmethod
@@ -247,7 +255,7 @@ class Reduced(NamedTuple):
         eliminated = []
 
         for (r, J, L), y in zip(blocks, local, strict=False):
-            # The block's own numbers are eliminated (Schur complement).
+            # The local parameters of a block are eliminated (Schur complement).
             C = L.T @ L + np.eye(L.shape[1])
             B = L.T @ J
             solved = np.linalg.solve(C, np.column_stack([L.T @ r + y, B]))
@@ -258,14 +266,18 @@ class Reduced(NamedTuple):
         return cls(H, gradient, eliminated)
 
     def local(self, step: Array) -> list[Array]:
-        """Steps of each block's own numbers that go with a step (n,) of the parameters."""
+        """Steps of each block's local parameters that belong to a step (n,) of the named
+        parameters.
+        """
         return [alone + slope @ step for alone, slope in self.eliminated]
 
 
 def _moved(
     parameters: Sequence[NamedParameter], x: Array, step: Array, straight: bool
 ) -> tuple[Array, Array]:
-    """The step as it is taken, shortened unless `straight`, and the deviations (n,) after it."""
+    """The step that is taken, shortened unless `straight`, and the deviations (n,) after the
+    step.
+    """
     if straight:
         moved = [p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)]
         return step, np.array(moved, dtype=np.float64)
@@ -285,7 +297,7 @@ def _cost(residuals: Sequence[Array], x: Array, local: Sequence[Array]) -> float
 
 
 class _Differences:
-    """One block with slopes by differences, which a pool of processes may compute."""
+    """One block with derivatives by finite differences, which a pool of processes may compute."""
 
     local = (0,)
 
@@ -295,13 +307,13 @@ class _Differences:
         self._last = np.zeros(0), np.zeros(0)
 
     def residuals(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
-        """Of the block."""
+        """Residuals of the block."""
         (r,) = self._mapped(self._function, [deviations])
         self._last = np.array(deviations), r
         return [r]
 
     def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
-        """Residuals and differences of them; a column that is not finite counts as zero."""
+        """Residuals, and their finite differences; a column that is not finite counts as zero."""
         at, r = self._last
         if not np.array_equal(at, deviations):
             (r,) = self.residuals(deviations, local)

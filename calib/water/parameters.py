@@ -1,10 +1,11 @@
-"""Identifiable parameters of a vehicle's water, with priors, and the way back into the model.
+"""Identifiable parameters of a vehicle's hydrodynamics, with priors, and their conversion back into
+the model.
 
-Nominal values are those of the vehicle at hand. Mass, centre of mass and inertia are taken as
-weighed. Of the hull there are the diagonals of added mass and of both dampings, the net buoyancy,
-and the centre of buoyancy relative to the hull's centre of mass; off-diagonal numbers follow their
-diagonals, so that matrices stay semidefinite. An arm has one factor for the drag and one for the
-added mass of all its links.
+Nominal values are those of the vehicle at hand. Mass, centre of mass and inertia are assumed to be
+known. The parameters of the hull are the diagonals of added mass and of both dampings, the net
+buoyancy, and the centre of buoyancy relative to the hull's centre of mass. Off-diagonal numbers are
+scaled with their diagonals, so that matrices stay semidefinite. An arm has one factor for the drag
+and one for the added mass of all its links.
 """
 
 from collections.abc import Iterable, Mapping
@@ -26,18 +27,19 @@ ARM_DRAG, ARM_ADDED_MASS = "arm drag", "arm added mass"
 NET_BUOYANCY = "net buoyancy"
 CENTER = tuple(f"center of buoyancy {axis}" for axis in "xyz")
 GROUPS = ("added mass", "linear damping", "quadratic damping", "trim", "thrusters", "arm")
-# Prior standard deviations: of logarithms for factors; published sets of one vehicle differ by such
-# shares.
+# Prior standard deviations; for factors, of their logarithms. Published sets of one vehicle differ
+# by such shares.
 ADDED_MASS, LINEAR, QUADRATIC, GAIN, LINK_DRAG, LINK_ADDED_MASS = 0.4, 0.7, 0.5, 0.15, 0.5, 0.4
 UNTABLED = 1.0  # of a damping that no table states
 DECAY = 0.05  # [1/s], [1/m] of M + A: damping assumed where the vehicle has none
-BUOYANCY = 0.005  # share of the weight
-LOPSIDED, HEIGHT = 0.2, 0.4  # share of the height of the centre of buoyancy; of its logarithm
-_SMALL = 0.01  # share of the volume's cube root, of a centre of buoyancy at or below that of mass
+BUOYANCY = 0.005  # net buoyancy, as a share of the weight
+LOPSIDED, HEIGHT = 0.2, 0.4  # as a share of the height of the centre of buoyancy; of its logarithm
+# as a share of the volume's cube root, for a centre of buoyancy at or below that of mass
+_SMALL = 0.01
 
 
 def group_of(name: str) -> str:
-    """One of GROUPS, or "nuisance"."""
+    """Group of a parameter: one of GROUPS, or "nuisance"."""
     if name.startswith("arm "):
         return "arm"
     if name.startswith("gain of "):
@@ -62,14 +64,14 @@ def added_mass_name(axis: int) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VehicleWater:
-    """The water of one vehicle as it is believed, and the parameters by which it may differ."""
+    """The nominal hydrodynamics of one vehicle, and the parameters by which they may differ."""
 
     hull: int  # body
     nominal: Mapping[int, BodyHydrodynamics]  # by body
     mass: float  # [kg] of the whole vehicle
     center_of_mass: Array  # (3,) [m] of the hull
     density: float  # [kg/m^3]
-    thrusters: tuple[str, ...]  # actuators that push the hull, in the model's order
+    thrusters: tuple[str, ...]  # names of actuators that act on the hull, in the model's order
     parameters: tuple[NamedParameter, ...]
 
     @classmethod
@@ -81,7 +83,7 @@ class VehicleWater:
         Args:
             model: Compiled model with hydrodynamics.
             gains: Names of the thrusters that have a gain.
-            names: What its parts are called there.
+            names: Names of the vehicle's parts in the model.
 
         Raises:
             ConfigurationError: There is no hull, or it has no hydrodynamics.
@@ -89,7 +91,9 @@ class VehicleWater:
         hull = Vehicle.of(model, names).hull
         nominal = {i: unpack(row) for i, row in enumerate(model.body_user) if i and carries(row)}
         if hull not in nominal:
-            raise ConfigurationError(f"body {names.hull!r} has no hydrodynamics to begin with")
+            raise ConfigurationError(
+                f"body {names.hull!r} must have nominal hydrodynamics, has none"
+            )
         density = water_density(model)
 
         water = nominal[hull]
@@ -126,7 +130,7 @@ class VehicleWater:
             _offset(NET_BUOYANCY, "N", GRAVITY * (displaced - mass), BUOYANCY * GRAVITY * mass)
         )
 
-        # Centre of buoyancy: above the centre of mass its height is a factor.
+        # Centre of buoyancy: if it is above the centre of mass, its height is a factor.
         off = water.center_of_buoyancy - center
         height = float(off[2])
         small = _SMALL * float(np.cbrt(max(water.volume, 1e-9)))
@@ -159,12 +163,12 @@ class VehicleWater:
         )
 
     def bodies(self, values: Mapping[str, float]) -> dict[int, BodyHydrodynamics]:
-        """Coefficients by body, for a value of each parameter.
+        """Coefficients by body, for given values of the parameters.
 
         Raises:
-            ConfigurationError: The values are no vehicle, such as a volume below zero.
+            ConfigurationError: The values are impossible, such as a volume below zero.
         """
-        # The hull has what the links leave of the displaced volume.
+        # The hull has the displaced volume that the links leave.
         bodies = {i: self._link(body, values) for i, body in self.nominal.items() if i != self.hull}
         here = self.nominal[self.hull]
         displaced = (self.mass + values[NET_BUOYANCY] / GRAVITY) / self.density
@@ -183,7 +187,9 @@ class VehicleWater:
         return bodies
 
     def write(self, model: mujoco.MjModel, values: Mapping[str, float]) -> None:
-        """Put the coefficients into a compiled model; constants of contacts stay."""
+        """Write the coefficients into a compiled model; the model's contact constants are not
+        changed.
+        """
         for i, body in self.bodies(values).items():
             row = pack(body)
             row[LAYOUT.body_density] = self.density
@@ -219,7 +225,9 @@ def _offset(name: str, unit: str, nominal: float, sigma: float) -> NamedParamete
 
 
 def _with_diagonal(matrix: Array, diagonal: Array) -> Array:
-    """The matrix with another diagonal; the rest scales with the roots of the two it couples."""
+    """The matrix with another diagonal; an off-diagonal entry scales with the roots of the two
+    diagonal entries that it couples.
+    """
     old = np.diag(matrix)
     roots = np.sqrt(np.where(old > 0.0, diagonal / np.where(old > 0.0, old, 1.0), 1.0))
     scaled = roots[:, None] * matrix * roots

@@ -1,4 +1,6 @@
-"""`fit.yaml` of an identification, and the vehicle with the water that was found."""
+"""Result files of an identification: `fit.yaml`, and the vehicle with the identified
+hydrodynamics.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -29,13 +31,13 @@ def write_fit(
     """Write values with intervals as YAML.
 
     Args:
-        file: To write.
+        file: File to write.
         findings: Parameters of the vehicle.
-        vehicle: Its name.
+        vehicle: Name of the vehicle.
         date: ISO 8601.
         logs: SHA-256 of each log by its name.
-        widened: Noise that the intervals allow for, over the stated one, by channel.
-        combined: Sentences on what is told only together.
+        widened: Ratio of the noise that the intervals allow for to the stated noise, by channel.
+        combined: Sentences about parameters that are identifiable only together.
     """
     document = {
         "vehicle": vehicle,
@@ -72,11 +74,11 @@ def write_vehicle(
 
     Args:
         folder: Existing folder.
-        name: Of the vehicle's files.
-        spec: The vehicle as it was believed.
-        model: Compiled from it, for the names of its bodies.
-        water: Its parameters.
-        values: A value for each.
+        name: Name of the vehicle's files.
+        spec: The nominal vehicle.
+        model: Compiled from `spec`, for the names of its bodies.
+        water: Parameters of the vehicle.
+        values: A value for each parameter.
     """
     fitted = spec.copy()
     hydrodynamics.attach(

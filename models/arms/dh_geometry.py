@@ -1,8 +1,10 @@
-"""Denavit-Hartenberg rows of an arm in an MJCF: reading, errors of manufacture, writing back.
+"""Denavit-Hartenberg rows of an arm in an MJCF: reading them, adding manufacturing errors, writing
+them back.
 
-Rows are those of `uuv.models.arms.serial_arm`: standard ones, and Hayati's where the next axis is
-nearly parallel. There d is 0 and beta tilts the axis [Hayati 1985]. The last frame is that of the
-last joint (a zero row), and the tip site is fixed in it. Frame 0 stands on the first axis.
+Rows are those of `uuv.models.arms.serial_arm`: standard rows, and Hayati's rows where the next axis
+is nearly parallel. In Hayati's rows d is 0 and beta tilts the axis [Hayati 1985]. The last frame is
+that of the last joint (a zero row), and the tip site is fixed in that frame. Frame 0 has its origin
+on the first axis.
 """
 
 from collections.abc import Sequence
@@ -24,36 +26,36 @@ from uuv.sim.interfaces.spatial import (
     readonly,
 )
 
-_INTERSECTING = 1e-9  # [m] common normal, below which axes are taken to meet
+_INTERSECTING = 1e-9  # [m] if the common normal is shorter, the two axes are taken to intersect
 
 
 def read(
     model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()
 ) -> SerialArm:
-    """Read the arm of hinges between a body and a site of a compiled model.
+    """Read the arm between a body and a site of a compiled model. All its joints are hinges.
 
-    Frame i stands where the common normal of axes i and i + 1 meets axis i + 1, x along it. Meeting
-    axes take x across both; parallel axes continue at d = 0. theta0 is taken where MuJoCo's joint
-    values are zero.
+    Frame i has its origin where the common normal of axes i and i + 1 meets axis i + 1, and its x
+    along that normal. If the two axes intersect, x is perpendicular to both; if they are parallel,
+    d is 0. theta0 is the angle at which MuJoCo's joint value is zero.
 
     Args:
         model: compiled model.
         base_body: name of the body whose frame is the base.
         tip_site: name of the site that is the flange.
-        exclude: names of joints (springs) that stay at their `qpos0` and take no part.
+        exclude: names of joints (springs) that stay at their `qpos0` and are no joints of the arm.
 
     Returns:
         The arm, with the limits and names of the joints.
 
     Raises:
-        ConfigurationError: unknown names, a site that is not beyond the body, joints that are no
-            hinges, no joint, or a link of more than 50 m.
+        ConfigurationError: a name is unknown, the site is not beyond the body, a joint is no hinge,
+            there is no joint, or a link is longer than 50 m.
     """
     base = find(model, mujoco.mjtObj.mjOBJ_BODY, base_body)
     site = find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site)
     joints = _hinges(model, base, site, exclude)
 
-    # Zero of the joints; excluded ones stay at rest.
+    # Excluded joints stay at rest, at their zero.
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos0
     data.qpos[model.jnt_qposadr[joints]] = 0.0
@@ -65,7 +67,7 @@ def read(
     points = data.xanchor[joints] @ X_AW[:3, :3].T + X_AW[:3, 3]
     X_AG = X_AW @ pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
 
-    # Along the chain: a row leads from the frame of one joint to the next.
+    # Along the chain, each row leads from the frame of one joint to that of the next.
     X = X_A0 = _first_frame(axes[0], points[0])
     table = np.zeros((len(joints), ROW))
     for k, (axis, point) in enumerate(zip(axes[1:], points[1:], strict=True)):
@@ -97,8 +99,8 @@ def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) ->
 
     Args:
         spec: vehicle or arm, changed in place.
-        old: its arm, as of `read`.
-        new: arm that it shall have.
+        old: its present arm, as `read` returns it.
+        new: the arm after the move.
         base_body: name of the body whose frame is the base of both.
 
     Raises:
@@ -114,11 +116,13 @@ def move(spec: mujoco.MjSpec, old: SerialArm, new: SerialArm, base_body: str) ->
     links = [int(model.jnt_bodyid[j]) for j in joints]
     if len(set(links)) < len(links):
         raise ConfigurationError(
-            f"to move an arm, each of the joints {old.joint_names} needs a body of its own"
+            f"an arm can be moved only if each of its joints {old.joint_names} has a body of its "
+            "own"
         )
 
     data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)  # at qpos0, where pos and quat of the bodies apply
+    # at `qpos0`, the posture that pos and quat of the bodies describe
+    mujoco.mj_kinematics(model, data)
     rest = model.qpos0[model.jnt_qposadr[joints]]
     X_AW = inverse(_world(data, find(model, mujoco.mjtObj.mjOBJ_BODY, base_body)))
 
@@ -154,16 +158,17 @@ def with_errors(
     length: float = 2e-3,
     angle: float = np.deg2rad(0.3),
 ) -> SerialArm:
-    """Draw an arm as manufactured: every number of every joint has a normally distributed error.
+    """Draw an arm as manufactured, with a normally distributed error of every number of every
+    joint.
 
-    What touching with the tip cannot observe is kept: how the arm stands on its base along and
-    about the first axis, and the row of the last joint, since the tip itself is drawn. Rows with a
-    near-parallel next axis get beta instead of d.
+    Numbers that touches with the tip cannot observe are kept: the position of the arm along the
+    first axis and its angle about that axis, and the row of the last joint, since the tip itself is
+    drawn. In rows whose next axis is nearly parallel, beta has an error and d has none.
 
     Args:
-        arm: nominal arm, as of `read`.
+        arm: nominal arm, as `read` returns it.
         rng: source of randomness.
-        length: [m] standard deviation of d, a and of the tip along each axis.
+        length: [m] standard deviation of d, of a, and of each coordinate of the tip.
         angle: [rad] standard deviation of theta0, alpha and beta.
 
     Returns:
@@ -174,7 +179,8 @@ def with_errors(
 
     parallel = np.isin(np.arange(arm.n), arm.near_parallel)
 
-    # Standard deviations; zero for what touches cannot observe, and for d where beta stands for it.
+    # Standard deviations are zero for numbers that touches cannot observe, and for d where beta
+    # replaces it.
     scale = np.tile([angle, length, length, angle], (arm.n, 1))
     scale[0, :2] = 0.0
     scale[-1] = 0.0
@@ -201,22 +207,27 @@ def _hinges(model: mujoco.MjModel, base: int, site: int, exclude: Sequence[str])
 
     if body != base:
         raise ConfigurationError(
-            f"site {model.site(site).name!r} must be carried beyond body {model.body(base).name!r}"
+            f"site {model.site(site).name!r} is not carried by body {model.body(base).name!r}; the "
+            "arm must lead from the body to the site"
         )
     if not joints:
         raise ConfigurationError(
-            f"no joint between body {model.body(base).name!r} and site {model.site(site).name!r}"
+            f"there is no joint between body {model.body(base).name!r} and site "
+            f"{model.site(site).name!r}; an arm needs at least one hinge"
         )
     for j in joints:
         if int(model.jnt_type[j]) != mujoco.mjtJoint.mjJNT_HINGE:
             raise ConfigurationError(
-                f"joint {model.joint(j).name!r}: DH rows here are of hinges only"
+                f"joint {model.joint(j).name!r}: must be a hinge, as DH rows are read from hinges "
+                "only"
             )
     return joints
 
 
 def _first_frame(axis: Array, point: Array) -> Array:
-    """Frame 0 (4, 4) in A: z the first axis, origin where it is nearest to A's, x near A's x."""
+    """Frame 0 (4, 4) in A: z along the first axis, origin at the point of the axis nearest to A's,
+    x near A's x.
+    """
     origin = point - (point @ axis) * axis
     hint = np.eye(3)[0] if abs(axis[0]) < 0.9 else np.eye(3)[1]
     x = hint - (hint @ axis) * axis
@@ -238,7 +249,7 @@ def _row(X: Array, axis_A: Array, point_A: Array) -> Array:
         beta = float(np.arcsin(turned[0]))
         return np.array([theta, 0.0, a, float(np.arctan2(-turned[1], turned[2])), beta])
 
-    # x along the common normal of the two lines, from this z to that one.
+    # x along the common normal of the two axes, from this one to the next.
     along = -(p[0] * z[0] + p[1] * z[1]) / across**2
     foot = p + along * z
     normal = np.array([-z[1], z[0], 0.0]) / across
@@ -273,7 +284,9 @@ def _tip(arm: SerialArm, q: Array) -> Array:
 
 
 def _links(arm: SerialArm, q: Array) -> Array:
-    """Frames (n, 4, 4) in the base, fixed to the links: on the joints' axes, turned with them."""
+    """Frames (n, 4, 4) in the base that are fixed to the links, with origins on the joints'
+    axes.
+    """
     shift = np.array(
         [
             pose(exp_so3([0.0, 0.0, row[THETA] + angle]), [0.0, 0.0, row[D]])

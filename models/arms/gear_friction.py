@@ -4,14 +4,15 @@ At speed v a gear resists with
 
     f(v) = viscous v + sign(v) (coulomb + (stiction - coulomb) exp(-(v / stribeck_speed)^2)),
 
-and at rest with any friction up to `stiction` [Olsson 1998, eq. 2.5]. All of it acts on the motor's
-side of a torque sensor on the gear output.
+and at rest with any friction up to `stiction` [Olsson 1998, eq. 2.5]. A torque sensor on the gear
+output is between this friction and the link, so it does not measure the friction.
 
 MuJoCo treats the dry part as a constraint (`frictionloss`), solved with the contacts, so a joint at
-rest stays there. The constraint is soft, so a held joint creeps. `_HARD` and a time constant of two
-steps keep that below 1e-4 rad/s. The bound in the model is one number a joint, that of sliding. The
-curve is stored in `joint.userdata`, and the callback of `uuv.sim.hydrodynamics` moves the bound
-along it in every step. In a process without it the gears have Coulomb friction alone.
+rest stays at rest. The constraint is soft, so a held joint creeps. `_HARD` and a time constant of
+two steps keep the creep below 1e-4 rad/s. The bound in the model is one number per joint, the
+sliding friction. The curve is stored in `joint.userdata`, and in every step the callback of
+`uuv.sim.hydrodynamics` sets the bound to the value of the curve. In a process without the callback
+the gears have Coulomb friction only.
 """
 
 from collections.abc import Mapping
@@ -26,8 +27,10 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, number, readonly
 
 STAMP = 745520.0  # marks user data that `attach` wrote
-ROW = 4  # numbers: the stamp, sliding and sticking friction [N m], Stribeck's speed [rad/s]
-ROUNDED = 1e-5  # share by which a `frictionloss` may be off the curve's, as MJCF writes six digits
+ROW = 4  # number of entries: the stamp, sliding and sticking friction [N m], Stribeck speed [rad/s]
+# relative difference of a `frictionloss` from the curve's that is accepted, as MJCF writes six
+# digits
+ROUNDED = 1e-5
 _HARD = 0.9999  # impedance of the constraint
 
 
@@ -35,15 +38,15 @@ _HARD = 0.9999  # impedance of the constraint
 class GearFriction:
     """Dry friction of one gear, at its joint; the viscous part is the joint's `damping`.
 
-    Figures of a slide are in N and m/s.
+    For a slide the units are N and m/s.
 
     Raises:
         ConfigurationError: a figure is not finite or negative, stiction is below `coulomb`, or
             stiction is above it while `stribeck_speed` or `coulomb` is zero.
     """
 
-    coulomb: float  # [N m] sliding
-    stiction: float  # [N m] at which it breaks away
+    coulomb: float  # [N m] sliding friction
+    stiction: float  # [N m] break-away friction
     stribeck_speed: float  # [rad/s] scale of the transition from stiction to coulomb
 
     def __post_init__(self) -> None:
@@ -57,19 +60,19 @@ class GearFriction:
 
         if self.stiction < self.coulomb:
             raise ConfigurationError(
-                f"gear friction stiction: must be at least coulomb, {self.coulomb} N m, got "
-                f"{self.stiction}"
+                f"gear friction stiction: must be at least coulomb = {self.coulomb} N m, got "
+                f"{self.stiction} N m"
             )
         if self.stiction > self.coulomb and not (self.stribeck_speed > 0.0 and self.coulomb > 0.0):
             raise ConfigurationError(
-                "gear friction: stiction above coulomb wants stribeck_speed > 0 and coulomb > 0, "
-                f"got {self.stribeck_speed} and {self.coulomb}"
+                "gear friction: if stiction is above coulomb, stribeck_speed and coulomb must be "
+                f"> 0, got stribeck_speed {self.stribeck_speed} and coulomb {self.coulomb}"
             )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DryFriction:
-    """Dry friction of all gears of an arm; arrays (n,), read-only."""
+    """Dry friction of all gears of an arm, as read-only arrays (n,)."""
 
     coulomb: Array  # [N m]
     stiction: Array  # [N m]
@@ -90,19 +93,20 @@ def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
         gears: friction by name of the joint.
 
     Raises:
-        ConfigurationError: a name is no joint of `spec`, or the user data of a joint is taken by
-            something else.
+        ConfigurationError: `spec` has no joint of that name, or the user data of a joint holds
+            other data already.
     """
     joints = {joint.name: joint for joint in spec.joints}
     for name, gear in gears.items():
         if name not in joints:
             raise ConfigurationError(
-                f"gear friction {name!r}: no such joint; there are {sorted(joints)}"
+                f"gear friction {name!r}: there is no joint of that name; the joints are "
+                f"{sorted(joints)}"
             )
         joint = joints[name]
         if np.any(joint.userdata) and not _carries(joint.userdata):
             raise ConfigurationError(
-                f"gear friction {name!r}: the user data of its joint is already in use"
+                f"gear friction {name!r}: the user data of its joint holds other data already"
             )
 
         # In a process without the callback the gears would slide without stiction.
@@ -116,7 +120,8 @@ def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
 def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
     """Read the dry friction of joints from a compiled model.
 
-    A `frictionloss` other than that of the stored curve is Coulomb friction alone.
+    Where `frictionloss` differs from the stored curve, it is read as Coulomb friction without
+    stiction.
 
     Args:
         model: compiled model.
@@ -129,7 +134,7 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
     stiction = coulomb.copy()
     speed = np.ones(len(joints))
 
-    # Curves of `attach`, where the bound in the model is still theirs.
+    # Curves of `attach`, where the model's bound still belongs to them.
     for row, joint in enumerate(joints):
         if not _carries(model.jnt_user[joint]):
             continue
@@ -145,7 +150,9 @@ def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
 
 
 def has_curves(model: mujoco.MjModel) -> bool:
-    """True if a joint of a compiled model has the friction of `attach`, be it turned off or not."""
+    """True if a joint of a compiled model has the friction of `attach`, even if it is switched
+    off.
+    """
     return any(_carries(row) for row in model.jnt_user)
 
 

@@ -1,10 +1,10 @@
 """Compiled forward kinematics of serial arms: link frames.
 
 Tips and their derivatives are in `uuv.models.arms.tip_places`. A joint's row in `table` is (theta0,
-d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); for a slide by
-Rz(theta0) Tz(d + q) instead of the first two. beta is the
-angle of [Hayati 1985], zero except between near-parallel axes. Angles in rad, lengths in m, all
-vectors in base axes.
+d, a, alpha, beta). The transform over a hinge is Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); for
+a slide Rz(theta0) Tz(d + q) replaces the first two factors. beta is the angle of [Hayati 1985],
+zero except between near-parallel axes. Angles are in rad, lengths in m, and all vectors in base
+axes.
 """
 
 import math
@@ -16,14 +16,16 @@ from uuv.sim.interfaces.kernels import kernel
 
 THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5  # columns of a table row, and their number
 
-# Explicit signature: it compiles once, for read-only and writable arrays alike.
+# The explicit signature compiles once, for read-only and writable arrays alike.
 _M = types.Array(float64, 2, "C", readonly=True)
 _FLAGS = types.Array(boolean, 1, "C", readonly=True)
 
 
 @kernel
 def frame_step(R, o, row, q, slide, axes):
-    """Advance frame (R, o) in place over a joint; `axes` (4, 3): z, o before, and x, y after it."""
+    """Advance frame (R, o) in place over a joint. `axes` (4, 3) receives z and o before the joint,
+    and x and y after it.
+    """
     theta = row[THETA] + (0.0 if slide else q)
     d = row[D] + (q if slide else 0.0)
     c, s = math.cos(theta), math.sin(theta)
@@ -39,7 +41,7 @@ def frame_step(R, o, row, q, slide, axes):
         x, y = c * x + s * y, c * y - s * x
         o[i] += d * z + row[A] * x
 
-        # Rx(alpha), then Ry(beta) on the way back into R.
+        # Rx(alpha), then Ry(beta), written back into R.
         y, z = ca * y + sa * z, ca * z - sa * y
         axes[2, i] = x
         axes[3, i] = y
@@ -50,7 +52,8 @@ def frame_step(R, o, row, q, slide, axes):
 
 @kernel(signature=float64[:, :, :, ::1](_M, _FLAGS, _M, _M))
 def frames(table, slides, X_base, q):
-    """Link frames X (M, n + 1, 4, 4) in the base at each pose; z of frame k is joint k + 1's axis.
+    """Link frames X (M, n + 1, 4, 4) in the base at each joint vector. The z axis of frame k is the
+    axis of joint k + 1.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).

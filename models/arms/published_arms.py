@@ -4,8 +4,8 @@
     chain = Chain.from_arm(arm)
 
 Rows are standard: theta0 [rad], d [m], a [m], alpha [rad] (`uuv.models.arms.serial_arm`, beta
-zero). Tables that were published in Craig's convention are converted. The tip is then turned about
-its own axis, or the base, by a quarter or half turn.
+zero). Tables that were published in Craig's convention are converted. This conversion turns the tip
+about its own axis, or the base, by a quarter or half turn.
 """
 
 import math
@@ -28,23 +28,25 @@ class PublishedArm(SerialArm):
     """A serial arm whose numbers are published, with their source."""
 
     title: str = ""
-    source: str = ""  # where the numbers are from
+    source: str = ""  # source of the numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorArm:
-    """Serial arm as the vector model of [Danilov 2021, chapter 2, fig. 1], initially; read-only."""
+    """Serial arm as the vector model of [Danilov 2021, chapter 2, fig. 1] in its initial pose.
+    Arrays are read-only.
+    """
 
     title: str
     M: Array  # (n, 3) [m] link vectors
     e: Array  # (n, 3) joint axes
     p: Array  # (n,) kinds: 1 hinge, 0 slide, 2 pantograph link
-    L: Array  # (2, n) lower limits over upper ones [rad] or [m]
+    L: Array  # (2, n) row of lower limits, row of upper limits [rad] or [m]
     source: str
 
 
 def available() -> tuple[str, ...]:
-    """Names that `load` knows."""
+    """Names that `load` accepts."""
     return ARMS.names()
 
 
@@ -102,7 +104,7 @@ _ARMS = {
         "PUMA 560, tool",
         _PUMA,
         _PUMA_LIMITS,
-        f"{_CORKE}.Puma560; a tool off the wrist's axis, made up",
+        f"{_CORKE}.Puma560; the tool is invented and lies off the wrist's axis",
         p_tool=(0.05, 0.03, 0.2),
     ),
     "stanford": _arm(
@@ -176,7 +178,7 @@ _ARMS = {
             (0.1, 0.12, 0.05, 0),
         ],
         [(-180.0, 180.0)] * 6,
-        "made up: no two axes meet or are parallel, so that no closed form exists",
+        "invented: no two axes intersect or are parallel, so there is no closed-form solution",
     ),
     "panda": _arm(
         "Panda",
@@ -198,7 +200,8 @@ _ARMS = {
             (-1.0, 215.0),
             (-166.0, 166.0),
         ],
-        "Franka Emika, Franka Control Interface, Denavit-Hartenberg parameters (Craig's there)",
+        "Franka Emika, Franka Control Interface, Denavit-Hartenberg parameters (Craig's convention "
+        "in the source)",
     ),
     "iiwa7": _arm(
         "LBR iiwa 7",
@@ -299,9 +302,9 @@ _ARMS = {
     ),
 }
 
-# The maker's own angles: its joints 2 and 3 stand at 180 deg when the arm is straight up.
+# The maker's own angles: joints 2 and 3 are at 180 deg when the arm points straight up.
 _JACO_D = (0.2755, 0.41, 0.2073, 0.0743, 0.0743, 0.1687)  # [m] D1 to D6
-# of the wrist, whose axes lie 60 deg apart
+# [rad] of the wrist, whose axes are inclined by 60 deg
 _JACO_BEND = math.sin(H / 3.0) / math.sin(2.0 * H / 3.0)
 _ARMS["jaco"] = _arm(
     "Kinova Jaco",
@@ -315,7 +318,7 @@ _ARMS["jaco"] = _arm(
     ],
     [_FREE, (47.0, 313.0), (19.0, 341.0), *[_FREE] * 3],
     "P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: "
-    "Kinova, Jaco user guide, far from even about zero",
+    "Kinova, Jaco user guide, not symmetric about zero",
 )
 
 _TURN = (0.0, 1.0, 0.0)
@@ -327,9 +330,11 @@ SERVO_ARM = VectorArm(
     e=readonly([_TURN, _TILT_Z, _TILT_X, _TILT_Z, _TURN, _TILT_X, _TURN, _TILT_Z]),
     p=readonly(np.ones(8)),
     L=readonly(np.radians(np.outer([-120.0, 120.0], np.ones(8)))),
-    source="a stand-in for the arm of [Danilov 2021, fig. 8], whose dimensions are not public: "
-    "hangs straight down (y up) at zero, 0.53 m long, for the poses of its table 1 to be "
-    "within reach; links, axes and limits made up",
+    source=(
+        "replaces the arm of [Danilov 2021, fig. 8], whose dimensions are not public. It hangs "
+        "straight down (y up) at zero and is 0.53 m long, so that it reaches the poses of table 1 "
+        "there. Links, axes and limits are invented"
+    ),
 )
 
 ARMS: Registry[PublishedArm] = Registry(

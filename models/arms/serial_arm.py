@@ -1,12 +1,13 @@
-"""Serial arms: one table of Denavit-Hartenberg rows, with Hayati's beta between near-parallel axes.
+"""Serial arms as a table of Denavit-Hartenberg rows, with Hayati's beta between near-parallel axes.
 
     arm = SerialArm.from_dh(dh)                                 # (n, 4): theta0, d, a, alpha
     arm = SerialArm.from_axes(axes, points, X_base_flange0)     # any serial chain, at zero
 
 Row k takes frame k - 1, whose z is the axis of joint k, to frame k by Rz(theta0 + q) Tz(d) Tx(a)
-Rx(alpha) Ry(beta). A slide has Rz(theta0) Tz(d + q) instead of the first two. Four numbers a joint
-describe every serial chain, but not every small change: to tilt one of two parallel axes about y,
-standard rows need links of hundreds of metres. beta takes that tilt [Hayati 1985].
+Rx(alpha) Ry(beta). For a slide Rz(theta0) Tz(d + q) replaces the first two factors. Four numbers
+per joint describe every serial chain, but not every small change of one: if one of two parallel
+axes is tilted about y, standard rows need links of hundreds of metres. beta describes that tilt
+instead [Hayati 1985].
 """
 
 from collections.abc import Sequence
@@ -32,10 +33,11 @@ from uuv.sim.interfaces.spatial import (
     shown,
 )
 
-# [rad] between neighbouring axes; below this, d and theta0 of common normals run away
+# [rad] between neighbouring axes; for smaller angles d and theta0 of the common normal diverge
 NEAR_PARALLEL = np.deg2rad(5.0)
-_EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was
-_LARGEST = 50.0  # [m] a link longer than this was given in millimetres
+# [rad] between axes; for smaller angles the previous common normal is kept
+_EXACTLY_PARALLEL = 1e-9
+_LARGEST = 50.0  # [m] a longer link is taken to be stated in millimetres
 
 
 def _identity() -> Array:
@@ -47,19 +49,19 @@ class SerialArm:
     """Kinematics of a serial arm of n joints, from base frame to flange frame; arrays read-only.
 
     Raises:
-        ConfigurationError: joint types, limits or names for another number of joints than the table
-            has rows.
+        ConfigurationError: the number of joint types, limits or names differs from the number of
+            rows of the table.
     """
 
     table: Array  # (n, 5) theta0 [rad], d [m], a [m], alpha [rad], beta [rad]
-    joint_types: str  # a letter a joint: r hinge, p slide
+    joint_types: str  # one letter per joint: r for a hinge, p for a slide
     # (4, 4) frame 0, whose z is the first joint's axis, in the base
     X_base_0: Array = field(default_factory=_identity)
     # (4, 4) the flange, or the tip of a fixed tool, in frame n
     X_n_flange: Array = field(default_factory=_identity)
-    # (n, 2) [rad], slides [m]; default infinite
+    # (n, 2) [rad], for slides [m]; infinite by default
     limits: Array = field(default_factory=lambda: np.empty((0, 2)))
-    joint_names: tuple[str, ...] = ()  # default joint1 to jointn
+    joint_names: tuple[str, ...] = ()  # by default joint1 to jointn
 
     def __post_init__(self) -> None:
         n = len(self.table)
@@ -89,16 +91,16 @@ class SerialArm:
 
         Args:
             dh: (n, 4) standard rows theta0 [rad], d [m], a [m], alpha [rad].
-            joint_types: a letter a joint: r hinge, p slide; default all r.
+            joint_types: one letter per joint, r for a hinge and p for a slide; default all r.
             beta: (n,) [rad] Hayati's angle; default zero.
-            name: begins the error messages about `dh`.
+            name: name of `dh` at the beginning of its error messages.
 
         Returns:
             The arm, without limits.
 
         Raises:
-            ConfigurationError: wrong shapes, numbers that are not finite, unknown joint letters,
-                and tables that are in degrees or millimetres by their size.
+            ConfigurationError: a shape is wrong, a number is not finite, a joint letter is unknown,
+                or the numbers are so large that they must be degrees or millimetres.
         """
         rows = checked_rows(dh, 4, name)
         _check_units(rows, name)
@@ -118,13 +120,14 @@ class SerialArm:
     ) -> Self:
         """Build an arm from its joint axes and its flange at zero, all in base coordinates.
 
-        Near-parallel neighbours keep the given point on the later axis as the origin of its frame.
+        If two neighbouring axes are nearly parallel, the given point on the later axis is the
+        origin of its frame.
 
         Args:
             axes: (n, 3) directions of the axes, of any length but zero.
             points: (n, 3) [m] a point on each axis.
             X_base_flange0: (4, 4) the flange at zero.
-            joint_types: a letter a joint: r hinge, p slide; default all r.
+            joint_types: one letter per joint, r for a hinge and p for a slide; default all r.
 
         Returns:
             The arm, without limits.
@@ -141,12 +144,12 @@ class SerialArm:
         z = _unit_axes(directions)
         _check_length(n, o, X_flange)
 
-        # Frame 0 stands on the first axis.
+        # Frame 0 has its origin on the first axis.
         X_base_0 = np.eye(4)
         X_base_0[:3, :3] = _rotation_with_z(z[0], np.eye(3)[int(np.argmin(np.abs(z[0])))])
         X_base_0[:3, 3] = o[0]
 
-        # A row from each axis to the next; the last is zero.
+        # One row leads from each axis to the next; the last row is zero.
         table = np.zeros((n, ROW))
         X = X_base_0
         for k in range(n - 1):
@@ -175,7 +178,7 @@ class SerialArm:
 
     @property
     def reach(self) -> float:
-        """Length of the arm from its first joint to the flange [m], links laid end to end."""
+        """Length [m] of the arm from its first joint to the flange, as the sum of its links."""
         return float(
             np.hypot(self.table[:, D], self.table[:, A]).sum()
             + np.linalg.norm(self.X_n_flange[:3, 3])
@@ -183,7 +186,9 @@ class SerialArm:
 
     @property
     def near_parallel(self) -> tuple[int, ...]:
-        """Joints (from 0) whose axis is near-parallel to the next joint's: those that need beta."""
+        """Joints (from 0) whose axis is nearly parallel to that of the next joint, so that their
+        rows need beta.
+        """
         alpha = self.table[:, ALPHA]
         beta = self.table[:, BETA]
         tilt = np.hypot(np.sin(alpha), np.sin(beta))
@@ -196,15 +201,15 @@ class SerialArm:
 
     @property
     def dh(self) -> Array:
-        """Standard DH rows (n, 4) of exactly this arm, beta worked in.
+        """Standard DH rows (n, 4) of exactly this arm, without beta.
 
-        Rows without beta stay as they are. Where beta is not zero, the common normal of two almost
-        parallel axes is far away, so d of that joint and the next may be many metres: right, but
-        fit for machines only.
+        Rows without beta stay as they are. Where beta is not zero, the common normal of the two
+        almost parallel axes is far away, so d of that joint and of the next may be many metres.
+        Such rows are exact but cannot be read as dimensions of the arm.
         """
         table = np.array(self.table)
-        turn = 0.0  # [rad] of the new frame k - 1 about its z, against the old one
-        shift = 0.0  # [m] along it
+        turn = 0.0  # [rad] turn of the new frame k - 1 about its z, relative to the old one
+        shift = 0.0  # [m] shift of the new frame along that z
         for k in range(self.n):
             row = table[k].copy()
             row[THETA] -= turn
@@ -215,7 +220,7 @@ class SerialArm:
                 table[k] = row
                 continue
 
-            # Row of the common normal; what it leaves of the frame passes on to the next row.
+            # Row of the common normal; the remaining turn and shift go into the next row.
             X = _step(row)
             new = _row_between(X[:3, 2], X[:3, 3], parallel=_EXACTLY_PARALLEL, hint=row)
             rest = inverse(_step(new)) @ X  # Rz(-turn) Tz(-shift)
@@ -231,9 +236,10 @@ class SerialArm:
         return readonly(X[:-1, :3, 2]), readonly(X[:-1, :3, 3]), readonly(X[-1] @ self.X_n_flange)
 
     def origins(self) -> list[Array]:
-        """Poses (n + 1, 4, 4) at zero as URDF and MJCF have them, each in the one before.
+        """Poses (n + 1, 4, 4) at zero as URDF and MJCF state them, each in the frame before it.
 
-        The first n are of the joints' frames, z the axis; the last is of the flange.
+        The first n are those of the joints' frames, with z along the axis; the last is that of the
+        flange.
         """
         poses = [self.X_base_0]
         for row in self.table:
@@ -244,7 +250,8 @@ class SerialArm:
         return poses
 
     def joint_frames(self, q: ArrayLike) -> Array:
-        """Poses (n + 1, 4, 4) in the base: the joints' frames of `origins`, moved, and the flange.
+        """Poses (n + 1, 4, 4) in the base of the joints' frames of `origins`, moved by `q`, and of
+        the flange.
 
         Args:
             q: (n,) joint values [rad], slides [m].
@@ -286,7 +293,9 @@ class SerialArm:
         )
 
     def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
-        """Tips (M, 3) [m] in the base at `q` (M, n), of the point `tcp` (3,) [m] in the flange."""
+        """Positions (M, 3) [m] in the base of the point `tcp` (3,) [m] of the flange, at `q` (M,
+        n).
+        """
         from uuv.models.arms.tip_places import NO_JACOBIAN, tips
 
         q_rows = np.ascontiguousarray(q, dtype=np.float64)
@@ -296,7 +305,9 @@ class SerialArm:
         )
 
     def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
-        """Tips (M, 3) [m], and derivatives (M, 5 n + 3, 3) by the table's rows, then by `tcp`."""
+        """Tips (M, 3) [m], and their derivatives (M, 5 n + 3, 3) with respect to the table's rows,
+        then to `tcp`.
+        """
         from uuv.models.arms.tip_places import tips
 
         J = np.empty((len(q), ROW * self.n + 3, 3))
@@ -307,7 +318,7 @@ class SerialArm:
         return replace(self, table=readonly(table))
 
     def with_tip(self, tcp: Array) -> Self:
-        """Copy whose flange has its origin at the point `tcp` (3,) [m] of this one's flange."""
+        """Copy whose flange has its origin at the point `tcp` (3,) [m] of this arm's flange."""
         X = np.array(self.X_n_flange)
         X[:3, 3] += X[:3, :3] @ tcp
         return replace(self, X_n_flange=readonly(X))
@@ -319,20 +330,21 @@ def tilt_of(row: Sequence[float] | Array) -> Array:
 
 
 def _checked_letters(joint_types: str | None, n: int) -> str:
-    """Validated joint letters, one per joint; all hinges where none are given."""
+    """Validated joint letters, one per joint; all hinges by default."""
     if joint_types is None:
         return "r" * n
     if not isinstance(joint_types, str) or len(joint_types) != n or set(joint_types) - {"r", "p"}:
         raise ConfigurationError(
-            f"joint_types: expected {n} letters out of r (hinge), p (slide), got "
+            f"joint_types: expected {n} letters, each r (hinge) or p (slide), got "
             f"{shown(joint_types)}"
         )
     return joint_types
 
 
 def _check_units(rows: Array, name: str) -> None:
-    """Refuse a table (n, 4) that is in degrees or millimetres by its size."""
-    # More than two turns, or a link of more than 50 m, shows a table in other units.
+    """Refuse a table (n, 4) whose numbers are so large that they must be degrees or millimetres."""
+    # An angle of more than two turns, or a link of more than 50 m, shows that the table has other
+    # units.
     for columns, most, unit, looks, needed in (
         ((THETA, ALPHA), 4.0 * np.pi, "rad", "degrees", "radians"),
         ((D, A), _LARGEST, "m", "millimetres", "metres"),
@@ -343,41 +355,42 @@ def _check_units(rows: Array, name: str) -> None:
             column = columns[i]
             raise ConfigurationError(
                 f"{name}: {('theta0', 'd', 'a', 'alpha')[column]} of joint {k + 1} is "
-                f"{rows[k, column]:g} {unit}; "
-                f"the table looks like {looks}, {needed} are needed (columns theta0, d, a, "
-                "alpha)"
+                f"{rows[k, column]:g} {unit}; the table seems to be in {looks}, but must be in "
+                f"{needed} (columns theta0, d, a, alpha)"
             )
 
 
 def _unit_axes(axes: Array) -> Array:
-    """Unit vectors (n, 3) along `axes` (n, 3); ConfigurationError for one without length."""
-    # Scaled first: the square of a huge axis overflows.
+    """Unit vectors (n, 3) along `axes` (n, 3); ConfigurationError for a vector of length zero."""
+    # Scaled first, because the square of a huge axis overflows.
     z = axes / np.maximum(np.abs(axes).max(axis=1, keepdims=True), 1e-300)
     norms = np.linalg.norm(z, axis=1)
     if not np.all(norms > 1e-9):
         raise ConfigurationError(
-            f"axes: every joint axis needs a length, row {int(np.argmin(norms))} has none"
+            f"axes: every joint axis must be longer than zero, row {int(np.argmin(norms))} is zero"
         )
     return z / norms[:, None]
 
 
 def _check_length(n: int, points: Array, X_flange: Array) -> None:
-    """Refuse points (n, 3) or a flange (4, 4) farther away than an arm of `n` joints is long."""
+    """Refuse points (n, 3) or a flange (4, 4) that are farther away than an arm of `n` joints can
+    be long.
+    """
     farthest = float(max(np.abs(points).max(), np.abs(X_flange[:3, 3]).max()))
     if farthest > n * _LARGEST:
         raise ConfigurationError(
-            f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got "
-            f"{farthest:g} m; millimetres?"
+            f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got a distance of "
+            f"{farthest:g} m; are the points in millimetres?"
         )
 
 
 def _step(row: Array) -> Array:
-    """The pose (4, 4) over one row at q = 0."""
+    """Pose (4, 4) of the frame after one row in the frame before it, at q = 0."""
     return kinematics.frames(row[None], np.array([False]), np.eye(4), np.zeros((1, 1)))[0, 1]
 
 
 def _rotation_with_z(z: Array, hint: Array) -> Array:
-    """A rotation whose z axis is `z` and whose x axis is `hint` made perpendicular to it."""
+    """Rotation with z axis `z`, whose x axis is the part of `hint` that is perpendicular to `z`."""
     x = hint - (hint @ z) * z
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
@@ -386,11 +399,11 @@ def _rotation_with_z(z: Array, hint: Array) -> Array:
 def _row_between(
     z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Array | None = None
 ) -> Array:
-    """Row to the frame with z along `z` on the line through `o` (3,), both in the frame before.
+    """Row that leads to a frame with z along `z`, on the line through `o` (3,).
 
-    Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt;
-    above, it is the foot of the common normal. `hint` is a row that the sense of the common normal
-    shall follow.
+    `z` and `o` are in the frame before the row. If the two axes differ by less than `parallel`
+    [rad], the next origin is `o` itself and beta describes part of the tilt; otherwise the origin
+    is the foot of the common normal. The common normal has the sense that it has in the row `hint`.
     """
     sine = float(np.hypot(z[0], z[1]))
     if sine < np.sin(parallel):
@@ -415,7 +428,8 @@ def _row_between(
     theta = float(np.arctan2(x[1], x[0]))
     alpha = float(np.arctan2(x[1] * z[0] - x[0] * z[1], z[2]))
 
-    # The line o + t z meets the plane through e_z and x where its part across vanishes.
+    # The line o + t z meets the plane through e_z and x where its component perpendicular to the
+    # plane vanishes.
     across = np.array([-x[1], x[0]])
     t = -float(across @ o[:2]) / float(across @ z[:2])
     return np.array([theta, o[2] + t * z[2], a, alpha, 0.0])

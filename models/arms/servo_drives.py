@@ -1,7 +1,7 @@
 """MuJoCo model of a serial arm in air whose joints have proportional drives, as small servos do.
 
-A proportional drive holds a load only with an error: torque = stiffness (wanted - actual). Under
-its own weight the arm therefore rests beside the joint values that were asked for.
+A proportional drive holds a load only with an error: torque = stiffness (desired - actual). Under
+its own weight the arm therefore rests at other joint values than the commanded ones.
 """
 
 from dataclasses import dataclass
@@ -19,22 +19,23 @@ _LONGEST = 30.0  # [s] within which it must come to rest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Servo:
-    """A hobby servo and the link that it carries.
+    """A hobby servo and the link that it moves.
 
-    The defaults are those of the common 55 g class, rated 0.94 N m.
+    The defaults are those of the common 55 g class with a rated torque of 0.94 N m.
     """
 
-    mass: float = 0.075  # [kg] of servo and link, at the middle of the link
-    stiffness: float = 10.8  # [N m/rad] the rated torque at an error of 5 deg
+    mass: float = 0.075  # [kg] of servo and link together, at the middle of the link
+    stiffness: float = 10.8  # [N m/rad] gives the rated torque at an error of 5 deg
     damping: float = 0.5  # [N m s/rad]
 
 
 def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) -> mujoco.MjModel:
-    """Arm with a position actuator a hinge, and a site "tip" whose frame at zero is the base's.
+    """Arm with a position actuator for each hinge, and a site "tip" whose axes at zero are those of
+    the base.
 
     Args:
         arm: Links and hinge axes.
-        servo: The same for each joint.
+        servo: Servo of every joint.
         up: Direction against gravity in the base frame.
 
     Raises:
@@ -42,14 +43,15 @@ def servo_model(arm: VectorArm, servo: Servo, up: tuple[float, float, float]) ->
     """
     if not np.all(np.asarray(arm.p) == 1.0):
         raise ConfigurationError(
-            f"{arm.title}: proportional drives need hinges, got the kinds {arm.p.tolist()}"
+            f"{arm.title}: every joint must be a hinge (kind 1) to have a proportional drive, got "
+            f"the kinds {arm.p.tolist()}"
         )
 
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.option.gravity = -9.81 * np.asarray(up) / np.linalg.norm(up)
 
-    # Links, each with its joint at the end of the one before.
+    # Links, each with its joint at the end of the link before it.
     body = spec.worldbody
     at = np.zeros(3)
     for i, (link, axis) in enumerate(zip(arm.M, arm.e, strict=True)):

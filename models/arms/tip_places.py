@@ -1,8 +1,8 @@
-"""Compiled tip positions of serial arms, with first derivatives by the numbers of their table.
+"""Compiled tip positions of serial arms, with their first derivatives with respect to the table.
 
-Apart from `uuv.models.arms.kinematics`, because its signature lets it compile on import: only
-calibration needs it. Derivatives are analytic: a turn about an axis through o moves the tip p by
-axis x (p - o), a shift by its direction.
+This module is separate from `uuv.models.arms.kinematics` because only calibration needs it, and its
+explicit signature compiles on import. Derivatives are analytic: a turn about an axis through o
+moves the tip p by axis x (p - o), a shift moves it along the direction of the shift.
 """
 
 import numpy as np
@@ -11,9 +11,9 @@ from numba import boolean, float64, types
 from uuv.models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D, frame_step
 from uuv.sim.interfaces.kernels import kernel
 
-NO_JACOBIAN = np.empty((0, 0, 0))  # as `J` of `tips`: compute no derivatives
+NO_JACOBIAN = np.empty((0, 0, 0))  # passed as `J` to `tips`, it skips the derivatives
 
-# Explicit signature: it compiles once, for read-only and writable arrays alike.
+# The explicit signature compiles once, for read-only and writable arrays alike.
 _V, _M = (types.Array(float64, d, "C", readonly=True) for d in (1, 2))
 _FLAGS = types.Array(boolean, 1, "C", readonly=True)
 
@@ -38,8 +38,8 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
         X_flange: (4, 4) flange in the last frame.
         tcp: (3,) [m] tool point in the flange.
         q: (M, n) joint values [rad], slides [m].
-        J: (M, 5 n + 3, 3), written: derivatives by the table row by row, then by the tool point.
-            (0, 0, 0) skips them.
+        J: (M, 5 n + 3, 3), output, the derivatives with respect to the table, row by row, then to
+            the tool point. An array of shape (0, 0, 0) skips them.
 
     Returns:
         Tip positions in the base.
@@ -71,7 +71,7 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
         if J.shape[0] == 0:
             continue
 
-        # By the table: a turn moves the tip by axis x (p - o), a shift along its axis.
+        # With respect to the table: a turn moves the tip by axis x (p - o), a shift along its axis.
         for k in range(n):
             cross_into(J[m, ROW * k + THETA], axes[k, 0], p[m], axes[k, 1])
             J[m, ROW * k + D] = axes[k, 0]
@@ -79,7 +79,7 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
             cross_into(J[m, ROW * k + ALPHA], axes[k, 2], p[m], after[k])
             cross_into(J[m, ROW * k + BETA], axes[k, 3], p[m], after[k])
 
-        # By the tool point: along the axes of the flange.
+        # With respect to the tool point: along the axes of the flange.
         for j in range(3):
             for i in range(3):
                 J[m, ROW * n + j, i] = (

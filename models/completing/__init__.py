@@ -1,3 +1,3 @@
-"""What a user's vehicle lacks and can be given: names, postures, camera, hull box, mounting of an
-arm.
+"""Missing parts of a user's vehicle, added: names, postures, camera, hull box, and an arm mounted
+on it.
 """

@@ -1,4 +1,4 @@
-"""Actuators of a user's vehicle: motors of its arm, all other joints held, and thrusters.
+"""Actuators of a user's vehicle: motors of its arm and thrusters. All other joints are held.
 
 actuate(spec, file, renamed)
 """
@@ -18,9 +18,11 @@ from uuv.models.water import thrusters
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
-START_UP = 2e-3  # [s] in which full torque brings a rotor alone to a joint's speed: a prior
-_SPEED = 1.0  # [rad/s] or [m/s] of a joint whose file states none
-_PARALLEL = 0.99  # cosine from which on a joint is taken for a propeller's own
+# [s] in which full torque accelerates a rotor alone to the joint's rated speed; a prior
+START_UP = 2e-3
+_SPEED = 1.0  # [rad/s] or [m/s] of a joint whose file states no speed
+# cosine between axis and thrust from which on the joint is taken for that of the propeller
+_PARALLEL = 0.99
 _AHEAD = (1.0, 0.0, 0.0)
 
 
@@ -28,13 +30,12 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
     """Give a vehicle its motors and thrusters, in place; the arm its ranges, rotors and postures.
 
     Args:
-        spec: of the file, its parts under the names of the contract.
-        file: with its mapping.
-        renamed: names of bodies by those that they had in the file.
+        spec: model of the file, whose parts have the names of the contract.
+        file: description of the vehicle, with its mapping.
+        renamed: present names of bodies by their names in the file.
 
     Raises:
-        ConfigurationError: a joint, or a place of a thruster, that is not in the model or cannot
-            serve.
+        ConfigurationError: a joint, or a thruster's place, is not in the model or cannot be used.
     """
     parts = file.parts or PartsMap()
     name = file.parts_name
@@ -53,7 +54,7 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
     else:
         add_motors(spec, arm, file.name)
         if file.bare:
-            _hold_others(spec, arm, "which nothing drives")
+            _hold_others(spec, arm, "which no actuator drives")
 
     bound(spec, arm, file.name)
     note(spec, _give_armature(spec, arm, parts.armature, file.speeds))
@@ -70,17 +71,17 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
             note(
                 spec,
                 [
-                    f"thruster {thruster.name} turns with joint {joint!r}, which is held: it "
-                    "pushes in one direction"
+                    f"thruster {thruster.name} turns with joint {joint!r}, which is held, so its "
+                    "direction is fixed"
                 ],
             )
 
 
 def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -> None:
-    """Give each joint of the arm one motor, gear 1, with its torque limit; hold the others.
+    """Give each joint of the arm one motor with gear 1 and a torque limit; hold the other joints.
 
-    The others are all joints that the hull carries but those on springs: of a second arm, a
-    gripper, a camera's pan.
+    The other joints are all those of the vehicle except those on springs: joints of a second arm,
+    of a gripper, of a camera's pan.
     """
     movable = {joint.name: joint for joint in spec.joints if joint.type in TURNING}
 
@@ -88,16 +89,15 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
         if joint_name not in movable:
             raise _missing(name, "joint", joint_name, list(movable))
 
-    # The mapping lists the arm's joints, all of them and in order.
+    # The mapping must list all joints of the arm, in order.
     chain = joints_between(spec)
     _check_followers(spec, chain, name)
     listed = [joint for joint in chain if joint in joints]
 
     if listed != list(joints):
         raise ConfigurationError(
-            f"{name}: joints: must be those from {ARM_BASE_BODY} to {TIP_SITE} in this order, "
-            f"{', '.join(chain)}; got "
-            f"{', '.join(joints)}"
+            f"{name}: joints: must list all joints from {ARM_BASE_BODY} to {TIP_SITE} in this "
+            f"order: {', '.join(chain)}; got {', '.join(joints)}"
         )
 
     _hold_others(spec, joints, "which the mapping does not list")
@@ -106,18 +106,18 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
 
 
 def _check_followers(spec: mujoco.MjSpec, chain: list[str], name: str) -> None:
-    """Refuse an arm with a joint that follows another: each has a motor of its own."""
+    """Refuse an arm in which a joint follows another, since each joint needs a motor of its own."""
     for follower, (leader, _) in followed(spec).items():
         if follower in chain:
             raise ConfigurationError(
                 f"{name}: joint {follower!r} between {ARM_BASE_BODY} and {TIP_SITE} follows "
                 f"{leader!r} (mimic), but each joint of a vehicle's arm has a motor of its own; "
-                "the inverse kinematics alone takes it (Chain.from_urdf)"
+                "only the inverse kinematics accepts such an arm (Chain.from_urdf)"
             )
 
 
 def _hold_others(spec: mujoco.MjSpec, joints: Collection[str], why: str) -> None:
-    """Hold all joints that the hull carries but those of the arm and those on springs."""
+    """Hold all joints of the vehicle except those of the arm and those on springs."""
     hull = next((body for body in spec.bodies if body.name == HULL_BODY), None)
     carried = [] if hull is None else hull.find_all(mujoco.mjtObj.mjOBJ_JOINT)
     others = [
@@ -130,7 +130,7 @@ def _hold_others(spec: mujoco.MjSpec, joints: Collection[str], why: str) -> None
 
 
 def bound(spec: mujoco.MjSpec, joints: Collection[str], name: str) -> None:
-    """Give the arm's joints that turn without end one turn, for a posture needs a range.
+    """Limit the arm's endless joints to one turn, since the search of postures needs a range.
 
     Raises:
         ConfigurationError: a joint whose lower limit lies above its upper.
@@ -140,8 +140,8 @@ def bound(spec: mujoco.MjSpec, joints: Collection[str], name: str) -> None:
     for joint in arm:
         if joint.range[0] > joint.range[1]:
             raise ConfigurationError(
-                f"{name}: joint {joint.name!r}: its lower limit {joint.range[0]:g} lies above the "
-                f"upper {joint.range[1]:g}; exchange them in the file"
+                f"{name}: joint {joint.name!r}: its lower limit {joint.range[0]:g} is above its "
+                f"upper limit {joint.range[1]:g}; exchange them in the file"
             )
 
     half = 180.0 if spec.compiler.degree else np.pi
@@ -162,14 +162,14 @@ def bound(spec: mujoco.MjSpec, joints: Collection[str], name: str) -> None:
 
 
 def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None, name: str) -> None:
-    """Drive a joint by a motor, gear 1, in place of another kind of actuator that it has.
+    """Drive a joint by a motor with gear 1, in place of any other actuator of the joint.
 
     Args:
         spec: model.
         joint: of the arm.
-        limit: [N m] of the motor; None: that of its actuator, or of its `actuatorfrcrange`, a
-            URDF's effort.
-        name: with which errors begin.
+        limit: [N m] of the motor; None: the limit of the joint's actuator, or its
+            `actuatorfrcrange`, which is the effort of a URDF.
+        name: first words of error messages.
 
     Raises:
         ConfigurationError: no limit is known.
@@ -190,24 +190,24 @@ def _add_motor(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, limit: float | None,
     if limit is None:
         if not known or not known[0] > 0.0:
             raise ConfigurationError(
-                f"{name}: joint {joint.name!r} has no torque limit (URDF: <limit effort>); give "
-                "it, "
-                f"joints: {{{joint.name}: 10}} [N m]"
+                f"{name}: joint {joint.name!r} has no torque limit (URDF: <limit effort>); state "
+                f"it in the mapping, joints: {{{joint.name}: 10}} [N m]"
             )
 
         limit = float(known[0])
 
-    # One motor in place of what drove the joint.
+    # One motor replaces what drove the joint.
     for actuator in actuators:
         spec.delete(actuator)
-    joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE  # the motor's own range limits it
+    # the motor's control range limits the torque
+    joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
     motor = spec.add_actuator(name=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint.name)
     motor.ctrlrange = [-limit, limit]
     motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def add_motors(spec: mujoco.MjSpec, joints: Iterable[str], name: str) -> None:
-    """Drive those of `joints` that no actuator drives, with the effort of the URDF.
+    """Add motors to those of `joints` that no actuator drives, limited to the effort of the URDF.
 
     Raises:
         ConfigurationError: a joint has no effort.
@@ -252,16 +252,17 @@ def _give_armature(
     stated: float | Mapping[str, float] | None,
     speeds: Mapping[str, float],
 ) -> list[str]:
-    """Give joints the inertia of their rotors, in place: as stated, or a prior for light ones.
+    """Give joints the inertia of their rotors, in place: the stated one, or a prior for light
+    joints.
 
-    A joint is light if full torque brings it beyond its speed within one time step, which no drive
-    does: its file states no rotor, and its servo would chatter. The prior is the rotor that full
-    torque brings to that speed in 2 ms.
+    A joint is light if full torque accelerates it beyond its rated speed within one time step. No
+    real drive does so: the file then states no rotor inertia, and the servo would chatter. The
+    prior is the rotor inertia that full torque accelerates to that speed in 2 ms.
 
     Args:
         spec: model whose joints have motors.
         joints: names, base to tip.
-        stated: [kg m^2] or [kg] of all or of each; None: the prior.
+        stated: [kg m^2] or [kg], one number for all joints or one for each; None: the prior.
         speeds: [rad/s] or [m/s] rated, by joint.
 
     Returns:
@@ -298,21 +299,21 @@ def _give_armature(
     figures = ", ".join(f"{joint} {armature:.2g}" for joint, armature in added.items())
 
     return [
-        "rotor inertia of light joints, a prior (effort for 2 ms over speed; `armature:` in the "
-        f"mapping states it) [kg m^2]: {figures}"
+        "assumed rotor inertia of light joints (effort times 2 ms over speed; state it by "
+        f"`armature:` in the mapping) [kg m^2]: {figures}"
     ]
 
 
 def _add_thruster(
     spec: mujoco.MjSpec, mapped: MappedThruster, renamed: Mapping[str | None, str], name: str
 ) -> None:
-    """Add a thruster, or give an actuator of the model its table.
+    """Add a thruster, or give an existing actuator of the model the table of a thruster.
 
     Args:
         spec: a user's model.
         mapped: the thruster.
-        renamed: names of bodies by those that they had in the file.
-        name: with which errors begin.
+        renamed: present names of bodies by their names in the file.
+        name: first words of error messages.
 
     Raises:
         ConfigurationError: its actuator, site or body is not in the model.
@@ -353,7 +354,9 @@ def _add_thruster(
 
 
 def _make_plain(actuator: mujoco.MjsActuator) -> None:
-    """Make an actuator on a site a motor of thrust [N]: limits and curve are the mapping's."""
+    """Make an actuator on a site a plain motor of thrust [N]; limits and curve come from the
+    mapping.
+    """
     length = float(np.linalg.norm(actuator.gear[:3]))
     if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.refsite or not length > 0.0:
         return  # refused, with the reason, where its table is attached

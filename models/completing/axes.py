@@ -1,4 +1,4 @@
-"""A hull whose file has another axis up, NED for instance: turned, with all that it carries."""
+"""Turn a hull, with all it carries, if an axis of its file other than z points up, as in NED."""
 
 from dataclasses import replace
 from typing import Final
@@ -12,7 +12,7 @@ from uuv.models.naming import HULL_BODY
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation, readonly
 
-# Axis of the file that points up, x ahead: the file's axes in ours.
+# Axis of the file that points up, with x ahead: the file's axes in hull axes.
 UP: Final[dict[str, Array]] = {
     "z": readonly(np.eye(3)),
     "-z": readonly(np.diag([1.0, -1.0, -1.0])),
@@ -22,21 +22,24 @@ UP: Final[dict[str, Array]] = {
 
 
 def turn_hull(spec: mujoco.MjSpec, up: str, name: str) -> None:
-    """Turn what the hull has and carries, in place, so that its z is up and x stays ahead.
+    """Turn all parts of the hull, in place, so that z of the hull is up and x stays ahead.
 
     Args:
         spec: model with a body `hull`.
-        up: axis of the file, of `UP`.
-        name: with which errors begin.
+        up: axis of the file that points up, a key of `UP`.
+        name: first words of error messages.
 
     Raises:
-        ConfigurationError: parts that state their orientation otherwise than as a quaternion, or
-            water with terms that are not turned.
+        ConfigurationError: a part states its orientation in another form than a quaternion, or the
+            hydrodynamic data have terms that cannot be turned.
     """
     R = UP[up]
     hull = spec.body(HULL_BODY)
     if hull.frames:
-        raise ConfigurationError(f"{name}: up: a hull with <frame> is not turned; write it without")
+        raise ConfigurationError(
+            f"{name}: up: the hull has a <frame> and cannot be turned; write the hull without "
+            "<frame>"
+        )
     for part in (*hull.bodies, *hull.geoms, *hull.sites, *hull.cameras):
         _turn(part, R, name)
 
@@ -59,19 +62,19 @@ def turn_hull(spec: mujoco.MjSpec, up: str, name: str) -> None:
 
 
 def turned_water(water: BodyHydrodynamics, R: Array, name: str) -> BodyHydrodynamics:
-    """Coefficients in axes that are turned by quarters against those they are stated in.
+    """Coefficients in axes that are turned by multiples of 90 deg from the file's axes.
 
     Args:
-        water: in the file's axes.
-        R: (3, 3) the file's axes in ours.
-        name: with which errors begin.
+        water: coefficients in the file's axes.
+        R: (3, 3) the file's axes in hull axes.
+        name: first words of error messages.
 
     Raises:
-        ConfigurationError: they have further forms.
+        ConfigurationError: the coefficients have further `forms`.
     """
     if water.forms:
         raise ConfigurationError(
-            f"{name}: `forms` of the hull's water are not turned; state them in the turned axes"
+            f"{name}: `forms` of the hull's water cannot be turned; state them in the turned axes"
         )
 
     turn = np.kron(np.eye(2), R)
@@ -90,9 +93,11 @@ def turned_water(water: BodyHydrodynamics, R: Array, name: str) -> BodyHydrodyna
 def _turn(
     part: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite | mujoco.MjsCamera, R: Array, name: str
 ) -> None:
-    """Turn the place of a part in the hull."""
+    """Turn the position and orientation of a part of the hull."""
     if part.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
-        raise ConfigurationError(f"{name}: up: {part.name!r} must have its orientation as a `quat`")
+        raise ConfigurationError(
+            f"{name}: up: {part.name!r} must state its orientation as a `quat`"
+        )
     fromto = np.array(getattr(part, "fromto", [np.nan] * 6))
 
     if np.isfinite(fromto[0]):

@@ -1,4 +1,6 @@
-"""What is computed where a vehicle lacks it: camera, folded and ready posture; and its ballast."""
+"""Missing parts of a vehicle that can be computed: camera, folded and ready posture. Also its
+ballast.
+"""
 
 import mujoco
 import numpy as np
@@ -11,25 +13,26 @@ from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, R
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation
 
-COMPUTABLE = (CAMERA_SITE, HOME_KEY, READY_KEY)  # of a vehicle with an arm
+COMPUTABLE = (CAMERA_SITE, HOME_KEY, READY_KEY)  # needed by a vehicle with an arm
 # OpenCV axes in hull axes
 _LOOK_AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _TRIMMED = 2.0  # largest factor by which ballast changes the hull's volume
-_BEFORE = 0.02  # [m] of the default camera before the hull's bow
+_BEFORE = 0.02  # [m] of the default camera ahead of the hull's bow
 
 
 def complete(spec: mujoco.MjSpec, *, trim: float | None = None, name: str = "vehicle") -> list[str]:
-    """Add what a vehicle lacks and can be computed: site `camera`, keyframes `home` and `ready`.
+    """Add missing parts of a vehicle that can be computed: site `camera`, keyframes `home` and
+    `ready`.
 
-    The vehicle stays as it is where it has these, and where it has no arm by the contract: who
-    needs that says so. What was added stands in text elements of the spec too
-    (`uuv.models.files.notes.computed`).
+    Parts that the vehicle has are kept. A vehicle without an arm by the contract gets none of them:
+    a caller that needs an arm raises its own error. The added parts are also listed in text
+    elements of the spec (`uuv.models.files.notes.computed`).
 
     Args:
         spec: vehicle, changed in place.
-        trim: [m] metacentric height to which the hull is ballasted, neutral at `home`; None: it
-            stays as it is.
-        name: with which errors begin.
+        trim: [m] metacentric height to which the hull is ballasted, with the vehicle neutral at
+            `home`; None: no ballasting.
+        name: first words of error messages.
 
     Returns:
         One line for each part that was added, and for the ballast.
@@ -51,7 +54,9 @@ def complete(spec: mujoco.MjSpec, *, trim: float | None = None, name: str = "veh
 
 
 def _add_missing(spec: mujoco.MjSpec, *, trimmed: bool) -> dict[str, str]:
-    """Add what an armed vehicle lacks of COMPUTABLE; returns a line by the name of each part."""
+    """Add the missing parts of COMPUTABLE to an armed vehicle; returns one line per part, by its
+    name.
+    """
     lines: dict[str, str] = {}
     if CAMERA_SITE not in {site.name for site in spec.sites}:
         bow = _bow(spec)
@@ -63,7 +68,8 @@ def _add_missing(spec: mujoco.MjSpec, *, trimmed: bool) -> dict[str, str]:
             size=[0.01, 0.01, 0.01],
         )
         lines[CAMERA_SITE] = (
-            f"site camera: none given; {bow[0]:.2f} m ahead of the hull's origin, looking ahead"
+            f"site camera: not in the file; placed {bow[0]:.2f} m ahead of the hull's origin, "
+            "looking ahead"
         )
 
     keys = {key.name for key in spec.keys}
@@ -73,19 +79,25 @@ def _add_missing(spec: mujoco.MjSpec, *, trimmed: bool) -> dict[str, str]:
                 posture = find()
                 _add_key(spec, search, key, posture)
                 angles = ", ".join(f"{q:.2f}" for q in posture.q)
-                lines[key] = f"keyframe {key}: none given; [{angles}]: {posture.said}"
+                lines[key] = (
+                    f"keyframe {key}: not in the file; computed as [{angles}]: {posture.said}"
+                )
     return lines
 
 
 def is_armed(spec: mujoco.MjSpec) -> bool:
-    """True if a vehicle has an arm by the contract, so that what else it lacks can be computed."""
+    """True if a vehicle has an arm by the contract, so that its other missing parts can be
+    computed.
+    """
     bodies = {body.name for body in spec.bodies}
     sites = {site.name for site in spec.sites}
     return {ARM_BASE_BODY, HULL_BODY} <= bodies and TIP_SITE in sites
 
 
 def _search(spec: mujoco.MjSpec, trimmed: bool) -> PostureSearch | None:
-    """Search of postures; None for an arm that cannot be read, as where a joint has no range."""
+    """Search of postures; None if the arm cannot be read, for instance because a joint has no
+    range.
+    """
     try:
         return PostureSearch(spec.compile(), trimmed=trimmed)
     except ConfigurationError:
@@ -99,7 +111,7 @@ def _add_key(spec: mujoco.MjSpec, search: PostureSearch, name: str, posture: Fou
 
 
 def _bow(spec: mujoco.MjSpec) -> list[float]:
-    """Place [m] in hull axes just before the middle of the bow of the hull's shapes."""
+    """Position [m] in hull axes just ahead of the middle of the bow of the hull's shapes."""
     model = spec.compile()
     arm_base = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
     box = hull_box(model, model.body(HULL_BODY).id, arm_base)
@@ -107,15 +119,15 @@ def _bow(spec: mujoco.MjSpec) -> list[float]:
 
 
 def _ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
-    """Trim the hull in the posture `home`; returns a line about what that changed.
+    """Trim the hull in the posture `home`; returns a line about the change of volume.
 
     Raises:
-        ConfigurationError: The hull has no coefficients, or a volume that is not near to one that
-            floats the vehicle.
+        ConfigurationError: The hull has no coefficients, or its volume differs too much from the
+            volume that makes the vehicle neutral.
     """
     if HULL_BODY not in hydrodynamics.attached(spec):
         raise ConfigurationError(
-            f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed"
+            f"{name}: trim: the hull has no hydrodynamic coefficients, so it cannot be trimmed"
         )
 
     home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)
@@ -126,9 +138,11 @@ def _ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
 
     if before > 0.0 and not 1.0 / _TRIMMED < after / before < _TRIMMED:
         raise ConfigurationError(
-            f"{name}: trim: the hull's volume is {before:.4g} m^3, and {after:.4g} m^3 would make "
-            f"the vehicle weightless; at most a factor of {_TRIMMED:g} is trimmed, and volumes "
-            "are in m^3"
+            f"{name}: trim: the hull's volume is {before:.4g} m^3, but a neutral vehicle needs "
+            f"{after:.4g} m^3; trimming changes it by at most a factor of {_TRIMMED:g}; state the "
+            "volume in m^3"
         )
 
-    return f"trim: the hull's volume from {1e3 * before:.4g} to {1e3 * after:.4g} litres"
+    return (
+        f"trim: the hull's volume was changed from {1e3 * before:.4g} to {1e3 * after:.4g} litres"
+    )

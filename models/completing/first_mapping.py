@@ -1,4 +1,4 @@
-"""A first mapping of a user's vehicle: what its file could tell, and the questions that are left.
+"""A first mapping of a user's vehicle, inferred from its file, and the questions that remain open.
 
 text, questions = first_mapping(read("rov.urdf"))
 """
@@ -16,16 +16,16 @@ from uuv.models.naming import HULL_BODY
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import GRAVITY
 
-_LEAST = 2  # joints in a row from which on they are taken for an arm
+_LEAST = 2  # number of joints in a chain from which on the chain is taken for an arm
 _PROPELLER = re.compile(r"thruster|propeller|prop(?![a-z])|\bthr", re.IGNORECASE)
 _CAMERA = re.compile(r"cam", re.IGNORECASE)
 
 
 def first_mapping(file: VehicleFile) -> tuple[str, list[str]]:
-    """Text of a mapping with what could be told, guesses marked, and the questions that are left.
+    """Text of an inferred mapping, in which guesses are marked, and the questions that remain open.
 
     Args:
-        file: as read, without a mapping.
+        file: description of the vehicle, as read, without a mapping.
 
     Raises:
         ConfigurationError: it has no body.
@@ -33,7 +33,7 @@ def first_mapping(file: VehicleFile) -> tuple[str, list[str]]:
     spec = file.spec
     roots = list(spec.worldbody.bodies)
     if not roots:
-        raise ConfigurationError(f"{file.name}: it has no body that could be a hull")
+        raise ConfigurationError(f"{file.name}: the file has no body that could be the hull")
     root = next((body for body in roots if body.name == HULL_BODY), roots[0])
     questions: list[str] = []
 
@@ -45,8 +45,9 @@ def first_mapping(file: VehicleFile) -> tuple[str, list[str]]:
     lines += _thrusters(spec, root, file, questions)
     lines += [
         "# trim: 0.05                 # [m] ballast the hull to this metacentric height, at home",
-        "# up: -z                     # where the file has z down",
-        "# home: [...]                # [rad] folded, base to tip; without it, it is searched",
+        "# up: -z                     # if z points down in the file",
+        "# home: [...]                # [rad] folded posture, base to tip; searched for if it is "
+        "not stated here",
     ]
 
     asked = [f"# ? {question}" for question in questions]
@@ -56,7 +57,7 @@ def first_mapping(file: VehicleFile) -> tuple[str, list[str]]:
 
 
 def _masses(spec: mujoco.MjSpec, root: mujoco.MjsBody, questions: list[str]) -> Iterator[str]:
-    """A mass for a hull without one, which cannot float."""
+    """A mass for a hull whose file states none, since such a hull cannot float."""
     del spec
     weighs = root.explicitinertial and root.mass > 0.0
     shapes = any(geom.density > 0.0 or geom.mass > 0.0 for geom in root.geoms)
@@ -70,7 +71,9 @@ def _masses(spec: mujoco.MjSpec, root: mujoco.MjsBody, questions: list[str]) -> 
 def _arms(
     spec: mujoco.MjSpec, root: mujoco.MjsBody, file: VehicleFile
 ) -> list[list[mujoco.MjsJoint]]:
-    """Chains of joints that the hull carries, longest first, without propellers and followers."""
+    """Chains of joints of the vehicle, longest first, without propellers and joints that follow
+    others.
+    """
     pushing = {thruster.body for thruster in file.thrusters}
     follows = followed(spec)
     light = {joint.name for joint in massless(spec)}
@@ -94,7 +97,9 @@ def _arms(
 
 
 def _without_gripper(joints: list[mujoco.MjsJoint]) -> list[mujoco.MjsJoint]:
-    """Joints of an arm up to the body on which its chain branches, as at a gripper's fingers."""
+    """Joints of an arm up to the body at which its chain branches, for instance into a gripper's
+    fingers.
+    """
     for i, joint in enumerate(joints[:-1]):
         moving = [child for child in joint.parent.bodies if _moves(child)]
         if len(moving) > 1:
@@ -110,7 +115,7 @@ def _moves(body: mujoco.MjsBody) -> bool:
 def _arm(
     root: mujoco.MjsBody, arms: list[list[mujoco.MjsJoint]], questions: list[str]
 ) -> Iterator[str]:
-    """The longest chain as the arm, the others as remarks."""
+    """Lines about the longest chain as the arm, and remarks about the other chains."""
     if not arms:
         yield "# no arm was identified: arm_base, tip, joints"
         return
@@ -120,9 +125,10 @@ def _arm(
 
     if base.name == root.name:
         questions.append(
-            "arm_base: the arm hangs on the hull itself; put a link between, fixed to the hull"
+            "arm_base: the arm is attached to the hull directly; insert a link that is fixed to "
+            "the hull"
         )
-        yield "# arm_base: NAME            # a link of its own, fixed to the hull"
+        yield "# arm_base: NAME            # a separate link that is fixed to the hull"
     else:
         yield f"arm_base: {_name(base.name)}"
 
@@ -130,9 +136,11 @@ def _arm(
     questions.append(f"tip: where on {last.name} does the tool end, and which axis points out?")
     yield f"tip: {{body: {_name(last.name)}, pos: [0, 0, 0.1], z: [0, 0, 1]}}   # guessed"
     limits = ", ".join(f"{_name(joint.name)}: {_effort(joint, questions)}" for joint in joints)
-    yield f"joints: {{{limits}}}   # [N m], base to tip; all others are held"
+    yield f"joints: {{{limits}}}   # torque limits [N m], base to tip; all other joints are held"
     for other in arms[1:]:
-        yield f"# a second arm, held: {', '.join(joint.name for joint in other)}"
+        yield (
+            f"# joints of a second arm, which are held: {', '.join(joint.name for joint in other)}"
+        )
 
 
 def _effort(joint: mujoco.MjsJoint, questions: list[str]) -> str:
@@ -144,12 +152,12 @@ def _effort(joint: mujoco.MjsJoint, questions: list[str]) -> str:
 
 
 def _camera(spec: mujoco.MjSpec, questions: list[str]) -> Iterator[str]:
-    """A link that is called a camera; its optical frame first."""
+    """A line about a link whose name is that of a camera; an optical frame is preferred."""
     named = [body.name for body in spec.bodies if _CAMERA.search(body.name)]
     named.sort(key=lambda name: ("optical" not in name.lower(), name))
 
     if not named:
-        yield "# camera: {body: ..., pos: [x, y, z], z: [1, 0, -0.5]}   # else before the bow"
+        yield "# camera: {body: ..., pos: [x, y, z], z: [1, 0, -0.5]}   # default: ahead of the bow"
         return
 
     view = "[0, 0, 1]" if "optical" in named[0].lower() else "[1, 0, 0]"
@@ -170,15 +178,19 @@ def _thrusters(
         ]
 
         if guessed:
-            questions.append(f"thrust [N] of the thrusters {', '.join(guessed)}: it is guessed")
-        yield f"# thrusters: {len(file.thrusters)} of the file; stated here they replace them"
+            questions.append(
+                f"thrust [N] of the thrusters {', '.join(guessed)}: guessed, please state it"
+            )
+        yield f"# thrusters: {len(file.thrusters)} in the file; thrusters stated here replace them"
 
         return
 
     prior = prior_thrust(GRAVITY * max(_mass_of(root), 1.0))
     guesses = [body for body in spec.bodies if _PROPELLER.search(body.name)]
     if not guesses:
-        questions.append("thrusters: positions, directions and thrust; no link has the name of one")
+        questions.append(
+            "thrusters: positions, directions and thrust; no link has the name of a thruster"
+        )
         yield "thrusters: []   # - {name: ahead, pos: [x, y, z], direction: [1, 0, 0], kind: t200}"
         return
 
@@ -197,13 +209,13 @@ def _thrusters(
 
 
 def _mass_of(body: mujoco.MjsBody) -> float:
-    """Mass [kg] of a body and what it carries, as far as it is stated."""
+    """Mass [kg] of a body and of the bodies that it carries, as far as their masses are stated."""
     mass = float(body.mass) if body.explicitinertial else 0.0
     return mass + sum(_mass_of(child) for child in body.bodies)
 
 
 def _name(name: str) -> str:
-    """A name in YAML, quoted where it must be."""
+    """A name as YAML text, quoted where YAML needs quotes."""
     plain = re.fullmatch(r"[A-Za-z_][\w./-]*", name) and name.lower() not in (
         "yes",
         "no",

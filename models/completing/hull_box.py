@@ -1,4 +1,4 @@
-"""Box around a hull: its shapes, and those of links that are fixed to it, as a URDF has them."""
+"""Box around a hull, including links that are fixed to the hull, as a URDF has them."""
 
 import mujoco
 import numpy as np
@@ -8,15 +8,16 @@ from uuv.sim.interfaces.spatial import Array, pose
 
 
 def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
-    """Corners (2, 3) [m] in B of the box around the hull and what is fixed to it, but for the arm.
+    """Corners (2, 3) [m] in B of the box around the hull and all links fixed to it, except the arm.
 
     Args:
         model: Compiled model.
-        hull: Index of its body.
-        arm_base: Index of the body that carries the arm; -1, or the hull's: none.
+        hull: Index of the hull's body.
+        arm_base: Index of the body that carries the arm; -1 or the hull's index if there is no such
+            body.
 
     Returns:
-        The corners; of a hull without any shape twice its origin.
+        The corners; for a hull without any shape both are its origin.
     """
     corners = []
     for g in range(model.ngeom):
@@ -42,7 +43,7 @@ def hull_box(model: mujoco.MjModel, hull: int, arm_base: int = -1) -> Array:
 
 
 def _carries(model: mujoco.MjModel, carrier: int, body: int) -> bool:
-    """True if `carrier` is the body or one of those that carry it, and not the world."""
+    """True if `carrier` is the body itself or one of its ancestors, and not the world."""
     while body > 0 and body != carrier:
         body = int(model.body_parentid[body])
     return body > 0

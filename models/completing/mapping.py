@@ -1,4 +1,5 @@
-"""Names of `uuv.models.naming` for a user's model: renames its parts, adds sites and actuators.
+"""Mapping of a user's model to the names of `uuv.models.naming`: renames parts, adds sites and
+actuators.
 
     spec = mapped(read("rov.urdf"))  # a VehicleFile, under its own names, becomes a vehicle
 
@@ -26,28 +27,31 @@ from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_
 
 BARE_ARM = "it looks like a bare arm"
 MOUNT = "uuv.models.completing.mounting.mount_arm puts it on a hull (docs/own_vehicle.md)"
-_ARM = 3  # joints from which on a file without thrusters is taken for an arm
-_HULL = 0.5  # share of the mass that a hull has at least
-_BELOW = 0.1  # share of its height by which a hull is borne below its mass, named from there on
-_LOW = 0.05  # [m] least height that counts
+_ARM = 3  # number of joints from which on a file without thrusters is taken for an arm
+_HULL = 0.5  # share of the total mass that a hull has at least
+# distance of buoyancy below the centre of mass, over the height, from which on it is reported
+_BELOW = 0.1
+_LOW = 0.05  # [m] smallest height of the hull that is used for this
 _UP = (0.0, 0.0, 1.0)
 _AHEAD = (1.0, 0.0, 0.0)
 
 
 def mapped(file: VehicleFile) -> mujoco.MjSpec:
-    """The vehicle of a file under the names of the contract; lines about the file are kept in it.
+    """The vehicle of a file, its parts renamed by the contract. Notes about the file are stored in
+    the spec.
 
-    A model without a mapping keeps its names, but its only body, if it floats, is the hull. A
-    format that has neither free joints nor motors gets both.
+    A model without a mapping keeps its names, except that its only floating body becomes the hull.
+    If the format has neither free joints nor motors, both are added.
 
     Args:
-        file: as `uuv.models.files.vehicle_file.read` returns it; its spec is changed in place.
+        file: description of the vehicle, as `uuv.models.files.vehicle_file.read` returns it; its
+            spec is changed in place.
 
     Returns:
         The spec of the file.
 
     Raises:
-        ConfigurationError: a part that the mapping names is not in the model, or cannot serve; or
+        ConfigurationError: a part that the mapping names is not in the model or cannot be used, or
             the model cannot be compiled.
     """
     spec = file.spec
@@ -59,14 +63,17 @@ def mapped(file: VehicleFile) -> mujoco.MjSpec:
     elif line := _name_hull(spec):
         note(spec, [line])
 
-    # What compiled before, as an MJCF does when it is read, was broken by the mapping.
+    # A model that compiled before, such as an MJCF, which is compiled when it is read, was broken
+    # by the mapping.
     model = compiled(spec, file.name if file.bare else file.parts_name)
     note(spec, [*_upside_down(spec, model), *_bare_arm(spec, file, model)])
     return spec
 
 
 def _upside_down(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
-    """A line about a hull whose water is borne below its mass, as where a file has z down."""
+    """A line about a hull whose buoyancy acts below its centre of mass, for instance because z of
+    the file is down.
+    """
     water = hydrodynamics.attached(spec).get(HULL_BODY)
     if water is None or not water.volume > 0.0:
         return
@@ -76,13 +83,15 @@ def _upside_down(spec: mujoco.MjSpec, model: mujoco.MjModel) -> Iterator[str]:
     low, high = hull_box(model, model.body(HULL_BODY).id, arm)[:, 2]
     if above < -_BELOW * max(float(high - low), _LOW):
         yield (
-            f"the hull's centre of buoyancy is {-1e3 * above:.0f} mm below that of mass: has its "
-            "file z down? `up: -z` in the mapping turns it"
+            f"the hull's centre of buoyancy is {-1e3 * above:.0f} mm below its centre of mass; "
+            "if z points down in the file, write `up: -z` in the mapping"
         )
 
 
 def _bare_arm(spec: mujoco.MjSpec, file: VehicleFile, model: mujoco.MjModel) -> Iterator[str]:
-    """A line about a file that is an arm alone: nothing pushes it, and its links are its mass."""
+    """A line about a file that describes only an arm: no thrusters, and most of the mass is in its
+    links.
+    """
     parts = file.parts or PartsMap()
     pushed = parts.thrusters or file.thrusters or len(spec.actuators)
     share = float(model.body_mass[1] / model.body_subtreemass[1]) if model.nbody > 1 else 1.0
@@ -95,10 +104,10 @@ def _apply(spec: mujoco.MjSpec, file: VehicleFile) -> None:
 
     Args:
         spec: a user's model.
-        file: that it is of, with what its parts are called.
+        file: description of the vehicle, with its mapping.
 
     Raises:
-        ConfigurationError: a part that the mapping names is not in the model, or cannot serve.
+        ConfigurationError: a part that the mapping names is not in the model, or cannot be used.
     """
     parts = file.parts or PartsMap()
     name = file.parts_name
@@ -108,19 +117,20 @@ def _apply(spec: mujoco.MjSpec, file: VehicleFile) -> None:
         actuate(spec, file, renamed)
         if parts.up != "z":
             turn_hull(spec, parts.up, name)
-            note(spec, [f"axes turned: {parts.up} of the file points up"])
+            note(spec, [f"axes turned, since {parts.up} of the file points up"])
     except ConfigurationError:
         raise
     except (ValueError, mujoco.FatalError) as error:
-        # of MuJoCo, such as a name that is there already, or a link without mass
+        # raised by MuJoCo, for instance for a name that exists already, or a link without mass
         raise ConfigurationError(f"{name}: {reason_of(error)}") from error
 
 
 def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | None, str]:
-    """Name the parts of a model as the contract does; returns the new names of bodies by the old.
+    """Give the parts of a model the names of the contract; returns the new names of bodies by the
+    old.
 
     Raises:
-        ConfigurationError: a part is not in the model, or cannot serve.
+        ConfigurationError: a part is not in the model, or cannot be used.
     """
     hull = _body(spec, parts.hull, name) if parts.hull else _only_body(spec, name)
     before = parts.hull if hull is None else hull.name
@@ -151,7 +161,9 @@ def _name_parts(spec: mujoco.MjSpec, parts: PartsMap, name: str) -> dict[str | N
 
 
 def _name_hull(spec: mujoco.MjSpec) -> str:
-    """Call the only body on the world the hull, if it floats and no other is; a line about it."""
+    """Name the only body on the world the hull, if it floats and no body is named so; returns a
+    line about it.
+    """
     roots = list(spec.worldbody.bodies)
     free = len(roots) == 1 and any(
         joint.type == mujoco.mjtJoint.mjJNT_FREE for joint in roots[0].joints
@@ -161,11 +173,11 @@ def _name_hull(spec: mujoco.MjSpec) -> str:
 
     before = roots[0].name
     _rename_body(spec, roots[0], HULL_BODY)
-    return f"body hull: {before!r}, the only body on the world"
+    return f"body hull: {before!r}, since it is the only body on the world"
 
 
 def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
-    """The hull by its usual name, or the only body that hangs on the world."""
+    """The hull by its usual name, or the only body whose parent is the world."""
     usual = next((body for body in spec.bodies if body.name == HULL_BODY), None)
     if usual is not None:
         return usual
@@ -173,19 +185,20 @@ def _only_body(spec: mujoco.MjSpec, name: str) -> mujoco.MjsBody | None:
 
     if len(roots) != 1:
         raise ConfigurationError(
-            f"{name}: hull: which body is it? there are {', '.join(b.name for b in roots)}"
+            f"{name}: hull: state which body it is; the bodies on the world are "
+            f"{', '.join(b.name for b in roots)}"
         )
 
     return roots[0]
 
 
 def _check_root(spec: mujoco.MjSpec, hull: mujoco.MjsBody, before: str | None, name: str) -> None:
-    """Refuse to let a body float that another one carries."""
+    """Refuse a hull that another body carries, since such a body cannot float."""
     roots = [body.name for body in spec.worldbody.bodies]
     if hull.name not in roots:
         raise ConfigurationError(
-            f"{name}: hull: {before!r} is carried by another body, and only one on the world "
-            f"floats: {', '.join(roots)}"
+            f"{name}: hull: {before!r} is carried by another body and cannot float; name a body on "
+            f"the world: {', '.join(roots)}"
         )
 
 
@@ -200,7 +213,7 @@ def _body(spec: mujoco.MjSpec, sought: str, name: str, hull: str | None = None) 
     bodies = [body for body in spec.bodies if body.name != "world"]
     if hull is not None and sought == hull:
         raise ConfigurationError(
-            f"{name}: arm_base: must be a body of its own, fixed to the hull, got {sought!r}"
+            f"{name}: arm_base: must be a separate body that is fixed to the hull, got {sought!r}"
         )
 
     for body in bodies:
@@ -211,13 +224,13 @@ def _body(spec: mujoco.MjSpec, sought: str, name: str, hull: str | None = None) 
 
 
 def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
-    """Rename a body, and what refers to it by name."""
+    """Rename a body, and all references to it."""
     before = body.name
     body.name = to
     if before == to:
         return
 
-    # Of all that refer to a body, MuJoCo renames none.
+    # MuJoCo renames none of the references to a body.
     for exclude in spec.excludes:
         exclude.bodyname1 = to if exclude.bodyname1 == before else exclude.bodyname1
         exclude.bodyname2 = to if exclude.bodyname2 == before else exclude.bodyname2
@@ -262,7 +275,9 @@ def _add_site(
     name: str,
     up: Array | None = None,
 ) -> None:
-    """Site of the contract's name, at another site or on a body; the model's own gives way."""
+    """Site of the contract's name, at another site or on a body. It replaces a site of that
+    name.
+    """
     if where is None or where == usual:
         return
 
@@ -270,16 +285,16 @@ def _add_site(
     if usual in sites:
         sites[usual].name = f"{usual}_of_the_model"
 
-    # At a site of the model.
+    # The place is a site of the model.
     if isinstance(where, str):
         if where not in sites:
             hint = ""
             if any(body.name == where for body in spec.bodies):
-                hint = f"; a body is called so: {usual}: {{body: {where}}}"
+                hint = f"; there is a body of that name: write {usual}: {{body: {where}}}"
             elif any(camera.name == where for camera in spec.cameras):
                 hint = (
-                    f"; a <camera> is called so: give its position, {usual}: {{body: NAME, pos: "
-                    "[x, y, z]}"
+                    f"; there is a <camera> of that name: write its position, {usual}: "
+                    f"{{body: NAME, pos: [x, y, z]}}"
                 )
 
             raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
@@ -289,7 +304,7 @@ def _add_site(
         added.alt = original.alt
         return
 
-    # On a body, with the axes that are usual for the site.
+    # The place is on a body, with the axes that are usual for the site.
     body = _body(spec, renamed.get(where.body, where.body), name)
     upright = abs(where.z[2]) > 0.999
 

@@ -1,4 +1,4 @@
-"""Masses that a file leaves out and its mapping states."""
+"""Masses that a mapping states because the vehicle's file leaves them out."""
 
 from collections.abc import Mapping
 
@@ -12,16 +12,16 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 def give_masses(spec: mujoco.MjSpec, masses: Mapping[str, float], name: str) -> list[str]:
     """Give bodies the masses that a mapping states, in place.
 
-    The inertia is that of the body's shapes at that mass, of a body without any that of a sphere of
-    water.
+    The inertia is that of the body's shapes scaled to that mass; for a body without shapes it is
+    that of a sphere of water.
 
     Args:
         spec: model under the names of its file.
         masses: [kg] by body.
-        name: with which errors begin.
+        name: first words of error messages.
 
     Returns:
-        A line about them.
+        A line about the masses.
 
     Raises:
         ConfigurationError: there is no such body.
@@ -56,11 +56,14 @@ def give_masses(spec: mujoco.MjSpec, masses: Mapping[str, float], name: str) -> 
 
     stated = ", ".join(f"{body} {mass:g} kg" for body, mass in masses.items())
 
-    return [f"masses of the mapping, inertia of the shapes or of a sphere of water: {stated}"]
+    return [
+        "masses stated in the mapping, with the inertia of the shapes or of a sphere of water: "
+        f"{stated}"
+    ]
 
 
 def _weight(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> float:
-    """Mass [kg] of the shapes of a body, alone on the world."""
+    """Mass [kg] of the shapes of a body, computed with that body alone on the world."""
     alone = spec.copy()
     for part in [*alone.keys, *alone.equalities, *alone.actuators, *alone.sensors, *alone.excludes]:
         alone.delete(part)

@@ -1,4 +1,4 @@
-"""An arm from a URDF on a hull of another model."""
+"""Mounting of an arm from a URDF on the hull of another model."""
 
 from pathlib import Path
 
@@ -33,11 +33,12 @@ def mount_arm(
     tip_p: ArrayLike = (0.0, 0.0, 0.0),
     tip_z: ArrayLike = (0.0, 0.0, 1.0),
 ) -> list[str]:
-    """Mount the arm of a URDF on the hull of `spec`, in place; its root becomes body `arm_base`.
+    """Mount the arm of a URDF on the hull of `spec`, in place; the root of the URDF becomes body
+    `arm_base`.
 
-    Names of its other links, and of its joints, get the prefix `arm_`. The arm is dry: attach
-    coefficients to its links, then trim the hull. Keyframes `home` and `ready` of the hull alone
-    are dropped.
+    Names of the other links and of the joints get the prefix `arm_`. The arm has no hydrodynamic
+    coefficients: attach them to its links, then trim the hull. Keyframes `home` and `ready` of the
+    hull without the arm are dropped.
 
     Args:
         spec: vehicle without an arm.
@@ -52,12 +53,13 @@ def mount_arm(
         Names of the arm's bodies, base first.
 
     Raises:
-        ConfigurationError: an arm or no hull there, no URDF, or a missing link or effort.
+        ConfigurationError: `spec` has an arm already or has no hull, the file is no URDF, or a link
+            or effort is missing.
     """
     bodies = {body.name: body for body in spec.bodies}
     if HULL_BODY not in bodies or ARM_BASE_BODY in bodies:
         raise ConfigurationError(
-            f"an arm is mounted on a vehicle with a body {HULL_BODY!r} and no {ARM_BASE_BODY!r}"
+            f"mount_arm: the vehicle must have a body {HULL_BODY!r} and no body {ARM_BASE_BODY!r}"
         )
     name = f"arm {shown(str(file))}"
     arm, _ = spec_of_urdf(urdf.parse(file, name), Path(file).resolve().parent)
@@ -65,14 +67,14 @@ def mount_arm(
     links = {body.name: body for body in arm.bodies if body.name != "world"}
     if tip not in links:
         raise ConfigurationError(
-            f"{name}: tip: there are the links {', '.join(links)}, got {shown(tip)}"
+            f"{name}: tip: must be one of the links {', '.join(links)}, got {shown(tip)}"
         )
 
     tip_quat = _quat_along(checked(tip_z, (3,), "tip_z"))
     links[root].name = ARM_BASE_BODY.removeprefix(_PREFIX)
     quat = quat_wxyz_from_rotation(rotation_from_rpy(checked(rpy, (3,), "rpy")))
 
-    # Keyframes of the hull alone lack the arm's joints.
+    # Keyframes of the hull without the arm lack the arm's joints.
     for key in [key for key in spec.keys if key.name in (HOME_KEY, READY_KEY)]:
         spec.delete(key)
 

@@ -1,12 +1,12 @@
-"""Folded and ready postures of an arm by search, where a model has no keyframes for them.
+"""Search of a folded and a ready posture of an arm, for a model without keyframes for them.
 
 Joint angles are drawn from a fixed seed within the limits, so that a model has the same postures
 every time. Parts that touch in nearly every posture are neighbours whose shapes overlap, and do not
 count as touching.
 
-- `home` is compact, and clear of the hull, of the arm itself and of the camera's view; a vehicle
-  that is wet lists little in it.
-- `ready` has the largest margin from singular postures and joint limits, the tool ahead of the
+- `home` is compact. The arm is clear of the hull, of itself and of the camera's view, and the list
+  of the vehicle in water is small.
+- `ready` has the largest margin from singular postures and joint limits. The tool is ahead of the
   camera, at 40 to 75 % of the arm's reach.
 """
 
@@ -24,44 +24,45 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array
 
-DRAWN = 3000  # postures
-VIEW = float(np.radians(25.0))  # half angle of the camera's view that the folded arm keeps clear of
-_RINGS = 3  # of the rays within that angle
-_SPOKES = 8  # rays of a ring
-_FARTHEST = 3.0  # [m] to which the view is to be clear
+DRAWN = 3000  # number of drawn postures
+# half angle of the cone around the camera's axis that the folded arm keeps clear
+VIEW = float(np.radians(25.0))
+_RINGS = 3  # number of rays within that angle
+_SPOKES = 8  # number of rays of a ring
+_FARTHEST = 3.0  # [m] range within which the view must be clear
 _ALWAYS = 0.9  # share of postures from which on two touching parts are taken for neighbours
-_TRIED = 400  # postures from which neighbours are recognised
-_LOCAL = 60  # changes that are tried around the best posture in a round
-_ROUNDS = 6  # each half as wide as the one before
-_LEVER = 0.4  # of the reach [m/rad]: weighs rotation against translation
-_INSIDE = 0.4, 0.75  # share of the reach at which a ready tool is
-_ROOMY = 0.5  # [rad] or [m] distance from a joint limit that counts as free
+_TRIED = 400  # number of postures from which neighbours are recognised
+_LOCAL = 60  # number of changes that are tried around the best posture in a round
+_ROUNDS = 6  # number of rounds, each with changes half as large as those before
+_LEVER = 0.4  # of the reach [m/rad]: weight of rotation against translation
+_INSIDE = 0.4, 0.75  # distance of a ready tool, in shares of the reach
+_ROOMY = 0.5  # [rad] or [m] distance from a joint limit from which on the limit no longer counts
 _LISTS = 1.0  # [m/rad] weight of the vehicle's list against the arm's spread
 _SPARE = 0.03  # share of a joint's range that a folded arm keeps from its ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundPosture:
-    """A posture, with the figures that it was chosen by."""
+    """A posture, with the figures by which it was chosen."""
 
     q: Array  # (n,) [rad]
-    said: str  # its figures, in words
+    said: str  # its figures, as text
 
 
 class PostureSearch:
-    """Search of postures of the arm of one vehicle."""
+    """Search of postures for the arm of one vehicle."""
 
     def __init__(self, model: mujoco.MjModel, *, trimmed: bool = False) -> None:
-        """Take a copy of a vehicle's model in which all its parts may touch each other.
+        """Copy the model of a vehicle, with collision enabled between all its parts.
 
         Args:
-            model: compiled, without a scene. Shapes that do not collide count only where the
+            model: compiled, without a scene. Shapes with collision disabled are used only if the
                 vehicle has no others.
-            trimmed: the hull will be ballasted level with the arm folded, so that its list there
-                does not count.
+            trimmed: the hull will be ballasted to be level with the arm folded, so that its list in
+                that posture does not count.
 
         Raises:
-            ConfigurationError: it has no vehicle with an arm.
+            ConfigurationError: the model has no vehicle with an arm.
         """
         self.vehicle = Vehicle.of(model)
         self._lists = 0.0 if trimmed else _LISTS
@@ -77,7 +78,7 @@ class PostureSearch:
         self._high = vehicle.q_limits[:, 1]
         self._camera = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE)
 
-        # Shapes that the arm moves.
+        # Shapes that move with the arm.
         first = int(model.jnt_bodyid[vehicle.joints[0]])
         moved = [b for b in range(model.nbody) if _carried(model, b, first)]
         self._arm_geoms = np.array(
@@ -91,7 +92,7 @@ class PostureSearch:
 
     @cached_property
     def _drawn(self) -> Array:
-        """Postures (DRAWN, n), the same every time."""
+        """Postures (DRAWN, n), the same ones every time."""
         return np.random.default_rng(0).uniform(self._low, self._high, (DRAWN, len(self._low)))
 
     @cached_property
@@ -110,7 +111,7 @@ class PostureSearch:
 
     @cached_property
     def _masses(self) -> tuple[np.ndarray, Array, Array]:
-        """Bodies, net masses and moments (`_net_masses`)."""
+        """Bodies, net masses and moments, see `_net_masses`."""
         return _net_masses(self.model, self.vehicle.hull)
 
     def home(self) -> FoundPosture:
@@ -119,7 +120,7 @@ class PostureSearch:
         inside = np.clip(self._drawn, self._low + spare, self._high - spare)
         costs = np.array([self._spread(q) for q in inside])
 
-        # The most compact one that is clear of all.
+        # The most compact posture that is clear of everything.
         best = None
         cost = np.inf
         for i in np.argsort(costs, kind="stable"):
@@ -128,14 +129,15 @@ class PostureSearch:
                 cost = costs[i]
                 break
 
-        if best is None:  # no posture leaves the view free: the least in the way
+        if best is None:  # no posture leaves the view free: the one that blocks least of it
             clear = [q for q in inside if self.is_clear(q)] or [inside[int(np.argmin(costs))]]
             best = min(clear[:200], key=lambda q: (self.view_blocked(q), self._spread(q)))
             return FoundPosture(
-                q=best, said=f"{self.view_blocked(best):.0%} of the camera's view is behind the arm"
+                q=best,
+                said=f"{self.view_blocked(best):.0%} of the camera's view is blocked by the arm",
             )
 
-        # Small changes of it, as long as they are more compact.
+        # Small changes of that posture, as long as they make it more compact.
         for q in self._around(best, spare):
             if (
                 (spread := self._spread(q)) < cost
@@ -148,10 +150,10 @@ class PostureSearch:
         return FoundPosture(q=best, said="clear of the hull, of itself and of the camera's view")
 
     def ready(self) -> FoundPosture:
-        """The posture to start inverse kinematics from."""
+        """The posture from which inverse kinematics start."""
         scores = np.array([self._readiness(q) for q in self._drawn])
 
-        # The best drawn one that is clear.
+        # The best drawn posture that is clear.
         best = self._drawn[int(np.argmax(scores))]
         score = -np.inf
         for i in np.argsort(-scores, kind="stable"):
@@ -160,7 +162,7 @@ class PostureSearch:
                 score = scores[i]
                 break
 
-        # Small changes of it.
+        # Small changes of that posture.
         for q in self._around(best, np.zeros(len(self._low))):
             if (trial_score := self._readiness(q)) > score and self.is_clear(q):
                 best = q
@@ -183,7 +185,7 @@ class PostureSearch:
         """Share of the first `count` drawn postures in which the arm touches the hull or itself.
 
         Args:
-            turned: index of a joint that is taken as if its axis pointed the other way; None: none.
+            turned: index of a joint whose axis is taken in the opposite direction; None: no joint.
             count: number of postures.
         """
         postures = np.array(self._drawn[:count])
@@ -192,25 +194,28 @@ class PostureSearch:
         return float(np.mean([not self.is_clear(q) for q in postures]))
 
     def is_clear(self, q: Array) -> bool:
-        """Whether the arm touches neither the hull nor itself at joint angles `q` (n,)."""
+        """True if the arm touches neither the hull nor itself at joint angles `q` (n,)."""
         return not self.touching(q)
 
     def touching(self, q: Array) -> set[tuple[int, int]]:
-        """Pairs of bodies that touch at `q` (n,), but for neighbours."""
+        """Pairs of bodies that touch at `q` (n,), without neighbours."""
         self._at(q)
         mujoco.mj_collision(self.model, self.data)
         return _touching(self.model, self.data) - self._neighbours
 
     def view_blocked(self, q: Array) -> float:
-        """Share of the rays within VIEW of the camera's axis that hit arm or hull at `q` (n,)."""
+        """Share of the rays within VIEW of the camera's axis that hit the arm or the hull at `q`
+        (n,).
+        """
         return self.view_hits(q)[0]
 
     def view_hits(self, q: Array, half_angle: float = VIEW) -> tuple[float, str]:
-        """Share of the camera's rays that hit the vehicle, and the body hit most ("": no camera).
+        """Share of the camera's rays that hit the vehicle, and the body that most of them hit (""
+        without a camera).
 
         Args:
             q: (n,) joint angles.
-            half_angle: [rad] around the camera's axis.
+            half_angle: [rad] of the cone of rays around the camera's axis.
         """
         if self._camera < 0:
             return 0.0, ""
@@ -237,7 +242,9 @@ class PostureSearch:
         return len(hits) / len(rays), model.body(most).name if most >= 0 else ""
 
     def singular_value(self, q: Array) -> float:
-        """Smallest singular value [-] of the tip's Jacobian: lengths over reach, turns weighted."""
+        """Smallest singular value [-] of the tip's Jacobian, with lengths over the reach and
+        weighted rotations.
+        """
         self._at(q)
         return self._singular_value()
 
@@ -250,7 +257,7 @@ class PostureSearch:
         mujoco.mj_comPos(model, data)
         mujoco.mj_jacSite(model, data, jac[:3], jac[3:], self.vehicle.tip)
 
-        # Lengths in shares of the reach, against rotation.
+        # Lengths as shares of the reach, comparable with rotations.
         J = jac[:, dof]
         J[:3] /= self.reach
         J[3:] *= _LEVER
@@ -274,13 +281,15 @@ class PostureSearch:
         ].reshape(3, 3)[:, 2]
 
     def _behind_lens(self, geom: int, distance: float) -> bool:
-        """True of a housing of the hull around the camera: its window is not modelled."""
+        """True for a shape of the hull that is the camera's housing. Its window is not modelled."""
         return distance < 1e-3 or (
             self._within(geom) and int(self.model.geom_bodyid[geom]) == self.vehicle.hull
         )
 
     def _within(self, geom: int) -> bool:
-        """Whether the camera is inside the bounding sphere of a small geom, such as its housing."""
+        """True if the camera is inside the bounding sphere of a small geom, such as the camera's
+        housing.
+        """
         model = self.model
         data = self.data
         away = float(np.linalg.norm(data.geom_xpos[geom] - data.site_xpos[self._camera]))
@@ -288,17 +297,17 @@ class PostureSearch:
 
     def _readiness(self, q: Array) -> float:
         room = float(np.minimum(q - self._low, self._high - q).min())
-        reach = self.reach  # may search, so before the posture is set
+        reach = self.reach  # this may search for a posture, so it comes before the posture is set
         self._at(q)
         sigma = self._singular_value()
         p_BG, z_BG = self._tip_axis()
         far = float(np.linalg.norm(p_BG - self.vehicle.X_BA[:3, 3])) / reach
 
-        # Far from singular postures and joint limits, at a fair share of the reach.
+        # Far from singular postures and joint limits, at a medium share of the reach.
         score = sigma * min(1.0, max(room, 0.0) / _ROOMY)
         score *= max(0.1, 1.0 - 4.0 * max(0.0, _INSIDE[0] - far, far - _INSIDE[1]))
 
-        # The tool along the camera's view, and before it.
+        # The tool points along the camera's view, and is ahead of the camera.
         if self._camera >= 0:
             data = self.data
             R_WB = data.xmat[self.vehicle.hull].reshape(3, 3)
@@ -312,7 +321,7 @@ class PostureSearch:
         return score
 
     def _around(self, q: Array, spare: Array) -> Iterator[Array]:
-        """Postures near `q`, ever nearer; from the same seed every time."""
+        """Postures near `q`, at decreasing distances, drawn from the same seed every time."""
         rng = np.random.default_rng(1)
         wide = 0.1 * (self._high - self._low)
         for _ in range(_ROUNDS):
@@ -332,7 +341,9 @@ class PostureSearch:
         return self.data.site_xpos[self.vehicle.tip] - self.data.xpos[self.vehicle.arm_base]
 
     def _spread(self, q: Array) -> float:
-        """How far [m] the arm reaches out of the hull's box at `q` (n,), and its list, weighted."""
+        """Distance [m] by which the arm at `q` (n,) reaches out of the hull's box, plus the
+        weighted list.
+        """
         self._at(q)
         model = self.model
         data = self.data
@@ -363,28 +374,31 @@ def set_posture(
     values: Mapping[str, float] | Sequence[float],
     name: str,
 ) -> None:
-    """Make a keyframe of stated joint values, in place of the one of that name.
+    """Add a keyframe of stated joint values; it replaces a keyframe of that name.
 
     Args:
         spec: vehicle with an arm.
         key: name of the keyframe.
         joints: of the arm, base to tip.
-        values: [rad] or [m] of these, or by joint; those left out are zero, or the nearest to it.
-        name: with which errors begin.
+        values: [rad] or [m] of all joints, or of some by name; the other joints are at zero, or at
+            the limit nearest to zero.
+        name: first words of error messages.
 
     Raises:
-        ConfigurationError: another number of values, an unknown joint, or a value out of range.
+        ConfigurationError: the number of values is wrong, a joint is unknown, or a value is out of
+            range.
     """
     if not isinstance(values, Mapping):
         if len(values) != len(joints):
             raise ConfigurationError(
-                f"{name}: {len(joints)} joint values, of {', '.join(joints)}; got {len(values)}"
+                f"{name}: must have {len(joints)} joint values, for {', '.join(joints)}; got "
+                f"{len(values)}"
             )
         values = dict(zip(joints, values, strict=True))
     if unknown := [joint for joint in values if joint not in joints]:
         raise ConfigurationError(
-            f"{name}: the arm has {', '.join(joints)}; got {unknown[0]!r}"
-            f"{did_you_mean(unknown[0], joints)}"
+            f"{name}: unknown joint {unknown[0]!r}; the arm has "
+            f"{', '.join(joints)}{did_you_mean(unknown[0], joints)}"
         )
 
     for old in [old for old in spec.keys if old.name == key]:
@@ -396,7 +410,8 @@ def set_posture(
         value = values.get(joint, float(np.clip(0.0, low, high)))
         if not low <= value <= high:
             raise ConfigurationError(
-                f"{name}: joint {joint!r} has the range {low:.4g} to {high:.4g}, got {value:g}"
+                f"{name}: joint {joint!r} must be within its range {low:.4g} to {high:.4g}, got "
+                f"{value:g}"
             )
         qpos[model.joint(joint).qposadr[0]] = value
     spec.add_key(name=key, qpos=qpos)
@@ -413,7 +428,8 @@ def _fan(half_angle: float) -> Iterator[Array]:
 
 
 def _net_masses(model: mujoco.MjModel, hull: int) -> tuple[np.ndarray, Array, Array]:
-    """Bodies (b,), masses less water (b,) [kg] and moments of both in the body (b, 3) [kg m].
+    """Bodies (b,), masses minus displaced water (b,) [kg], and moments of both in the body (b, 3)
+    [kg m].
 
     Empty arrays where the hull has no water.
     """
@@ -439,7 +455,7 @@ def _list_angle(data: mujoco.MjData, hull: int, masses: tuple[np.ndarray, Array,
     if not bodies.size:
         return 0.0
 
-    # [kg m] of masses less their water, world axes
+    # [kg m] moment of masses minus displaced water, world axes
     moment = net @ (data.xpos[bodies] - data.xpos[hull])
     moment += np.einsum("bij,bj->i", data.xmat[bodies].reshape(-1, 3, 3), local)
     moment = moment @ data.xmat[hull].reshape(3, 3)
@@ -465,7 +481,9 @@ def _carried(model: mujoco.MjModel, body: int, by: int) -> bool:
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], hull: int) -> Array:
-    """Corners (2, 3) [m] in hull axes of the box around `geoms`' boxes; a point without any."""
+    """Corners (2, 3) [m] in hull axes of the box around the boxes of `geoms`; without geoms a
+    point.
+    """
     if not geoms:
         return np.zeros((2, 3))
     R = data.xmat[hull].reshape(3, 3)

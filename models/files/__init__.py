@@ -1,3 +1,3 @@
-"""Readers and writers of what describes a vehicle: MJCF, URDF, SDF, map of parts, water file,
+"""Readers and writers of vehicle descriptions: MJCF, URDF, SDF, map of parts, water file,
 keyframes.
 """

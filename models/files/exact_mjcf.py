@@ -1,4 +1,4 @@
-"""MJCF text of a spec with every digit, which MuJoCo's C library can write."""
+"""MJCF text of a spec with all digits, written by MuJoCo's C library."""
 
 import ctypes
 
@@ -6,11 +6,11 @@ import mujoco
 
 from uuv.models.water.mujoco_library import library
 
-_DIGITS = 17  # with which a double survives being written
+_DIGITS = 17  # number of digits with which a double is written without loss
 
 
 def exact_xml(spec: mujoco.MjSpec) -> str:
-    """MJCF of a spec; numbers keep all their digits where this MuJoCo can write them, else six."""
+    """MJCF of a spec, with all digits if this version of MuJoCo can write them, else with six."""
     native = library()
     try:
         get = native._mjPRIVATE__get_xml_precision

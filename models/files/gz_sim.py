@@ -1,4 +1,4 @@
-"""Hydrodynamics from the parameters of gz-sim's plugin, by their names in a model's SDF."""
+"""Hydrodynamics from the parameters of gz-sim's plugin, with their names in a model's SDF."""
 
 from collections.abc import Mapping
 
@@ -21,7 +21,7 @@ _KNOWN = (
 
 
 def is_known(name: str) -> bool:
-    """True for a parameter of the plugin."""
+    """True if the plugin has a parameter of that name."""
     return name in _KNOWN
 
 
@@ -31,13 +31,14 @@ def body_hydrodynamics(
     volume: float,
     center_of_buoyancy: ArrayLike = (0.0, 0.0, 0.0),
 ) -> BodyHydrodynamics:
-    """Coefficients of a link by the parameters of gz-sim's plugin Hydrodynamics, from version 7 on.
+    """Coefficients of a link from the parameters of gz-sim's plugin Hydrodynamics, version 7 or
+    later.
 
     xDotU are added masses, xU linear, xUabsV and xUV quadratic terms, all with the signs of
     stability derivatives: damping is negative. Products of two components that no diagonal
-    quadratic damping holds become `CrossTerms`. The plugin acts at the link's origin, as here, and
-    its axes are ours. Of the added mass's velocity terms it has those of the diagonal alone, here
-    all act.
+    quadratic damping holds become `CrossTerms`. Point and axes are the same in both: the plugin
+    acts at the link's origin, in the link's axes. The plugin has only those velocity terms of the
+    added mass that belong to its diagonal; here all of them act.
 
     Args:
         parameters: values by name; missing ones are zero.
@@ -48,8 +49,8 @@ def body_hydrodynamics(
         The coefficients.
 
     Raises:
-        ConfigurationError: an unknown name, or numbers that `BodyHydrodynamics` refuses, such as a
-            linear damping that feeds energy in.
+        ConfigurationError: a name is unknown, or `BodyHydrodynamics` refuses a number, such as a
+            linear damping that adds energy.
     """
     added = np.zeros((6, 6))
     linear = np.zeros((6, 6))
@@ -64,7 +65,7 @@ def body_hydrodynamics(
             )
         coefficient = finite_number(coefficient, f"gz-sim Hydrodynamics {name}")
 
-        # Stability derivatives: what damps is negative there, and positive here.
+        # Stability derivatives: a damping term is negative in the plugin, and positive here.
         term = gz_term(name)
         if term is None:  # xDotU
             added[_FORCES.index(name[0]), _SPEEDS.index(name[-1])] = -coefficient

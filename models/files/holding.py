@@ -1,9 +1,10 @@
-"""Joints that nothing drives, held where their range and their leaders put them.
+"""Joints without a drive, held at a value that their range and their leaders determine.
 
-    lines = hold(spec, joints)  # the joints are gone, their bodies fixed to what carries them
+    lines = hold(spec, joints) # the joints are deleted, their bodies fixed to their parents
 
-A joint that follows another (an equality of joints, a URDF's `mimic`) is held where its leader puts
-it, any other at its reference or, where that is outside, at the nearer end of its range.
+A joint that follows another (an equality of joints, a URDF's `mimic`) is held at the value that its
+leader prescribes. Any other joint is held at its reference, or at the nearer end of its range if
+the reference is outside.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,16 +25,16 @@ def hold(
     why: str,
     stated: Mapping[str, float] | None = None,
 ) -> list[str]:
-    """Delete joints of a spec, in place, each body at the place where its joint is held.
+    """Delete joints of a spec, in place; each body keeps the pose that it has with its joint held.
 
     Args:
-        spec: model; what drives the joints or holds them to others goes too.
-        joints: hinges and slides of it.
-        why: they are held, in a line about them.
+        spec: model; actuators of the joints and constraints on them are deleted too.
+        joints: names of hinges and slides of the model.
+        why: reason of the holding, for the returned lines.
         stated: values [rad] or [m] at which to hold some of them, by name.
 
     Returns:
-        A line about those held at 0, and one about the others with their values.
+        A line about the joints held at 0, and one about the others with their values.
     """
     if not joints:
         return []
@@ -44,7 +45,7 @@ def hold(
         for joint in joints
     }
 
-    # A keyframe keeps the values of the joints that stay.
+    # Each keyframe keeps the values of the joints that stay.
     still: list[str] = []
     away: list[str] = []
 
@@ -74,7 +75,9 @@ def hold(
 
 
 def follow(spec: mujoco.MjSpec, coupled: Mapping[str, tuple[str, float, float]]) -> None:
-    """Let joints follow others, by equalities: leader, factor and offset of each follower."""
+    """Let joints follow others by equality constraints: leader, factor and offset for each
+    follower.
+    """
     for follower, (leader, factor, offset) in coupled.items():
         spec.add_equality(
             type=mujoco.mjtEq.mjEQ_JOINT,
@@ -86,7 +89,7 @@ def follow(spec: mujoco.MjSpec, coupled: Mapping[str, tuple[str, float, float]])
 
 
 def loops(spec: mujoco.MjSpec) -> list[str]:
-    """Constraints that close loops of a spec, connections and welds, in words."""
+    """Constraints that close loops of a spec, connections and welds, as text."""
     kinds = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
     return [
         f"{kinds[equality.type]} of {equality.name1} and {equality.name2 or 'the world'}"
@@ -107,7 +110,7 @@ def massless(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
 
 
 def _weighs(body: mujoco.MjsBody) -> bool:
-    """True if a body, or one without joints that it carries, has mass and inertia."""
+    """True if a body has mass and inertia, or carries a body without joints that has them."""
     if body.explicitinertial:
         inertia = body.fullinertia[:3] if np.isfinite(body.fullinertia[0]) else body.inertia
         weighs = body.mass > 0.0 and float(np.min(inertia)) > 0.0
@@ -118,7 +121,7 @@ def _weighs(body: mujoco.MjsBody) -> bool:
 
 
 def followed(spec: mujoco.MjSpec) -> dict[str, tuple[str, Array]]:
-    """Leader of each joint that follows another, and the polynomial (5,) by which it does."""
+    """Leader of each joint that follows another, and the polynomial (5,) of this coupling."""
     return {
         equality.name1: (equality.name2, readonly(equality.data[:5]))
         for equality in spec.equalities
@@ -127,7 +130,7 @@ def followed(spec: mujoco.MjSpec) -> dict[str, tuple[str, Array]]:
 
 
 def range_of(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> tuple[float, float]:
-    """Range [rad] or [m] of a joint; infinite: it has none."""
+    """Range [rad] or [m] of a joint; infinite if the joint has none."""
     low, high = (_in_si(spec, joint, end) for end in joint.range)
     limited = joint.limited == mujoco.mjtLimited.mjLIMITED_TRUE or (
         joint.limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high
@@ -163,7 +166,7 @@ def _in_si(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, number: float) -> float:
 
 
 def _move(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, motion: float) -> None:
-    """Put the body of a joint where the joint's motion [rad] or [m] takes it."""
+    """Move the body of a joint to the pose that it has at the joint value `motion` [rad] or [m]."""
     body = joint.parent
     axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
 
@@ -183,7 +186,7 @@ def _move(spec: mujoco.MjSpec, joint: mujoco.MjsJoint, motion: float) -> None:
 
 
 def _quat_of(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Array:
-    """Orientation of a body as a quaternion wxyz, however the file states it."""
+    """Orientation of a body as a quaternion wxyz, in whatever form the file states it."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return np.array(body.quat)
     still = spec.copy()
@@ -196,7 +199,7 @@ def _quat_of(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Array:
 
 
 def _delete(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:
-    """Delete a joint, with what drives it or holds it to another."""
+    """Delete a joint, with its actuators and the constraints on it."""
     for actuator in list(spec.actuators):
         if actuator.target == joint.name and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
             spec.delete(actuator)

@@ -1,4 +1,4 @@
-"""Keyframes of a model to which joints are added, or from which they are removed."""
+"""Keyframes of a model, kept valid while joints are added or removed."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,17 +8,18 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 
-# numbers in qpos; of other joints one
+# numbers of a joint in qpos, for joints with more than one
 _WIDTH = {mujoco.mjtJoint.mjJNT_FREE: 7, mujoco.mjtJoint.mjJNT_BALL: 4}
 
 
 @contextmanager
 def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
-    """Context in which joints of `spec` may be added and deleted: then its keyframes fit again.
+    """Context in which joints of `spec` may be added and deleted; on exit its keyframes are
+    adapted.
 
-    Each joint that was there before keeps its position in every keyframe. A new joint gets that of
-    the model's reference configuration. Joints are identified by their names, those without a name
-    by their bodies'.
+    Each joint that was there before keeps its position in every keyframe. A new joint gets its
+    position in the model's reference configuration. Joints are identified by their names, or, if a
+    joint has no name, by the name of its body.
     """
     if not spec.keys:
         yield
@@ -42,7 +43,7 @@ def keyframes_kept(spec: mujoco.MjSpec) -> Iterator[None]:
 
 
 def _positions(model: mujoco.MjModel, qpos: Array) -> Iterator[tuple[str, Array]]:
-    """Each joint's name, or if it has none its body's, and its part of `qpos`, a view."""
+    """Name of each joint, or of its body if it has none, and its part of `qpos`, as a view."""
     for joint in range(model.njnt):
         start = int(model.jnt_qposadr[joint])
         yield (

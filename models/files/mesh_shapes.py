@@ -1,4 +1,4 @@
-"""Meshes of a vehicle's links in its spec: those that MuJoCo reads, and others by our reader."""
+"""Meshes of a vehicle's links in its spec, read by MuJoCo or by this project's reader."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +12,9 @@ from uuv.sim.interfaces.errors import MissingLibraryError
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
 MESHES = (".stl", ".obj", ".msh")  # endings of the mesh files that MuJoCo reads
-OTHERS = (".dae", ".ply", ".gltf", ".glb", ".off")  # of those that `read_mesh` reads
-_SEEN = 1  # group of geoms that are only looked at, as MuJoCo's reader of URDF has it
+# endings of the other files that `read_mesh` reads
+OTHERS = (".dae", ".ply", ".gltf", ".glb", ".off")
+_SEEN = 1  # group of geoms that are only visual, as in MuJoCo's reader of URDF
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -22,17 +23,17 @@ class LinkMesh:
 
     link: str
     file: Path
-    X_LG: Array  # (4, 4) its frame in the link's
+    X_LG: Array  # (4, 4) frame of the mesh in the link's
     scale: tuple[float, float, float]
-    collides: bool  # False: it is only looked at
-    weighs: bool  # the link's mass is that of its shapes, filled with water
+    collides: bool  # False: it is only visual
+    weighs: bool  # True: the mass of the link is that of its shapes, filled with water
 
 
 def add_meshes(spec: mujoco.MjSpec, meshes: list[LinkMesh]) -> list[str]:
-    """Add meshes to their links; a line about those whose reader is not installed.
+    """Add meshes to their links; returns a line about meshes whose reader is not installed.
 
     Raises:
-        ConfigurationError: a file that cannot be read as a mesh.
+        ConfigurationError: a file cannot be read as a mesh.
     """
     without: list[str] = []
     reason = ""
@@ -48,7 +49,8 @@ def add_meshes(spec: mujoco.MjSpec, meshes: list[LinkMesh]) -> list[str]:
 
 
 def _add_mesh(spec: mujoco.MjSpec, mesh: LinkMesh) -> None:
-    """Add a mesh as a geom of its link, of the density of water, or of none if it is looked at.
+    """Add a mesh as a geom of its link, with the density of water, or without mass if it is only
+    visual.
 
     Raises:
         ConfigurationError: the file cannot be read as a mesh.
@@ -58,7 +60,7 @@ def _add_mesh(spec: mujoco.MjSpec, mesh: LinkMesh) -> None:
     vertices, triangles = (None, None) if in_mujoco else read_mesh(mesh.file, "mesh")
     name = _unused(spec, mesh.file.stem)
     asset = spec.add_mesh(name=name, scale=list(mesh.scale))
-    if not mesh.weighs:  # its volume does not matter, and it may be open
+    if not mesh.weighs:  # a visual mesh may be open, since its volume does not matter
         asset.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
 
     if in_mujoco:
@@ -81,7 +83,7 @@ def _add_mesh(spec: mujoco.MjSpec, mesh: LinkMesh) -> None:
 
 
 def _unused(spec: mujoco.MjSpec, name: str) -> str:
-    """A name that no mesh of the spec has."""
+    """A name that no mesh of the spec has yet."""
     taken = {mesh.name for mesh in spec.meshes}
     numbers = (f"{name}_{k}" for k in range(len(taken) + 1))
     return name if name not in taken else next(other for other in numbers if other not in taken)

@@ -1,4 +1,6 @@
-"""Reader of users' MJCF files: read, compiled and validated once, each fault in one clear line."""
+"""Reader of users' MJCF files, which are read, compiled and validated once. Each fault gives one
+line.
+"""
 
 import re
 from pathlib import Path
@@ -10,7 +12,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of, existing_file, text_of
 from uuv.sim.interfaces.spatial import shown
 
-_LARGEST = 1e6  # [SI] magnitude beyond which a number is taken as an input error
+_LARGEST = 1e6  # [SI] larger numbers are taken as input errors
 _JUDGED = (
     "qpos0",
     "body_pos",
@@ -28,7 +30,7 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
 
     Args:
         file: path.
-        what: name of the file's role, with which errors begin.
+        what: role of the file, as first words of error messages.
 
     Returns:
         Spec and compiled model.
@@ -46,27 +48,29 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
     if root is None or not root[1].startswith(b"mujoco"):
         content = "no XML" if root is None else f"XML with the root <{root[1].decode()}>"
         raise ConfigurationError(
-            f"{name}: {content}; allowed are an MJCF, root <mujoco>, or a URDF, root <robot>"
+            f"{name}: {content}; must be an MJCF with the root <mujoco>, or a URDF with the root "
+            "<robot>"
         )
 
     try:
         if path.suffix.lower() == ".xml":
             spec = mujoco.MjSpec.from_file(str(path))
-        else:  # MuJoCo takes the format from the ending, so other endings are read as text
+        # MuJoCo infers the format from the ending, so files with other endings are read as text
+        else:
             spec = mujoco.MjSpec.from_string(text_of(path, what))
             spec.modelfiledir = str(path.parent)
     except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"{name} is not an MJCF that MuJoCo reads: {error}") from error
+        raise ConfigurationError(f"{name}: MuJoCo cannot read this MJCF: {error}") from error
 
     return spec, compiled(spec, name)
 
 
 def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
-    """Compile a user's spec, and judge its numbers.
+    """Compile a user's spec, and check that its numbers are finite and not too large.
 
     Args:
-        spec: of a file.
-        name: with which errors begin.
+        spec: spec of a file.
+        name: first words of error messages.
 
     Raises:
         ConfigurationError: MuJoCo cannot compile it, or a number is not finite or beyond 1e6.
@@ -78,19 +82,20 @@ def compiled(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
 
     for field in _JUDGED:
         numbers = np.asarray(getattr(model, field))
-        if not np.all(np.abs(numbers) <= _LARGEST):  # this form also catches NaN
+        if not np.all(np.abs(numbers) <= _LARGEST):  # written so that NaN fails too
             worst = numbers.flat[
                 int(np.argmax(np.where(np.isfinite(numbers), np.abs(numbers), np.inf)))
             ]
             raise ConfigurationError(
-                f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}"
+                f"{name}: {field} must be finite and at most {_LARGEST:g} in magnitude, got "
+                f"{worst:g}"
             )
 
     return model
 
 
 def reason_of(error: Exception) -> str:
-    """What MuJoCo has against a model, in one line, with a way on where it lacks a mass."""
+    """Reason why MuJoCo refuses a model, in one line, with a remedy if a mass is missing."""
     reason = " ".join(str(error).split())
     body = re.search(r"moving bodies.*Element name '(.*?)'", reason)
     if body is None:

@@ -1,4 +1,4 @@
-"""Lines about a vehicle, kept in text elements of its spec: what is left out, what is computed."""
+"""Notes about a vehicle, stored in text elements of its spec: parts left out, parts computed."""
 
 from collections.abc import Iterable
 
@@ -6,27 +6,29 @@ import mujoco
 
 from uuv.models.files.gazebo.entries import ReadEntry
 
-COMPUTED = "computed_"  # begins the name of a text element about a computed part
-_ENTRY = "entry_"  # begins that of a text about water or a thruster of the file
-_BETWEEN = " | "  # the columns of such a text
-_NOTE = "note_"  # follows it in that of a line about the file
+COMPUTED = "computed_"  # beginning of the name of a text element about a computed part
+_ENTRY = "entry_"  # beginning of the name of a text about water or a thruster of the file
+_BETWEEN = " | "  # separator of the columns of such a text
+_NOTE = "note_"  # the name of a note about the file has this after the first prefix
 
 
 def note(spec: mujoco.MjSpec, lines: Iterable[str]) -> None:
-    """Keep lines about a vehicle's file in its spec, for `computed`."""
+    """Store lines about a vehicle's file in its spec, for `computed`."""
     first = 1 + sum(name.startswith(_NOTE) for name in computed(spec))
     for i, line in enumerate(lines, start=first):
         spec.add_text(name=f"{COMPUTED}{_NOTE}{i}", data=line)
 
 
 def computed(spec: mujoco.MjSpec) -> dict[str, str]:
-    """What a spec states of itself: a line by the name of each computed part, and the notes."""
+    """Stored lines of a spec: one by the name of each computed part, and the notes."""
     texts = [text for text in spec.texts if text.name.startswith(COMPUTED)]
     return {text.name.removeprefix(COMPUTED): text.data for text in texts}
 
 
 def keep_entries(spec: mujoco.MjSpec, entries: Iterable[ReadEntry]) -> None:
-    """Keep what a vehicle's file carries in its spec, for `entries_of`; alike parts are one."""
+    """Store the entries of a vehicle's file in its spec, for `entries_of`; equal parts become one
+    entry.
+    """
     alike: dict[tuple[str, ...], list[str]] = {}
     for entry in entries:
         key = entry.quantity, entry.value, entry.way, entry.origin
@@ -37,13 +39,13 @@ def keep_entries(spec: mujoco.MjSpec, entries: Iterable[ReadEntry]) -> None:
 
 
 def entries_of(spec: mujoco.MjSpec) -> tuple[ReadEntry, ...]:
-    """What the file of a spec carries, as `keep_entries` kept it."""
+    """Entries of the file of a spec, as `keep_entries` stored them."""
     rows = [text.data.split(_BETWEEN) for text in spec.texts if text.name.startswith(_ENTRY)]
     return tuple(ReadEntry.of(row) for row in rows)
 
 
 def _joined(parts: list[str]) -> str:
-    """Names of parts, their common beginning once."""
+    """Names of parts, with their common beginning written once."""
     if len(parts) == 1:
         return parts[0]
     first = min(parts)
@@ -55,9 +57,9 @@ def _joined(parts: list[str]) -> str:
 
 
 def forget(spec: mujoco.MjSpec, name: str = "") -> None:
-    """Delete what a spec states of a computed part, or of all.
+    """Delete the stored line about a computed part, or all of them.
 
-    A saved MJCF may describe another state.
+    Needed because the lines of a saved MJCF may describe another state.
     """
     for text in list(spec.texts):
         if text.name.startswith(_ENTRY) and not name:

@@ -1,13 +1,13 @@
 """Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside it.
 
-    hull: base_link                    # body, or link of a URDF; default: the one on the world
+    hull: base_link # body, or link of a URDF; default: the only body on the world
     arm_base: arm_mount                # body fixed to the hull that carries the arm
 
-    # Frames; the name of a site does instead. z points out of the tool, and along the view.
+    # Frames, or the name of a site. z points out of the tool, and along the camera's view.
     tip: {body: wrist, pos: [0, 0, 0.19], z: [0, 0, 1]}
     camera: {body: base_link, pos: [0.2, 0, 0], z: [1, 0, -0.5]}
 
-    tool: gripper                      # geom that may touch
+    tool: gripper # geom that may be in contact
     joints: {shoulder: 10, elbow: 10}  # base to tip, with torque limits [N m]; or a list of names
     thrusters:
       - {name: port, pos: [-0.2, 0.1, 0], direction: [1, 0, 0], kind: t200}
@@ -23,8 +23,8 @@
     masses: {base_link: 30}            # [kg] of links whose file states none
     xacro: {namespace: rov}            # arguments of a xacro file
 
-Every key may be left out where the model has that part by its usual name. What a kind may hold:
-`uuv.models.files.sidecar`.
+Every key may be left out if the model has the part under its usual name. The fields of `kind` are
+listed in `uuv.models.files.sidecar`.
 """
 
 from collections.abc import Mapping
@@ -63,10 +63,10 @@ _UP = readonly([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartPlace:
-    """A place on a body, for a site that the model has not.
+    """A frame on a body, for a site that the model does not have.
 
     Raises:
-        ConfigurationError: A wrong shape, a number that is out of bounds, or z without length.
+        ConfigurationError: A shape is wrong, a number is out of bounds, or z is zero.
     """
 
     body: str = field(metadata=_NAME)
@@ -85,15 +85,17 @@ class MappedThruster:
     """A thruster of the mapping: an actuator or a site of the model, or a place on the hull.
 
     Raises:
-        ConfigurationError: It is none of these or several, or has no direction or one too many.
+        ConfigurationError: It is none or several of these, its direction is missing, or a direction
+            is stated where none is allowed.
     """
 
-    name: str = field(default="", metadata=_NAME)  # without one: that of its actuator or site
+    name: str = field(default="", metadata=_NAME)  # None: that of the actuator or site
     actuator: str | None = field(default=None, metadata=_NAME)
     site: str | None = field(default=None, metadata=_NAME)
-    body: str | None = field(default=None, metadata=_NAME)  # of a place; None: the hull
-    pos: Array | None = field(default=None, metadata=_LENGTH)  # (3,) of a place, in the body
-    # (3,) of positive thrust, of a site in its frame; None: the site's x
+    body: str | None = field(default=None, metadata=_NAME)  # body of the place; None: the hull
+    # (3,) position of the place, in the body
+    pos: Array | None = field(default=None, metadata=_LENGTH)
+    # (3,) direction of positive thrust, of a site in the site's frame; None: x of the site
     direction: Array | None = field(default=None, metadata=_DIRECTION)
     kind: Thruster | str = field(default=_T200, metadata=_KIND)
 
@@ -103,46 +105,51 @@ class MappedThruster:
             places = ("actuator", "site", "body", "pos")
             stated = " and ".join(name for name in places if getattr(self, name) is not None)
             raise ConfigurationError(
-                f"needs one of actuator, site, and pos with direction, got {stated or 'none'}"
+                f"must have one of actuator, site, or pos with direction, got {stated or 'none'}"
             )
 
         lacking = [name for name in ("pos", "direction") if placed and getattr(self, name) is None]
         if lacking:
-            raise ConfigurationError(f"{' and '.join(lacking)}: three numbers are missing")
+            raise ConfigurationError(f"{' and '.join(lacking)}: three numbers each are missing")
         if self.actuator is not None and self.direction is not None:
-            raise ConfigurationError("the actuator has a direction, that of its gear; leave it out")
+            raise ConfigurationError(
+                "direction: must be left out, since the gear of the actuator states it"
+            )
 
-        _ = self.axis, self.place  # so that they are refused here and not where they are used
+        # so that wrong figures are refused here and not where they are used
+        _ = self.axis, self.place
         if isinstance(self.kind, str) and self.kind != _T200:
             raise ConfigurationError(
-                f"kind: {_T200} is the only one by name, got {shown(self.kind)}; others by "
-                "figures: {forward: N, reverse: N}, {t200: {voltage: V}}, {from_table: {path: "
-                "FILE}}, {of_table: ...} or {of_polynomial: ...}"
+                f"kind: {_T200} is the only name that is allowed, got {shown(self.kind)}; state "
+                f"others by figures: {{forward: N, reverse: N}}, {{t200: {{voltage: V}}}}, "
+                f"{{from_table: {{path: FILE}}}}, {{of_table: ...}} or {{of_polynomial: ...}}"
             )
 
         object.__setattr__(self, "name", self.name or self.actuator or self.site or "")
 
     @property
     def axis(self) -> Array | None:
-        """Unit vector (3,) along `direction`; None: there is none."""
+        """Unit vector (3,) along `direction`; None without a direction."""
         return None if self.direction is None else unit_vector(self.direction, "direction")
 
     @property
     def place(self) -> PartPlace | None:
-        """Place of a site to be added, z along the positive thrust; None: at one of the model's."""
+        """Frame of a site to be added, z along the positive thrust; None if the model has the
+        site.
+        """
         if self.pos is None or self.direction is None:
             return None
         return PartPlace(body=self.body or "", pos=self.pos, z=self.direction)
 
     @property
     def thruster(self) -> Thruster:
-        """Its curve and dynamics."""
+        """The curve and dynamics of the thruster."""
         return self.kind if isinstance(self.kind, Thruster) else t200()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PartsMap:
-    """Names in a user's model of the parts of the contract; None: by its usual name."""
+    """Names that the parts of the contract have in a user's model; None: the usual name."""
 
     hull: str | None = field(default=None, metadata=_NAME)
     arm_base: str | None = field(default=None, metadata=_NAME)
@@ -168,15 +175,15 @@ class PartsMap:
     home: Mapping[str, float] | list[float] | None = field(default=None, metadata=_POSTURE)
     ready: Mapping[str, float] | list[float] | None = field(default=None, metadata=_POSTURE)
     armature: Mapping[str, float] | float | None = field(default=None, metadata=_ARMATURE)
-    up: Literal["z", "-z", "y", "-y"] = "z"  # axis of the file
+    up: Literal["z", "-z", "y", "-y"] = "z"  # axis of the file that points up
     masses: Mapping[str, float] = field(default_factory=dict, metadata=_MASSES)
-    xacro: Mapping[str, str] = field(default_factory=dict)  # arguments
+    xacro: Mapping[str, str] = field(default_factory=dict)  # arguments of a xacro file
 
     @property
     def torque_limits(self) -> Mapping[str, float | None] | None:
-        """Torque limit [N m] of each joint, base to tip; None: that of the model.
+        """Torque limit [N m] of each joint, base to tip; None: the limit of the model.
 
-        None in all: the joints have their usual names.
+        The result is None if the joints have their usual names.
         """
         return dict.fromkeys(self.joints) if isinstance(self.joints, list) else self.joints
 
@@ -185,8 +192,8 @@ def read_parts(file: str | Path) -> PartsMap:
     """Read a mapping of parts.
 
     Raises:
-        ConfigurationError: it cannot be read, or a key or value is none of those that the module's
-            docstring lists.
+        ConfigurationError: the file cannot be read, or has a key or value that the module's
+            docstring does not list.
     """
     document = yaml_of(file, "parts", _MOST_BYTES)
     try:

@@ -1,7 +1,8 @@
-"""Where the packages of ROS and the models of Gazebo lie that a vehicle's file names.
+"""Search of the ROS packages and Gazebo models that a vehicle's file names.
 
-A package is looked for in the folders of ROS_PACKAGE_PATH and the like, among the folders above the
-file and beside them, and, of a file that is itself in a package, in the workspace around that one.
+A package is searched for in the folders of ROS_PACKAGE_PATH and similar variables, and among the
+folders above the file and their siblings. If the file is itself in a package, the workspace of that
+package is searched too.
 """
 
 import os
@@ -11,19 +12,19 @@ from itertools import islice
 from pathlib import Path
 
 _PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH")
-_MARKS = ("package.xml", "model.config")  # files by which a folder is a package, or a model
-_ABOVE = 4  # folders above the file below which the end of a mesh's path is looked for
-_AROUND = 3  # folders above a package in which others are looked for
+_MARKS = ("package.xml", "model.config")  # files that mark a folder as a package, or as a model
+_ABOVE = 4  # number of folders above the file in which the end of a mesh's path is searched for
+_AROUND = 3  # number of folders above a package in which other packages are searched for
 _BELOW = 6  # depth of that search
-_MOST = 20_000  # folders that are looked into
+_MOST = 20_000  # largest number of folders that are searched
 
 
 def package_folder(package: str, folder: Path) -> Path | None:
-    """Folder of a package or model; None: there is none.
+    """Folder of a package or model; None if it is not found.
 
     Args:
-        package: its name.
-        folder: of the file that names it.
+        package: name of the package or model.
+        folder: folder of the file that names it.
     """
     folder = folder.resolve()
     above = [folder, *folder.parents]
@@ -42,21 +43,23 @@ def package_folder(package: str, folder: Path) -> Path | None:
 
 
 def mesh_file(name: str, folder: Path) -> Path | None:
-    """File of a mesh that a vehicle's file names, whatever its format; None: there is none.
+    """File of a mesh, of any format, that a vehicle's file names; None if it is not found.
 
-    A plain path counts from the file's folder. A package is looked for (`package_folder`), and
-    where it is not found, the end of the path below the file's folder or those above, with at
-    least one folder, and last its name beside the file.
+    A plain path is relative to the file's folder. Of package:// and model:// the package is
+    searched for (`package_folder`). If it is not found, the end of the path, with at least one
+    folder, is searched for below the file's folder and the folders above, and at last the bare name
+    in the file's folder.
 
     Args:
         name: path, file://, package:// or model://.
-        folder: of the file.
+        folder: folder of the file.
     """
     plain = name.removeprefix("file://")
     folder = folder.resolve()
     tried = [folder / plain]
 
-    # A package: as a folder above, or beside one, whatever marks it; else by its mark.
+    # A package is a folder above or a sibling of one, even without a mark; any other folder needs
+    # the mark.
     if "://" in plain:
         plain = plain.partition("://")[2]
         package, _, rest = plain.partition("/")
@@ -67,8 +70,8 @@ def mesh_file(name: str, folder: Path) -> Path | None:
         if (marked := package_folder(package, folder)) is not None:
             tried.append(marked / rest)
 
-    # The end of the path below the file's folder or those above, with a folder of its own: of a
-    # bare name there may be another vehicle's. Beside the file the name will do.
+    # The end of the path is searched for with at least one folder, since a bare name may be the
+    # mesh of another vehicle. In the file's own folder the bare name suffices.
     parts = Path(plain).parts
     near = [folder, *folder.parents][:_ABOVE]
     tried += [base.joinpath(*parts[k:]) for k in range(len(parts) - 1) for base in near]
@@ -78,7 +81,7 @@ def mesh_file(name: str, folder: Path) -> Path | None:
 
 
 def look_anew() -> None:
-    """Forget what packages there are: some may have come since."""
+    """Clear the stored search results, since packages may have been added."""
     _below.cache_clear()
 
 
@@ -91,13 +94,15 @@ def _stated() -> list[str]:
 def _is_package(folder: Path) -> bool:
     try:
         return any((folder / mark).is_file() for mark in _MARKS)
-    except OSError:  # a folder that may not be read
+    except OSError:  # a folder without permission to read
         return False
 
 
 @lru_cache(maxsize=64)
 def _below(base: Path) -> dict[str, Path]:
-    """Packages below a folder by their folders' names, those near it first; see `look_anew`."""
+    """Packages below a folder by their folders' names, near ones first. The result is stored until
+    `look_anew`.
+    """
     packages: dict[str, Path] = {}
     for folder in islice(_folders(base), _MOST):
         if folder.name not in packages and _is_package(folder):
@@ -107,7 +112,7 @@ def _below(base: Path) -> dict[str, Path]:
 
 
 def _folders(base: Path) -> Iterator[Path]:
-    """A folder and those below it, level by level; hidden ones and links are left out."""
+    """A folder and those below it, level by level, without hidden folders and links."""
     level = [base]
     for _ in range(_BELOW):
         following: list[Path] = []

@@ -1,11 +1,10 @@
-"""Water of a vehicle without Python: read and written beside its MJCF as YAML, or within it.
+"""Hydrodynamic data of a vehicle without Python, as YAML beside the MJCF or as elements within it.
 
     attach_beside(spec, "rov.xml")  # rov.water.yaml, or elements <numeric name="water/..." ...>
     write_sidecar(spec, "rov.water.yaml")
     text = xml_with_elements(spec)
 
-Both hold one tree. Its names are those of the Python API, which reads the numbers, so that nothing
-is rounded:
+Both hold the same tree. Its names are those of the Python API, and its numbers are not rounded:
 
     water_density: 1025.0
     bodies:
@@ -18,9 +17,9 @@ is rounded:
       bow: {forward: 50.0, reverse: 40.0, time_constant: 0.1}
       stern: {t200: {handedness: -1}}
 
-A custom element has the path of one number, or row of numbers: `water/hull/volume`,
-`water/link1/cylinder/radius`, `water/hull/strips/0/start`, `water/water_density`,
-`thruster/bow/forward`.
+The name of a custom element is the path of one number, or of one row of numbers:
+`water/hull/volume`, `water/link1/cylinder/radius`, `water/hull/strips/0/start`,
+`water/water_density`, `thruster/bow/forward`.
 """
 
 import math
@@ -53,13 +52,13 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array, shown
 from uuv.sim.interfaces.tables import Table, TableReader, WithFields
 
-ENDING: Final = ".water.yaml"  # takes the place of the MJCF's own ending
+ENDING: Final = ".water.yaml"  # replaces the MJCF's own ending
 _WATER, _THRUSTER = hydrodynamics.ELEMENTS
 _DENSITY: Final = "water_density"
 _TWICE: Final = "in user data or stated twice"
-_MOST = 500  # entries of a list
-_MOST_BYTES = 1_000_000  # of a file
-_LARGEST_EXACT = 2.0**53  # beyond, whole numbers are no longer exact in a double
+_MOST = 500  # largest number of entries of a list
+_MOST_BYTES = 1_000_000  # largest size of a file
+_LARGEST_EXACT = 2.0**53  # larger whole numbers are not exact in a double
 
 SHAPES: Final[dict[str, Callable[..., BodyHydrodynamics]]] = {
     "sphere": hydrodynamics.sphere,
@@ -83,14 +82,14 @@ _FORM_MAKERS: Final[dict[str, Callable[..., Form]]] = {
 }
 _FORM_NAMES: Final = {maker: name for name, maker in _FORM_MAKERS.items()}
 _BODY_FIELDS: Final = tuple(entry.name for entry in fields(BodyHydrodynamics))
-_ROWS: Final = ("ahead", "astern", "command", "thrust")  # of a curve
-_PAIRS: Final = ("polynomial", "table")  # of rows
+_ROWS: Final = ("ahead", "astern", "command", "thrust")  # largest number of points of a curve
+_PAIRS: Final = ("polynomial", "table")  # largest number of rows
 _ELEMENT_NAMES: Final = (_WATER.rstrip("/"), _THRUSTER.rstrip("/"))
 _UPPER: Final = np.triu_indices(6)
 
 
 def beside(mjcf: str | Path) -> Path:
-    """Name of the sidecar that belongs to an MJCF file: `rov.xml` has `rov.water.yaml`."""
+    """Name of the sidecar of an MJCF file: `rov.water.yaml` for `rov.xml`."""
     path = Path(mjcf)
     return path.with_name(path.stem + ENDING)
 
@@ -105,13 +104,13 @@ def attach_beside(
 
     Args:
         spec: as read from `mjcf`, changed in place.
-        mjcf: file of the spec.
+        mjcf: MJCF file of the spec.
         sidecar: YAML file; by default the one `beside` the MJCF, if there is one.
-        of_file: tree of water that the file states in another way; bodies and the density of the
-            sidecar take its place.
+        of_file: tree of water that the file states in another form; bodies and the density of the
+            sidecar replace those of this tree.
 
     Raises:
-        ConfigurationError: a file that cannot be read, an unknown name, a wrong number, or water
+        ConfigurationError: a file cannot be read, a name is unknown, a number is wrong, or water is
             stated twice.
     """
     in_file = elements_of(spec)
@@ -132,9 +131,14 @@ def attach_beside(
         for section in ("bodies", "thrusters"):
             if twice := sorted(set(in_file.get(section, {})) & set(in_sidecar.get(section, {}))):
                 both = f"{section} {', '.join(twice)}"
-                raise ConfigurationError(f"{what}: {both} have custom elements in the MJCF too")
+                raise ConfigurationError(
+                    f"{what}: {both} are also stated by custom elements of the MJCF; state each "
+                    "once"
+                )
         if _DENSITY in in_file and _DENSITY in in_sidecar:
-            raise ConfigurationError(f"{what}: {_DENSITY} is a custom element of the MJCF too")
+            raise ConfigurationError(
+                f"{what}: {_DENSITY} is also stated by a custom element of the MJCF; state it once"
+            )
         if in_file:
             attach_tree(spec, _with_density_of(in_sidecar, in_file), "MJCF", _ELEMENT_NAMES)
         attach_tree(spec, _with_density_of(in_file, in_sidecar), what)
@@ -149,7 +153,7 @@ def read_sidecar(file: str | Path) -> dict[str, Any]:
     """Tree of a sidecar, with the sections `water_density`, `bodies` and `thrusters`.
 
     Raises:
-        ConfigurationError: the file cannot be read, is no YAML, or has another section.
+        ConfigurationError: the file cannot be read, is not YAML, or has an unknown section.
     """
     return checked_tree(yaml_of(file, "water file", _MOST_BYTES), named(file, "water file"))
 
@@ -158,7 +162,8 @@ def checked_tree(document: Any, what: str) -> dict[str, Any]:
     """`document` as a tree with known sections; `what` begins error messages.
 
     Raises:
-        ConfigurationError: it is no mapping, or has another section, or a number that is NaN.
+        ConfigurationError: the document is not a mapping, has an unknown section, or has a number
+            that is NaN.
     """
     try:
         _READER.made(_Sections, checked(document))
@@ -168,10 +173,10 @@ def checked_tree(document: Any, what: str) -> dict[str, Any]:
 
 
 def elements_of(spec: mujoco.MjSpec) -> dict[str, Any]:
-    """Tree of a spec's custom numeric elements `water/...` and `thruster/...`, as of a sidecar.
+    """Tree, as that of a sidecar, of a spec's custom elements `water/...` and `thruster/...`.
 
     Raises:
-        ConfigurationError: a name that leads to no body or actuator, or contradicts another name.
+        ConfigurationError: a name refers to no body or actuator, or contradicts another name.
     """
     bodies = [body.name for body in spec.bodies[1:]]
     actuators = [actuator.name for actuator in spec.actuators]
@@ -207,12 +212,12 @@ def attach_tree(
     Args:
         spec: changed in place.
         tree: as `read_sidecar` or `elements_of` returns.
-        what: begins error messages.
-        names: of its two sections in messages.
+        what: first words of error messages.
+        names: names of the two sections in messages.
 
     Raises:
-        ConfigurationError: an unknown body, actuator or field; a wrong number; water that the user
-            data holds already.
+        ConfigurationError: a body, actuator or field is unknown, a number is wrong, or the user
+            data holds water already.
     """
     try:
         sections = _READER.made(_Sections, tree)
@@ -221,16 +226,16 @@ def attach_tree(
         _check_names(sections.bodies, bodies, "body")
         _check_names(sections.thrusters, actuators, "actuator")
 
-        # Water and thrusters are read whole before any of them is written.
+        # All water and thrusters are read before any of them is written.
         wet = {}
         driven = {}
         for name, entry in sections.bodies.items():
             if hydrodynamics.carries(bodies[name].userdata):
-                raise ConfigurationError(f"body {name!r} has its water already, {_TWICE}")
+                raise ConfigurationError(f"body {name!r} has hydrodynamic data already, {_TWICE}")
             wet[name] = _body_of(entry, inside(names[0], name), sections.water_density)
         for name, entry in sections.thrusters.items():
             if thrusters.carries(np.array(actuators[name].userdata)):
-                raise ConfigurationError(f"thruster {name!r} has its table already, {_TWICE}")
+                raise ConfigurationError(f"thruster {name!r} has a table already, {_TWICE}")
             driven[name] = _READER.made(Thruster, entry, inside(names[1], name))
 
         if wet or sections.water_density is not None:
@@ -259,7 +264,9 @@ def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
         if thrusters.carries(np.array(actuator.userdata))
     }
     if "" in wet or "" in driven:
-        raise ConfigurationError("water: a wet body or thruster without a name cannot be written")
+        raise ConfigurationError(
+            "water: every wet body and thruster must have a name to be written"
+        )
 
     tree: dict[str, Any] = {
         _DENSITY: hydrodynamics.density_of(spec),
@@ -272,7 +279,7 @@ def tree_of(spec: mujoco.MjSpec) -> dict[str, Any]:
 
 
 def write_sidecar(spec: mujoco.MjSpec, file: str | Path) -> Path:
-    """Write the water and thrusters of `spec` as YAML, which goes with its `xml_without_water`.
+    """Write the water and thrusters of `spec` as YAML, to be used with its `xml_without_water`.
 
     Returns:
         The file.
@@ -310,10 +317,10 @@ def xml_with_elements(spec: mujoco.MjSpec) -> str:
 
 
 def xml_without_water(spec: mujoco.MjSpec) -> str:
-    """MJCF of `spec` without the user data of its water and thrusters, to go with a sidecar.
+    """MJCF of `spec` without the user data of its water and thrusters, to be used with a sidecar.
 
-    Their reaction torques are taken out of the gears, where reading the thrusters puts them again.
-    MuJoCo alone reads it: it is the vehicle in air.
+    Reaction torques of the thrusters are removed from the gears; they are added again when the
+    thrusters are read. MuJoCo alone can load this file as the vehicle in air.
     """
     return without_mark(_bare_xml(spec))
 
@@ -337,19 +344,21 @@ def _bare_xml(spec: mujoco.MjSpec) -> str:
 
 
 def _with_density_of(other: Mapping[str, Any], tree: Mapping[str, Any]) -> dict[str, Any]:
-    """`tree` with the density of the water that `other` states: shapes take it."""
+    """`tree` with the density of water that `other` states, because shapes need that density."""
     return {**({_DENSITY: other[_DENSITY]} if _DENSITY in other else {}), **tree}
 
 
 def _path(name: str, prefix: str, known: list[str], what: str) -> list[str]:
-    """Body or actuator, and the names behind it, of an element; a body's name may have slashes."""
+    """Body or actuator of an element, and the names behind it. A body's name may contain
+    slashes.
+    """
     rest = name.removeprefix(prefix)
     owners = [candidate for candidate in known if candidate and rest.startswith(candidate + "/")]
     if not owners:
         first = rest.partition("/")[0]
         raise ConfigurationError(
-            f"custom element {name!r}: no {what} {first!r} with a field behind "
-            f"it{did_you_mean(first, known)}"
+            f"custom element {name!r}: there is no {what} {first!r} with a field behind its "
+            f"name{did_you_mean(first, known)}"
         )
 
     owner = max(owners, key=len)
@@ -360,16 +369,19 @@ def _put(tree: dict[str, Any], path: list[str], value: Any, name: str) -> None:
     for step in path[:-1]:
         tree = tree.setdefault(step, {})
         if not isinstance(tree, dict):
-            raise ConfigurationError(f"custom element {name!r}: {step!r} is a number already")
+            raise ConfigurationError(
+                f"custom element {name!r}: {step!r} is a number in another element, so it has no "
+                "parts"
+            )
     if path[-1] in tree:
         raise ConfigurationError(
-            f"custom element {name!r}: stated twice, as a number and as a part of its own"
+            f"custom element {name!r}: stated twice, as a number and as a group of numbers"
         )
     tree[path[-1]] = value
 
 
 def _of_owners(branch: dict[str, Any]) -> dict[str, Any]:
-    """`_with_lists` of what stands below each body or actuator, which may be called 0 or 1."""
+    """`_with_lists` of the entries below each body or actuator, whose name may be 0 or 1."""
     return {owner: _with_lists(entry) for owner, entry in branch.items()}
 
 
@@ -387,7 +399,9 @@ _OF_DENSITY: Final = {"schema": {"unit": "kg/m^3", "exclusiveMinimum": 0, "maxim
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sections:
-    """A tree; entries of bodies and actuators are read once the model is known to have these."""
+    """A tree whose entries of bodies and actuators are read once the model is known to have
+    these.
+    """
 
     water_density: float | None = field(default=None, metadata=_OF_DENSITY)
     bodies: Mapping[str, Any] = field(default_factory=dict)
@@ -402,25 +416,27 @@ def _check_names(entries: Mapping[str, Any], known: Mapping[str, Any], kind: str
 
 
 def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrodynamics:
-    """Coefficients of a body's entry: fields of BodyHydrodynamics, which may replace a shape's.
+    """Coefficients of a body's entry: a shape, and fields of BodyHydrodynamics that replace those
+    of the shape.
 
     Args:
         entry: table of names with their numbers.
         where: place of the table.
-        water_density: [kg/m^3] of a shape that states none; None: that of the shape's function.
+        water_density: [kg/m^3] for a shape that states no density; None: the default of the shape's
+            function.
 
     Raises:
-        ConfigurationError: an unknown name or a wrong number.
+        ConfigurationError: a name is unknown or a number is wrong.
     """
     entry = _spelt_out(_READER.table(entry, where), where)
     _READER.check_keys(entry, (*_BODY_FIELDS, *SHAPES), where)
     shapes = [name for name in entry if name in SHAPES]
     if len(shapes) > 1:
-        raise ConfigurationError(f"{where}: one shape, not {' and '.join(shapes)}")
+        raise ConfigurationError(f"{where}: must have one shape, got {' and '.join(shapes)}")
     if not shapes and "volume" not in entry:
         raise ConfigurationError(f"{where}: volume or a shape ({', '.join(SHAPES)}) is missing")
 
-    # Fields of the body; of a matrix the diagonal is enough.
+    # Fields of the body; for a matrix the diagonal suffices.
     stated = {name: figure for name, figure in entry.items() if name not in SHAPES}
     for name in ("added_mass", "linear_damping"):
         if name in stated:
@@ -430,7 +446,7 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
     if not shapes:
         return _READER.made(BodyHydrodynamics, stated, where)
 
-    # The shape's coefficients, which the fields replace.
+    # Coefficients of the shape; the fields replace them.
     shape = shapes[0]
     path = inside(where, shape)
     density = {} if water_density is None else {_DENSITY: water_density}
@@ -442,15 +458,16 @@ def _body_of(entry: Any, where: str, water_density: float | None) -> BodyHydrody
 
 
 def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
-    """What makes a form or a thruster of a table (`tables.Chooser`); any other kind makes itself.
+    """Class or function that builds a form or a thruster from a table (`tables.Chooser`); other
+    kinds are built by their own class.
 
-    A form has one key, its name, with its fields below it. So has a thruster with one of `t200`,
-    `from_table`, `of_table` and `of_polynomial`; any other has the fields of Thruster.
+    A form has one key, its name, with the fields below it. A thruster has one key `t200`,
+    `from_table`, `of_table` or `of_polynomial` with the fields below it, or the fields of Thruster.
 
     Raises:
-        ConfigurationError: another form, or fields beside the name of what makes the thruster.
+        ConfigurationError: the form is unknown, or a thruster has other fields besides such a key.
     """
-    # A form: one key with its fields below.
+    # A form has one key with its fields below.
     if kind is Form:
         _READER.check_keys(table, _FORM_MAKERS, where)
         if len(table) != 1:
@@ -461,15 +478,15 @@ def water_kind(kind: Any, table: Table, where: str) -> tuple[Any, Table, str]:
     if kind is not Thruster:
         return kind, table, where
 
-    # A thruster: by what makes it, or by its own fields.
+    # A thruster has a key that selects how it is built, or the fields of Thruster.
     makers = [name for name in table if name in _THRUSTER_MAKERS]
     if makers and len(table) > 1:
         got = ", ".join(table)
         raise ConfigurationError(
-            f"{where}: {makers[0]} takes the other fields as its own, got {got}"
+            f"{where}: {makers[0]} must be the only key, with the other fields below it, got {got}"
         )
     if makers:
-        entry = {} if table[makers[0]] is None else table[makers[0]]  # `t200:` alone
+        entry = {} if table[makers[0]] is None else table[makers[0]]  # only `t200:`, without fields
         return _THRUSTER_MAKERS[makers[0]], _spelt_out(entry, where), inside(where, makers[0])
 
     field_names = [entry.name for entry in fields(Thruster)]
@@ -481,10 +498,10 @@ _READER: Final = TableReader(choose=water_kind, places_faults=True)
 
 
 def _spelt_out(value: Any, where: str) -> Any:
-    """`value` of a document as the fields' types have it.
+    """`value` of a document, converted to the type of its field.
 
-    A custom element knows no whole numbers, and no row of one number: 5.0 is 5, and a row of a
-    curve may be a number.
+    A custom element cannot state a whole number, or a row of one number. Therefore 5.0 is converted
+    to 5, and a single number to a row of a curve.
     """
     if isinstance(value, Mapping):
         tree = {key: _spelt_out(entry, inside(where, key)) for key, entry in value.items()}
@@ -494,7 +511,9 @@ def _spelt_out(value: Any, where: str) -> Any:
 
     if isinstance(value, list):
         if len(value) > _MOST:
-            raise ConfigurationError(f"{where}: must be at most {_MOST} entries, got {len(value)}")
+            raise ConfigurationError(
+                f"{where}: must have at most {_MOST} entries, got {len(value)}"
+            )
         return [_spelt_out(entry, inside(where, i)) for i, entry in enumerate(value)]
 
     exact = isinstance(value, float) and value.is_integer() and abs(value) < _LARGEST_EXACT
@@ -506,7 +525,9 @@ def _row(value: Any) -> Any:
 
 
 def _square(numbers: Array, triangle: bool, where: str) -> Array:
-    """Matrix (6, 6) of its diagonal, of all numbers or, if `triangle`, of its upper triangle."""
+    """Matrix (6, 6) from its diagonal, from all its numbers or, if `triangle`, from its upper
+    triangle.
+    """
     if numbers.shape == (6,):
         return np.diag(numbers) if triangle else numbers
     if triangle and numbers.shape == (21,):
@@ -524,7 +545,9 @@ def _square(numbers: Array, triangle: bool, where: str) -> Array:
 
 
 def _written(record: Any) -> dict[str, Any]:
-    """Fields of a dataclass that differ from their defaults: plain numbers, rows and mappings."""
+    """Fields of a dataclass that differ from their defaults, as plain numbers, rows and
+    mappings.
+    """
     tree = {}
     for entry in fields(record):
         content = getattr(record, entry.name)
@@ -534,13 +557,13 @@ def _written(record: Any) -> dict[str, Any]:
         default = entry.default_factory() if entry.default_factory is not MISSING else entry.default
         if default is MISSING or not _same(content, default):
             tree[entry.name] = _tree(content)
-    # A table without entries would have no custom element.
+    # An empty table would have no custom element.
     return tree or {entry.name: _tree(getattr(record, entry.name)) for entry in fields(record)}
 
 
 def _same(value: Any, default: Any) -> bool:
     if isinstance(value, np.ndarray):
-        # of zeros too
+        # also a row of zeros
         return np.shape(default) == value.shape and value.tobytes() == np.asarray(default).tobytes()
     return value == default
 
@@ -558,7 +581,7 @@ def _tree(value: Any) -> Any:
 
 
 def _leaves(branch: Any, name: str = "") -> Iterator[tuple[str, list[float]]]:
-    """Paths and rows of numbers of a tree."""
+    """Paths in a tree, each with its row of numbers."""
     if isinstance(branch, dict):
         for key, child in branch.items():
             yield from _leaves(child, f"{name}/{key}" if name else key)

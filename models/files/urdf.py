@@ -4,8 +4,8 @@
     arm = robot.chain(tip="flange").arm()                       # SerialArm, from the root link
     model, root = urdf.model_from_urdf("arm.urdf", "base_link", "flange")
 
-MuJoCo reads URDF, but for chains three things are missing: it asks for mesh files, merges links
-that do not move, and drops `mimic`, by which URDF couples joints.
+MuJoCo reads URDF, but its reader does not suit chains: it requires the mesh files, merges links
+that do not move, and ignores `mimic`, by which URDF couples joints.
 """
 
 import os
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 CHAIN_TIP = "chain tip"  # site that `model_from_urdf` adds
 _UNSOLVED = ("floating", "planar")
 _JOINTS = (*DRIVEN, "fixed", *_UNSOLVED)
-_HEAD = 20_000  # [bytes] within which a URDF under another name has its root element
+# [bytes] within which the root element of a URDF with another ending is searched for
+_HEAD = 20_000
 
 
 def is_urdf(file: str | os.PathLike[str], what: str) -> bool:
@@ -42,7 +43,7 @@ def is_urdf(file: str | os.PathLike[str], what: str) -> bool:
 
     Args:
         file: path of a file that exists.
-        what: it is, with which errors begin.
+        what: role of the file, as first words of error messages.
 
     Raises:
         ConfigurationError: the file cannot be read.
@@ -57,8 +58,8 @@ def robot_of(
 
     Args:
         file: path of a file that exists.
-        name: begins the error messages.
-        arguments: of xacro.
+        name: first words of error messages.
+        arguments: arguments of a xacro.
 
     Raises:
         ConfigurationError: as `parse`.
@@ -68,17 +69,17 @@ def robot_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UrdfChain:
-    """The joints of a URDF from one link to another, at zero."""
+    """The joints of a URDF from one link to another, with their poses at zero."""
 
-    name: str  # with which error messages begin
-    base: str  # link
-    tip: str  # link
-    joints: tuple[Element, ...]  # base to tip, fixed ones too
-    X_parent_child: tuple[Array, ...]  # (4, 4) of each
+    name: str  # first words of error messages
+    base: str  # name of the link
+    tip: str  # name of the link
+    joints: tuple[Element, ...]  # base to tip, including fixed joints
+    X_parent_child: tuple[Array, ...]  # (4, 4) origin of each joint
 
     @property
     def driven(self) -> tuple[int, ...]:
-        """Indices of the joints that move."""
+        """Indices of the movable joints."""
         return tuple(i for i, joint in enumerate(self.joints) if joint.get("type") in DRIVEN)
 
     @property
@@ -100,7 +101,8 @@ class UrdfChain:
             ConfigurationError: numbers that cannot be read or lie beyond 1e4, or an axis without
                 length.
         """
-        from uuv.models.arms.serial_arm import SerialArm  # its kernels compile on import
+        # imported here, since its kernels compile on import
+        from uuv.models.arms.serial_arm import SerialArm
 
         X = self.X_base_child
         axes = []
@@ -123,13 +125,13 @@ class UrdfChain:
 class UrdfRobot:
     """A parsed URDF: its XML, and its links as one tree."""
 
-    name: str  # with which error messages begin
+    name: str  # first words of error messages
     xml: Element
     links: tuple[str, ...]
-    root: str  # link
-    speeds: Mapping[str, float]  # [rad/s] or [m/s] of the joints that state one
-    notes: tuple[str, ...]  # what its joints state and how it is taken, a line each
-    # of each link but the root: its parent link and the joint between
+    root: str  # name of the link
+    speeds: Mapping[str, float]  # [rad/s] or [m/s] of the joints that state a speed
+    notes: tuple[str, ...]  # one note for each joint that is not used as stated
+    # for each link except the root: its parent link and the joint between them
     carriers: Mapping[str, tuple[str, Element]]
 
     def path(
@@ -146,13 +148,14 @@ class UrdfRobot:
             The joint elements, fixed ones and mimics too.
 
         Raises:
-            ConfigurationError: unknown links, a tip that the base does not carry, or a floating or
-                planar joint between the two.
+            ConfigurationError: a link is unknown, the base does not carry the tip, or a joint
+                between the two is floating or planar.
         """
         for argument, link in zip(arguments, (base, tip), strict=True):
             if not isinstance(link, str) or link not in self.links:
                 raise ConfigurationError(
-                    f"{argument}: the robot has {', '.join(self.links)}, got {shown(link)}"
+                    f"{argument}: must be a link of the robot ({', '.join(self.links)}), got "
+                    f"{shown(link)}"
                 )
 
         joints: list[Element] = []
@@ -168,8 +171,8 @@ class UrdfRobot:
         for joint in joints:
             if joint.get("type") in _UNSOLVED:
                 raise ConfigurationError(
-                    f"{self.name}: joint {joint.get('name')!r} between base and tip: allowed "
-                    f"{', '.join(DRIVEN)}, fixed, not {joint.get('type')}"
+                    f"{self.name}: joint {joint.get('name')!r} between base and tip must be "
+                    f"{', '.join(DRIVEN)} or fixed, got type {joint.get('type')}"
                 )
         return joints
 
@@ -190,15 +193,16 @@ class UrdfRobot:
             The chain, with at least one driven joint.
 
         Raises:
-            ConfigurationError: as `path`; several leaves to choose from, a mimic or no driven joint
-                between the two links, or origins that cannot be read or lie beyond 1e4.
+            ConfigurationError: as `path`; `tip` is not stated and there are several leaves, there
+                is a mimic or no driven joint between the two links, or origins cannot be read or
+                are beyond 1e4.
         """
         if tip is None:
             parents = {parent for parent, _ in self.carriers.values()}
             leaves = [link for link in self.links if link not in parents]
             if len(leaves) != 1:
                 raise ConfigurationError(
-                    f"{self.name}: {arguments[1]}: which link is the tip? the leaves are "
+                    f"{self.name}: {arguments[1]}: state which link is the tip, one of the leaves "
                     f"{', '.join(leaves)}"
                 )
             tip = leaves[0]
@@ -235,15 +239,15 @@ def parse(
 
     Args:
         urdf: path of a file, or content: text that begins with "<", or bytes.
-        name: begins the error messages.
-        arguments: of xacro, which is expanded where it is a file.
+        name: first words of error messages.
+        arguments: arguments of a xacro, which is expanded if it is a file.
 
     Returns:
         The robot.
 
     Raises:
-        ConfigurationError: a file that cannot be read, text that is not XML or not URDF, an unknown
-            type of joint, or links that do not form one tree.
+        ConfigurationError: the file cannot be read, the text is not XML or not URDF, a type of
+            joint is unknown, or the links do not form one tree.
     """
     xml = _parsed(urdf, name, arguments)
     links = tuple(link.get("name", "") for link in xml.findall("link"))
@@ -252,12 +256,14 @@ def parse(
     # From each link up to the one root, without a loop.
     if not links:
         raise ConfigurationError(
-            f"{name}: the robot has no links; a file of xacro macros is used by another one"
+            f"{name}: the robot has no links; a file with only xacro macros cannot be read by "
+            "itself"
         )
     roots = [link for link in links if link not in carriers]
     if len(roots) != 1:
         raise ConfigurationError(
-            f"{name}: the links of a URDF must form one tree, found the roots {roots}"
+            f"{name}: the links of a URDF must form one tree, but these links have no parent: "
+            f"{roots}"
         )
 
     carried = {roots[0]}
@@ -269,7 +275,7 @@ def parse(
             at = carriers[at][0]
         if at not in carried:
             raise ConfigurationError(
-                f"{name}: the links of a URDF must form one tree, found the loop {way}"
+                f"{name}: the links of a URDF must form one tree, but these form a loop: {way}"
             )
         carried.update(way)
 
@@ -297,7 +303,9 @@ def _carriers(xml: Element, links: tuple[str, ...], name: str) -> dict[str, tupl
         subject = f"{name}: joint {joint.get('name', '')!r}"
         kind = joint.get("type", "")
         if kind not in _JOINTS:
-            raise ConfigurationError(f"{subject}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
+            raise ConfigurationError(
+                f"{subject}: type must be one of {', '.join(_JOINTS)}, got {kind!r}"
+            )
 
         ends = [
             end.get("link", "")
@@ -306,7 +314,8 @@ def _carriers(xml: Element, links: tuple[str, ...], name: str) -> dict[str, tupl
         ]
         if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
             raise ConfigurationError(
-                f"{subject}: must join a parent link to a child of no other, got {ends}"
+                f"{subject}: must join a parent link to a child link that is the child of no other "
+                f"joint, got {ends}"
             )
         carriers[ends[1]] = ends[0], joint
     return carriers
@@ -322,21 +331,21 @@ def model_from_urdf(
 
     Args:
         urdf: path of a file, or content as of `parse`.
-        base_link: name of the link that the chain shall begin at.
+        base_link: name of the link at which the chain begins.
         tip_link: name of the link that gets the site.
 
     Returns:
         The model, and the name of the root link.
 
     Raises:
-        ConfigurationError: as `parse` and `UrdfRobot.path`, and whatever MuJoCo does not accept.
+        ConfigurationError: as `parse` and `UrdfRobot.path`, or MuJoCo does not accept the model.
     """
     robot = parse(urdf)
     for joint in robot.path(base_link, tip_link):
         limits_of(joint, robot.name)
     coupled = taken_mimics(robot.xml, robot.name)
 
-    # Beside the chain, where MuJoCo would refuse it.
+    # Joints outside the chain that MuJoCo would refuse.
     for _, joint in robot.carriers.values():
         if joint.get("type") in _UNSOLVED:
             joint.set("type", "fixed")
@@ -345,7 +354,7 @@ def model_from_urdf(
     for link in robot.xml.findall("link"):
         for part in list(link):
             link.remove(part)
-        # MuJoCo wants mass in whatever moves
+        # MuJoCo requires a mass for every moving body
         inertial = ElementTree.SubElement(link, "inertial")
         ElementTree.SubElement(inertial, "mass", value="1")
         ElementTree.SubElement(
@@ -364,7 +373,9 @@ def model_from_urdf(
     except ConfigurationError:
         raise
     except (ValueError, TypeError, AttributeError, RecursionError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {error}") from error
+        raise ConfigurationError(
+            f"{robot.name}: MuJoCo does not accept the robot: {error}"
+        ) from error
 
 
 def _parsed(urdf: Any, name: str, arguments: Mapping[str, str] | None) -> Element:
@@ -374,7 +385,7 @@ def _parsed(urdf: Any, name: str, arguments: Mapping[str, str] | None) -> Elemen
     elif text.startswith("<"):
         content = text
     elif isinstance(urdf, str | os.PathLike):
-        content = bytes_of(urdf, name)  # as bytes: XML says its encoding itself
+        content = bytes_of(urdf, name)  # as bytes, since XML states its encoding itself
         if is_xacro(content):
             content = expanded(urdf, name, arguments)
     else:
@@ -386,5 +397,7 @@ def _parsed(urdf: Any, name: str, arguments: Mapping[str, str] | None) -> Elemen
     if any(
         str(element.tag).startswith("{" + tag.decode()) for element in xml.iter() for tag in TAGS
     ):
-        raise ConfigurationError(f"{name}: it is xacro, convert it first: xacro FILE > rov.urdf")
+        raise ConfigurationError(
+            f"{name}: is a xacro text, which must be converted first: xacro FILE > rov.urdf"
+        )
     return xml

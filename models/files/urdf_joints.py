@@ -1,13 +1,13 @@
-"""Joints of a URDF by one rule for every door: what range they have, and which of them follow.
+"""Ranges of the joints of a URDF and couplings between them, by one rule for all readers.
 
-`settle` rewrites the joints of a robot once, where it is parsed, so that the reader of arms, the
-one of vehicles and MuJoCo's own see the same:
+`settle` rewrites the joints of a robot once, where it is parsed, so that the readers of arms, of
+vehicles and of MuJoCo get the same joints:
 
-- stated limits count, of a `continuous` joint too;
-- missing ones, and those beyond every arm, are none: the joint turns or slides without end;
-- equal ones hold the joint there: it is fixed;
-- a lower one above the upper is refused where the joint is used (`limits_of`);
-- an effort or a velocity below zero (SDF's -1) or infinite is none.
+- Stated limits apply, also those of a `continuous` joint.
+- A joint whose limits are missing or too large for any arm turns or slides without end.
+- A joint whose limits are equal is fixed at that value.
+- A lower limit above the upper one is refused when the joint is used (`limits_of`).
+- An effort or a velocity below zero (SDF's -1) or infinite is ignored.
 """
 
 from collections.abc import Mapping
@@ -20,17 +20,17 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 
 DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
-ENDLESS = 1e3  # [rad] or [m] from which on a limit is none
-_LISTED = 6  # names of a line
-_HELD = "joints that their limits hold are fixed"
+ENDLESS = 1e3  # [rad] or [m] limits from here on are ignored
+_LISTED = 6  # largest number of names in a line
+_HELD = "joints whose limits are equal are fixed"
 
 
 def settle(xml: Element, name: str) -> list[str]:
     """Rewrite the joints of a robot by the rule of this module.
 
     Args:
-        xml: of the robot, changed in place.
-        name: begins the error messages.
+        xml: XML of the robot, changed in place.
+        name: first words of error messages.
 
     Returns:
         A line about each kind of change.
@@ -53,7 +53,7 @@ def settle(xml: Element, name: str) -> list[str]:
         if joint.get("type") == "fixed" and lower is not None:
             held[joint_name] = lower
 
-    # What follows a joint that is held stands still too.
+    # A joint that follows a held joint is held too.
     for follower, (leader, factor, offset) in followers(joints, name).items():
         if leader in held and joints[follower].get("type") in DRIVEN:
             _fix(joints[follower], factor * held[leader] + offset, f"{name}: joint {follower!r}")
@@ -63,13 +63,13 @@ def settle(xml: Element, name: str) -> list[str]:
 
 
 def listed(names: list[str]) -> str:
-    """Names in a line, the first ones of many."""
+    """Names in a line; of many names only the first ones."""
     more = len(names) - _LISTED
     return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def limits_of(joint: Element, name: str) -> tuple[float, float]:
-    """Limits [rad] or [m] of a settled joint; infinite: it has none.
+    """Limits [rad] or [m] of a settled joint; infinite if it has none.
 
     Raises:
         ConfigurationError: the lower one lies above the upper.
@@ -82,27 +82,28 @@ def limits_of(joint: Element, name: str) -> tuple[float, float]:
 
     if lower > upper:
         raise ConfigurationError(
-            f"{name}: joint {joint.get('name')!r}: its lower limit {lower:g} lies above the upper "
-            f"{upper:g}; exchange them in the URDF"
+            f"{name}: joint {joint.get('name')!r}: its lower limit {lower:g} is above its upper "
+            f"limit {upper:g}; exchange them in the URDF"
         )
 
     return lower, upper
 
 
 def followers(joints: Mapping[str, Element], name: str) -> dict[str, tuple[str, float, float]]:
-    """Joints that follow another: its name, factor and offset.
+    """Leader, factor and offset of each joint that follows another.
 
-    A follower of a follower follows the one that leads both.
+    A joint that follows a follower gets the leader of that follower.
 
     Args:
-        joints: elements of a robot by their names.
-        name: begins the error messages.
+        joints: joint elements of a robot by their names.
+        name: first words of error messages.
 
     Returns:
         Leader, factor and offset [rad] or [m] by the follower's name: q = factor q_leader + offset.
 
     Raises:
-        ConfigurationError: a leader that the robot has not, a number that is none, or a loop.
+        ConfigurationError: the robot has no such leader, an entry must be a number and is not, or
+            joints follow each other in a loop.
     """
     direct = {}
 
@@ -113,7 +114,9 @@ def followers(joints: Mapping[str, Element], name: str) -> dict[str, tuple[str, 
         subject = f"{name}: joint {follower!r}: mimic"
         leader = mimic.get("joint", "")
         if leader not in joints:
-            raise ConfigurationError(f"{subject}: there is no joint {leader!r} to follow")
+            raise ConfigurationError(
+                f"{subject}: the robot has no joint {leader!r} that it could follow"
+            )
         factor = figure(mimic.get("multiplier", "1"), f"{subject}'s multiplier")
         offset = figure(mimic.get("offset", "0"), f"{subject}'s offset")
         direct[follower] = leader, factor, offset
@@ -123,7 +126,9 @@ def followers(joints: Mapping[str, Element], name: str) -> dict[str, tuple[str, 
         passed = [follower]
         while leader in direct:
             if leader in passed:
-                raise ConfigurationError(f"{name}: joints follow each other: {', '.join(passed)}")
+                raise ConfigurationError(
+                    f"{name}: joints follow each other in a loop: {', '.join(passed)}"
+                )
             passed.append(leader)
             leader, further, shift = direct[leader]
             offset += factor * shift
@@ -135,7 +140,9 @@ def followers(joints: Mapping[str, Element], name: str) -> dict[str, tuple[str, 
 
 
 def taken_mimics(xml: Element, name: str) -> dict[str, tuple[str, float, float]]:
-    """Take the `mimic` elements, which MuJoCo lacks, out of a robot; returns its `followers`."""
+    """Remove the `mimic` elements, which MuJoCo does not read, from a robot; returns its
+    `followers`.
+    """
     joints = {joint.get("name", ""): joint for joint in xml.findall("joint")}
     coupled = followers(joints, name)
 
@@ -147,10 +154,10 @@ def taken_mimics(xml: Element, name: str) -> dict[str, tuple[str, float, float]]
 
 
 def speeds(xml: Element, name: str) -> dict[str, float]:
-    """Rated speed [rad/s] or [m/s] of each settled joint that states one.
+    """Rated speed [rad/s] or [m/s] of each settled joint that states a speed.
 
     Raises:
-        ConfigurationError: it is not a number.
+        ConfigurationError: the speed is not a number.
     """
     stated = {}
 
@@ -165,19 +172,19 @@ def speeds(xml: Element, name: str) -> dict[str, float]:
 
 
 def moved(kind: str, axis: Array, value: float) -> Array:
-    """Motion (4, 4) of a joint at a value [rad] or [m]: about its axis (3,), or along it."""
+    """Motion (4, 4) of a joint at a value [rad] or [m]: about its axis (3,), or along the axis."""
     if DRIVEN[kind] == "p":
         return pose(None, value * axis)
     return pose(exp_so3(value * axis))
 
 
 def _settled(joint: Element, subject: str) -> str:
-    """Rewrite a joint; returns what was changed, in words, or nothing."""
+    """Rewrite a joint; returns a note about the change, or an empty text."""
     lower, upper = _stated(joint, subject)
     kind = joint.get("type")
     change = ""
 
-    # No limits, or none that an arm can meet.
+    # No limits, or limits larger than those of any arm.
     if lower is None or upper is None:
         if kind == "revolute":
             joint.set("type", "continuous")
@@ -185,9 +192,9 @@ def _settled(joint: Element, subject: str) -> str:
 
     if max(abs(lower), abs(upper)) > ENDLESS:
         _without_limits(joint)
-        return f"limits beyond {ENDLESS:g} count as none"
+        return f"limits beyond {ENDLESS:g} are ignored"
 
-    # Limits that hold it, and those of a joint that is called endless.
+    # Equal limits, and limits of a joint that is declared continuous.
     if lower == upper:
         if kind == "continuous":
             _without_limits(joint)
@@ -199,19 +206,22 @@ def _settled(joint: Element, subject: str) -> str:
     if kind == "continuous":
         if lower > upper:
             _without_limits(joint)
-            return "continuous joints whose lower limit lies above the upper turn without end"
+            return "continuous joints whose lower limit is above the upper one turn without end"
 
         joint.set("type", "revolute")
-        change = "continuous joints keep the limits that are stated beside"
+        change = "continuous joints keep the limits that are stated for them"
 
-    for limit in joint.findall("limit"):  # both, for a missing one counts as none elsewhere
+    # write both, since other readers ignore a limit that is alone
+    for limit in joint.findall("limit"):
         limit.attrib.update(lower=repr(lower), upper=repr(upper))
 
     return change
 
 
 def _settle_ratings(joint: Element) -> None:
-    """Take out efforts and velocities that mean no limit; other words fail where they are used."""
+    """Remove efforts and velocities that mean no limit. Text that is not a number fails where it is
+    used.
+    """
     for limit in joint.findall("limit"):
         for rating in ("effort", "velocity"):
             try:
@@ -223,7 +233,7 @@ def _settle_ratings(joint: Element) -> None:
 
 
 def _stated(joint: Element, subject: str) -> tuple[float | None, float | None]:
-    """Limits as stated, the missing one of a pair 0 as URDF has it; (None, None): neither is."""
+    """Limits as stated; a single missing limit is 0 by URDF's default. (None, None): no limits."""
     limit = joint.find("limit")
     texts = [limit.get(side) for side in ("lower", "upper")] if limit is not None else [None, None]
     if texts == [None, None]:
@@ -250,7 +260,7 @@ def _without_limits(joint: Element) -> None:
 
 
 def _fix(joint: Element, value: float, subject: str) -> None:
-    """Make a joint a fixed one, at a value."""
+    """Replace a joint by a fixed one, at a value."""
     if value != 0.0:
         X = origin_of(joint, subject)
         set_origin(joint, X @ moved(joint.get("type", ""), axis_of(joint, subject), value))

@@ -1,4 +1,4 @@
-"""Places in a URDF: origins of joints, links and shapes, and axes of joints, as numbers."""
+"""Origins of joints, links and shapes of a URDF, and axes of joints, as numbers."""
 
 from collections.abc import Sequence
 from xml.etree import ElementTree
@@ -9,7 +9,7 @@ import numpy as np
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, checked_place, exp_so3, finite_number, pose, shown
 
-INERTIA_ENTRIES = (  # of a tensor, by their names in URDF and SDF
+INERTIA_ENTRIES = (  # entries of an inertia tensor, by their names in URDF and SDF
     (0, 0, "ixx"),
     (1, 1, "iyy"),
     (2, 2, "izz"),
@@ -17,7 +17,7 @@ INERTIA_ENTRIES = (  # of a tensor, by their names in URDF and SDF
     (0, 2, "ixz"),
     (1, 2, "iyz"),
 )
-LONGEST = 1e4  # [m] or [rad] largest number accepted: more is a slip, or millimetres
+LONGEST = 1e4  # [m] or [rad] larger numbers are refused, since they are errors or millimetres
 
 
 def rotation_from_rpy(angles: Sequence[float] | Array) -> Array:
@@ -27,7 +27,7 @@ def rotation_from_rpy(angles: Sequence[float] | Array) -> Array:
 
 
 def origin_of(owner: Element, name: str) -> Array:
-    """Pose (4, 4) by the <origin> of a joint, an inertia or a shape; none: the identity.
+    """Pose (4, 4) from the <origin> of a joint, an inertia or a shape; identity if there is none.
 
     Raises:
         ConfigurationError: numbers that cannot be read or lie beyond 1e4.
@@ -56,14 +56,14 @@ def axis_of(joint: Element, name: str) -> Array:
     """Unit axis (3,) of a joint in its child's frame; URDF's default is x.
 
     Raises:
-        ConfigurationError: no three numbers, or no length.
+        ConfigurationError: the axis is not three numbers, or is zero.
     """
     element = joint.find("axis")
     subject = f"{name}: joint {joint.get('name')!r}"
     axis = numbers_of(None if element is None else element.get("xyz"), (1.0, 0.0, 0.0), subject)
     length = float(np.linalg.norm(axis))
     if not length > 0.0:
-        raise ConfigurationError(f"{subject}: its axis has no length")
+        raise ConfigurationError(f"{subject}: the axis must be longer than zero")
 
     return axis / length
 
@@ -72,7 +72,7 @@ def numbers_of(text: str | None, default: tuple[float, float, float], subject: s
     """Three numbers of an attribute, or `default` where it is missing.
 
     Raises:
-        ConfigurationError: no three numbers, or beyond 1e4.
+        ConfigurationError: the text is not three numbers, or one is beyond 1e4.
     """
     if text is None:
         return np.array(default)
@@ -86,7 +86,7 @@ def numbers_of(text: str | None, default: tuple[float, float, float], subject: s
 
 
 def end_of(joint: Element, which: str) -> str:
-    """Link at an end of a joint, "parent" or "child"; empty: it states none."""
+    """Link at an end of a joint, "parent" or "child"; empty if the joint states none."""
     end = joint.find(which)
     return "" if end is None else end.get("link", "")
 
@@ -95,7 +95,7 @@ def figure(text: str, name: str) -> float:
     """A finite number of an attribute.
 
     Raises:
-        ConfigurationError: it is none.
+        ConfigurationError: the text is not a finite number.
     """
     try:
         return finite_number(float(text), name)

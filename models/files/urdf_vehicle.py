@@ -1,8 +1,8 @@
-"""A vehicle from a URDF, as MuJoCo reads it: links with their names, those on fixed joints too.
+"""A vehicle from a URDF, read by MuJoCo. All links keep their names, also those on fixed joints.
 
-ROS's link `world` is taken off, and a massless root gets the mass fixed to it, so that the root can
-float. A mesh that is not there, or that no reader knows, is left out; the vehicle then keeps the
-shapes that it has.
+ROS's link `world` is removed, and a massless root gets the mass of a link fixed to it, so that the
+root can float. A mesh that is not found, or that no reader can read, is left out; the vehicle keeps
+its other shapes.
 """
 
 from collections.abc import Iterator
@@ -30,16 +30,17 @@ from uuv.models.files.urdf_places import (
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, shown
 
-_WORLD = "world"  # link of ROS that stands for the world
+_WORLD = "world"  # link that represents the world in ROS
 _SHAPES = ("visual", "collision")
-_BITS = 1, 2  # contype, conaffinity: parts of a vehicle meet the world (1, 1), never each other
+# contype, conaffinity: parts of a vehicle collide with the world (1, 1), never with each other
+_BITS = 1, 2
 _UNCOUPLED = ("floating", "planar")
 _KEPT = {"fusestatic": "false", "discardvisual": "false", "strippath": "false"}
-# options of MuJoCo's extension of URDF that count: they mend inertias
+# options of MuJoCo's extension of URDF that are used: they correct inertias
 _MENDING = ("balanceinertia", "boundmass", "boundinertia")
 _ONCE = ("inertial", "origin", "mass", "inertia", "geometry", "axis", "limit", "dynamics")
 _BY = 'by <mujoco><compiler balanceinertia="true"/></mujoco> within <robot>'
-_ROUNDED = 1e-3  # share by which principal inertias may miss what a body has, as rounding
+_ROUNDED = 1e-3  # relative error that is accepted in principal inertias, as rounding
 
 
 def spec_of_urdf(
@@ -51,25 +52,25 @@ def spec_of_urdf(
 
     Args:
         robot: as parsed; its XML is changed in place.
-        folder: of its file, from which the paths of its meshes count.
-        floats: its root link is to float, so that ROS's `world` is taken off.
-        needed: kinds of shapes, "visual" or "collision", whose meshes must be there; others are
-            left out where they are not.
+        folder: folder of the file; paths of meshes are relative to it.
+        floats: the root link is to float, so that ROS's `world` is removed.
+        needed: kinds of shapes, "visual" or "collision", whose meshes must be found; other meshes
+            are left out if they are not found.
 
     Returns:
         The spec, its root link a body on the world without a joint; and what was left out, one
         line each.
 
     Raises:
-        ConfigurationError: an inertia that no body has, a mesh that is needed and not there, or
-            MuJoCo does not accept it.
+        ConfigurationError: an inertia is not that of any body, a needed mesh is not found, or
+            MuJoCo does not accept the robot.
     """
     look_anew()
     robot, notes = with_floating_root(robot) if floats else (robot, [])
     notes += robot.notes
     coupled = taken_mimics(robot.xml, robot.name)
 
-    # What MuJoCo would refuse, or read in a way of its own.
+    # Content that MuJoCo would refuse, or read differently.
     options, meshdir = _own_options(robot.xml)
     notes += _repeated_elements(robot.xml)
     notes += _weightless_links(robot.xml)
@@ -85,7 +86,9 @@ def spec_of_urdf(
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot.xml, encoding="unicode"))
     except (ValueError, TypeError, RecursionError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
-        raise ConfigurationError(f"{robot.name}: MuJoCo does not accept it: {reason}") from error
+        raise ConfigurationError(
+            f"{robot.name}: MuJoCo does not accept the robot: {reason}"
+        ) from error
 
     follow(spec, coupled)
     notes += add_meshes(spec, meshes)
@@ -95,7 +98,9 @@ def spec_of_urdf(
 
 
 def as_vehicle(spec: mujoco.MjSpec) -> None:
-    """Set what neither a URDF nor an SDF says: integrator, friction cone, which shapes meet."""
+    """Set options that neither a URDF nor an SDF states: integrator, friction cone, collision of
+    shapes.
+    """
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
 
@@ -105,13 +110,13 @@ def as_vehicle(spec: mujoco.MjSpec) -> None:
 
 
 def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
-    """A robot whose root link can be the body that floats, and one line about each change.
+    """A robot whose root link can be the floating body, and one line about each change.
 
     Args:
         robot: as parsed; its XML is changed in place.
 
     Raises:
-        ConfigurationError: an origin in it is no origin.
+        ConfigurationError: the numbers of an origin cannot be read.
     """
     notes: list[str] = []
 
@@ -131,13 +136,13 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
     if _weighs(links[robot.root]):
         return robot, notes
 
-    # MuJoCo needs a mass at the root: it may take that of a link fixed to it.
+    # MuJoCo requires a mass at the root: the mass of a link fixed to the root can be used.
     for joint in robot.xml.findall("joint"):
         child = links[end_of(joint, "child")]
         fixed = joint.get("type") == "fixed" and end_of(joint, "parent") == robot.root
         if fixed and _weighs(child):
             _take_inertia(links[robot.root], child, joint, robot.name)
-            change = f"it takes that of {child.get('name', '')!r}, which is fixed to it"
+            change = f"the mass of {child.get('name', '')!r}, which is fixed to it, is used"
             notes.append(f"link {robot.root} has no mass: {change}")
             break
 
@@ -154,11 +159,13 @@ def _weightless_links(xml: Element) -> Iterator[str]:
 
     if names:
         listed = ", ".join(names)
-        yield f"links without <inertial> weigh as their shapes filled with water: {listed}"
+        yield f"links without <inertial> have the mass of their shapes filled with water: {listed}"
 
 
 def _repeated_elements(xml: Element) -> Iterator[str]:
-    """Remove what links and joints state twice, the first as ROS counts; a line about it."""
+    """Keep the first of elements that a link or joint states twice, as ROS does; returns a line
+    about them.
+    """
     twice = []
     for owner in [*xml.findall("link"), *xml.findall("joint")]:
         for part in [
@@ -173,11 +180,12 @@ def _repeated_elements(xml: Element) -> Iterator[str]:
                     twice.append(f"{owner.get('name')} <{tag}>")
 
     if twice:
-        yield f"stated twice, the first counts: {listed(twice)}"
+        yield f"stated twice, only the first is used: {listed(twice)}"
 
 
 def _own_options(xml: Element) -> tuple[dict[str, str], str]:
-    """Options by which the file's own <mujoco> mends inertias, and its folder of meshes.
+    """Options for the correction of inertias in the file's <mujoco> element, and its folder of
+    meshes.
 
     The element is removed.
     """
@@ -197,10 +205,11 @@ def _own_options(xml: Element) -> tuple[dict[str, str], str]:
 
 
 def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
-    """A line about inertias that rounding has made impossible, raised to what a body has.
+    """Correct inertias that rounding has made impossible; returns a line about them.
 
     Raises:
-        ConfigurationError: an inertia that misses it by more, with what can be done.
+        ConfigurationError: an inertia is impossible by more than rounding; the message states the
+            remedy.
     """
     mended = []
 
@@ -219,14 +228,17 @@ def _mended_inertias(robot: UrdfRobot) -> Iterator[str]:
             mended.append(link.get("name", ""))
 
     if mended:
-        yield f"inertias raised by rounding, for no body has them as stated: {listed(mended)}"
+        yield (
+            "inertias raised slightly, since rounding had made them impossible for a body: "
+            f"{listed(mended)}"
+        )
 
 
 def mended_tensor(tensor: Array, subject: str, remedy: str) -> tuple[Array, bool]:
-    """An inertia (3, 3) that a body can have, and whether rounding had to be mended for it.
+    """An inertia (3, 3) that a body can have, and True if a rounding error was corrected for it.
 
     Raises:
-        ConfigurationError: no body has it, by more than rounding.
+        ConfigurationError: the inertia is impossible by more than rounding.
     """
     principal, R = np.linalg.eigh(tensor)
     lacking = float(principal[2] - principal[0] - principal[1])
@@ -236,7 +248,7 @@ def mended_tensor(tensor: Array, subject: str, remedy: str) -> tuple[Array, bool
     if lacking > _ROUNDED * principal[2]:
         figures = ", ".join(f"{entry:.4g}" for entry in principal)
         raise ConfigurationError(
-            f"{subject}: no body has the principal moments {figures} kg m^2, for the largest "
+            f"{subject}: the principal moments {figures} kg m^2 are impossible, since the largest "
             f"exceeds the sum of the others; {remedy}"
         )
 
@@ -255,10 +267,10 @@ def _tensor(inertia: Element, subject: str) -> np.ndarray:
 def _taken_meshes(
     robot: UrdfRobot, folder: Path, needed: tuple[str, ...]
 ) -> tuple[list[LinkMesh], list[str]]:
-    """Take the meshes out of the links; a line about those that are left out.
+    """Remove the meshes from the links; returns the meshes, and a line about those left out.
 
     Raises:
-        ConfigurationError: one of a kind that is needed is not there, or of no format that is read.
+        ConfigurationError: a needed mesh is not found, or its format cannot be read.
     """
     meshes = []
     missing: set[str] = set()
@@ -291,18 +303,21 @@ def _taken_meshes(
             )
 
     endings = ", ".join((*MESHES, *OTHERS))
-    line = f"meshes left out, not found or not of {endings}: {', '.join(sorted(missing))}"
+    line = (
+        f"meshes left out, since they were not found or are none of {endings}: "
+        f"{', '.join(sorted(missing))}"
+    )
     return meshes, [line] if missing else []
 
 
 def _file_of(filename: str, folder: Path, subject: str, needed: bool, link: Element) -> Path | None:
-    """File of a mesh; None: it is left out.
+    """File of a mesh; None if the mesh is left out.
 
     Raises:
-        ConfigurationError: it is needed, and there is none that can be read.
+        ConfigurationError: the mesh is needed, and no readable file is found.
     """
     if needed and not filename:
-        raise ConfigurationError(f"{subject}: it has no filename")
+        raise ConfigurationError(f"{subject}: must have a filename")
     readable = Path(filename).suffix.lower() in (*MESHES, *OTHERS)
     file = mesh_file(filename, folder) if readable else None
     if file is not None or not needed:
@@ -315,14 +330,15 @@ def _file_of(filename: str, folder: Path, subject: str, needed: bool, link: Elem
 
     if link.find("collision/geometry/mesh") is not None or link.find("collision") is None:
         raise ConfigurationError(
-            f"{subject} {shown(filename)}: allowed are {', '.join((*MESHES, *OTHERS))}; convert it"
+            f"{subject} {shown(filename)}: must be of one of the formats "
+            f"{', '.join((*MESHES, *OTHERS))}; convert the file"
         )
 
-    return None  # its collision shapes stand for it
+    return None  # the collision shapes of the link are used instead
 
 
 def _loose_joints(xml: Element) -> Iterator[str]:
-    """Fix joints that MuJoCo cannot have, with a line about them."""
+    """Fix joints of types that MuJoCo does not have; returns a line about them."""
     held = []
     for joint in xml.findall("joint"):
         if joint.get("type") in _UNCOUPLED:
@@ -330,7 +346,7 @@ def _loose_joints(xml: Element) -> Iterator[str]:
             joint.set("type", "fixed")
 
     if held:
-        yield f"joints held at zero, floating or planar: {listed(held)}"
+        yield f"joints held at zero, since they are floating or planar: {listed(held)}"
 
 
 def _weighs(link: Element) -> bool:
@@ -338,11 +354,11 @@ def _weighs(link: Element) -> bool:
     try:
         return mass is not None and float(mass.get("value", "0")) > 0.0
     except ValueError:
-        return True  # MuJoCo says what is wrong with it
+        return True  # MuJoCo reports the fault
 
 
 def _take_inertia(root: Element, child: Element, joint: Element, name: str) -> None:
-    """Move the <inertial> of a link to that which it is fixed to."""
+    """Move the <inertial> of a link to its parent, to which it is fixed."""
     inertial = child.find("inertial")
     assert inertial is not None
     set_origin(inertial, origin_of(joint, name) @ origin_of(inertial, name))
@@ -352,7 +368,7 @@ def _take_inertia(root: Element, child: Element, joint: Element, name: str) -> N
         root.remove(old)
     root.append(inertial)
 
-    # Or the shapes of the child would weigh.
+    # Otherwise the shapes of the child would add mass.
     empty = ElementTree.SubElement(child, "inertial")
     ElementTree.SubElement(empty, "mass", value="0")
     ElementTree.SubElement(

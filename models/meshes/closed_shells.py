@@ -1,4 +1,4 @@
-"""Closed triangle meshes of simple shapes; welding, closedness, volume, normals, subdivision.
+"""Closed triangle meshes of simple shapes, and their welding, volume, normals and subdivision.
 
 Triangles wind counter-clockwise seen from outside.
 """
@@ -13,7 +13,7 @@ from uuv.sim.interfaces.spatial import Array, transform_points
 
 Shell = tuple[Array, np.ndarray]  # vertices (V, 3) [m] and triangles (T, 3)
 
-SIDES = 48  # of a round shell; the sagitta of a side is 0.2 % of the radius
+SIDES = 48  # number of sides of a round shell; the sagitta of a side is 0.2 % of the radius
 _WELD = 1e-7  # [m] distance below which two vertices are merged
 
 
@@ -21,8 +21,8 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
     """Closed surface of `profile` (P, 2) [m], rows (x, radius), revolved about x in `sides` steps.
 
     Returns:
-        Vertices (V, 3) [m] and triangles (T, 3), counter-clockwise from outside for a profile from
-        -x to +x.
+        Vertices (V, 3) [m] and triangles (T, 3). For a profile from -x to +x, triangles are
+            counter-clockwise seen from outside.
 
     Raises:
         ConfigurationError: the first or last radius is not 0.
@@ -45,7 +45,7 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
     ).reshape(-1, 3)
     vertices = np.vstack([[x[0], 0.0, 0.0], rings, [x[-1], 0.0, 0.0]])
 
-    # Triangles: a cap at each end, and two for each side between two rings.
+    # Triangles: a cap at each end, and two triangles for each side between two rings.
     i = np.arange(sides)
     j = (i + 1) % sides
     last = 1 + (len(ring_x) - 1) * sides
@@ -67,7 +67,7 @@ def prism(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, np.ndarray]:
     i = np.arange(n)
     j = (i + 1) % n
 
-    # Two polygons as fans, and their sides.
+    # The two polygons as fans of triangles, then the sides.
     fan = np.arange(1, n - 1)
     zero = np.zeros_like(fan)
     return np.vstack([low, high]), np.vstack(
@@ -148,7 +148,7 @@ def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray
 def welded(
     vertices: ArrayLike, triangles: np.ndarray, distance: float = _WELD
 ) -> tuple[Array, np.ndarray]:
-    """Merge vertices that are nearer than about `distance`, and drop triangles that collapse by it.
+    """Merge vertices that are closer than about `distance`, and drop triangles that collapse.
 
     Args:
         vertices: (V, 3) [m].
@@ -175,7 +175,9 @@ def welded(
 
 
 def open_edges(triangles: np.ndarray) -> int:
-    """Number of directed edges of `triangles` (T, 3) without exactly one opposite; 0: closed."""
+    """Number of directed edges of `triangles` (T, 3) without exactly one opposite edge; 0 for a
+    closed mesh.
+    """
     edges = np.concatenate(
         [triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]
     ).astype(np.int64)
@@ -186,20 +188,20 @@ def open_edges(triangles: np.ndarray) -> int:
 
 
 def volume(vertices: Array, triangles: np.ndarray) -> float:
-    """Enclosed volume [m^3]; shells that overlap add up, inverted ones count negative."""
+    """Enclosed volume [m^3]; overlapping shells add up, inverted shells count negative."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
 def area_centroid(vertices: Array, triangles: np.ndarray) -> Array:
-    """Centroid (3,) [m] of the area of a mesh."""
+    """Centroid (3,) [m] of the surface of a mesh."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return area @ (a + b + c) / (3.0 * area.sum())
 
 
 def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:
-    """Unit normals (V, 3) at the vertices, weighted by the area of their triangles; else zero."""
+    """Unit normals (V, 3) at the vertices, weighted by triangle area; zero where undefined."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     normals = np.zeros_like(vertices)
@@ -214,13 +216,13 @@ def split(
 ) -> tuple[Array, np.ndarray]:
     """Bisect every edge of the `chosen` triangles that is longer than `longest`.
 
-    Neighbouring triangles are divided along, so that a closed mesh stays closed.
+    Neighbouring triangles are divided too, so that a closed mesh stays closed.
 
     Args:
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         chosen: (T,) bool.
-        longest: [m] edge length that is kept.
+        longest: [m] largest length of an edge that is not bisected.
 
     Returns:
         Vertices and triangles of the finer mesh.
@@ -233,7 +235,7 @@ def split(
     if not len(cut_keys):
         return vertices, triangles
 
-    # A new vertex in the middle of each edge that is cut.
+    # A new vertex in the middle of each bisected edge.
     middles = 0.5 * (vertices[cut_keys // len(vertices)] + vertices[cut_keys % len(vertices)])
     position = np.searchsorted(cut_keys, key)
     cut = cut_keys[np.minimum(position, len(cut_keys) - 1)] == key
@@ -243,7 +245,8 @@ def split(
     count = cut.sum(axis=1)
     parts = [triangles[count == 0]]
 
-    # Turned so that one cut lies on edge 0, and of two cuts the uncut edge is edge 2.
+    # Corners are permuted so that one bisected edge is edge 0, and of two bisected edges the
+    # remaining edge is edge 2.
     for n, first in (
         (1, cut.argmax(axis=1)),
         (2, (~cut).argmax(axis=1) + 1),

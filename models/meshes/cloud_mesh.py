@@ -1,10 +1,10 @@
-"""Triangle mesh of a point cloud: faces of its Delaunay tetrahedra as small as points are dense.
+"""Triangle mesh of a point cloud from those faces of its Delaunay tetrahedra that are small enough.
 
-The tetrahedra are entered from outside through every face that is larger than the spacing of the
-points, or that runs across the surface from one wall to another. The faces where this ends are the
-mesh [Edelsbrunner 1994]. Its vertices are the points, and others on the edges that the points leave
-out. Nothing is closed: a hole wider than a few spacings, and the side that was not scanned, stay
-open.
+From outside, tetrahedra are removed through every face that is larger than the spacing of the
+points, or that runs across the surface from one wall to another. The faces where the removal ends
+are the mesh [Edelsbrunner 1994]. Its vertices are the points, and additional vertices on sharp
+edges without points. Holes are not closed: a hole wider than a few spacings, and the side that was
+not scanned, stay open.
 """
 
 from dataclasses import dataclass
@@ -20,35 +20,39 @@ from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-FEWEST = 100  # points of a model, at least: fewer show no shape
-_MOST = 60_000  # points that are meshed, about; more add time
-_NEIGHBOURS = 12  # points that a normal is made of, its own included
-_COUNTED = 6  # neighbours within whose distance the density is counted
-# [spacings] radius of the largest empty ball under a face that lies in the surface; random points
-# reach 2
+FEWEST = 100  # least number of points of a model; fewer do not determine a shape
+_MOST = 60_000  # approximate largest number of points in a mesh; more points only add time
+_NEIGHBOURS = 12  # number of points from which a normal is computed, including the point itself
+_COUNTED = 6  # number of neighbours from whose distance the density is computed
+# [spacings] radius of the largest empty ball under a face that lies in the surface; up to 2 for
+# random points
 _HOLE = 2.2
-_FLAT = 0.2  # [-] thickness over width of a neighbourhood, up to which its normal counts
-# cosine of the angle between normals from which on an edge lies between two points
+_FLAT = 0.2  # [-] largest thickness over width of a neighbourhood whose normal is used
+# cosine of the angle between the normals of two points, below which a sharp edge lies between the
+# points
 _CREASE = np.cos(np.deg2rad(30.0))
-_BEYOND = 1.0  # [-] of their distance, within which this edge must lie
-_IN_PLANE = 0.1  # [-] of their distance, by which two points of one plane may lie off it
-_PARALLEL = 0.9  # [-] cosine between normals, above which they are parallel
-_MIXED = 0.1  # [-] share of opposite ones among them, above which normals do not tell the sides
-# [spacings] standard deviation of the points off their surface, above which they are averaged
+_BEYOND = 1.0  # [-] largest distance of this edge from the points, in multiples of their distance
+# [-] largest distance of two points of one plane from that plane, in multiples of their distance
+_IN_PLANE = 0.1
+_PARALLEL = 0.9  # [-] cosine between normals, above which they count as parallel
+# [-] share of opposite normals among those, above which normals do not determine the sides
+_MIXED = 0.1
+# [spacings] standard deviation of the points from the surface, above which they are averaged
 _ROUGH = 0.5
-_SMOOTHED = 40  # neighbours to whose plane such points are moved first
-_SMOOTH = 0.25  # [spacings] and what is left of it
-_RING = 20  # neighbours among which the end of the surface is sought
-# [rad] around a point without any of them, from which on the surface ends there
+_SMOOTHED = 40  # number of neighbours to whose plane such points are moved before averaging
+_SMOOTH = 0.25  # [spacings] remaining standard deviation after averaging
+_RING = 20  # number of neighbours in which the end of the surface is detected
+# [rad] angle around a point without neighbours, above which the surface ends there
 _GAP = np.deg2rad(150.0)
-_GRAZING = 0.1  # [-] cosine of incidence below which a triangle is not looked at
-_SKIN = 0.05  # [spacings] of a second layer, which is the same surface
-_SIDES = 400  # points from whose two sides the sky is sought, about
-_WAYS = 24  # directions tried from each
-_LIFT = 0.5  # [spacings] off the surface, where they start
-_SKY = 0.25  # [-] share of them that meets nothing, from which on that side is outside
-_OPEN = 0.5  # [-] share of the surface with outside on both sides, from which on it is open
-# [spacings] by which points are moved, so that no four lie on one plane and no five on one sphere
+_GRAZING = 0.1  # [-] cosine of incidence below which a triangle is not used
+_SKIN = 0.05  # [spacings] largest distance of a second layer that counts as the same surface
+_SIDES = 400  # approximate number of points from which open sky is searched for, on both sides
+_WAYS = 24  # number of directions from each of these points
+_LIFT = 0.5  # [spacings] distance of the rays' origins from the surface
+_SKY = 0.25  # [-] share of rays without a hit, above which that side is outside
+_OPEN = 0.5  # [-] share of the surface with outside on both sides, above which the surface is open
+# [spacings] random displacement of points, so that no four lie in one plane and no five on one
+# sphere
 _APART = 1e-4
 
 
@@ -59,11 +63,12 @@ class CloudMesh:
     vertices: Array  # (V, 3) [m]
     triangles: np.ndarray  # (T, 3)
     spacing: float  # [m] between neighbouring points, median
-    is_open: bool  # a scan from some sides: what lies behind it is not known
-    # (k, 3) [m] points where an open surface ends, though the object may go on; none if it is not
-    # open
+    # True: the cloud was scanned from some sides only, and the space behind it is unknown
+    is_open: bool
+    # (k, 3) [m] points where an open surface ends although the object may continue; empty if it is
+    # closed
     border: Array
-    note: str  # how it was made, a sentence
+    note: str  # description of how the mesh was made, one sentence
 
 
 def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
@@ -71,36 +76,36 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
 
     Args:
         points: (n, 3) [m], finite, on the surface of an object or of a part of it.
-        normals: (n, 3) outward, of any length but 0; None: found from the points. Where they do not
-            tell the sides they are turned, those of an open surface so that it bulges outward.
+        normals: (n, 3) outward, of any length except 0; None: they are computed from the points. If
+            their signs are inconsistent, they are turned to one side; those of an open surface are
+            turned so that the surface bulges outward.
 
     Raises:
-        ConfigurationError: for fewer than FEWEST distinct points, or points that form no surface.
+        ConfigurationError: there are fewer than FEWEST distinct points, or the points form no
+            surface.
     """
-    middle = middle_if_far(points)  # about which all squares of lengths are exact
+    middle = middle_if_far(points)  # relative to which all squares of lengths are exact
     count = len(points)
     points = points - middle
     points, first = np.unique(points, axis=0, return_index=True)
     if len(points) < FEWEST:
         raise ConfigurationError(
-            f"cloud: a model needs at least {FEWEST} distinct points, got {len(points)}"
+            f"cloud: must have at least {FEWEST} distinct points, got {len(points)}"
         )
 
     outward, how = _given_normals(points, None if normals is None else normals[first])
 
-    # Density, and normals where the cloud has none.
+    # Density, and normals if the cloud has none.
     points, outward = _averaged(points, outward)
     local, spacing = _spacing(points)
     axes, flat = (
         _normals(points) if outward is None else (outward, np.ones(len(points), dtype=bool))
     )
 
-    # The surface, its edges, and the side that it is seen from.
+    # The surface, its sharp edges, and the side from which it is seen.
     triangles = _surface(points, local, axes, flat)
     if not len(triangles):
-        raise ConfigurationError(
-            f"cloud: its {len(points)} points form no surface; a model needs one"
-        )
+        raise ConfigurationError(f"cloud: must form a surface, but its {len(points)} points do not")
     vertices, triangles = _sharpened(points, triangles, axes, flat)
 
     is_open = _share_open(vertices, triangles, spacing) > _OPEN
@@ -108,10 +113,14 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
     if is_open and np.einsum("ni,ni->", axes, points - points.mean(axis=0)) < 0.0:
         triangles = triangles[:, ::-1]
         axes = -axes
-        how = f"{how}, turned over: it bulged inward"
+        how = f"{how}, turned over, since the surface bulged inward"
 
     fewer = f", averaged to {len(points)}" if len(points) < len(first) else ""
-    ends = "open: space behind it and beyond its borders is unknown" if is_open else "all around"
+    ends = (
+        "open: the space behind the surface and beyond its borders is unknown"
+        if is_open
+        else "all around"
+    )
 
     return CloudMesh(
         vertices=vertices + middle,
@@ -125,9 +134,9 @@ def mesh_of_cloud(points: Array, normals: Array | None = None) -> CloudMesh:
 
 
 def _given_normals(points: Array, normals: Array | None) -> tuple[Array | None, str]:
-    """Unit normals (n, 3) on one side of the surface from those of a cloud, and how they were made.
+    """Unit normals (n, 3) of a cloud, turned to one side of the surface, and a description of how.
 
-    None without normals: they are found from the points.
+    Without given normals the first result is None, and normals are computed from the points later.
     """
     if normals is None:
         return None, "estimated from the points"
@@ -139,7 +148,9 @@ def _given_normals(points: Array, normals: Array | None) -> tuple[Array | None, 
 
 
 def _spacing(points: Array) -> tuple[Array, float]:
-    """Spacing (n,) [m] around each point, as of a square lattice of equal density; its median."""
+    """Spacing (n,) [m] around each point, and its median, as of a square lattice of equal
+    density.
+    """
     distance, near = cKDTree(points).query(points, k=_COUNTED + 1)
     spacing = distance[:, -1] * np.sqrt(np.pi / _COUNTED)
     local = np.maximum(spacing, np.median(spacing[near], axis=1))
@@ -147,10 +158,10 @@ def _spacing(points: Array) -> tuple[Array, float]:
 
 
 def _normals(points: Array) -> tuple[Array, np.ndarray]:
-    """Unit normals (n, 3), and the mask (n,) of those that a flat neighbourhood gave.
+    """Unit normals (n, 3), and the mask (n,) of normals that come from a flat neighbourhood.
 
-    Of the planes through the neighbourhoods that hold a point it gets the one that fits best: none
-    across an edge.
+    A point gets the best fitting of the planes of all neighbourhoods that contain it. Such a plane
+    does not run across a sharp edge.
     """
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
     middle = points[near].mean(axis=1)
@@ -159,14 +170,17 @@ def _normals(points: Array) -> tuple[Array, np.ndarray]:
     spread = np.sqrt(np.maximum(spread, 0.0))
     normals = vectors[:, :, 0]
 
-    # Of the planes of its neighbours a point takes the thinnest that it lies on.
+    # A point takes the plane of that neighbour whose neighbourhood is thinnest and contains the
+    # point.
     off = np.abs(np.einsum("nki,nki->nk", normals[near], points[:, None] - middle[near]))
     best = near[np.arange(len(points)), (spread[near, 0] + off).argmin(axis=1)]
     return _turned(points, normals[best], near), spread[best, 0] < _FLAT * spread[best, 1]
 
 
 def _one_sided(points: Array, normals: Array) -> bool:
-    """Whether normals (n, 3) tell the sides: neighbours on one plane point the same way."""
+    """True if normals (n, 3) have consistent signs: neighbours in one plane point to the same
+    side.
+    """
     near = cKDTree(points).query(points, k=_NEIGHBOURS)[1][:, 1:]
     away = points[near] - points[:, None]
     along = np.einsum("nki,ni->nk", normals[near], normals)
@@ -176,7 +190,9 @@ def _one_sided(points: Array, normals: Array) -> bool:
 
 
 def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
-    """The normals (n, 3), each turned as its most parallel neighbour's, then all outward."""
+    """The normals (n, 3), each turned to the side of its most parallel neighbour's, then all
+    outward.
+    """
     first = np.repeat(np.arange(len(points)), near.shape[1] - 1)
     second = near[:, 1:].ravel()
     along = np.einsum("ni,ni->n", normals[first], normals[second])
@@ -184,7 +200,7 @@ def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
         coo_matrix((1.0001 - np.abs(along), (first, second)), shape=(len(points),) * 2).tocsr()
     )
 
-    # From one member of each part along the tree, then all of the part outward.
+    # From one member of each connected part along the tree, then the whole part outward.
     label = connected_components(tree, directed=False)[1]
     sign = np.ones(len(points))
     for part in range(label.max() + 1):
@@ -204,7 +220,7 @@ def _turned(points: Array, normals: Array, near: np.ndarray) -> Array:
 
 
 def _averaged(points: Array, normals: Array | None) -> tuple[Array, Array | None]:
-    """Fewer points, averaged over cubes, where they scatter about their surface or are too many."""
+    """Fewer points, averaged over cubes, if they scatter about their surface or are too many."""
     while True:
         near = cKDTree(points).query(points, k=_NEIGHBOURS)[1]
         around = points[near] - points[near].mean(axis=1, keepdims=True)
@@ -214,7 +230,8 @@ def _averaged(points: Array, normals: Array | None) -> tuple[Array, Array | None
 
         many = len(points) / _MOST
         rough = off > _ROUGH * spacing
-        if rough:  # seen in a neighbourhood as thin as the scatter, it is more than it seems
+        # measured in a neighbourhood as thin as the scatter, the scatter is overestimated
+        if rough:
             many = max(many, off / (_SMOOTH * spacing))
         if many <= 1.0 or len(points) < many * FEWEST:
             return points, normals
@@ -231,7 +248,9 @@ def _averaged(points: Array, normals: Array | None) -> tuple[Array, Array | None
 
 
 def _means(points: Array, normals: Array | None, edge: float) -> tuple[Array, Array | None]:
-    """Mean points (m, 3), unit normals over cubes of an `edge` [m]; sides of a plate stay apart."""
+    """Mean points (m, 3) and unit normals over cubes of an `edge` [m]; the two sides of a plate
+    stay separate.
+    """
     key = np.floor(points / edge).astype(np.int64)
     if normals is not None:
         main = np.abs(normals).argmax(axis=1)
@@ -252,17 +271,17 @@ def _means(points: Array, normals: Array | None, edge: float) -> tuple[Array, Ar
 
 
 def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -> np.ndarray:
-    """Triangles (t, 3) with outside on one side or on both."""
+    """Triangles (t, 3) that have the outside on one side or on both sides."""
     rng = np.random.default_rng(0)
     moved = points + _APART * local[:, None] * rng.uniform(-1.0, 1.0, points.shape)
     try:
         mesh = Delaunay(moved)
     except QhullError as error:
-        raise ConfigurationError("cloud: its points form no surface; a model needs one") from error
+        raise ConfigurationError("cloud: must form a surface, but its points do not") from error
     cells = mesh.simplices
     beside = mesh.neighbors
 
-    # Each face once: of the cell with the lower number, or at the hull.
+    # Each face is used once: from the cell with the lower number, or on the hull.
     rows, sides = np.nonzero((beside > np.arange(len(cells))[:, None]) | (beside < 0))
     corners = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     faces = np.take_along_axis(cells[rows], corners[sides], axis=1)
@@ -278,7 +297,7 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
         radius = np.where(double > 0.0, np.prod(sides_of, axis=0) / (2.0 * double), np.inf)
         middle = a + _to_circumcenter(b - a, c - a, cross, double)
 
-    # The ball around the face is empty unless the fourth corner of a cell beside it lies within.
+    # The ball around the face is empty unless it contains the fourth corner of an adjacent cell.
     empty = np.ones(len(faces), dtype=bool)
     least = radius_of_cell[rows].copy()
     for cell, known in (
@@ -295,11 +314,12 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
         unit = cross / double[:, None]
     along = np.abs(np.einsum("fi,fci->fc", unit, normals[faces]))
 
-    # A face across the surface, from one wall to another, must be smaller than one that lies in it.
+    # A face across the surface, from one wall to another, must be smaller than a face in the
+    # surface.
     agreement = np.where(trusted[faces].all(axis=1), along.max(axis=1), np.sqrt(0.5))
     in_surface = (ball < _HOLE * agreement**2 * local[faces].max(axis=1)) & (double > 0.0)
 
-    # Cells that are reached from outside without crossing a face that is kept.
+    # Cells that can be reached from outside without crossing a face of the mesh.
     count = len(cells)
     far = np.where(other < 0, count, other)
     graph = coo_matrix(
@@ -316,7 +336,7 @@ def _surface(points: Array, local: Array, normals: Array, trusted: np.ndarray) -
 
 
 def _circumradius(corners: Array) -> Array:
-    """Radius (n,) [m] of the sphere through four corners (n, 4, 3); inf where they are coplanar."""
+    """Radius (n,) [m] of the sphere through four corners (n, 4, 3); inf if they are coplanar."""
     edges = corners[:, 1:] - corners[:, :1]
     squares = np.einsum("nij,nij->ni", edges, edges)
     u, v, w = edges.transpose(1, 0, 2)
@@ -342,7 +362,9 @@ def _to_circumcenter(u: Array, v: Array, cross: Array, double: Array) -> Array:
 def _sharpened(
     points: Array, triangles: np.ndarray, normals: Array, flat: np.ndarray
 ) -> tuple[Array, np.ndarray]:
-    """Insert vertices on edges cut off: where the planes of two corners meet [Attene 2005]."""
+    """Insert vertices on sharp edges that the points cut off, where the planes of two corners
+    intersect [Attene 2005].
+    """
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)
     keys, edge_of_side = np.unique(ends[..., 0] * len(points) + ends[..., 1], return_inverse=True)
     edge_of_side = edge_of_side.reshape(-1, 3)
@@ -352,7 +374,7 @@ def _sharpened(
     middle = 0.5 * (points[a] + points[b])
     apart = points[b] - points[a]
 
-    # The point of both planes nearest to the middle: middle + u n_a + v n_b.
+    # The point on both planes that is nearest to the middle: middle + u n_a + v n_b.
     at_a, at_b = (
         0.5 * np.einsum("ni,ni->n", apart, sign * normals[k]) for k, sign in ((a, -1.0), (b, 1.0))
     )
@@ -361,14 +383,14 @@ def _sharpened(
     v = (at_b - cosine * at_a) / square
     to = u[:, None] * normals[a] + v[:, None] * normals[b]
 
-    # A crease gets a vertex, if that lies near by.
+    # A crease gets a vertex if that vertex is near.
     creased = flat[a] & flat[b] & (np.abs(cosine) < _CREASE)
     creased &= np.linalg.norm(to, axis=1) < _BEYOND * np.linalg.norm(apart, axis=1)
     number = np.where(creased, len(points) + np.cumsum(creased) - 1, -1)
     cut = number[edge_of_side]
     count = (cut >= 0).sum(axis=1)
 
-    # Triangles by the number of their sides that get one.
+    # Triangles by the number of their sides that get a vertex.
     parts = [triangles[count == 0]]
     inner = np.zeros((0, 3))
     next_vertex = len(points) + int(creased.sum())
@@ -395,7 +417,9 @@ def _sharpened(
 
 
 def _corner_points(corners: Array, normals: Array) -> Array:
-    """Points (n, 3) where the planes through the corners (n, 3, 3) of triangles meet, near by."""
+    """Points (n, 3) where the planes through the corners (n, 3, 3) of triangles intersect, if
+    near.
+    """
     center = corners.mean(axis=1)
     off = np.einsum("nki,nki->nk", normals, corners - center[:, None])
     step = np.einsum("nij,nj->ni", np.linalg.pinv(normals, rcond=0.2), off)
@@ -406,7 +430,7 @@ def _corner_points(corners: Array, normals: Array) -> Array:
 
 
 def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float:
-    """Share of the surface that has open sky on both sides: 1 of a sheet, 0 of a closed mesh."""
+    """Share of the surface that has open sky on both sides: 1 for a sheet, 0 for a closed mesh."""
     rng = np.random.default_rng(0)
     corners = vertices[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -427,10 +451,10 @@ def _share_open(vertices: Array, triangles: np.ndarray, spacing: float) -> float
 
 
 def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
-    """Triangles (t, 3) seen from afar, turned to where they are seen from if `spacing` [m] > 0.
+    """Triangles (t, 3) that are visible from afar, turned towards the viewer if `spacing` [m] > 0.
 
-    Where the points lie so far apart that a crack is left, both sides of the surface behind it were
-    outside.
+    Needed because, where sparse points leave a crack, both sides of the surface behind the crack
+    count as outside.
     """
     corners = vertices[triangles]
     middle = corners.mean(axis=1)
@@ -453,7 +477,9 @@ def _met(vertices: Array, triangles: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _ends(points: Array, normals: Array, spacing: float) -> Array:
-    """Points (k, 3), in rows, where the surface ends: a wide angle in their plane is empty."""
+    """Points (k, 3) where the surface ends, since a wide angle around them in their plane has no
+    points.
+    """
     near = cKDTree(points).query(points, k=min(_RING + 1, len(points)))[1][:, 1:]
     u = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     u /= np.linalg.norm(u, axis=1, keepdims=True)
@@ -473,4 +499,4 @@ def _ends(points: Array, normals: Array, spacing: float) -> Array:
         if len(ends)
         else np.zeros(0)
     )
-    return ends[beside > 2]  # one alone is a gap between random points
+    return ends[beside > 2]  # a single such point is a gap between random points

@@ -1,9 +1,9 @@
-"""Convex decomposition of a surface for collision, since MuJoCo collides a mesh as its convex hull.
+"""Convex decomposition of a surface for collision, since MuJoCo replaces a mesh by its convex hull.
 
-Each part is the hull of a patch of triangles and of the same patch shrunk and sunk into the solid.
-All triangles belong to some part, so the collision surface has no holes. A patch is halved until
-its hull nowhere protrudes from the surface by more than a tolerance. Parts follow the shape: long
-where it is flat or convex, small where it is concave.
+Each part is the convex hull of a patch of triangles and of a copy of that patch, shrunk and sunk
+into the solid. All triangles belong to some part, so the collision surface has no holes. A patch is
+halved until its hull nowhere protrudes from the surface by more than a tolerance. Parts are
+therefore large where the surface is flat or convex, and small where it is concave.
 """
 
 from dataclasses import dataclass
@@ -31,8 +31,8 @@ def parts(
 
     Args:
         vertices: (V, 3) [m].
-        triangles: (T, 3), counter-clockwise from outside; need not be closed. Those without area
-            are left out.
+        triangles: (T, 3), counter-clockwise from outside; need not be closed. Triangles without
+            area are left out.
         tolerance: [m] largest protrusion of a part from the surface.
 
     Returns:
@@ -50,7 +50,7 @@ def parts(
     )
 
 
-@lru_cache(maxsize=8)  # studies build the same scene many times
+@lru_cache(maxsize=8)  # stored, since studies build the same scene many times
 def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, ...]:
     points, faces = welded(
         np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int64).reshape(-1, 3)
@@ -142,7 +142,7 @@ class _Judged:
         length = float(np.linalg.norm(normal))
 
         if len(patch) > 200:
-            # Quick rejection: some corner lies far outside the plane of some triangle.
+            # Quick rejection: some corner is far outside the plane of some triangle.
             some = patch[:: len(patch) // 100]
             over = (corners - self.points[self.faces[some, 0]][:, None]) @ self.normals[some][
                 :, :, None
@@ -164,7 +164,7 @@ class _Judged:
             if len(patch) > 4:
                 return None
 
-        # One or a few triangles of a thin object: the part is as thin as possible.
+        # One or a few triangles of a thin object: the part is made as thin as possible.
         return None if len(patch) > 1 else _wedge(corners, self.normals[patch[0]], tolerance)
 
     def _stands_out(self, shape: ConvexHull, solid: Array, enough: float) -> float:
@@ -190,7 +190,7 @@ class _Judged:
         scene = RayScene(solid - solid[0], faces)
 
         worst = 0.0
-        for some in (rows[::40], rows):  # most hulls are rejected by a few samples
+        for some in (rows[::40], rows):  # most hulls are rejected after a few samples
             facing = self.sample_normals[some]
             start = self.samples[some] - solid[0] - _UNDER * facing
             first = scene.cast(start, facing)
@@ -199,8 +199,8 @@ class _Judged:
             )
             worst = float(first["t"][leaves].max(initial=_UNDER)) - _UNDER
 
-            # Over a concavity the hull bridges the surface from outside: such a ray enters it
-            # first.
+            # Over a concavity the hull bridges the surface from outside, and such a ray enters the
+            # hull first.
             enters = np.flatnonzero(~leaves & (first["t"] < _UNDER + enough))
             if len(enters):
                 way = first["t"][enters] + _UNDER
@@ -214,5 +214,7 @@ class _Judged:
 
 
 def _wedge(corners: Array, normal: Array, thickness: float) -> Array:
-    """Body under a flat patch: its corners, and its middle sunk by `thickness` [m]."""
+    """Body under a flat patch, with the corners of the patch and its middle sunk by `thickness`
+    [m].
+    """
     return np.vstack([corners, corners.mean(axis=0) - thickness * normal])

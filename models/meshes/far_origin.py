@@ -1,19 +1,21 @@
-"""Origin of a far-off mesh, moved so that single precision and squared lengths stay exact."""
+"""Shift of the origin of a mesh with large coordinates, so that single precision and squared
+lengths stay exact.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from uuv.sim.interfaces.spatial import Array
 
-_FAR = 8.0  # [sizes] of the middle from the origin, from which on rounding is felt
+_FAR = 8.0  # [sizes] distance of the middle from the origin, above which rounding errors matter
 
 
 def middle_if_far(points: ArrayLike) -> Array:
     """Middle (3,) [m] of the bounding box of points (n, 3) many sizes from the origin; else zero.
 
-    Such coordinates lose digits in single precision: 0.5 mm at 10 km. Work on the points less this
-    middle. Points near the origin stay as they are, to the last bit. Those that are not finite do
-    not count.
+    Such coordinates lose digits in single precision: 0.5 mm at 10 km. Subtract this middle before
+    working on the points. For points near the origin it is zero, so that they stay unchanged to the
+    last bit. Points that are not finite are ignored.
     """
     coordinates = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     finite = (

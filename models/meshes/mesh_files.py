@@ -1,9 +1,9 @@
 """Reader of mesh files: PLY and OFF natively, STL, OBJ, glTF and COLLADA by trimesh.
 
-A file that cannot be read gives one kind of error, whatever reads it. Trimesh is used for corners
-and faces only, without textures, merging or repair. It accepts PLY and
-OFF files that are cut short, and does not read binary PLY with triangles beside larger faces;
-therefore these two are read here.
+A file that cannot be read gives the same kind of error with every reader. Trimesh is used for
+corners and faces only, without textures, merging or repair. PLY and OFF are read here, because
+trimesh accepts truncated files of both, and does not read binary PLY that has triangles and larger
+faces.
 """
 
 import logging
@@ -21,26 +21,26 @@ from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.files import bytes_of
 from uuv.sim.interfaces.spatial import Array
 
-# by ending
+# formats by ending
 FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}
-_READ = {**FORMATS, "dae": "COLLADA"}  # of vehicles, whose files name it
+_READ = {**FORMATS, "dae": "COLLADA"}  # formats that only files of vehicles refer to
 _SILENT = logging.NullHandler()
 
 
 def read_mesh(file: Path, what: str = "target mesh") -> tuple[Array, np.ndarray]:
     """Read vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file; parts are joined in place.
 
-    Lengths are in the file's unit, of COLLADA, which states it, in metres; its axes stay as they
-    are. Faces with more corners are triangulated. Duplicate vertices are
-    merged; degenerate faces and
-    unused vertices are left out.
+    Lengths are in the file's unit, or in metres for COLLADA, which states its unit. The axes of a
+    COLLADA file are not changed. Faces with more corners are triangulated. Duplicate vertices are
+    merged; degenerate faces and unused vertices are left out.
 
     Args:
         file: path.
-        what: it is, with which errors begin.
+        what: role of the file, as first words of error messages.
 
     Raises:
-        ConfigurationError: another format, no triangles, cut short or otherwise malformed.
+        ConfigurationError: the file is of another format, has no triangles, or is truncated or
+            otherwise malformed.
     """
     kind = file.suffix.lower().removeprefix(".")
     if kind not in _READ:
@@ -56,14 +56,14 @@ def read_mesh(file: Path, what: str = "target mesh") -> tuple[Array, np.ndarray]
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
     except (MemoryError, MissingLibraryError, ConfigurationError):
-        # these do not mean a malformed file
+        # these errors do not mean a malformed file
         raise
     except Exception as error:  # a malformed file can raise anything in trimesh
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         if kind == "obj" and isinstance(error, IndexError):
             reason = NO_SUCH_VERTEX
         raise ConfigurationError(
-            f"{what} {str(file)!r}: it cannot be read as {_READ[kind]}: {reason}"
+            f"{what} {str(file)!r}: the file cannot be read as {_READ[kind]}: {reason}"
         ) from error
 
     vertices, triangles = _tidied(vertices, triangles)
@@ -80,7 +80,7 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
         import trimesh
 
         if file.suffix.lower() == ".dae":
-            import_module("collada")  # without it, trimesh knows no such format
+            import_module("collada")  # trimesh does not know this format without the package
 
     # otherwise it prints tracebacks of recovered errors
     logging.getLogger("trimesh").addHandler(_SILENT)
@@ -93,11 +93,11 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
             part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)
         ]
 
-    # "0.01 * meters", as trimesh has the unit that COLLADA states
+    # text such as "0.01 * meters", in which trimesh gives the unit of COLLADA
     factor, _, of_metres = str(scene.units).partition(" * ")
     unit = float(factor) if of_metres else 1.0
 
-    # One mesh: indices of a part count from its first vertex.
+    # Parts are joined to one mesh, so indices of a part are offset by its first vertex.
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     vertices = [unit * np.asarray(part.vertices, dtype=np.float64) for part in parts]
     triangles = [
@@ -110,7 +110,9 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
 
 
 def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
-    """Read text OFF; normals or colours after the coordinates, as in variants, are ignored."""
+    """Read text OFF; normals or colours after the coordinates, which variants of OFF have, are
+    ignored.
+    """
     lines = [line.partition("#")[0].split() for line in content.decode("ascii").splitlines()]
     lines = [words for words in lines if words]
     if not lines or not lines[0][0].upper().endswith("OFF"):
@@ -123,7 +125,7 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
     if min(points, faces) < 0:
         raise ValueError("its header states no vertices and faces")
     if len(body) < points + faces:
-        raise ValueError(f"it is cut short, its header states {points} vertices and {faces} faces")
+        raise ValueError(f"it is truncated: its header states {points} vertices and {faces} faces")
 
     vertices = np.array([[float(word) for word in words[:3]] for words in body[:points]]).reshape(
         -1, 3
@@ -133,14 +135,16 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
         for words in (row[: int(row[0]) + 1] for row in body[points:][:faces])
     ]
     if any(len(face) <= face[0] for face in corners):
-        raise ValueError("a face has fewer corners than it states")
+        raise ValueError("a face has fewer corners than its first number states")
 
     fans = [(face[1], face[k], face[k + 1]) for face in corners for k in range(2, face[0])]
     return vertices, np.array(fans, dtype=np.int64).reshape(-1, 3)
 
 
 def _tidied(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Merge duplicate vertices, and drop faces that use one twice and vertices of no face."""
+    """Merge duplicate vertices; drop faces that use a vertex twice, and vertices that no face
+    uses.
+    """
     if not len(triangles):
         return vertices, triangles
     _, first, index = np.unique(vertices, axis=0, return_index=True, return_inverse=True)

@@ -25,14 +25,14 @@ class Nearest:
 class NearestSurface:
     """Bounding-box tree of a mesh for nearest-point queries; made by `of`."""
 
-    corners: Array  # (T, 3, 3) [m] triangle corners, ordered by box
+    corners: Array  # (T, 3, 3) [m] triangle corners, in the order of the boxes
     order: np.ndarray  # (T,) original index of each triangle
-    boxes: Array  # (B, 6) [m] lowest and highest corner
+    boxes: Array  # (B, 6) [m] lowest and highest corner of each box
     spans: np.ndarray  # (B, 3) leaf: first and last + 1 triangle, -1; else: two child boxes, 0
 
     @classmethod
     def of(cls, vertices: ArrayLike, triangles: ArrayLike) -> "NearestSurface":
-        """Build the tree of vertices (V, 3) [m], finite, and triangles (T, 3), T >= 1."""
+        """Build the tree from finite vertices (V, 3) [m] and triangles (T, 3), T >= 1."""
         corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
         order, boxes, spans = _tree(corners)
         return cls(corners[order], order, boxes, spans)
@@ -50,7 +50,9 @@ class NearestSurface:
 
 @kernel
 def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
-    """Order (T,), boxes (B, 6) and spans (B, 3) of a tree: boxes halved along the longest side."""
+    """Order (T,), boxes (B, 6) and spans (B, 3) of a tree whose boxes are halved along the longest
+    side.
+    """
     count = len(corners)
     order = np.arange(count)
     middles = np.empty((count, 3))
@@ -87,7 +89,7 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
             spans[box] = np.array([first, end, -1])
             continue
 
-        # Two halves, by the middles along that axis.
+        # Two halves, split at the middles along that axis.
         part = order[first:end].copy()
         order[first:end] = part[np.argsort(middles[part, side], kind="mergesort")]
         half = (first + end) // 2
@@ -108,7 +110,7 @@ def _search(
     waiting = np.empty(128, dtype=np.int64)
     away = np.empty(128)
 
-    # Depth first, the nearer child first; a box farther than the best is passed over.
+    # Depth first, the nearer child first; a box farther than the best distance is skipped.
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         best = np.inf
@@ -155,7 +157,9 @@ def _from_box(x: float, y: float, z: float, box: Array) -> float:
 
 @kernel
 def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
-    """Barycentric weights of a triangle's (3, 3) nearest point to x, y, z; squared distance."""
+    """Barycentric weights of the point of a triangle (3, 3) nearest to x, y, z, and its squared
+    distance.
+    """
     # Two sides, and the point, from the first corner.
     ax, ay, az = (
         corner[1, 0] - corner[0, 0],

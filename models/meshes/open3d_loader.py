@@ -1,7 +1,7 @@
 """Lazy import of Open3D, the only one in the project, with clear errors for missing libraries.
 
-No job needs Open3D, except for rays on Linux on ARM. It serves as the reference that our own
-methods are compared with.
+No job needs Open3D, except for ray casting on Linux on ARM. It is the reference with which the
+methods of this project are compared.
 """
 
 import ctypes
@@ -33,7 +33,7 @@ def load() -> Any:
             import open3d  # pyright: ignore[reportMissingImports]
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
-            f"the package {error.name} is not installed; Open3D, and what it needs, come with: "
+            f"the package {error.name} is not installed; install Open3D and its dependencies by "
             "./uvw run --extra open3d ..., or pip install 'uuv-arm[open3d]'"
         ) from error
     except (ImportError, OSError) as error:
@@ -42,6 +42,6 @@ def load() -> Any:
             f"{DEBIAN_PACKAGES}"
         ) from error
 
-    # Its warnings go to stdout; relevant failures reach the callers as errors.
+    # Open3D writes warnings to stdout; relevant failures reach the callers as errors.
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     return open3d

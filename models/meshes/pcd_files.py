@@ -1,4 +1,6 @@
-"""Reader of PCD files, the point clouds of PCL: text, binary, compressed; in the file's order."""
+"""Reader of PCD files, the point clouds of PCL, as text, binary or compressed. Points keep the
+order of the file.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,19 +15,19 @@ from uuv.sim.interfaces.spatial import Array
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
-_LONGEST_HEADER = 100  # lines of the header, at most
+_LONGEST_HEADER = 100  # largest number of lines of the header
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Layout:
-    """What the header of a PCD file states of its data."""
+    """Layout of the data of a PCD file, as its header states it."""
 
     kind: str  # ascii, binary or binary_compressed
-    types: list[str]  # of each field, as NumPy has it
-    counts: list[int]  # numbers of each field
-    count: int  # points
-    shape: tuple[int, int]  # rows and columns
-    columns: list[int]  # fields x, y, z, and those of the normal if there are any
+    types: list[str]  # type of each field, as a NumPy type
+    counts: list[int]  # number of numbers of each field
+    count: int  # number of points
+    shape: tuple[int, int]  # rows and columns of an organised cloud
+    columns: list[int]  # indices of the fields x, y, z, and of the normal if there is one
 
 
 def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
@@ -35,12 +37,12 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         file: Path of the file.
 
     Returns:
-        Points (n, 3), n > 0, in the unit of the file, NaN kept in place. Normals (n, 3) as they are
-        in the file, None without any. And rows and columns if the cloud is organised, else None.
+        Points (n, 3), n > 0, in the unit of the file, with NaN kept in place. Normals (n, 3) as
+            they are in the file, None if there are none. Rows and columns if the cloud is
+            organised, else None.
 
     Raises:
-        ConfigurationError: For a file that cannot be read, is not PCD, has no x, y, z, or is cut
-            short.
+        ConfigurationError: The file cannot be read, is not PCD, has no x, y, z, or is truncated.
     """
     header, body = _header(bytes_of(file, "cloud"), file)
     try:
@@ -53,7 +55,8 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
     count = layout.count
     if not count:
         raise ConfigurationError(
-            f"cloud {file}: no points can be read from this PCD file, its header states none"
+            f"cloud {file}: no points can be read from this PCD file, since its header states 0 "
+            "points"
         )
 
     height, width = layout.shape
@@ -63,7 +66,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
         return *_parted(_from_text(body, count, first, sum(layout.counts), file)), shape
 
     fields = _binary_fields(body, layout, file)
-    with np.errstate(invalid="ignore"):  # for a signalling NaN
+    with np.errstate(invalid="ignore"):  # a signalling NaN would raise a flag
         numbers = [
             np.ascontiguousarray(fields[k]).view(layout.types[k])[:, 0].astype(np.float64)
             for k in layout.columns
@@ -72,7 +75,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
 
 
 def _layout(header: dict[str, list[str]]) -> _Layout:
-    """What a header states; KeyError, ValueError or IndexError where it is malformed."""
+    """Layout that a header states; KeyError, ValueError or IndexError if it is malformed."""
     names = header["FIELDS"]
     sizes, counts = (
         [int(word) for word in header.get(key, ["1"] * len(names))] for key in ("SIZE", "COUNT")
@@ -131,7 +134,7 @@ def _binary_fields(body: bytes, layout: _Layout, file: Path) -> list[np.ndarray]
 
 
 def _parted(values: Array) -> tuple[Array, Array | None]:
-    """Points (n, 3), and normals (n, 3) if there are more columns."""
+    """Points (n, 3), and normals (n, 3) if the values have more columns."""
     return values[:, :3], values[:, 3:] if values.shape[1] > 3 else None
 
 
@@ -150,7 +153,7 @@ def _header(content: bytes, file: Path) -> tuple[dict[str, list[str]], bytes]:
             if words[0].upper() == "DATA":
                 return header, content[at:]
     raise ConfigurationError(
-        f"cloud {file}: no points can be read from this PCD file, it has no header"
+        f"cloud {file}: no points can be read from this PCD file, since it has no header"
     )
 
 
@@ -175,15 +178,17 @@ def _from_text(data: bytes, count: int, columns: list[int], width: int, file: Pa
 
 def _cut_short(file: Path, count: int) -> ConfigurationError:
     return ConfigurationError(
-        f"cloud {file}: the file is cut short, there are {count} points in its header"
+        f"cloud {file}: the file is truncated: its header states {count} points"
     )
 
 
 @kernel
 def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
-    """Decompress LZF [Lehmann 2000] into `whole`; the number of bytes written, -1 if malformed."""
-    i = 0  # next byte of `packed`
-    o = 0  # next byte of `whole`
+    """Decompress LZF [Lehmann 2000] into `whole`; returns the number of bytes written, -1 if
+    malformed.
+    """
+    i = 0  # index of the next byte of `packed`
+    o = 0  # index of the next byte of `whole`
     while i < len(packed):
         head = np.int64(packed[i])
         i += 1

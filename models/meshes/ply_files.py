@@ -28,10 +28,10 @@ _TYPES = {
     "float64": "f8",
 }
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_FACES = ("vertex_indices", "vertex_index")  # both names are in use
+_FACES = ("vertex_indices", "vertex_index")  # both names occur in files
 _MOST = 2**31  # bound of the number of elements
 _NOT_FINITE = "a count or an index is not finite"
-NO_SUCH_VERTEX = "a face points at a vertex that is not there"
+NO_SUCH_VERTEX = "a face refers to a vertex that does not exist"
 
 
 def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
@@ -40,7 +40,8 @@ def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
     T is 0 for a cloud. Faces with more corners are triangulated around their first. NaN stays NaN.
 
     Raises:
-        ValueError: no PLY file, or one that is malformed or cut short, with the reason.
+        ValueError: the content is no PLY file, or is malformed or truncated; the message states the
+            reason.
     """
     points, _, triangles = read_ply_normals(content)
     return points, triangles
@@ -59,7 +60,9 @@ def read_ply_normals(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
 
 
 def need_corners(points: Array, triangles: np.ndarray) -> None:
-    """Raise ValueError if one of `triangles` (T, 3) refers to none of `points` (N, 3)."""
+    """Raise ValueError if one of `triangles` (T, 3) refers to a point that is not in `points` (N,
+    3).
+    """
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points):
         raise ValueError(NO_SUCH_VERTEX)
 
@@ -71,7 +74,7 @@ def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
     normals = None
     triangles = np.zeros((0, 3), dtype=np.int64)
 
-    # All elements in turn, for each begins where the one before ends.
+    # All elements are read in turn, since each begins where the previous one ends.
     for element in elements:
         columns = source.read(element)
         if element.name == "vertex":
@@ -91,7 +94,7 @@ def _read(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
             if corners is None:
                 raise ValueError("its faces have no vertex_indices")
             triangles = _triangles(corners)
-            break  # later elements are not needed
+            break  # later elements are not read
 
     need_corners(points, triangles)
     return points, normals, triangles
@@ -141,7 +144,7 @@ def write_ply(
 class _Element:
     name: str
     count: int
-    # name, type, type of a list's length
+    # name, type, type of the length if it is a list
     properties: list[tuple[str, str, str | None]] = field(default_factory=list)
 
     @property
@@ -157,7 +160,7 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
     elements: list[_Element] = []
     at = 0
 
-    # A line at a time; properties belong to the element named last.
+    # The header is read line by line; properties belong to the last named element.
     while (end := content.find(b"\n", at)) >= 0:
         words = content[at:end].decode("ascii", "replace").split()
         at = end + 1
@@ -179,12 +182,14 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
             case ["ply"] | ["comment", *_] | ["obj_info", *_] | []:
                 pass
             case _:
-                raise ValueError(f"its header has a line {' '.join(words)[:40]!r}")
+                raise ValueError(f"its header has an unknown line {' '.join(words)[:40]!r}")
     raise ValueError("its header has no end")
 
 
 def _cut_short(element: _Element) -> ValueError:
-    return ValueError(f"it is cut short, its header states {element.count} of {element.name}")
+    return ValueError(
+        f"it is truncated: its header states {element.count} entries of {element.name}"
+    )
 
 
 class _Text:
@@ -195,7 +200,7 @@ class _Text:
         self._at = 0
 
     def read(self, element: _Element) -> dict[str, Any]:
-        """Columns (count,) of `element`; a list of arrays for a property that is a list."""
+        """Columns (count,) of `element`; a property that is a list gives a list of arrays."""
         if not element.has_lists:
             width = len(element.properties)
             numbers = self._take(element.count * width, element).reshape(element.count, width)
@@ -225,7 +230,7 @@ class _Binary:
         self._order = order
 
     def read(self, element: _Element) -> dict[str, Any]:
-        """Columns as `_Text.read`; an array (count, length) where all lists are equally long."""
+        """Columns as in `_Text.read`; for lists of equal length an array (count, length)."""
         rows = self._rows(element, self._lengths(element))
         if rows is not None:
             return {name: rows[name] for name, _, _ in element.properties}
@@ -238,7 +243,7 @@ class _Binary:
         return columns
 
     def _lengths(self, element: _Element) -> list[int]:
-        """Lengths of the lists in the first row; 1 for properties that are no list."""
+        """Lengths of the lists in the first row; 1 for properties that are not lists."""
         lengths = []
         start = self._at
         for _, kind, length in element.properties if element.count else ():
@@ -266,7 +271,7 @@ class _Binary:
                 return None
             raise _cut_short(element)
 
-        # As in the first row, if the lengths of the lists agree.
+        # Read with the lengths of the first row, if the lengths of all lists agree with them.
         rows = np.frombuffer(self._content, row, element.count, self._at)
         for (name, _, length), many in zip(element.properties, lengths, strict=True):
             if length is not None and (rows[f"length of {name}"] != many).any():

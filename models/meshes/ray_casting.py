@@ -1,8 +1,9 @@
-"""Ray casting on a triangle mesh by Embree: exact first hits, without screen, GL or system library.
+"""Ray casting on a triangle mesh by Embree, with exact first hits and without screen, GL or system
+library.
 
-Embree is used through `embreex`. That has no wheel for Linux on ARM, where Open3D's binding of the
-same library serves. The module is in `models` because `sim` (depth camera, sonar) and `perception`
-both need it and do not import each other.
+Embree is used through the package `embreex`. On Linux on ARM, for which `embreex` has no wheel,
+Open3D's binding of the same library is used. The module is in `models` because `sim` (depth camera,
+sonar) and `perception` both need it and do not import each other.
 """
 
 from functools import cache
@@ -18,7 +19,7 @@ from uuv.sim.interfaces.errors import MissingLibraryError
 
 Engine = Literal["embree", "open3d"]
 
-_NO_HIT = 9e36  # Embree's rays start with a length of 1e37; one without a hit keeps it
+_NO_HIT = 9e36  # initial length of Embree's rays; a ray without a hit keeps it
 
 
 class RayScene:
@@ -29,13 +30,14 @@ class RayScene:
     def __init__(
         self, vertices: ArrayLike, triangles: ArrayLike, engine: Engine | None = None
     ) -> None:
-        """Build the scene; triangles without area, or with a vertex not finite, are never hit.
+        """Build the scene; rays never hit triangles without area or with a vertex that is not
+        finite.
 
         Args:
-            vertices: (V, 3) [m], stored in single precision about their middle if that lies far
+            vertices: (V, 3) [m], stored in single precision, relative to their middle if it is far
                 from the origin.
             triangles: (T, 3) indices.
-            engine: None takes the installed one.
+            engine: None: the installed engine.
 
         Raises:
             MissingLibraryError: no engine is installed.
@@ -57,13 +59,14 @@ class RayScene:
         from embreex.rtcore_scene import EmbreeScene
 
         faces = np.ascontiguousarray(triangles, dtype=np.int32)
-        # otherwise Embree reads beyond the array
+        # otherwise Embree would read beyond the array
         if faces.size and not 0 <= faces.min() <= faces.max() < len(corners):
             raise IndexError(
-                f"triangles point at vertices {faces.min()} to {faces.max()} of {len(corners)}"
+                f"triangles: must refer to vertices 0 to {len(corners) - 1}, got {faces.min()} to "
+                f"{faces.max()}"
             )
 
-        # Without robust, 13 % of the rays aimed at an edge are lost.
+        # Without the robust mode, 13 % of the rays aimed at an edge miss it.
         self._scene = EmbreeScene(_device(), robust=True)
         if len(faces):
             TriangleMesh(self._scene, corners, faces)
@@ -106,7 +109,7 @@ class RayScene:
         }
 
     def distance(self, origins: ArrayLike, directions: ArrayLike) -> np.ndarray:
-        """The `t` of `cast` alone, in half the time.
+        """Only the `t` of `cast`, in half the time.
 
         Args:
             origins: (N, 3) or (3,) [m].
@@ -123,7 +126,9 @@ class RayScene:
         return t.reshape(ways.shape[:-1])
 
     def _rays(self, origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Origins about the middle, one for each direction, and directions, in single precision."""
+        """Origins relative to the middle, one for each direction, and directions, in single
+        precision.
+        """
         ways = np.ascontiguousarray(directions, dtype=np.float32)
         starts = np.empty_like(ways)
         starts[...] = origins if self._middle is None else np.asarray(origins) - self._middle
@@ -131,7 +136,7 @@ class RayScene:
 
 
 class OneSidedScene(RayScene):
-    """A surface known from outside only: rays that meet it from behind have met nothing."""
+    """A surface that is known from outside only; a hit from behind counts as no hit."""
 
     __slots__ = ()
 

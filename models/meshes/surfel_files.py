@@ -1,4 +1,4 @@
-"""The one reader of point cloud files, of models and of scans: points, and normals if any."""
+"""Reader of all point cloud files, of models and of scans: points, and normals if there are any."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +10,15 @@ from uuv.sim.interfaces.files import bytes_of, existing_file, text_of
 from uuv.sim.interfaces.spatial import Array
 
 TEXT = ("xyz", "txt", "asc", "csv", "pts", "xyzn", "xyzrgb")  # endings of text files
-KINDS = "allowed are PLY, PCD, or text with x y z a line"
-# Files of other programs: how they begin, their endings, and how to convert them.
+KINDS = "allowed are PLY, PCD, or text with x y z on each line"
+# Files of other programs: first bytes, endings, and how to convert them.
 _FOREIGN = {
     "NumPy": (b"\x93NUMPY", ("npy", "npz"), 'numpy.savetxt("cloud.xyz", points) writes such text'),
     "LAS": (b"LASF", ("las", "laz"), "pdal translate FILE cloud.ply, or CloudCompare, converts it"),
     "E57": (b"ASTM-E57", ("e57",), "pdal translate FILE cloud.ply, or CloudCompare, converts it"),
 }
-_HEAD = 20_000  # [bytes] that hold the header of a PCD file
-_HEAD_LINES = 50  # of a text, by which it is known
+_HEAD = 20_000  # [bytes] that contain the header of a PCD file
+_HEAD_LINES = 50  # [bytes] of a text, by which its kind is recognised
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -29,11 +29,11 @@ class Surfels:
     normals: Array | None  # (n, 3) as they are in the file
     # rows and columns of an organised cloud, which only PCD files can hold
     shape: tuple[int, int] | None
-    notes: tuple[str, ...]  # what was made of its columns, in words
+    notes: tuple[str, ...]  # description of how its columns were used
 
 
 def is_cloud_file(file: Path) -> bool:
-    """Whether a file holds a cloud: PCD or text by its ending, PLY if it has no faces.
+    """True if a file holds a cloud: PCD or text by its ending, PLY if it has no faces.
 
     Raises:
         ConfigurationError: the file cannot be read, or is a cloud of a format that is not read
@@ -47,7 +47,7 @@ def is_cloud_file(file: Path) -> bool:
     try:
         points, _, triangles = read_ply_normals(bytes_of(file, "target cloud"))
     except ValueError:
-        return False  # the reader of meshes says why
+        return False  # the reader of meshes raises the error
     return len(points) > 0 and not len(triangles)
 
 
@@ -56,7 +56,7 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
 
     Args:
         file: Path of the file.
-        what: Begins the error messages: "cloud" or "target cloud".
+        what: First words of error messages: "cloud" or "target cloud".
 
     Raises:
         ConfigurationError: the file is missing, empty, malformed or of another format.
@@ -64,7 +64,8 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
     path = existing_file(file, what)
     match path.suffix.lower():
         case ".pcd":
-            from uuv.models.meshes.pcd_files import read_pcd  # brings numba, which few objects need
+            # imported here, since it imports numba, which few objects need
+            from uuv.models.meshes.pcd_files import read_pcd
 
             points, normals, shape = read_pcd(path)
             return Surfels(points=points, normals=normals, shape=shape, notes=())
@@ -76,7 +77,7 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
                     f"{what} {path}: no points can be read from this PLY file: {error}"
                 ) from error
             if not len(points):
-                raise ConfigurationError(f"{what} {path}: there are no points in this PLY file")
+                raise ConfigurationError(f"{what} {path}: this PLY file has no points")
             return Surfels(points=points, normals=normals, shape=None, notes=())
         case _:
             cloud = read_text_cloud(_text(path, what), f"{what} {path}")
@@ -86,7 +87,7 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
 
 
 def check_surfels(file: str | Path, what: str = "cloud") -> None:
-    """Refuse a file that is no cloud by its beginning: neither PLY nor PCD nor text with points.
+    """Refuse a file whose beginning is neither PLY nor PCD nor text with points.
 
     Raises:
         ConfigurationError: It is missing, empty or of another kind.
@@ -94,9 +95,9 @@ def check_surfels(file: str | Path, what: str = "cloud") -> None:
     path = existing_file(file, what)
     match path.suffix.lower():
         case ".ply" if not bytes_of(path, what).lstrip().startswith(b"ply"):
-            raise ConfigurationError(f"{what} {path}: it is no PLY file; {KINDS}")
+            raise ConfigurationError(f"{what} {path}: this is not a PLY file; {KINDS}")
         case ".pcd" if b"FIELDS" not in bytes_of(path, what)[:_HEAD]:
-            raise ConfigurationError(f"{what} {path}: it is no PCD file; {KINDS}")
+            raise ConfigurationError(f"{what} {path}: this is not a PCD file; {KINDS}")
         case ".ply" | ".pcd":
             return
         case _:
@@ -104,20 +105,26 @@ def check_surfels(file: str | Path, what: str = "cloud") -> None:
 
 
 def _text(path: Path, what: str) -> str:
-    """Text of a cloud that is neither PLY nor PCD; says what goes where it is none."""
+    """Text of a cloud that is neither PLY nor PCD; the error for a binary file lists the allowed
+    kinds.
+    """
     _refuse_foreign(path, what)
     try:
         text = text_of(path, what)
     except ConfigurationError as error:
         raise ConfigurationError(f"{error}; {KINDS}") from error
     if "\0" in text:
-        raise ConfigurationError(f"{what} {path}: it is binary; {KINDS}")
+        raise ConfigurationError(
+            f"{what} {path}: this file is binary and of an unknown kind; {KINDS}"
+        )
     return text
 
 
 def _refuse_foreign(path: Path, what: str) -> None:
-    """Refuse a cloud of another program by its ending or first bytes, and say how to convert it."""
+    """Refuse a cloud file of another program, recognised by ending or first bytes; the message
+    states how to convert it.
+    """
     ending = path.suffix.lower().removeprefix(".")
     for name, (start, endings, way) in _FOREIGN.items():
         if ending in endings or bytes_of(path, what).startswith(start):
-            raise ConfigurationError(f"{what} {path}: {name} files are not read; {KINDS}: {way}")
+            raise ConfigurationError(f"{what} {path}: {name} files cannot be read; {KINDS}: {way}")

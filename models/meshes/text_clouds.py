@@ -1,7 +1,7 @@
-"""Reader of point clouds as text: one point a line, with or without a line that names the columns.
+"""Reader of point clouds as text, one point per line, with or without a line of column names.
 
-Without names, the columns after x, y and z are known by their values: three of unit length are a
-normal; colours, intensities and whatever else a scanner writes are left out.
+Without names, the columns after x, y and z are identified by their values: three columns of unit
+length are a normal. Colours, intensities and all other columns are left out.
 """
 
 import re
@@ -28,9 +28,9 @@ _NORMAL = (
     ("normals:0", "normals:1", "normals:2"),
     ("normals_0", "normals_1", "normals_2"),
 )
-_UNIT = 0.02  # by which the length of a rounded unit vector may differ from 1
-_MOSTLY = 0.95  # share of the rows that hold one, from which on the columns are a normal
-_SHOWN = 60  # characters of a line in an error
+_UNIT = 0.02  # largest error of the length of a rounded unit vector
+_MOSTLY = 0.95  # share of rows with a unit vector, above which the columns are a normal
+_SHOWN = 60  # largest number of characters of a line in an error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,42 +39,43 @@ class TextCloud:
 
     points: Array  # (n, 3), NaN kept
     normals: Array | None  # (n, 3) as they are in the file
-    notes: tuple[str, ...]  # what was made of its columns, in words
+    notes: tuple[str, ...]  # description of how its columns were used
 
 
 def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> TextCloud:
     """Read the points of a text.
 
     Columns are separated by blanks, commas or semicolons; `#`, `//` and `%` begin a comment. A
-    comma may be the decimal sign where something else separates the columns.
+    comma may be the decimal sign if the columns are separated by another character.
 
     Args:
         text: Content of the file, not empty.
-        where: Begins the error messages: "cloud FILE".
-        most_lines: Read the first lines only, to see whether it is a cloud.
+        where: First words of error messages: "cloud FILE".
+        most_lines: Number of lines to read, to check whether the text is a cloud.
 
     Raises:
-        ConfigurationError: No points, or a line with other columns; the message names it.
+        ConfigurationError: The text has no points, or a line with a different number of columns;
+            the message names the line.
     """
     lines = text.splitlines()[:most_lines]
     names, first = _head(lines, where)
     if first == len(lines):
-        raise ConfigurationError(f"{where}: there is no point in it")
+        raise ConfigurationError(f"{where}: the text has no points")
     notes: list[str] = []
     if _has_decimal_commas(lines[first]):
         lines = [line.replace(",", ".") for line in lines]
-        notes.append("commas are taken for decimal signs")
+        notes.append("commas are read as decimal signs")
 
     numbers = _values(lines, first, where)
     width = numbers.shape[1]
     if names and len(names) != width:
         raise ConfigurationError(
-            f"{where}: {len(names)} columns are named ({' '.join(names)[:_SHOWN]}), line "
-            f"{first + 1} holds {width}"
+            f"{where}: {len(names)} columns are named ({' '.join(names)[:_SHOWN]}), but line "
+            f"{first + 1} has {width} numbers"
         )
     if width < 3:
         raise ConfigurationError(
-            f"{where}, line {first + 1}: expected x y z, and perhaps more columns, got {width}: "
+            f"{where}, line {first + 1}: expected x y z and optional columns, got {width} numbers: "
             f"{lines[first][:_SHOWN].strip()!r}"
         )
 
@@ -96,7 +97,9 @@ def read_text_cloud(text: str, where: str, most_lines: int | None = None) -> Tex
 
 
 def _head(lines: list[str], where: str) -> tuple[list[str], int]:
-    """Names of the columns, none without a line of names; index of the first line of numbers."""
+    """Names of the columns, empty without a line of names, and the index of the first line of
+    numbers.
+    """
     names: list[str] = []
     for i, line in enumerate(lines):
         content = line.strip()
@@ -112,7 +115,7 @@ def _head(lines: list[str], where: str) -> tuple[list[str], int]:
                 )
             names = words
         elif len(words) > 1 or not words[0].isdigit():
-            # one whole number: the count of points, as PTS files begin
+            # a single whole number is the count of points, with which PTS files begin
             return names, i
 
     return names, len(lines)
@@ -135,7 +138,7 @@ def _named(names: list[str]) -> tuple[list[int], list[int] | None]:
 
 
 def _numbers_of(line: str) -> list[str]:
-    """Words of a line with numbers, without a comment at its end."""
+    """Words of a line of numbers, without the comment at the end of the line."""
     for mark in _COMMENTS:
         line = line.partition(mark)[0]
     return (
@@ -152,7 +155,9 @@ def _are_numbers(words: list[str]) -> bool:
 
 
 def _has_decimal_commas(line: str) -> bool:
-    """Whether commas are decimal signs: each column between blanks or semicolons has one within."""
+    """True if commas are decimal signs: each column between blanks or semicolons contains a
+    comma.
+    """
     words = line.replace(";", " ").split()
     with_comma = [word for word in words if "," in word]
     return (
@@ -172,7 +177,7 @@ def _values(lines: list[str], first: int, where: str) -> Array:
     except ValueError:
         pass
 
-    # The first line that is wrong is named.
+    # The first wrong line is named.
     width = len(rows[0].split())
     for i, row in enumerate(rows, start=first + 1):
         words = row.split()
@@ -192,10 +197,11 @@ def _numbers_only(line: str) -> str:
 
 
 def _normal_columns(values: Array) -> list[int] | None:
-    """Three columns beyond the first three that hold normals; None without any.
+    """Indices of three columns after the first three that hold normals; None if there are no
+    normals.
 
-    Normals are of unit length, in all rows but a few, or have negative components. Colours have
-    neither.
+    Normals have unit length in nearly all rows, or negative components. Colours have neither of
+    these properties.
     """
     for start in range(3, values.shape[1] - 2):
         trio = values[:, start : start + 3]
@@ -209,6 +215,6 @@ def _normal_columns(values: Array) -> list[int] | None:
         return None
     trio = values[:, 3:]
     finite = trio[np.isfinite(trio).all(axis=1)]
-    # An unknown normal is reported where the model is made.
+    # A normal of unknown direction is reported where the model is made.
     zero = not finite.any()
     return [3, 4, 5] if zero or (finite < 0.0).any() else None

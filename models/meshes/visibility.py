@@ -1,4 +1,6 @@
-"""Which part of a mesh's surface cameras see: in the image, facing, not occluded by the mesh."""
+"""Part of a mesh's surface that cameras see: in the image, facing the camera, not occluded by the
+mesh.
+"""
 
 from dataclasses import dataclass
 
@@ -8,21 +10,23 @@ from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 _PIECES = 4000  # number of surface samples
-# cosine of the largest incidence at which a surface counts as seen
+# cosine of the largest incidence at which a surface counts as visible
 _TURNED = np.cos(np.radians(75.0))
-_SKIN = 2e-3  # [m] tolerance within which a ray's hit is the sample itself and no occluder
+# [m] largest distance of a ray's hit from the sample, at which the hit is the sample itself and no
+# occluder
+_SKIN = 2e-3
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What a camera takes in, z its axis."""
+    """View of a camera whose z is the optical axis: field of view and range."""
 
     half_view: tuple[float, float]  # tangents of half the fields of view, horizontal and vertical
     far: float  # [m] range limit
 
 
 class SurfaceSamples:
-    """Samples of a mesh's surface, uniform over its area, and which of them cameras see.
+    """Samples of a mesh's surface, uniform over its area, with a test of which samples cameras see.
 
     `points` (N, 3) [m] and outward unit `normals` (N, 3) are in the mesh's frame.
     """
@@ -40,7 +44,9 @@ class SurfaceSamples:
         self._scene = RayScene(vertices, triangles)
 
     def seen(self, X_TC: Array, view: View) -> np.ndarray:
-        """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4), mesh's frame, sees."""
+        """Mask (N,) of the samples that at least one of the cameras at `X_TC` (n, 4, 4) sees, T the
+        mesh's frame.
+        """
         visible = np.zeros(len(self.points), dtype=bool)
         for X in X_TC:
             left = np.flatnonzero(~visible)

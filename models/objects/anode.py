@@ -1,7 +1,7 @@
 """Stand-off anode as welded to jackets: a cast bar of trapezoidal section on a steel pipe.
 
-The pipe has two legs. Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg
-of aluminium).
+The pipe has two legs. The sizes are chosen for this project, at the small end of anodes that are
+cast (0.8 m, about 40 kg of aluminium).
 """
 
 import numpy as np
@@ -14,12 +14,12 @@ from uuv.sim.interfaces.spatial import Array, pose, rotation_from_z
 
 LENGTH = 0.8  # [m] of the bar, along x_T
 TOP = 0.12  # [m] width (y_T) of the section's upper side
-BOTTOM = 0.16  # [m] width of the lower one
-HEIGHT = 0.12  # [m] (z_T) of the section
-PIPE = (0.024, 1.06)  # [m] radius and length of the core
-LEG = 0.26  # [m] that the legs reach below the bar's middle
+BOTTOM = 0.16  # [m] width of the section's lower side
+HEIGHT = 0.12  # [m] height (z_T) of the section
+PIPE = (0.024, 1.06)  # [m] radius and length of the pipe
+LEG = 0.26  # [m] distance by which the legs extend below the bar's middle
 LEG_X = 0.48  # [m] from the middle to a leg's axis
-_SIDES = 64  # of the pipe and legs in the mesh
+_SIDES = 64  # number of sides of the pipe and legs in the mesh
 
 
 def top(length: float = 0.5) -> ModelPath:
@@ -50,10 +50,11 @@ def _line(name: str, length: float, middle: Array, normal: Array) -> ModelPath:
 
 
 def anode() -> TargetModel:
-    """Anode as a target: x_T along the bar, z_T out of its narrow face, origin in the bar's middle.
+    """Anode as a target: x_T along the bar, z_T out of the bar's narrow face, origin in the bar's
+    middle.
 
-    Bar, core and legs are closed shells that intersect. Paths "top" and "side". Symmetric under
-    half a turn about z_T.
+    Bar, core and legs are closed shells that intersect. The paths are "top" and "side". The shape
+    is symmetric under half a turn about z_T.
     """
     x = 0.5 * LENGTH
 
@@ -65,7 +66,7 @@ def anode() -> TargetModel:
     low = face(BOTTOM, -0.5 * HEIGHT)
     high = face(TOP, 0.5 * HEIGHT)
 
-    # Pipe and legs are revolved about x; a leg's axis is turned to z.
+    # Pipe and legs are revolved about x; the axis of a leg is then turned to z.
     r = PIPE[0]
     half = 0.5 * PIPE[1]
     pipe = revolve(np.array([(-half, 0.0), (-half, r), (half, r), (half, 0.0)]), _SIDES)

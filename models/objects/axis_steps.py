@@ -1,7 +1,8 @@
-"""Steps of the second axis along a path: corners in which a tool that is not round stops and turns.
+"""Steps of the second axis along a path, at corners in which a tool that is not round stops and
+turns.
 
-Between points such an axis cannot be interpolated, and splines swing beyond a step. So the axis is
-interpolated without its steps, and they are put back where they were.
+Such an axis cannot be interpolated across a step, because splines overshoot. The steps are
+therefore removed, the axis is interpolated, and the steps are put back at their positions.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 
-# [rad] by which the axis turns between two points, from which on the tool turns at rest
+# [rad] angle between the axes of two points, from which on the tool stops and turns
 STEP = 0.35
 
 
@@ -18,13 +19,13 @@ STEP = 0.35
 class Steps:
     """Steps of the second axis along a path, about the tool axis."""
 
-    after: np.ndarray  # (K,) int index of the last point before each
-    angle: Array  # (K,) [rad] right-handed about the tool axis
+    after: np.ndarray  # (K,) int index of the last point before each step
+    angle: Array  # (K,) [rad] angle of each step, right-handed about the tool axis
 
     @classmethod
     def of(cls, z: Array, x: Array) -> "Steps":
         """Steps beyond STEP between neighbours of `x` (n, 3), unit, across unit axes `z` (n, 3)."""
-        # as it would be without a turn
+        # the next axis if the tool did not turn
         moved = x[:-1] - np.sum(x[:-1] * z[1:], axis=1, keepdims=True) * z[1:]
         angle = np.arctan2(
             np.sum(np.cross(moved, x[1:]) * z[1:], axis=1), np.sum(moved * x[1:], axis=1)
@@ -38,7 +39,9 @@ class Steps:
         return self._turned(z, x, -1.0, np.arange(len(x)))
 
     def put_back(self, z: Array, x: Array, at: np.ndarray) -> Array:
-        """`x` (m, 3) with the steps; `at` (m,) are its points' indices among those of the path."""
+        """`x` (m, 3) with the steps put back; `at` (m,) are the indices of its points in the
+        path.
+        """
         return self._turned(z, x, 1.0, at)
 
     def _turned(self, z: Array, x: Array, sign: float, at: np.ndarray) -> Array:

@@ -21,14 +21,15 @@ from uuv.sim.interfaces.spatial import (
     transform_points,
 )
 
-BARREL_DIAMETER = 0.6  # [m] of the shell; our choice
-BARREL_LENGTH = 0.9  # [m] our choice
+BARREL_DIAMETER = 0.6  # [m] of the shell; chosen for this project
+BARREL_LENGTH = 0.9  # [m] chosen for this project
 RIM_WIDTH = 0.03  # [m], along the axis, at each end
-# [m] from a rim to the end of an axial path: half a pad plus the identification error
+# [m] from a rim to the end of an axial path: half a pad plus the error of identification
 RIM_MARGIN = 0.05
 RIM_HEIGHT = 0.01  # [m], above the shell
 BUNG = (0.035, 0.025, 0.15)  # [m] radius, height above the shell, and x_T of a bung
-# sagitta of a side 0.02 mm, negligible for a camera; contact uses an exact cylinder
+# number of sides in the mesh; their sagitta of 0.02 mm is negligible for a camera; contact uses an
+# exact cylinder
 BARREL_SIDES = 256
 
 
@@ -63,8 +64,8 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
 
     Args:
         arc: [rad] angle of the path.
-        azimuth: [rad] of its middle, from the top (+z_T).
-        x: [m] of the plane, along x_T.
+        azimuth: [rad] of the middle of the path, from the top (+z_T).
+        x: [m] position of the plane along x_T.
 
     Returns:
         The path in T.
@@ -95,12 +96,14 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
 
 
 def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath:
-    """Along the top generator for `length` [m], then on around the shell after a turn by `corner`.
+    """Path along the top generator for `length` [m] and then, after a turn by `corner`, on around
+    the shell.
 
-    Both parts are straight on the unrolled shell, and as long.
+    Both parts are straight on the unrolled shell, and have the same length.
 
     Raises:
-        ConfigurationError: a corner beyond 150 degrees either way, or a path that meets a rim.
+        ConfigurationError: the corner is beyond 150 degrees in either direction, or the path meets
+            a rim.
     """
     finite_number(corner, "barrel corner [rad]", least=-SHARPEST_CORNER, most=SHARPEST_CORNER)
     limit = 0.5 * BARREL_LENGTH - RIM_WIDTH - RIM_MARGIN
@@ -109,7 +112,7 @@ def around_corner(corner: float = 0.5 * np.pi, length: float = 0.2) -> ModelPath
             f"corner path: length must lie between 0 and {limit:.2f} m, got {length}"
         )
 
-    # Way along the axis and around the shell, on the unrolled shell.
+    # Path length along the axis and around the shell, on the unrolled shell.
     s = np.linspace(-length, length, 2 * max(4, round(length / PATH_STEP)) + 1)
     ahead = np.minimum(s, 0.0) + np.maximum(s, 0.0) * np.cos(corner)
     around = np.maximum(s, 0.0) * np.sin(corner)
@@ -139,8 +142,9 @@ def barrel(
 ) -> TargetModel:
     """Barrel as a target, after [Konoplin 2022, fig. 3]: 0.6 m in diameter, 0.9 m long, with rims.
 
-    The sizes are ours. x_T is the axis and the origin the centre. The paths are "longitudinal",
-    "transverse" and "corner". The declared symmetry is that of the body, with or without a bung.
+    The sizes are chosen for this project. x_T is the axis and the origin the centre. The paths are
+    "longitudinal", "transverse" and "corner". The declared symmetry is that of the shell and rims;
+    a bung does not change it.
 
     Args:
         line_length: [m] of the longitudinal path.
@@ -198,7 +202,7 @@ def barrel(
 
 
 def _bung(azimuth: float, r: float) -> tuple[tuple[Array, np.ndarray], Solid]:
-    """Mesh, in T, and solid of a bung in the shell of radius `r` [m] at `azimuth` [rad]."""
+    """Mesh and solid, both in T, of a bung in the shell of radius `r` [m] at `azimuth` [rad]."""
     radius, height, x = BUNG
     # z out of the shell, origin on it
     X_bung = pose(exp_so3([azimuth, 0.0, 0.0])) @ pose(p=[x, 0.0, r])
@@ -214,7 +218,9 @@ def _bung(azimuth: float, r: float) -> tuple[tuple[Array, np.ndarray], Solid]:
 
 
 def _stand(r: float, height: float) -> tuple[Solid, ...]:
-    """Two beams under the shell of radius `r` [m], their feet `height` [m] below its axis."""
+    """Two beams under the shell of radius `r` [m], with their feet `height` [m] below the barrel's
+    axis.
+    """
     half_width = 0.18
     top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
     if not height > r + RIM_HEIGHT:

@@ -13,8 +13,8 @@ from uuv.models.objects.target_model import (
 )
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number
 
-SIZE = (0.7, 0.5, 0.4)  # [m] along x_T, y_T, z_T
-RADIUS = 0.02  # [m] of its edges
+SIZE = (0.7, 0.5, 0.4)  # [m] size along x_T, y_T, z_T
+RADIUS = 0.02  # [m] radius of the edges
 _ARCS = 24  # steps of a quarter circle; the facets deviate from it by r / 900
 
 
@@ -30,7 +30,7 @@ def over_edge(radius: float, length: float = 0.2) -> ModelPath:
     along = _in_plane(np.cos(angle), -np.sin(angle))
     outward = _in_plane(np.sin(angle), np.cos(angle))
 
-    # Ways on the two faces, before and after the arc.
+    # Path lengths on the two faces, before and after the arc.
     before = np.minimum(s - length, 0.0)
     after = np.maximum(s - length - arc, 0.0)
     p = _in_plane(np.full_like(s, flat) + before, np.full_like(s, down) - after) + radius * outward
@@ -38,7 +38,9 @@ def over_edge(radius: float, length: float = 0.2) -> ModelPath:
 
 
 def around_corner(corner: float, length: float = 0.15) -> ModelPath:
-    """Two lines of `length` [m] that meet in the top's middle; the way turns by `corner` [rad]."""
+    """Two lines of `length` [m] that meet in the top's middle; the path turns there by `corner`
+    [rad].
+    """
     finite_number(corner, "block corner [rad]", least=0.0, most=SHARPEST_CORNER)
     n = max(4, 1 + round(length / PATH_STEP))
 
@@ -58,8 +60,8 @@ def around_corner(corner: float, length: float = 0.15) -> ModelPath:
 def block(radius: float = RADIUS, corner: float = 0.5 * np.pi) -> TargetModel:
     """Block as a target: origin in its middle, z_T up.
 
-    Paths "edge" (`over_edge`) and "corner" (`around_corner`). Symmetric under half a turn about
-    each axis.
+    The paths are "edge" (`over_edge`) and "corner" (`around_corner`). The shape is symmetric under
+    half a turn about each axis.
 
     Args:
         radius: [m] of all edges.

@@ -1,9 +1,10 @@
 """Growth and dents on any mesh, with the ground truth of the displacement.
 
-Growth raises surface that faces its middle; a dent pushes in everything near, both faces of a
-plate. The height of either falls from the middle to a lobed edge as a half cosine. Points move
-along one direction by less than the width allows, so the surface never folds into itself. The mesh
-is refined where needed, and stays closed if it was.
+Growth raises the part of the surface that faces the same way as the surface at the middle of the
+patch. A dent pushes in all surface nearby, for instance both faces of a plate. The height of growth
+and the depth of a dent fall from the middle to a lobed edge as a half cosine. All points of a patch
+move along one direction, by so little compared with the patch's radius that the surface never
+folds. The mesh is refined where needed, and a closed mesh stays closed.
 """
 
 from collections.abc import Sequence
@@ -30,23 +31,23 @@ from uuv.sim.interfaces.spatial import (
 HEIGHT = (0.01, 0.04)  # [m] default range of the height of growth and depth of dents
 PATCHES = 5  # default number of patches
 _MOST_PATCHES = 1000  # largest number of patches
-_STEEPEST = 2.5  # least ratio of radius to height; steeper patches would fold
+_STEEPEST = 2.5  # least ratio of radius to height; a steeper patch would fold
 _LOBES = 0.15  # share of the radius by which the edge deviates from a circle
 _MOST_OF_SIZE = 0.45  # largest radius of a patch, as a share of the object's
-_CROWDED = 200  # rejected draws after which patches may overlap
+_CROWDED = 200  # rejected draws, after which patches may overlap
 _EDGE = (0.004, 0.012)  # [m] range of the triangle sides in a patch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Patch:
-    """One growth or dent, in the frame T of its object."""
+    """One patch of growth or one dent, in the frame T of its object."""
 
     kind: Literal["growth", "dent"]
-    p_T: Array  # (3,) [m] middle, on the clean surface
-    n_T: Array  # (3,) unit, outward there
-    radius: float  # [m] mean radius of its edge
-    height: float  # [m] in the middle: outwards (growth) or inwards (dent)
-    lobes: Array  # (2,) [rad] phases of the edge's waves, three and five around
+    p_T: Array  # (3,) [m] middle of the patch, on the clean surface
+    n_T: Array  # (3,) unit vector, outward normal at the middle
+    radius: float  # [m] mean radius of the patch's edge
+    height: float  # [m] displacement in the middle: outwards (growth) or inwards (dent)
+    lobes: Array  # (2,) [rad] phases of the waves of the edge, three and five around
 
     def __post_init__(self) -> None:
         if self.kind not in ("growth", "dent"):
@@ -85,7 +86,7 @@ class Patch:
 
         if self.kind == "dent":
             return -amount[:, None] * self.n_T
-        # surface that faces aside or away stays
+        # surface that faces aside or away does not move
         faces = np.clip((normals_T @ self.n_T - 0.05) / 0.35, 0.0, 1.0)
         return (amount * faces**2 * (3.0 - 2.0 * faces))[:, None] * self.n_T
 
@@ -94,19 +95,21 @@ class Patch:
 class Deformed:
     """A deformed object with its ground truth: `target.vertices` is `clean_T` plus displacement."""
 
-    target: TargetModel  # the true shape; name, symmetry and paths are those of the clean one
+    target: TargetModel  # the true shape; name, symmetry and paths are those of the clean object
     clean: TargetModel  # the believed shape
     patches: tuple[Patch, ...]
     clean_T: Array  # (V, 3) [m] position of each vertex of `target` on the clean surface
-    offset: Array  # (V,) [m] of each vertex along the clean surface's normal: growth positive
+    # (V,) [m] offset of each vertex along the clean surface's normal; growth is positive
+    offset: Array
 
     def offset_at(self, points_T: ArrayLike) -> Array:
-        """Offset (N,) [m] from the clean surface, of the true one's points nearest to (N, 3) [m].
+        """Offset (N,) [m] from the clean surface of those points of the true surface that are
+        nearest to `points_T` (N, 3) [m].
 
         Growth is positive.
 
         Raises:
-            ConfigurationError: points of another shape, not finite, or too far away.
+            ConfigurationError: the points have another shape, are not finite, or are too far away.
         """
         points = real_array(points_T, "offset_at", "points (N, 3) [m]")
         if points.ndim != 2:
@@ -135,14 +138,15 @@ def fouled(
         rng: source of randomness.
         patches: number of patches.
         height: [m] range of their heights.
-        near: (N, 3) [m] in T, points such as those of a path that the patches lie close to; None:
+        near: (N, 3) [m] in T, points, such as those of a path, near which the patches lie; None:
             anywhere.
 
     Returns:
         The deformed object with its ground truth.
 
     Raises:
-        ConfigurationError: impossible numbers, or an object too small for the least height.
+        ConfigurationError: a number is out of range, or the object is too small for the least
+            height.
     """
     return deformed(target, _drawn("growth", target, rng, patches, height, near))
 
@@ -161,14 +165,15 @@ def dented(
         rng: source of randomness.
         patches: number of dents.
         height: [m] range of their depths.
-        near: (N, 3) [m] in T, points such as those of a path that the dents lie close to; None:
+        near: (N, 3) [m] in T, points, such as those of a path, near which the dents lie; None:
             anywhere.
 
     Returns:
         The deformed object with its ground truth.
 
     Raises:
-        ConfigurationError: impossible numbers, or an object too small for the least depth.
+        ConfigurationError: a number is out of range, or the object is too small for the least
+            depth.
     """
     return deformed(target, _drawn("dent", target, rng, patches, height, near))
 
@@ -224,8 +229,8 @@ def _drawn(
     widest = _MOST_OF_SIZE * target.radius
     if least * _STEEPEST > widest:
         raise ConfigurationError(
-            f"{kind}: {target.name!r} of radius {target.radius:.3g} m is too small for a height "
-            f"of {least:.3g} m; at most {widest / _STEEPEST:.3g} m"
+            f"{kind}: {target.name!r} of radius {target.radius:.3g} m is too small for a height of "
+            f"{least:.3g} m; the height must be at most {widest / _STEEPEST:.3g} m"
         )
 
     near_T = None if near is None else np.asarray(near, dtype=np.float64)
@@ -236,7 +241,7 @@ def _drawn(
     if near_T is not None and not np.isfinite(near_T).all():
         raise ConfigurationError(f"{kind}: every point of near must be finite")
 
-    # Surface, from which middles are drawn by area.
+    # Surface from which the middles are drawn, uniformly by area.
     a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
@@ -248,8 +253,8 @@ def _drawn(
         close = 0.5 * min(4.5 * most, widest)
         if away >= close:
             raise ConfigurationError(
-                f"{kind}: near lies {away:.3g} m from {target.name!r}, beyond the reach of its "
-                f"patches, {close:.3g} m"
+                f"{kind}: the points of `near` must be within {close:.3g} m of {target.name!r}, "
+                f"the largest reach of a patch; they are {away:.3g} m away"
             )
 
     drawn: list[Patch] = []

@@ -1,9 +1,10 @@
-"""Subsea manifold block with sampling holes: mesh to identify, collision shapes with real holes.
+"""Subsea manifold block with sampling holes: mesh for identification, collision shapes with real
+holes.
 
 Frame T has its origin in the middle of the block's face and z out of it. A hole is a blind bore
-with a chamfered mouth. Each is walled by a ring of boxes whose inner faces touch the bore's circle
-from outside. The free bore is at least that circle, and at the corners wider by r (1 / cos(pi /
-SIDES) - 1). Boxes are never cut, so contact with them is exact.
+with a chamfered mouth. The wall of a hole is a ring of boxes whose inner faces are tangent to the
+bore's circle from outside. The free bore is at least that circle, and at the corners between boxes
+wider by r (1 / cos(pi / SIDES) - 1). All parts are whole boxes, so contact with them is exact.
 """
 
 from collections.abc import Mapping
@@ -21,10 +22,10 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z
 
 SIZE = (0.56, 0.42, 0.14)  # [m] of the block
-SIDES = 24  # of a bore's wall; its corners lie 0.17 mm outside the circle at 20 mm radius
+SIDES = 24  # boxes around a bore; its corners lie 0.17 mm outside the circle for a radius of 20 mm
 _CELL = 0.05  # [m] half side of the square cell around a hole
-_PIPE_SIDES = 48  # of a pipe in the mesh
-_FACETS = 96  # of a bore's circle in the mesh
+_PIPE_SIDES = 48  # number of sides of a pipe in the mesh
+_FACETS = 96  # number of sides of a bore's circle in the mesh
 _Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -32,9 +33,9 @@ _Z = np.array([0.0, 0.0, 1.0])
 class Hole:
     """Blind bore with a chamfered mouth."""
 
-    p_T: Array  # (3,) [m] middle of its mouth, in T
-    z_T: Array  # (3,) unit, out of the bore, in T
-    radius: float  # [m]
+    p_T: Array  # (3,) [m] middle of the mouth, in T
+    z_T: Array  # (3,) unit vector out of the bore, in T
+    radius: float  # [m] radius of the bore
     depth: float  # [m] from the face to the bottom
     chamfer: float  # [m] width and depth of the 45 deg chamfer at the mouth
 
@@ -79,7 +80,7 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         The block with its holes.
 
     Raises:
-        ConfigurationError: a hole that does not fit its place in the block.
+        ConfigurationError: a hole does not fit into the block.
     """
     length, width, height = SIZE
     if not (radius > 0.0 and chamfer >= 0.0 and radius + chamfer < 0.9 * _CELL):
@@ -110,7 +111,7 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         ("valve", 0.04, 0.13, [0.0, 0.0, 1.0], [-0.22, -0.14, 0.06]),
     )
 
-    # The face in cells between these lines, whole or with a hole.
+    # The face is divided into cells by these lines; a cell is whole or has a hole.
     columns = sorted(
         {
             -0.5 * length,
@@ -191,7 +192,9 @@ def _box(name: str, middle: ArrayLike, size: ArrayLike, R: Array | None = None) 
 
 
 def _ring(name: str, hole: Hole) -> list[Solid]:
-    """Boxes around the bore, out to its cell's corners: wall, lip and chamfer for each side."""
+    """Boxes around the bore, out to the corners of its cell: wall, lip and chamfer for each
+    side.
+    """
     r = hole.radius
     c = hole.chamfer
     out = np.sqrt(2.0) * _CELL
@@ -218,8 +221,8 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
         if c > 0.0:
             boxes.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
 
-            # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the box lies behind
-            # it.
+            # One face of this box is the chamfer from (r, -c) to (r + c, 0), and the box lies
+            # behind it.
             s = 0.25 * c
             boxes.append(
                 part(
@@ -285,7 +288,9 @@ class _Mesh:
         )
 
     def sides(self, columns: list[float], rows: list[float], height: float) -> None:
-        """Add the block without its face, whose edge has corners at `columns` (x), `rows` (y)."""
+        """Add the block without its front face. The edge of that face has corners at `columns` (x),
+        `rows` (y).
+        """
         x = np.array(columns)
         y = np.array(rows)
         rim = np.concatenate(

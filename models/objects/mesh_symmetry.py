@@ -1,4 +1,4 @@
-"""Symmetry of a mesh, by turning it: rotations under which no sensor can tell it from itself."""
+"""Symmetry of a mesh: rotations that map it onto itself within the resolution of sensors."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -10,24 +10,26 @@ from uuv.models.meshes.nearest_surface import NearestSurface
 from uuv.models.objects.target_model import Symmetry
 from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_angle
 
-# [radii] distance between the surfaces, up to which they are the same; a 24-sided pipe is round
+# [radii] largest distance between two surfaces that count as the same; a 24-sided pipe is then
+# round
 _ALIKE = 0.006
-_EVEN = 40_000  # triangles drawn from the mesh of a cloud
-# [-] largest share of the surface of a cloud's mesh that may lie a spacing off and more
+_EVEN = 40_000  # number of triangles drawn from the mesh of a cloud
+# [-] largest share of the surface of a cloud's mesh that may be a spacing or more off
 _LOST = 0.01
-# [-] largest share of the surface of a cloud's mesh that may lie farther off than _ALIKE
+# [-] largest share of the surface of a cloud's mesh that may be farther off than _ALIKE
 _CHIPPED = 0.1
 _FOLDS = range(2, 13)  # orders of rotation that are tried
-# [rad] turns that map only a surface of revolution onto itself
+# [rad] turn that only a surface of revolution passes for every order
 _ROUND = np.deg2rad([13.0, 37.0, 71.0, 103.0, 163.0])
-_EQUAL = 0.02  # [-] relative difference of moments of inertia, up to which axes are not unique
-_SAMPLES = 1500  # points of the surface, and as many corners, that are turned
-_FIRST = 60  # of them that are turned first: they exclude most rotations
-# [rad] between the axes tried where the moments of inertia leave them open
+# [-] relative difference of moments of inertia, below which their axes are not unique
+_EQUAL = 0.02
+_SAMPLES = 1500  # number of points of the surface, and of corners, that are turned
+_FIRST = 60  # number of them that are turned first: they exclude most rotations
+# [rad] between the axes that are tried where the moments of inertia do not determine the axis
 _SCANNED = np.deg2rad(3.0)
-_EXACTLY = np.deg2rad(0.02)  # [rad] to which such an angle is found
-_REFINED = 20  # of the axes tried, the best ones that are refined
-_ITERATIONS = 15  # of ICP
+_EXACTLY = np.deg2rad(0.02)  # [rad] accuracy of such an angle
+_REFINED = 20  # number of the best axes tried that are refined
+_ITERATIONS = 15  # number of iterations of ICP
 _SIGNS = np.array(
     [
         [1.0, 1.0, 0.0],
@@ -38,9 +40,9 @@ _SIGNS = np.array(
         [-1.0, 1.0, 1.0],
     ]
 )
-_SPHERE = 300  # axes tried where all moments are equal
-_SAME = np.deg2rad(1.5)  # [rad] between axes or rotations that count as one
-_LARGEST = 60  # rotations in a group: those of an icosahedron
+_SPHERE = 300  # number of axes tried if all moments are equal
+_SAME = np.deg2rad(1.5)  # [rad] between axes or rotations that count as the same
+_LARGEST = 60  # largest number of rotations in a group: that of an icosahedron
 
 
 def mesh_symmetry(
@@ -48,17 +50,17 @@ def mesh_symmetry(
 ) -> Symmetry:
     """Rotations that map a mesh onto itself within 0.6 % of its radius.
 
-    A mesh made of a cloud is compared as well as its points allow. The rotations are about the
-    centroid of the surface. Axes are sought along the principal axes of inertia, and where two
-    moments are equal, all around the third. A sphere has no single axis; it counts as without
-    symmetry.
+    A mesh that was made from a cloud is compared only as accurately as the spacing of its points
+    allows. The rotations are about the centroid of the surface. Axes are sought along the principal
+    axes of inertia, and where two moments are equal, all around the third. A sphere has no single
+    axis and counts as having no symmetry.
 
     Args:
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         rng: Draws the points that are compared.
-        spacing: [m] between the points of which the mesh was made: some of it lies so far off the
-            surface.
+        spacing: [m] between the points of the cloud from which the mesh was made; some of the mesh
+            is off the surface by as much.
 
     Returns:
         An axis of revolution with half turns across it, or a discrete group.
@@ -72,7 +74,7 @@ def mesh_symmetry(
     equal = np.diff(moments) < _EQUAL * moments[-1]
     if equal.all():
         half_turns = shape.half_turns(_hemisphere(_SPHERE))
-        # Axes of third and fourth order pass midway between those of second order.
+        # Axes of third and fourth order pass midway between axes of second order.
         sums = [
             signs @ np.array(trio) for trio in combinations(half_turns[:9], 3) for signs in _SIGNS
         ]
@@ -95,13 +97,14 @@ def mesh_symmetry(
 def has_mirror_plane(
     vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float = 0.0
 ) -> bool:
-    """Whether a reflection maps a mesh onto itself within 0.6 % of its radius: no other hand.
+    """True if a reflection maps a mesh onto itself within 0.6 % of its radius, so that its mirror
+    image is the same shape.
 
     Args:
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
         rng: Draws the points that are compared.
-        spacing: [m] as of `mesh_symmetry`.
+        spacing: [m] as in `mesh_symmetry`.
     """
     shape = _Shape(vertices, triangles, rng, spacing)
     moments, axes = np.linalg.eigh(shape.inertia)
@@ -127,7 +130,7 @@ def _reflection(normal: Array) -> Array:
 
 
 class _Shape:
-    """A mesh with points on it that are turned and compared with it."""
+    """A mesh, and points on it that are turned and compared with the mesh."""
 
     def __init__(
         self, vertices: Array, triangles: np.ndarray, rng: np.random.Generator, spacing: float
@@ -142,7 +145,7 @@ class _Shape:
             corners, shares = _evenly(corners, areas, spacing, rng)
         self.center = shares @ corners.mean(axis=1)
 
-        # Of a triangle: its second moment about its centroid is the corners' mean square over 4.
+        # Second moment of a triangle about its centroid: the mean square of the corners over 4.
         off = corners - self.center
         middle = off.mean(axis=1)
         spread = np.einsum("t,tci,tcj->ij", shares, off, off) / 12.0 + 0.75 * np.einsum(
@@ -150,7 +153,8 @@ class _Shape:
         )
         self.inertia = np.trace(spread) * np.eye(3) - spread
 
-        # Points on the surface: even over its area, and corners, of which small parts have many.
+        # Points on the surface: uniform over its area, and corners, since small parts have many
+        # corners.
         used = vertices[np.unique(triangles)]
         self.radius = float(np.linalg.norm(used - self.center, axis=1).max())
         u, v = rng.random((2, _SAMPLES))
@@ -190,10 +194,11 @@ class _Shape:
         )
 
     def half_turns_across(self, main: Array, side: Array) -> list[Array]:
-        """Axes across `main` (3,) of half turns of the shape onto itself; `side` (3,) is across it.
+        """Axes perpendicular to `main` (3,) of half turns that map the shape onto itself; `side`
+        (3,) is perpendicular to `main`.
 
-        Only the angle about `main` is open, which ICP finds slowly on a prism: most of its surface
-        slides.
+        Only the angle about `main` is unknown. ICP converges slowly to this angle on a prism,
+        because most of the surface slides along itself.
         """
         from scipy.optimize import minimize_scalar
 
@@ -248,9 +253,10 @@ class _Shape:
 def _evenly(
     corners: Array, areas: Array, spacing: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Triangles (n, 3, 3) drawn from `corners` (t, 3, 3), shares (n,) even over the surface.
+    """Triangles (n, 3, 3) drawn from `corners` (t, 3, 3), and their shares (n,), uniform over the
+    surface.
 
-    The mesh of a cloud has several layers here and there, which must not count twice.
+    The mesh of a cloud has several layers in some places, which must not count twice.
     """
     some = corners[rng.choice(len(corners), _EVEN, p=areas / areas.sum())]
     tree = cKDTree(some.mean(axis=1))
@@ -267,7 +273,9 @@ def _of_revolution(shape: _Shape, axis: Array) -> Symmetry:
 
 
 def _group(shape: _Shape, axes: list[Array]) -> Array:
-    """Rotations (n, 3, 3) about axes that map the shape onto itself; products; identity first."""
+    """Rotations (n, 3, 3) about `axes` that map the shape onto itself, and their products; identity
+    first.
+    """
     group = [np.eye(3)]
     for axis in axes:
         for fold in _FOLDS:
@@ -276,12 +284,13 @@ def _group(shape: _Shape, axes: list[Array]) -> Array:
                 group = _closed([*group, R])
 
     if shape.spacing > 0.0 and len(group) == _LARGEST:
-        return np.eye(3)[None]  # they do not close: each was only nearly one
+        # the products do not form a group, since each rotation is only an approximate symmetry
+        return np.eye(3)[None]
     return np.stack(group)
 
 
 def _closed(rotations: list[Array]) -> list[Array]:
-    """The group that some rotations generate, to rounding."""
+    """The group that the rotations generate, up to rounding."""
     group: list[Array] = []
     waiting = list(rotations)
     while waiting and len(group) < _LARGEST:
@@ -298,7 +307,7 @@ def _is_new(R: Array, group: list[Array]) -> bool:
 
 
 def _distinct(axes: list[Array]) -> list[Array]:
-    """Axes of which none is another one or its opposite."""
+    """Axes without repetitions, where an axis and its opposite count as the same."""
     distinct: list[Array] = []
     for axis in axes:
         if all(np.linalg.norm(np.cross(axis, other)) > np.sin(_SAME) for other in distinct):

@@ -1,4 +1,4 @@
-"""Checks of what users make models of: meshes, and point clouds with their normals."""
+"""Checks of a user's input for models: meshes, and point clouds with their normals."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,20 +7,21 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, real_array
 
 SMALLEST = 1e-3  # [m] smallest extent across, below tool and sensor resolution
-FARTHEST_VERTEX = 1e5  # [m] bound of vertices and path points from the origin
+FARTHEST_VERTEX = 1e5  # [m] largest distance of vertices and path points from the origin
 
 
 def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, what: str) -> tuple[Array, np.ndarray]:
-    """Vertices (V, 3) [m] and triangles (T, 3) of a mesh with a surface of a size to work on.
+    """Validated vertices (V, 3) [m] and triangles (T, 3) of a mesh whose size suits tool and
+    sensors.
 
     Args:
         vertices: (V, 3) [m].
         triangles: (T, 3) indices.
-        what: begins the error messages.
+        what: first words of error messages.
 
     Raises:
-        ConfigurationError: a wrong shape, a number that is not finite or far off, an index outside
-            the vertices, no area, or an extent below SMALLEST.
+        ConfigurationError: a shape is wrong, a number is not finite or too large, an index refers
+            to no vertex, the area is zero, or the extent is below SMALLEST.
     """
     points = real_array(vertices, f"{what}: vertices", "(V, 3) numbers")
     corners = real_array(triangles, f"{what}: triangles", "(T, 3) indices")
@@ -31,7 +32,11 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, what: str) -> tuple[
     if not (
         corners.min() >= 0 and corners.max() < len(points) and np.all(corners == np.floor(corners))
     ):
-        raise ConfigurationError(f"{what}: a triangle points outside its {len(points)} vertices")
+        raise ConfigurationError(
+            f"{what}: triangles must be indices of vertices, whole numbers from 0 to "
+            f"{len(points) - 1}, "
+            f"got {corners.min():g} to {corners.max():g}"
+        )
 
     faces = corners.astype(np.int64)
     farthest = float(np.abs(points).max())
@@ -50,7 +55,7 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, what: str) -> tuple[
     across = float(np.linalg.norm(np.ptp(used, axis=0)))
     if across < SMALLEST:
         raise ConfigurationError(
-            f"{what}: {across:.3g} m across, less than {SMALLEST:g} m: is its scale right?"
+            f"{what}: must be at least {SMALLEST:g} m across, got {across:.3g} m; check its scale"
         )
     return points, faces
 
@@ -58,16 +63,17 @@ def checked_mesh(vertices: ArrayLike, triangles: ArrayLike, what: str) -> tuple[
 def usable_cloud(
     points: ArrayLike, normals: ArrayLike | None, what: str
 ) -> tuple[Array, Array | None, list[str]]:
-    """Points (m, 3) [m] of a cloud, outward normals (m, 3) if usable, and notes on those left out.
+    """Usable points (m, 3) [m] of a cloud, their outward normals (m, 3) if usable, and notes on
+    points left out.
 
     Args:
         points: (n, 3) [m]; those that are not finite are left out.
-        normals: (n, 3), of any length; points whose normal is zero or not finite are left out, but
-            where none is usable all normals are.
-        what: begins the error messages.
+        normals: (n, 3), of any length; points whose normal is zero or not finite are left out. If
+            no normal is usable, all points are kept without normals.
+        what: first words of error messages.
 
     Raises:
-        ConfigurationError: arrays of another shape, or points far off.
+        ConfigurationError: an array has another shape, or points are too far from the origin.
     """
     positions = real_array(points, f"{what}: points", "(n, 3) numbers [m]")
     if positions.ndim != 2 or positions.shape[1] != 3:
@@ -97,9 +103,9 @@ def usable_cloud(
 def _usable_normals(
     normals: ArrayLike, shape: tuple[int, ...], finite: np.ndarray, what: str
 ) -> tuple[Array | None, np.ndarray, str]:
-    """Normals (m, 3) of the `finite` points (n,) where usable, the mask (n,) of these, a note.
+    """Usable normals (m, 3) of the `finite` points (n,), the mask (n,) of these points, and a note.
 
-    None, all points and a note, where no normal is usable.
+    If no normal is usable: None, the mask of all finite points, and a note.
     """
     outward = real_array(normals, f"{what}: normals", "(n, 3) numbers")
     if outward.shape != shape:
@@ -110,7 +116,7 @@ def _usable_normals(
     largest = np.abs(outward).max(axis=1, initial=0.0, where=np.isfinite(outward))
     usable = np.isfinite(outward).all(axis=1) & (largest > 0.0)
     if not (finite & usable).any():
-        note = "its normals are all zero or not finite, and taken as none"
+        note = "all normals are zero or not finite, so they are ignored"
         return None, np.ones(len(usable), dtype=bool), note
 
     note = ""
@@ -119,6 +125,6 @@ def _usable_normals(
             f"{unusable} of {int(finite.sum())} points left out: their normal is zero or not finite"
         )
 
-    # The square of a very long one overflows.
+    # Scaled first, because the square of a very long normal overflows.
     both = finite & usable
     return outward[both] / largest[both, None], usable, note

@@ -1,8 +1,8 @@
 """Vertical pile, such as a jetty leg, with a bolted flange, and the tool paths on it.
 
 A plain pipe seen in part can slide along its axis undetected by registration. The flange determines
-height: two rings on a pipe of 600 mm, bolted together (proportions as of EN 1092-1 type 11, sizes
-ours).
+the height. It is two rings on a pipe of 600 mm, bolted together, with the proportions of EN 1092-1
+type 11 and sizes chosen for this project.
 """
 
 from collections.abc import Mapping
@@ -15,12 +15,13 @@ from uuv.models.objects.target_model import PATH_STEP, ModelPath, Symmetry, Targ
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose
 
-PILE_DIAMETER = 0.6  # [m] our choice
-PILE_LENGTH = 3.0  # [m] our choice
-FLANGE_DIAMETER = 0.76  # [m] our choice
+PILE_DIAMETER = 0.6  # [m] chosen for this project
+PILE_LENGTH = 3.0  # [m] chosen for this project
+FLANGE_DIAMETER = 0.76  # [m] chosen for this project
 FLANGE = (0.2, 0.3)  # [m] lower and upper face of the flange, along z_T
-FLANGE_MARGIN = 0.08  # [m] from flange or end to a path: half a pad plus the identification error
-SIDES = 256  # of the pile in the mesh; sagitta of a side 0.02 mm
+# [m] from flange or end to a path: half a pad plus the error of identification
+FLANGE_MARGIN = 0.08
+SIDES = 256  # number of sides of the pile in the mesh; their sagitta is 0.02 mm
 
 
 def vertical(length: float = 0.5, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
@@ -95,7 +96,9 @@ def helix(
 
 
 def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPath:
-    """Path through `height` (N,) [m] and `azimuth` (N,) [rad]; `climb` is the sine of its slope."""
+    """Path through `height` (N,) [m] and `azimuth` (N,) [rad]; `climb` is the sine of the path's
+    slope.
+    """
     low = float(np.min(height))
     high = float(np.max(height))
     end = 0.5 * PILE_LENGTH - FLANGE_MARGIN
@@ -103,9 +106,9 @@ def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPa
     over = FLANGE[1] + FLANGE_MARGIN
     if not ((-end <= low and high <= under) or (over <= low and high <= end)):
         raise ConfigurationError(
-            f"{name} path: heights must lie in [{-end:.2f}, {under:.2f}] or [{over:.2f}, "
-            f"{end:.2f}] m, clear of the "
-            f"flange and the ends; got {low:.3g} to {high:.3g} m"
+            f"{name} path: the whole path must be in one of the height ranges [{-end:.2f}, "
+            f"{under:.2f}] and [{over:.2f}, {end:.2f}] m, clear of the flange and the ends; got "
+            f"{low:.3g} to {high:.3g} m"
         )
 
     zero = np.zeros_like(azimuth)
@@ -123,7 +126,8 @@ def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> T
 
     Args:
         paths: tool paths by name; by default "vertical", "ring" and "helix" with their defaults.
-        flange: without it no feature determines height as long as the ends are out of view.
+        flange: False: no flange, so that no feature determines the height while the ends are out of
+            view.
 
     Returns:
         The target.

@@ -1,7 +1,7 @@
 """Panel of a steel hull for tests of cleaning: a flat plate with two stiffeners and a nozzle.
 
-Sizes are ours: the stiffeners are flat bars of 60 by 12 mm, the nozzle a short pipe that is blanked
-off.
+The sizes are chosen for this project. The stiffeners are flat bars of 60 by 12 mm, the nozzle is a
+short closed pipe.
 """
 
 import numpy as np
@@ -15,12 +15,13 @@ from uuv.sim.interfaces.spatial import Array, pose
 SIZE = (0.9, 0.6, 0.02)  # [m] of the plate, along x_T, y_T, z_T
 BAR = (0.012, 0.06)  # [m] thickness and height of a stiffener
 NOZZLE = (0.057, 0.12)  # [m] radius and height
-_SIDES = 96  # of the nozzle in the mesh
+_SIDES = 96  # number of sides of the nozzle in the mesh
 # [m] size and middle of the stiffener along x_T
 _LONG = ([0.9, BAR[0], BAR[1]], [0.0, 0.22, 0.5 * BAR[1]])
-_SHORT = ([BAR[0], 0.3, BAR[1]], [0.33, -0.1, 0.5 * BAR[1]])  # of the one along y_T
-_NOZZLE_AT = (-0.34, -0.19)  # [m] its axis
-# [m] that a path keeps from what stands on the plate: the pad's radius and room for the tool
+# [m] size and middle of the stiffener along y_T
+_SHORT = ([BAR[0], 0.3, BAR[1]], [0.33, -0.1, 0.5 * BAR[1]])
+_NOZZLE_AT = (-0.34, -0.19)  # [m] position of the nozzle's axis
+# [m] clearance of a path from parts on the plate: radius of the pad and room for the tool
 _MARGIN = 0.11
 
 
@@ -55,8 +56,8 @@ def plate() -> TargetModel:
     """Plate as a target: z_T out of its stiffened side, x_T along the long bar.
 
     The origin is in the middle of that side. Plate, bars and nozzle are closed shells that
-    intersect. Paths "middle", "along_bar" and "across". The short bar and the nozzle leave no
-    symmetry.
+    intersect. The paths are "middle", "along_bar" and "across". The short bar and the nozzle remove
+    every symmetry.
     """
     radius, height = NOZZLE
     tube, faces = revolve(

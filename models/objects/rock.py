@@ -1,7 +1,7 @@
 """Free-form rock: a random star-shaped boulder, one shape per seed, to test identification.
 
-A boulder is a ball cut by planes with rounded edges: the smooth minimum, over planes at random
-distances, of the distance to each plane along a ray from the middle. Broad swells and hollows make
+A boulder is a ball cut by planes at random distances, with rounded edges. Its radius in a direction
+is the smooth minimum of the distances to the planes along that ray. Broad swells and hollows make
 it concave in places.
 """
 
@@ -12,20 +12,20 @@ from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-_PLANES = 14  # random cutting planes, beside the six that bound the rock
+_PLANES = 14  # number of random cutting planes, besides the six that bound the rock
 _WORN = 9.0  # exponent of the smooth minimum; larger gives sharper edges
-_SWELLS = 10  # swells and hollows
+_SWELLS = 10  # number of swells and hollows
 _LEVEL = 5  # subdivisions of the sphere: 20480 triangles, sides about 1 cm
 
 
 def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetModel:
     """Random rock as a target, star-shaped about its origin, z_T up.
 
-    Paths "over" along x_T and "across" along y_T run over the top through 80 deg, as seen from the
+    The paths "over" along x_T and "across" along y_T run over the top and span 80 deg seen from the
     origin.
 
     Args:
-        seed: of the shape.
+        seed: seed of the shape.
         size: [m] largest extent.
         roughness: height of swells and hollows, as a share of the radius, in [0, 0.15].
 
@@ -33,7 +33,7 @@ def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetMod
         The target.
 
     Raises:
-        ConfigurationError: a seed, size or roughness out of range.
+        ConfigurationError: a seed, size or roughness is out of range.
     """
     if not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"rock: size must be > 0 m, got {size}")
@@ -67,7 +67,7 @@ class _Form:
             [np.eye(3), -np.eye(3), normals / np.linalg.norm(normals, axis=1, keepdims=True)]
         )
 
-        stretch = np.sort(rng.uniform(0.62, 1.0, 3))[::-1]  # x is the longest, z the shortest
+        stretch = np.sort(rng.uniform(0.62, 1.0, 3))[::-1]  # x is the longest axis, z the shortest
         self._reach = rng.uniform(0.85, 1.1, len(self._normals)) * np.linalg.norm(
             self._normals * stretch, axis=1
         )
@@ -78,7 +78,7 @@ class _Form:
         """Points (N, 3) of the surface in the unit directions `ways` (N, 3)."""
         facing = np.maximum(ways @ self._normals.T, 0.0) / self._reach
         radius = np.linalg.norm(facing, ord=_WORN, axis=1) ** -1.0
-        # each about 40 deg wide
+        # each swell or hollow is about 40 deg wide
         swell = np.exp((ways @ self._swells.T - 1.0) / 0.12) @ self._heights
         return (radius * (1.0 + swell))[:, None] * ways
 

@@ -1,4 +1,4 @@
-"""Solid of an object: a collision primitive with the same shape as that part of its mesh."""
+"""Solid of an object: a collision primitive with the shape of one part of the object's mesh."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
@@ -19,14 +19,14 @@ class Solid:
 
     name: str
     kind: SolidKind
-    size: tuple[float, ...]  # [m] as MuJoCo's geom size
+    size: tuple[float, ...]  # [m] in the form of MuJoCo's geom size
     X_TS: Array  # (4, 4) pose in T
 
     def __post_init__(self) -> None:
         one_of(self.kind, get_args(SolidKind), f"solid {self.name!r}: kind")
 
     def add_to(self, body: "mujoco.MjsBody") -> "mujoco.MjsGeom":
-        """Add the solid to the body of its target, as a geom of its name."""
+        """Add the solid to the body of its target, as a geom with the solid's name."""
         import mujoco
 
         size = np.zeros(3)

@@ -1,7 +1,8 @@
-"""Starfish of [Konoplin 2022, fig. 2]: thin, five equal arms, 72 deg of yaw fit almost as well.
+"""Starfish of [Konoplin 2022, fig. 2]: thin, with five equal arms, so that yaw is ambiguous by 72
+deg.
 
-The paper gives no sizes; ours are 0.4 m across and 35 mm thick. The underside is flat, the upper
-side domed.
+The paper gives no sizes; here the starfish is 0.4 m across and 35 mm thick. The underside is flat,
+the upper side domed.
 """
 
 import numpy as np
@@ -9,13 +10,13 @@ import numpy as np
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
-THICKNESS = 0.035  # [m] in the middle
+THICKNESS = 0.035  # [m] thickness in the middle
 ARMS = 5  # equal arms, so the symmetry is a turn of 72 deg
 REACH = 0.2  # [m] from the middle to an arm's tip
 WAIST = 0.07  # [m] from the middle to the outline between two arms
-RIM = 0.3  # thickness of the rim, as a share of the middle's
-_AROUND = 36 * ARMS  # vertices of a ring
-_RINGS = 16  # of vertices, from the rim to the middle
+RIM = 0.3  # thickness of the rim, as a share of that in the middle
+_AROUND = 36 * ARMS  # number of vertices of a ring
+_RINGS = 16  # number of rings of vertices, from the rim to the middle
 
 
 def outline(angle: Array) -> Array:
@@ -24,7 +25,9 @@ def outline(angle: Array) -> Array:
 
 
 def _height(share: Array) -> Array:
-    """Height [m] over the flat underside at `share` of the way from the middle to the outline."""
+    """Height [m] over the flat underside at `share` of the distance from the middle to the
+    outline.
+    """
     return THICKNESS * (
         RIM + (1.0 - RIM) * np.sqrt(1.0 - 0.96 * share**2) - 0.2 * (1.0 - RIM) * share**8
     )
@@ -66,11 +69,11 @@ def _on_top(xy: Array) -> ModelPath:
 def starfish() -> TargetModel:
     """Starfish as a target: z_T out of its domed side, x_T along an arm, origin at half thickness.
 
-    Paths "arm" (a line along an arm) and "ring" (a circle in the middle). Symmetric under turns of
-    72 deg about z_T.
+    The paths are "arm" (a line along an arm) and "ring" (a circle in the middle). The shape is
+    symmetric under turns of 72 deg about z_T.
     """
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
-    share = (np.arange(1, _RINGS + 1) / _RINGS) ** 0.8  # denser where the dome is steep
+    share = (np.arange(1, _RINGS + 1) / _RINGS) ** 0.8  # rings are denser where the dome is steep
     edge = outline(angle)
 
     rings = np.stack(
@@ -92,7 +95,7 @@ def starfish() -> TargetModel:
         ]
     )
 
-    # Upper side, lower side under it, and the rim between them.
+    # Upper side, lower side below, and the rim between them.
     i = np.arange(_AROUND)
     j = (i + 1) % _AROUND
     top = [np.column_stack([np.full_like(i, 2 * n), i, j])]

@@ -37,25 +37,27 @@ if TYPE_CHECKING:
 
     from uuv.models.meshes.cloud_mesh import CloudMesh
 
-# [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
+# [m] largest extent accepted without a stated scale; a larger mesh is probably in millimetres
 LARGEST = 20.0
-_LEAST_SINE = 0.05  # between the axes that a tool keeps
+_LEAST_SINE = 0.05  # least sine of the angle between the two axes of a tool
 PATH_STEP = 0.005  # [m] spacing of the points of a model path
-# by which a model path may turn at a point; it nearly goes back then
+# [rad] largest turn of a model path at a point; beyond it the path nearly reverses
 SHARPEST_CORNER = float(np.radians(150.0))
-# [m] of a path over which a tool turns in a corner; splines would swing beyond a jump
+# [m] of path over which a tool turns in a corner, since splines would overshoot a jump
 _SHORTEST_BLEND = 0.04
-_CORNER = 0.2  # [rad] of turn between two points, from which on there is a corner
+_CORNER = 0.2  # [rad] angle between the axes of two points, from which on there is a corner
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Symmetry:
-    """Rotations about `center` that map the shape onto itself: a group times turns about `axis`."""
+    """Rotations about `center` that map the shape onto itself: a discrete group times turns about
+    `axis`.
+    """
 
     axis: Array | None = None  # (3,) unit, in T: any turn about it maps the shape onto itself
     # (n, 3, 3), identity first
     rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))
-    # (3,) [m] that all of them keep, in T
+    # (3,) [m] fixed point of all rotations, in T
     center: Array = field(default_factory=lambda: readonly(np.zeros(3)))
 
     def __post_init__(self) -> None:
@@ -65,12 +67,14 @@ class Symmetry:
                 f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}"
             )
 
-        # the square of a large number overflows
+        # checked first, because the square of a large number overflows
         small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)
         if not np.abs(small @ small.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
             raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
         if not np.all(np.linalg.det(rotations) > 0.0):
-            raise ConfigurationError("symmetry rotations: a reflection is none")
+            raise ConfigurationError(
+                "symmetry rotations: every matrix must be a rotation, not a reflection"
+            )
 
         object.__setattr__(self, "rotations", readonly(rotations))
         object.__setattr__(self, "center", checked(self.center, (3,), "symmetry center"))
@@ -79,7 +83,7 @@ class Symmetry:
             longest = float(np.abs(axis).max())
             if not longest > 1e-9:
                 raise ConfigurationError("symmetry axis: must not be zero")
-            axis = axis / longest  # the square of a very long one overflows
+            axis = axis / longest  # scaled first, because the square of a very long axis overflows
             object.__setattr__(self, "axis", readonly(axis / np.linalg.norm(axis)))
 
     @property
@@ -92,11 +96,15 @@ class Symmetry:
         return pose(R, self.center - R @ self.center)
 
     def nearest_pose(self, X_AT: Array, R_AT_prior: Array) -> Array:
-        """Of all poses (4, 4) equivalent to `X_AT`, that turned least from `R_AT_prior` (3, 3)."""
+        """Among all poses (4, 4) equivalent to `X_AT`, the one with the smallest rotation from
+        `R_AT_prior` (3, 3).
+        """
         return X_AT @ self.about_center(X_AT[:3, :3].T @ self.nearest(X_AT[:3, :3], R_AT_prior))
 
     def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
-        """Of all rotations equivalent to `R_AT`, the nearest to `R_AT_prior` (both (3, 3))."""
+        """Among all rotations equivalent to `R_AT`, the one nearest to `R_AT_prior` (both (3,
+        3)).
+        """
         best = R_AT
         best_trace = -np.inf
 
@@ -118,7 +126,9 @@ class Symmetry:
         return best
 
     def cosines(self, R_AT: Array, R_AT_true: Array) -> Array:
-        """Cosines (n,) of the least angles between attitudes modulo symmetry; one may be (3, 3)."""
+        """Cosines (n,) of the least angles between attitudes modulo symmetry; one of the two may be
+        a single (3, 3).
+        """
         largest = np.array(-np.inf)
         for G in self.rotations:
             M = np.swapaxes(R_AT_true, -1, -2) @ R_AT @ G
@@ -138,9 +148,9 @@ class Symmetry:
 
         Args:
             X_AT: pose of T in A.
-            X_AT_true: the pose that it is compared with.
-            p_T: (3,) [m] point of the shape whose displacement counts, in T; by default the origin.
-                Far from the shape it moves by much where the shape turns by little.
+            X_AT_true: true pose of T in A.
+            p_T: (3,) [m] point of the shape whose displacement is computed, in T; by default the
+                origin. A point far from the shape moves much when the shape turns little.
 
         Returns:
             Distance between the two positions of the point [m], and least rotation angle [rad].
@@ -166,8 +176,8 @@ class ModelPath:
 
     p: Array  # (N, 3) [m] points on the surface
     a: Array  # (N, 3) unit tool axis, into the surface
-    b: Array  # (N, 3) unit, along the path, or where `keeps_b` the direction of the tool's x axis
-    # the tool keeps its x axis on b: it is not round; False: it may turn about a
+    b: Array  # (N, 3) unit, along the path, or, if `keeps_b`, the direction of the tool's x axis
+    # True: the tool keeps its x axis along b, since it is not round; False: it may turn about a
     keeps_b: bool = False
 
     def __post_init__(self) -> None:
@@ -193,20 +203,20 @@ class ModelPath:
             )
 
     def turned(self, angle: float, blend: float = 0.0, *, dwell: bool = False) -> "ModelPath":
-        """The path of a tool that is not round: its x axis stays at an angle from `b`.
+        """The path for a tool that is not round, whose x axis stays at an angle from `b`.
 
         Args:
             angle: [rad] from `b`, right-handed about `a`.
-            blend: [m] of the path over which the tool turns at a corner: its angle is averaged over
-                so much, and over _SHORTEST_BLEND at least, which the motion takes as slowly as the
-                tool turns.
-            dwell: the tool stops in a corner and turns there, in place of that, where the corner
-                has `uuv.models.objects.axis_steps.STEP` or more.
+            blend: [m] length of path over which the tool turns at a corner. The angle is averaged
+                over this length, and over _SHORTEST_BLEND at least; the motion there is as slow as
+                the turn requires.
+            dwell: True: in a corner of `uuv.models.objects.axis_steps.STEP` or more, the tool stops
+                and turns at rest instead.
         """
         b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
         b /= np.linalg.norm(b, axis=1, keepdims=True)
 
-        # Turn of b against an axis that does not turn about a.
+        # Turn of b relative to an axis that does not turn about a.
         still = without_turn(b[0], self.a)
         across = np.cross(self.a, still)
         turn = np.unwrap(np.arctan2(np.sum(b * across, axis=1), np.sum(b * still, axis=1)))
@@ -225,7 +235,9 @@ class ModelPath:
 
 
 def without_turn(first: Array, z: Array) -> Array:
-    """Second axes (n, 3) from `first` (3,) on without turn about `z` (n, 3): parallel transport."""
+    """Second axes (n, 3), starting with `first` (3,), without turn about `z` (n, 3) (parallel
+    transport).
+    """
     x = np.empty_like(z)
     last = first
     for i, axis in enumerate(z):
@@ -243,11 +255,11 @@ class TargetModel:
     triangles: np.ndarray  # (T, 3) int indices into `vertices`
     symmetry: Symmetry = field(default_factory=Symmetry)
     paths: Mapping[str, ModelPath] = field(default_factory=dict)  # tool paths by name
-    # collision primitives, each the same shape as that part of the mesh
+    # collision primitives, each with the shape of one part of the mesh
     solids: tuple[Solid, ...] = ()
-    # (n, 3) [m] corners, in T, of convex collision parts beside the solids
+    # (n, 3) [m] corners, in T, of convex collision parts in addition to the solids
     hulls: tuple[Array, ...] = ()
-    # support: in the scene, but not part of the model used for identification
+    # supporting parts: in the scene, but not in the model used for identification
     stand: tuple[Solid, ...] = ()
     # how the mesh was made, if the object was given as a point cloud
     cloud: "CloudMesh | None" = None
@@ -255,7 +267,7 @@ class TargetModel:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise ConfigurationError(
-                f"target: its name must be a word, got {type(self.name).__name__}"
+                f"target: name must be a string, got {type(self.name).__name__}"
             )
         if not isinstance(self.symmetry, Symmetry):
             raise ConfigurationError(
@@ -317,16 +329,16 @@ class TargetModel:
     ) -> "mujoco.MjsBody":
         """Add the target to the world of `spec`, as a body and a main geom both named "target".
 
-        Its other geoms are "target_<part>". Solids alone are both visible and collide. With hulls
-        the mesh is visible, and the colliding solids and hulls are hidden. With neither, the mesh
-        is first decomposed into hulls. That takes seconds for a large mesh (a fouled barrel: half a
-        minute).
+        The other geoms are named "target_<part>". If the target has solids only, they are both
+        visible and used for collision. If it has hulls, the mesh is visible, and the solids and
+        hulls are hidden and used for collision. If it has neither, the mesh is first decomposed
+        into hulls, which takes seconds for a large mesh (half a minute for a fouled barrel).
 
         Args:
             spec: scene.
             X_WT: (4, 4) pose of the target.
-            stand: add the stand too.
-            felt: False skips the decomposition; the mesh is then visible only.
+            stand: True: add the stand too.
+            felt: False: skip the decomposition; the mesh is then visible but has no collision.
 
         Returns:
             The body, so that the caller can set friction or colour.
@@ -349,13 +361,14 @@ class TargetModel:
 
             hulls = convex_parts.parts(self.vertices, self.triangles)
 
-        # What is seen: the mesh, unless solids show the whole object.
+        # Visible geoms: the mesh, unless solids show the whole object.
         if hulls or not self.solids:
             spec.add_mesh(
                 name="target",
                 uservert=(self.vertices - middle).astype(np.float32).ravel(),
                 userface=self.triangles.astype(np.int32).ravel(),
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan may be open
+                # the scan of a user may be open
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
             )
             body.add_geom(
                 name="target",
@@ -366,7 +379,7 @@ class TargetModel:
                 conaffinity=0,
             )
 
-        # What is touched: hulls, and solids.
+        # Collision geoms: hulls and solids.
         for k, hull in enumerate(hulls):
             name = f"target_hull_{k}"
             spec.add_mesh(
@@ -399,9 +412,9 @@ class TargetModel:
     ) -> "TargetModel":
         """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF, GLB) or cloud (PLY, PCD, text).
 
-        A PLY without faces is a cloud. A cloud is meshed as by `from_cloud`. Text files hold x y z
-        a line, and perhaps the outward normal; a first line may name the columns. Other columns,
-        such as colours, are left out, and `cloud.note` says so.
+        A PLY without faces is a cloud. A cloud is meshed as by `from_cloud`. Text files have x y z
+        on each line, and optionally the outward normal; a first line may name the columns. Other
+        columns, such as colours, are left out, and `cloud.note` says so.
 
         Args:
             file: path.
@@ -415,7 +428,7 @@ class TargetModel:
             The target.
 
         Raises:
-            ConfigurationError: a file that is missing, unreadable, without a surface or in a wrong
+            ConfigurationError: the file is missing, unreadable, has no surface, or has a wrong
                 unit.
         """
         path = existing_file(file, "target mesh")
@@ -440,8 +453,8 @@ class TargetModel:
         size = float(np.ptp(vertices, axis=0).max()) if len(vertices) else 0.0
         if scale is None and size > LARGEST:
             raise ConfigurationError(
-                f"target mesh {str(path)!r}: {size:.4g} m across, more than {LARGEST:.0f} m: "
-                "millimetres? Give its scale (0.001 for mm, 1 if it is so large)"
+                f"target mesh {str(path)!r}: is {size:.4g} m across, more than {LARGEST:.0f} m; "
+                "state its scale (0.001 if it is in millimetres, 1 if it is so large)"
             )
 
         if is_cloud:
@@ -466,25 +479,25 @@ class TargetModel:
         symmetry: Symmetry | None = None,
         paths: Mapping[str, ModelPath] | None = None,
     ) -> "TargetModel":
-        """Target given as a point cloud, which is meshed; `cloud.note` says how.
+        """Target from a point cloud, which is meshed; `cloud.note` describes how.
 
-        The scale of all that is decided is the spacing of the points. A scan from some sides stays
-        open: its borders are not taken for edges of the object, and nothing is assumed of the side
-        that was not scanned.
+        All thresholds of the meshing are multiples of the spacing of the points. The mesh of a scan
+        from some sides stays open: its borders do not count as edges of the object, and the side
+        that was not scanned is unknown.
 
         Args:
             points: (n, 3) [m] on the surface, in T, in any order; rows that are not finite are left
                 out.
-            normals: (n, 3) outward, of any length; None: found from the points. Points whose normal
-                is zero or not finite are left out, and `cloud.note` says so. Where no normal is
-                usable, all are found from the points.
-            name: of the target.
+            normals: (n, 3) outward, of any length; None: computed from the points. Points whose
+                normal is zero or not finite are left out, and `cloud.note` says so. If no normal is
+                usable, all are computed from the points.
+            name: name of the target.
             symmetry: by default none.
             paths: tool paths by name.
 
         Raises:
-            ConfigurationError: arrays of another shape, too few points, or points that form no
-                surface.
+            ConfigurationError: an array has another shape, there are too few points, or the points
+                form no surface.
         """
         what = f"target cloud {name!r}"
         positions, outward, notes = usable_cloud(points, normals, what)
@@ -503,7 +516,7 @@ class TargetModel:
 
 
 def _noted(target: TargetModel, notes: Sequence[str]) -> TargetModel:
-    """The target of a cloud with more notes on how it was made."""
+    """The target of a cloud, with further notes on how the target was made."""
     cloud = target.cloud
     if cloud is None or not notes:
         return target
@@ -519,11 +532,11 @@ def _hide(geom: "mujoco.MjsGeom") -> None:
 def _soften(part: "mujoco.MjsGeom", spec: "mujoco.MjSpec") -> None:
     """Make the contact of `part` compliant, with a penetration of some tenths of a millimetre.
 
-    Where parts meet, a tool touches several at once and penetrates each the less. With stiff
-    contacts the penetration is so small that the tool loses contact from step to step while it is
-    pressed. Friction remains that of the tool.
+    Where parts meet, a tool is in contact with several at once and penetrates each of them less.
+    With stiff contacts the penetration is then so small that a pressed tool loses contact between
+    steps. The friction coefficient remains that of the tool.
     """
-    # equal priority: maximum friction, mix by `solmix`
+    # equal priority: MuJoCo takes the larger friction, and mixes the rest by `solmix`
     part.priority = max(geom.priority for geom in spec.geoms)
     part.friction = [0.0, 0.0, 0.0]
     part.solmix = 1e6

@@ -67,7 +67,7 @@ OBJECTS: Registry[Any] = Registry(
 
 
 def available() -> tuple[str, ...]:
-    """Names of the objects that `named` knows, those of other packages included."""
+    """Names of the objects that `named` accepts, including those of other packages."""
     return OBJECTS.names()
 
 
@@ -84,14 +84,14 @@ def named(name: str, **options: Any) -> TargetModel:
     target = OBJECTS.load(name, **options)
     target = target if isinstance(target, TargetModel) else getattr(target, "target", None)
     if not isinstance(target, TargetModel):
-        raise ConfigurationError(f"object {name!r}: its maker gave no TargetModel")
+        raise ConfigurationError(f"object {name!r}: the function must return a TargetModel")
     return target
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
-    """Object by name, of a user's MODULE:FUNCTION, or from a mesh or cloud file.
+    """Object by name, from a user's MODULE:FUNCTION, or from a mesh or cloud file.
 
-    What has an ending, such as part.stl, is taken for a file (`TargetModel.from_file`).
+    A name with an ending, such as part.stl, is read as a file (`TargetModel.from_file`).
 
     Raises:
         ConfigurationError: an unknown name, or an invalid file or `scale`.
@@ -107,12 +107,14 @@ def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
         return _from_file(name_or_file, scale, (about.st_mtime_ns, about.st_size))
 
     if scale is not None:
-        raise ConfigurationError(f"object {name_or_file!r} has its size; a scale is for mesh files")
+        raise ConfigurationError(
+            f"object {name_or_file!r} has a fixed size; scale is allowed for mesh files only"
+        )
     return named(name_or_file)
 
 
 @lru_cache(maxsize=4)
 def _from_file(file: str, scale: float | None, stamp: tuple[int, int]) -> TargetModel:
-    """The object in a file, read once: a check of the inputs and the work both ask for it."""
+    """The object in a file, read once, since both the check of the inputs and the work need it."""
     del stamp
     return TargetModel.from_file(file, scale=scale)

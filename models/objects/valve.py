@@ -1,7 +1,7 @@
 """Quarter-turn valve with its handle: a pipe with two flanges, a bonnet, a stem and a lever.
 
-Sizes are ours, of the order of a DN100 ball valve. The lever, to one side, leaves it without
-symmetry.
+The sizes are chosen for this project, similar to a DN100 ball valve. The lever extends to one side,
+so the shape has no symmetry.
 """
 
 import numpy as np
@@ -13,16 +13,17 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import pose, rotation_from_z
 
 PIPE = (0.06, 0.44)  # [m] radius and length, along x_T
-FLANGE = (0.11, 0.025)  # [m] radius and thickness, at each end
-BONNET = (0.045, 0.13)  # [m] radius, and height of its top over the pipe's axis
-STEM = (0.014, 0.17)  # [m] radius, and height of its top over the pipe's axis
+FLANGE = (0.11, 0.025)  # [m] radius and thickness; one at each end of the pipe
+BONNET = (0.045, 0.13)  # [m] radius, and height of the bonnet's top over the pipe's axis
+STEM = (0.014, 0.17)  # [m] radius, and height of the stem's top over the pipe's axis
 LEVER = (0.32, 0.036, 0.022)  # [m] length, width, thickness
 LEVER_BACK = 0.035  # [m] by which the lever extends behind the stem's axis
-_SIDES = 96  # of surfaces of revolution in the mesh
+_SIDES = 96  # number of sides of surfaces of revolution in the mesh
 
 
 def handle(length: float = 0.2) -> ModelPath:
-    """Path of `length` [m] on the lever's upper side, outwards to its end, where it is gripped.
+    """Path of `length` [m] on the lever's upper side, outwards to the end where the lever is
+    gripped.
 
     Raises:
         ConfigurationError: a length beyond the lever.
@@ -43,7 +44,8 @@ def handle(length: float = 0.2) -> ModelPath:
 
 
 def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
-    """Circular path of `arc` [rad] around the pipe at `x` [m], right-handed, its middle on top.
+    """Circular path of `arc` [rad] around the pipe at `x` [m], right-handed, with the middle of the
+    path on top.
 
     Raises:
         ConfigurationError: an arc outside (0, 2 pi], or a path at the bonnet or a flange.
@@ -70,7 +72,7 @@ def valve() -> TargetModel:
     """Valve as a target: x_T along its pipe, z_T up the stem, y_T along the lever.
 
     The origin is in the middle of the pipe. The closed shells (body, bonnet with stem, lever)
-    intersect. Paths "handle" and "collar".
+    intersect. The paths are "handle" and "collar".
     """
     # The body: a pipe with a flange at each end.
     r = PIPE[0]

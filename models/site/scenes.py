@@ -12,11 +12,12 @@ if TYPE_CHECKING:
     from uuv.models.objects.targets import TargetModel
     from uuv.models.site.seabed import Seabed
 
-SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
+SEABED_DEPTH = 0.75  # [m] depth of the flat seabed below the object's origin
 
 
 def work_site(vehicle: "mujoco.MjSpec", target: "TargetModel", X_WT: Array) -> "mujoco.MjSpec":
-    """Add `target` on its stand, and flat seabed under it, to the spec of a vehicle at the origin.
+    """Add `target` on its stand, and a flat seabed under it, to the spec of a vehicle at the
+    origin.
 
     A target that extends deeper than SEABED_DEPTH below its own origin stands on the seabed.
 
@@ -43,16 +44,19 @@ def work_site(vehicle: "mujoco.MjSpec", target: "TargetModel", X_WT: Array) -> "
 
 
 def dig_site(vehicle: "mujoco.MjSpec", ground: "Seabed") -> "mujoco.MjSpec":
-    """Add `ground` to the spec of a vehicle whose tool, geom "pad", enters it without collision.
+    """Add `ground` to the spec of a vehicle; its tool, geom "pad", enters the ground without
+    collision.
 
     The soil acts as a force on the tool (`uuv.models.site.soil`).
 
     Raises:
-        ConfigurationError: the vehicle has no such tool.
+        ConfigurationError: the vehicle has no geom "pad".
     """
     tool = next((geom for geom in vehicle.geoms if geom.name == TOOL_GEOM), None)
     if tool is None:
-        raise ConfigurationError(f"to dig the vehicle needs a tool, a geom named {TOOL_GEOM!r}")
+        raise ConfigurationError(
+            f"dig_site: the vehicle must have a tool, a geom named {TOOL_GEOM!r}"
+        )
 
     tool.contype = tool.conaffinity = 0
     ground.add_to(vehicle)

@@ -28,10 +28,10 @@ class Seabed:
     """Terrain on an even grid of heights over the square of half side `half` around `center_W`."""
 
     kind: Kind
-    heights: Array  # (n, n) [m] over `center_W`, rows along y, columns along x
-    half: float  # [m]
-    center_W: Array  # (3,) [m]
-    rocks: Array  # (k, 3) [m] x, y in W and radius of each rock; none: (0, 3)
+    heights: Array  # (n, n) [m] heights over `center_W`, rows along y, columns along x
+    half: float  # [m] half side of the square
+    center_W: Array  # (3,) [m] centre of the terrain
+    rocks: Array  # (k, 3) [m] x, y in W and radius of each rock; (0, 3) without rocks
 
     def __post_init__(self) -> None:
         heights = np.asarray(self.heights, dtype=np.float64)
@@ -82,7 +82,9 @@ class Seabed:
         return np.where(inside, z + self.center_W[2], np.nan)
 
     def mesh(self) -> tuple[Array, np.ndarray]:
-        """Mesh of the terrain: vertices (V, 3) [m] in W, triangles (T, 3) wound as from above."""
+        """Mesh of the terrain: vertices (V, 3) [m] in W, triangles (T, 3) counter-clockwise seen
+        from above.
+        """
         n = len(self.heights)
         x, y = np.meshgrid(*(np.linspace(-self.half, self.half, n) + c for c in self.center_W[:2]))
 
@@ -100,7 +102,9 @@ class Seabed:
     def add_to(
         self, spec: "mujoco.MjSpec", shape: Literal["height field", "mesh"] = "height field"
     ) -> None:
-        """Add the terrain to the world of `spec` as geom SEABED_GEOM; a mesh does not collide."""
+        """Add the terrain to the world of `spec` as geom SEABED_GEOM; as a mesh it has no
+        collision.
+        """
         import mujoco
 
         geom = spec.worldbody.add_geom(name=SEABED_GEOM, rgba=_RGBA)
@@ -151,7 +155,7 @@ def seabed(
     - slope: a plane of 5 degrees to `steepest`.
     - rocks: 6 to 14 half-buried ellipsoids of 0.08 to 0.3 m radius.
 
-    All carry the undulation and 1 mm of bumps.
+    All kinds also have the undulation, and bumps of 1 mm.
 
     Args:
         kind: one of `KINDS`.
@@ -165,14 +169,14 @@ def seabed(
         The terrain.
 
     Raises:
-        ConfigurationError: an unknown kind or impossible sizes.
+        ConfigurationError: the kind is unknown, or a size is out of range.
     """
     if kind not in KINDS:
         raise ConfigurationError(f"unknown seabed {kind!r}; there are {', '.join(KINDS)}")
     if not (half > 0.0 and 0.0 < step <= half and 5.0 <= steepest < 60.0):
         raise ConfigurationError(
-            f"seabed: half > 0 m, 0 < step <= half, 5 <= steepest < 60 deg; got {half}, {step}, "
-            f"{steepest}"
+            "seabed: must have half > 0 m, 0 < step <= half and 5 <= steepest < 60 deg, got "
+            f"{half}, {step}, {steepest}"
         )
 
     center = checked(center_W, (3,), "center_W")
@@ -197,7 +201,7 @@ def seabed(
             stones.append([*(middle + center[:2]), radius])
             inside = 1.0 - ((x - middle[0]) ** 2 + (y - middle[1]) ** 2) / radius**2
 
-            # More than half of the stone is buried, since a height field has no overhangs.
+            # More than half of each rock is buried, since a height field has no overhangs.
             z = np.maximum(
                 z, z.mean() - 0.1 * radius + squash * radius * np.sqrt(np.maximum(inside, 0.0))
             )
@@ -229,7 +233,7 @@ def _ripples(x: Array, y: Array, rng: np.random.Generator) -> Array:
     """Ripples with a steep lee side and meandering crests."""
     length = rng.uniform(0.15, 0.6)
     heading = rng.uniform(-np.pi, np.pi)
-    height = length / rng.uniform(10.0, 15.0)  # [m] trough to crest
+    height = length / rng.uniform(10.0, 15.0)  # [m] height from trough to crest
 
     # Crests meander, and are steeper on one side.
     along = np.cos(heading) * x + np.sin(heading) * y

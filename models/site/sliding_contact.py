@@ -1,4 +1,6 @@
-"""Contact of a tool that slides on the target without lifting, however stiff both are."""
+"""Contact parameters with which a tool slides on the target without lifting, however stiff both
+are.
+"""
 
 import math
 from typing import TYPE_CHECKING
@@ -11,27 +13,30 @@ if TYPE_CHECKING:
     import mujoco
 
 TARGET_BODY = "target"
-FRICTION_TIME = 0.045  # [s] time constant of friction under a pressed tool
-LONGEST = 0.5  # [s] under a light or fast one: `friction_time` says what a long one costs
-PRESSED = 3.0  # times what just keeps a tool in contact at its mean speed and force: both vary
-# MuJoCo's impratio: the pad creeps less than 2 mm/s under 0.8 of the friction limit
+FRICTION_TIME = 0.045  # [s] time constant of friction under a firmly pressed tool
+# [s] time constant under a light or fast tool; `friction_time` states the drawback of a long one
+LONGEST = 0.5
+# factor on the penetration that just keeps a tool in contact at its mean speed and force, since
+# both vary
+PRESSED = 3.0
+# MuJoCo's impratio: the pad creeps at less than 2 mm/s under 0.8 of the friction limit
 FRICTION_STIFFNESS = 100.0
 
 
 def let_tool_slide(scene: "mujoco.MjSpec", *, speed: float = 0.0, force: float = math.inf) -> None:
-    """Give tool and target of a scene a contact of their own.
+    """Set separate contact parameters for the tool and the target of a scene.
 
     MuJoCo's friction is convex: sliding at v [m/s] with the coefficient mu causes a separating
     acceleration mu (b v + r). Here b is the rate of the friction constraint and r its
-    regularisation. A contact that is pressed in by no more than that is lost every few steps: under
-    a small force, at speed, or on a stiff surface. Friction therefore gets a slow rate of its own
-    (`friction_time`), and little regularisation. A geom of higher priority than the tool's keeps
-    its own contact.
+    regularisation. If the acceleration from the penetration is no larger, contact is lost every few
+    steps. This happens under a small force, at high speed, or on a stiff surface. Friction
+    therefore gets a separate, slow rate (`friction_time`) and little regularisation. A geom of
+    higher priority than the tool's keeps its own contact parameters.
 
     Args:
-        scene: with a geom TOOL_GEOM and a body TARGET_BODY; changed.
+        scene: has a geom TOOL_GEOM and a body TARGET_BODY; changed in place.
         speed: [m/s] at which the tool slides.
-        force: [N] the least that presses it.
+        force: [N] least force that presses the tool.
     """
     import mujoco
 
@@ -42,7 +47,7 @@ def let_tool_slide(scene: "mujoco.MjSpec", *, speed: float = 0.0, force: float =
         friction_time(scene.copy().compile(), speed=speed, force=force) if light else FRICTION_TIME
     )
 
-    # a user's file has MuJoCo's pyramid, which knows neither
+    # the file of a user has MuJoCo's pyramidal cone, which uses neither parameter
     scene.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     scene.option.impratio = friction_stiffness(time)
 
@@ -59,19 +64,20 @@ def let_tool_slide(scene: "mujoco.MjSpec", *, speed: float = 0.0, force: float =
 
 
 def friction_time(model: "mujoco.MjModel", *, speed: float, force: float) -> float:
-    """Time constant [s] of friction with which a tool stays in contact.
+    """Time constant [s] of friction with which a sliding tool stays in contact.
 
-    Sliding separates by mu b v, with b = 2 / (d_max time). Pressed in at rest, the contact's
-    reference acceleration is (1 - d) / d A f, with the inverse weight A of the body (MuJoCo
-    documentation, Computation, Parameters). Friction opposes b v plus the acceleration along the
-    surface: where the tool slows down by 0.04 m/s^2 it turns over below 2 mm/s with 0.11 s (5 N at
-    2 cm/s, mu 0.3), below 14 mm/s with LONGEST. Where that is too short, contact is lost again: 2 %
-    of the steps with 5 N at 8 cm/s and mu 0.9.
+    Sliding causes a separating acceleration mu b v, with b = 2 / (d_max time). The reference
+    acceleration of a contact pressed in at rest is (1 - d) / d A f, with the inverse weight A of
+    the body (MuJoCo documentation, Computation, Parameters). Friction opposes b v plus the
+    acceleration along the surface. If the tool decelerates by 0.04 m/s^2, friction therefore
+    reverses below 2 mm/s with a time constant of 0.11 s (5 N at 2 cm/s, mu 0.3), and below 14 mm/s
+    with LONGEST. If even LONGEST is too short, contact is lost again: in 2 % of the steps with 5 N
+    at 8 cm/s and mu 0.9.
 
     Args:
-        model: with a geom TOOL_GEOM.
+        model: has a geom TOOL_GEOM.
         speed: [m/s] at which the tool slides.
-        force: [N] the least that presses it.
+        force: [N] least force that presses the tool.
     """
     pad = model.geom(TOOL_GEOM)
 
@@ -87,5 +93,7 @@ def friction_time(model: "mujoco.MjModel", *, speed: float, force: float) -> flo
 
 
 def friction_stiffness(time: float) -> float:
-    """MuJoCo's impratio: at friction's `time` constant [s] a tool creeps as at the usual one."""
+    """MuJoCo's impratio with which a tool creeps as slowly at the friction time constant `time` [s]
+    as at the usual one.
+    """
     return FRICTION_STIFFNESS * (time / FRICTION_TIME)

@@ -2,17 +2,19 @@
 
 Along the axis the tool is treated as a skirt: R(d) = k_p A q_c(d) + k_f U int_0^d q_c dz, with the
 cone resistance q_c(z) = q_0 + q_1 z. A is the area of the cutting edge and U the circumference in
-contact with soil [DNV 1992]. Extraction costs the second term alone; suction and plug are
+contact with soil [DNV 1992]. The extraction force is the second term alone; suction and plug are
 neglected.
 
-Sideways a narrow tool of breadth b bears a multiple of the passive pressure p(z) = p_0 + p_1 z. In
-clay that is 3 s_u at the surface: [Matlock 1970] has p = 3 s_u + gamma' z + J s_u z / b per
-breadth, J = 0.5, of which 3 s_u is kept. In sand it is 3 K_p gamma' z [Broms 1964].
+Sideways, the pressure on a narrow tool of breadth b is a multiple of the passive pressure p(z) =
+p_0 + p_1 z. In clay that is 3 s_u at the surface: [Matlock 1970] has p = 3 s_u + gamma' z + J s_u z
+/ b per breadth, J = 0.5; here only the term 3 s_u is used. In sand it is 3 K_p gamma' z [Broms
+1964].
 
-A blade cuts: it moves the plane wedge ahead of it. Weight, strength, and friction on blade and
-failure plane count [McKyes 1985], after the fundamental equation of earthmoving [Reece 1964]. The
-slip angle is that of least resistance. For a smooth upright blade the result is Rankine's K_p
-gamma' z and 2 s_u. The component along the tool, and the soil collected by a box, are neglected.
+A blade cuts: it moves the plane wedge ahead of it. The force includes the wedge's weight, the
+soil's strength, and friction on blade and failure plane [McKyes 1985], after the fundamental
+equation of earthmoving [Reece 1964]. The slip angle is that of least resistance. For a smooth
+upright blade the result is Rankine's K_p gamma' z and 2 s_u. The component along the tool, and the
+soil collected by a box, are neglected.
 
 Verified against the source or a secondary account: the form of both laws, Matlock's 3 s_u, the
 wedge. Assumed are:
@@ -24,7 +26,7 @@ wedge. Assumed are:
 - q_c in the first decimetres: 8 MPa/m in sand, 12 s_u in mud of s_u = 2 kPa + 3 kPa/m;
 - the quake.
 
-They are orders of magnitude, not data of a place.
+These figures are orders of magnitude, not data of a site.
 """
 
 from dataclasses import dataclass, fields
@@ -46,11 +48,11 @@ class Soil:
 
     cone: float  # [Pa] cone resistance q_0 at the surface
     cone_growth: float  # [Pa/m] growth q_1 of the cone resistance with depth
-    tip_factor: float  # k_p
-    side_factor: float  # k_f
+    tip_factor: float  # k_p, factor of the cone resistance on the edge
+    side_factor: float  # k_f, factor of the cone resistance on the skin
     passive: float  # [Pa] passive pressure p_0 on a wide blade at the surface
     passive_growth: float  # [Pa/m] growth p_1 of the passive pressure with depth
-    narrow: float  # multiple of that pressure on a narrow tool
+    narrow: float  # factor of that pressure on a narrow tool
     friction: float = 0.0  # [rad] angle of internal friction
     wall_friction: float = 0.0  # [rad] friction of steel on the soil
     quake: float = 1e-3  # [m] elastic displacement before the soil yields
@@ -64,7 +66,9 @@ class Soil:
                 )
 
         if not (self.quake > 0.0 and self.cone + self.cone_growth > 0.0):
-            raise ConfigurationError(f"soil: quake and the cone resistance must be > 0, got {self}")
+            raise ConfigurationError(
+                f"soil: quake must be > 0, and one of the two cone resistances, got {self}"
+            )
         if not self.wall_friction <= self.friction < 0.5 * np.pi:
             raise ConfigurationError(
                 f"soil: wall_friction <= friction < pi/2 [rad] must hold, got {self}"
@@ -78,7 +82,7 @@ class SoilTool:
     edge: float  # [m^2] area of the cutting edge
     skin: float  # [m] circumference in contact with soil, inside and outside
     breadth: float  # [m] width across the direction of sideways motion
-    rake: float | None = None  # [rad] of a blade, from the horizontal; None: a tube
+    rake: float | None = None  # [rad] angle of a blade from the horizontal; None: a tube
 
     def __post_init__(self) -> None:
         if not (self.edge > 0.0 and self.skin > 0.0 and self.breadth > 0.0):
@@ -129,7 +133,10 @@ SOILS = Registry("soil", {"sand": sand, "mud": mud}, form=_FORM)
 def core_tube(radius: float, wall: float) -> SoilTool:
     """Open tube of outer `radius` and `wall` [m] as a soil tool."""
     if not 0.0 < wall < radius:
-        raise ConfigurationError(f"core tube: 0 < wall < radius, got {wall} and {radius} m")
+        raise ConfigurationError(
+            f"core tube: wall must be above 0 and below radius, got wall {wall} m and radius "
+            f"{radius} m"
+        )
 
     inner = radius - wall
     return SoilTool(
@@ -143,8 +150,8 @@ def box(width: float, length: float, wall: float, rake: float) -> SoilTool:
     """Box open below, as a soil tool that is dragged with its cutting edge ahead.
 
     Args:
-        width: [m] across its way.
-        length: [m] along its way.
+        width: [m] across the direction of motion.
+        length: [m] along the direction of motion.
         wall: [m] thickness.
         rake: [rad] of the cutting edge, from the horizontal.
 
@@ -156,7 +163,8 @@ def box(width: float, length: float, wall: float, rake: float) -> SoilTool:
     """
     if not 0.0 < 2.0 * wall < min(width, length):
         raise ConfigurationError(
-            f"box: 0 < 2 wall < width, length; got {wall}, {width}, {length} m"
+            f"box: wall must be above 0 and below half of width and length, got wall {wall}, width "
+            f"{width} and length {length} m"
         )
 
     outer = 2.0 * (width + length)

@@ -1,12 +1,14 @@
 """BlueROV2 (Blue Robotics) with six thrusters: four vectored at 45 degrees, two vertical.
 
 Geometry, inertia and quadratic drag are those of the Gazebo model of clydemcqueen/bluerov2_gz
-(models/bluerov2/model.sdf), which was read; its author calls it "not tuned". It has no added mass,
-for want of support in the simulator that it was made for: here it is that of [Wu 2018] for the
-heavier sister. Its axes are forward, port, up; they are entered here as forward, starboard, down.
+(models/bluerov2/model.sdf), which was read; its author calls it "not tuned". That model has no
+added mass, because the simulator that it was made for does not support it. Here the added mass is
+that of [Wu 2018] for BlueROV2 Heavy. The model's axes are forward, port, up; its figures are
+entered here in axes forward, starboard, down.
 
-Thrusters: six T200 at 16 V (`uuv.models.water.thrusters.t200`), without reaction torque, as for the
-sister. The two vertical ones stand abreast, so nothing drives pitch: the hull's own stability does.
+Thrusters: six T200 at 16 V (`uuv.models.water.thrusters.t200`), without reaction torque, as for
+BlueROV2 Heavy. The two vertical thrusters are abreast of each other, so no thruster controls pitch.
+Only the hull's hydrostatic stability acts on it.
 """
 
 import mujoco
@@ -20,7 +22,7 @@ WIDTH = 0.338  # [m]
 _MASS = 10.0  # [kg]
 _CENTER_OF_GRAVITY = np.array([0.0, 0.0, -0.011])  # [m]
 _ABOUT_IT = np.diag([0.099, 0.178, 0.269])  # [kg m^2]
-_DISPLACED = LENGTH * WIDTH * 0.065  # [m^3] a box in the source
+_DISPLACED = LENGTH * WIDTH * 0.065  # [m^3] displaced volume, that of a box in the source
 
 GAZEBO = PublishedHull(
     mass=_MASS,
@@ -35,7 +37,8 @@ GAZEBO = PublishedHull(
     quadratic_damping=[33.732, 54.16, 73.225, 3.992, 3.992, 3.992],
 )
 
-# Forward, starboard, down: position [m], direction of positive thrust. 1-4 level, 5 and 6 vertical.
+# Forward, starboard, down: position [m], direction of positive thrust. 1-4 are horizontal, 5 and 6
+# vertical.
 _UP = (0.0, 0.0, -1.0)
 THRUSTERS = (
     *slanted_thrusters(front=0.14, rear=0.15, abreast=0.092, below=0.0),

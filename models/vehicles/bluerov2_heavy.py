@@ -1,19 +1,19 @@
 """BlueROV2 Heavy (Blue Robotics) by two published parameter sets, whose drag differs up to tenfold.
 
-[Benzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two
-transcriptions that agree (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script). A third
+[Benzon 2022, table A1] is validated in a test tank, according to the abstract. The table was read
+in two transcriptions that agree (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script). A third
 (AndreasKing-Goks/0_THESIS) prints more digits of the added masses, and 0.1858 kg m^2 in roll where
-the others have 0.189. Of the paper, the abstract was read.
+the others have 0.189. Of the paper itself only the abstract was read.
 
 [Wu 2018, tables 5.1 and 5.2] was read in one transcription (edxmorgan/diff_uv usage/blue_rov.py;
-its drag also in hkolano/PitchPrediction). The thesis itself was not read. That its inertia is about
-the origin, the centre of buoyancy, is as the transcription has it.
+its drag also in hkolano/PitchPrediction). The thesis itself was not read. The transcription states
+that its inertia is about the origin, which is the centre of buoyancy.
 
 Thrusters: eight T200 at 16 V (`uuv.models.water.thrusters.t200`). Their positions are those of
-Benzon's set, and reproduce Wu's matrix too. The four horizontal ones stand at 45 degrees 85 mm
-below the origin. The four vertical ones push up in Benzon's set, while Wu counts thrusts 6 and 7
-downwards. Neither set has the torque of the propellers, so it is zero here. Both sets give a
-slightly buoyant hull; here it is ballasted to be neutral
+Benzon's set, and also reproduce Wu's matrix. The four horizontal thrusters are at 45 degrees, 85 mm
+below the origin. Positive thrust of the four vertical thrusters is upward in Benzon's set, while in
+Wu's set that of thrusters 6 and 7 is downward. Neither set has the torque of the propellers, so it
+is zero here. Both sets give a slightly buoyant hull; here the hull is ballasted to be neutral
 (`uuv.models.vehicles.published_hulls.ballast`).
 """
 
@@ -31,7 +31,7 @@ LENGTH = 0.457  # [m] [BlueRobotics Heavy]
 WIDTH = 0.575  # [m]
 HEIGHT = 0.254  # [m]
 _FRESH_WATER = 1000.0  # [kg/m^3] density for Wu's set
-_GRAVITY = 9.81  # [m/s^2] for Wu's buoyancy, which is printed in N
+_GRAVITY = 9.81  # [m/s^2] to convert Wu's buoyancy, which is printed in N
 
 BENZON_2022 = PublishedHull(
     mass=13.5,
@@ -48,7 +48,7 @@ WU_2018 = PublishedHull(
     mass=11.5,
     center_of_gravity=[0.0, 0.0, 0.02],
     inertia=np.diag([0.16, 0.16, 0.16]),
-    volume=114.8 / (_FRESH_WATER * _GRAVITY),  # printed as 114.8 N of buoyancy
+    volume=114.8 / (_FRESH_WATER * _GRAVITY),  # printed as a buoyancy of 114.8 N
     center_of_buoyancy=[0.0, 0.0, 0.0],
     added_mass=np.diag([5.5, 12.7, 14.57, 0.12, 0.12, 0.12]),
     linear_damping=[4.03, 6.22, 5.18, 0.07, 0.07, 0.07],
@@ -64,10 +64,10 @@ def slanted_thrusters(*, front: float, rear: float, abreast: float, below: float
     """Four level thrusters at 45 degrees: bow starboard, bow port, stern starboard, stern port.
 
     Args:
-        front: [m] of the two at the bow, ahead of the origin.
-        rear: [m] of the two at the stern, behind it.
-        abreast: [m] of each from the plane of symmetry.
-        below: [m] of all, below the origin.
+        front: [m] distance of the two at the bow, ahead of the origin.
+        rear: [m] distance of the two at the stern, behind the origin.
+        abreast: [m] distance of each from the plane of symmetry.
+        below: [m] distance of all below the origin.
 
     Returns:
         Position [m] and direction of positive thrust of each, forward, starboard, down.
@@ -126,7 +126,7 @@ def add_hull(
     """Add the hull with its shape, its camera and a T200 at each of `places`; return its body."""
     hull = published_hulls.add_hull(spec, figures)
 
-    # For rendering and contact only: the frame as a box, the foam above it.
+    # Shapes for rendering and contact only: the frame as a box, the foam above the frame.
     frame = mujoco.mjtGeom.mjGEOM_BOX
     foam = [0.11, 0.38, 0.85, 1.0]
     hull.add_geom(
@@ -140,7 +140,7 @@ def add_hull(
         group=3,
     )
 
-    inset = 0.1175  # [m] of the foam's middle from the side
+    inset = 0.1175  # [m] distance of the foam's middle from the side
     for side, y in (("port", width / 2 - inset), ("starboard", inset - width / 2)):
         hull.add_geom(
             name=f"foam_{side}",
@@ -164,7 +164,7 @@ def add_hull(
         rgba=[0.85, 0.87, 0.9, 1.0],
     )
 
-    # OpenCV axes, horizontal: z forward, x to starboard.
+    # OpenCV axes, camera horizontal: z forward, x to starboard.
     hull.add_site(
         name=CAMERA_SITE,
         pos=[0.2, 0.0, 0.0],

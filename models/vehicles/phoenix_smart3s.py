@@ -1,24 +1,26 @@
 """PHOENIX with a COMAU SMART-3S, the vehicle of SIMURV 4.0 [Antonelli 2013], without thrusters.
 
-Read in SIAEthen/simurv_unicas: data/data_phoenix_smart3s.m (arm), func/InverseDynamics_vehicle.m
-(vehicle). The vehicle follows [Fossen 1994, example B.2], the NPS AUV of [Healey 1993]. The set has
-no thrusters: the hull is driven by a wrench, the actuators `wrench_surge` to `wrench_yaw`.
+The figures were read in SIAEthen/simurv_unicas: data/data_phoenix_smart3s.m (arm),
+func/InverseDynamics_vehicle.m (vehicle). The vehicle follows [Fossen 1994, example B.2], the NPS
+AUV of [Healey 1993]. The published figures include no thrusters, so the hull is driven by a wrench,
+the actuators `wrench_surge` to `wrench_yaw`.
 
 Added mass: the acceleration derivatives, which with the rigid body give the source's printed matrix
-M_v. The Coriolis terms are ours, from that matrix. The source's velocity derivatives (lift and the
-like, for a hull under way at 2 m/s) do not apply to a hovering hull and are left out.
+M_v. The Coriolis terms are computed here from that matrix. The source's velocity derivatives (lift
+and the like, for a hull under way at 2 m/s) do not apply to a hovering hull and are left out.
 
 Drag in sway, heave, pitch and yaw: the source's cross flow on a block of 0.6 x 1 m, integrated over
-the hull's length for motion along one axis. The source integrates from amidships to twice the bow,
-and its heave has the sign that feeds energy in. MSS (cybergalactic/MSS, npsauv.m) has since
-corrected the bounds. Surge: the drag of a stopped propeller [Healey 1993], which SIMURV leaves out.
-Roll has none at rest.
+the hull's length for motion along one axis. The source integrates from amidships to twice the
+distance of the bow, and its drag in heave has the sign that adds energy. MSS (cybergalactic/MSS,
+npsauv.m) has since corrected the bounds. Drag in surge: that of a stopped propeller [Healey 1993],
+which SIMURV leaves out. There is no drag in roll at rest.
 
-Arm: a cylinder per link; masses, inertias, volumes and added masses as in the source. Its added
-inertia has L^2 where strip theory has L^3 (as coded). The drag coefficient is 0.6 across, as
-strips. How the source applies it, and its linear skin friction of 0.4, could not be read
-(func/Hydro.m is not public in that copy), so skin friction is zero here. Joint friction is the
-source's. It has no joint limits, torque limits or rotor inertia; the limits are ours.
+Arm: a cylinder per link; masses, inertias, volumes and added masses as in the source. The added
+inertia of a link has L^2, as in the source's code, where strip theory has L^3. Drag across a link
+acts on strips, with the coefficient 0.6. How the source applies it, and its linear skin friction of
+0.4, could not be read (func/Hydro.m is not public in that copy), so skin friction is zero here.
+Joint friction is the source's. The source has no joint limits, torque limits or rotor inertia; the
+limits are chosen for this project.
 """
 
 import mujoco
@@ -33,11 +35,12 @@ from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_
 
 LENGTH = 5.3  # [m] of the hull
 DENSITY = 1000.0  # [kg/m^3] density for which the source is written
-_R2, _R3, _R4, _R5 = (0.5 * DENSITY * LENGTH**n for n in (2, 3, 4, 5))  # units of the derivatives
+# units of the non-dimensional derivatives
+_R2, _R3, _R4, _R5 = (0.5 * DENSITY * LENGTH**n for n in (2, 3, 4, 5))
 
 
 def _added_mass() -> Array:
-    """Added mass (6, 6) of the hull, forward-starboard-down, by non-dimensional derivatives."""
+    """Added mass (6, 6) of the hull, forward-starboard-down, from non-dimensional derivatives."""
     A = np.zeros((6, 6))
     A[0, 0] = 7.6e-3 * _R3  # -Xudot
     A[1, 1] = 5.5e-2 * _R3  # -Yvdot
@@ -67,14 +70,15 @@ HULL = PublishedHull(
     center_of_gravity=[0.0, 0.0, 0.061],
     # Ixy = Ixz = Iyz = -13.58
     inertia=[[2038.0, 13.58, 13.58], [13.58, 13587.0, 13.58], [13.58, 13.58, 13587.0]],
-    volume=53400.0 / (DENSITY * 9.81),  # printed as 53 400 N of buoyancy
+    volume=53400.0 / (DENSITY * 9.81),  # printed as a buoyancy of 53 400 N
     center_of_buoyancy=[0.0, 0.0, 0.0],
     added_mass=_added_mass(),
     linear_damping=np.zeros(6),
     quadratic_damping=_drag(),
 )
 
-BASE = (0.0, 0.0, 1.5)  # [m] arm base in the hull, forward-starboard-down; axes as the hull's there
+# [m] arm base in the hull, forward-starboard-down; its axes are the hull's axes in the source
+BASE = (0.0, 0.0, 1.5)
 # Standard DH, theta0 0: a [m], alpha [rad], d [m].
 DH = np.array(
     [
@@ -111,10 +115,10 @@ INERTIA = 20.0 * np.array(
     ]
 )
 FRICTION = (30.0, 20.0, 5.0, 10.0, 5.0, 6.0)  # [N m s/rad]
-DRAG_COEFFICIENT = 0.6  # of a link across its axis, on the diameter
+DRAG_COEFFICIENT = 0.6  # drag coefficient of a link across its axis, on the diameter
 HOME = np.radians([0.0, -45.0, 0.0, 0.0, 0.0, 0.0])  # q_nominal
-_RANGE = (-np.pi, np.pi)  # [rad] joint limits, our choice
-# [N m] our choice: about three times the weight moments
+_RANGE = (-np.pi, np.pi)  # [rad] joint limits, chosen for this project
+# [N m] chosen for this project: about three times the weight moments
 _TORQUE = (1500.0, 1500.0, 800.0, 300.0, 200.0, 100.0)
 
 
@@ -133,7 +137,7 @@ def build() -> mujoco.MjSpec:
     )
     published_hulls.add_wrench(spec, hull)
 
-    # A half turn about x: the base's axes are the hull's in the source.
+    # A half turn about x, since in the source the base's axes are the hull's.
     base = hull.add_body(
         name=ARM_BASE_BODY, pos=published_hulls.from_ned(BASE), quat=[0.0, 1.0, 0.0, 0.0]
     )
@@ -154,8 +158,8 @@ def build() -> mujoco.MjSpec:
 def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.MjsBody:
     """Add link i to `parent`.
 
-    Its body frame is the DH frame at its distal end, as in the source; its joint is at the proximal
-    end.
+    As in the source, the body frame of a link is the DH frame at the distal end. The joint is at
+    the proximal end.
     """
     a, alpha, d = DH[i]
     body = parent.add_body(

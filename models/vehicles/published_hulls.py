@@ -1,8 +1,9 @@
-"""Hulls from published tables, and the single conversion of their axes to ours.
+"""Hulls from published tables, and the conversion of their axes to those of this project.
 
 Marine literature uses body axes forward, starboard, down [SNAME 1950], [Fossen 2011, section 2.1].
-Ours are forward, port, up, the same after a half turn about x. `from_ned` is that turn. The table
-of a source is entered as printed in a `PublishedHull`, and `add_hull` converts it once.
+The axes of this project are forward, port, up, which differ by a half turn about x. `from_ned`
+converts by this turn. The table of a source is entered as printed in a `PublishedHull`, and
+`add_hull` converts it once.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from uuv.models.naming import HOME_KEY, HULL_BODY, READY_KEY
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z, skew
 
-TIMESTEP = 0.002  # [s] of the simulation
+TIMESTEP = 0.002  # [s] time step of the simulation
 _HALF_TURN = np.diag([1.0, -1.0, -1.0])  # rotation about x
 
 
@@ -36,11 +37,11 @@ class PublishedHull:
 
 
 def from_ned(values: ArrayLike) -> Array:
-    """Convert (3,), (6,), (3, 3) or (6, 6) from forward-starboard-down axes to ours.
+    """Convert (3,), (6,), (3, 3) or (6, 6) from forward-starboard-down to forward-port-up axes.
 
-    A half turn is its own inverse, so this is also the way back. Moments of inertia, added masses
-    and damping turn as matrices: the couplings x-y and x-z change sign, y-z does not. The diagonal
-    stays, and with it a diagonal quadratic damping.
+    A half turn is its own inverse, so the same function converts back. Moments of inertia, added
+    masses and damping turn as matrices: the couplings x-y and x-z change sign, y-z does not. The
+    diagonal is unchanged, so that a diagonal quadratic damping is unchanged too.
 
     Raises:
         ConfigurationError: another shape.
@@ -55,7 +56,7 @@ def from_ned(values: ArrayLike) -> Array:
 
 
 def new_spec(name: str) -> mujoco.MjSpec:
-    """Empty spec with the options common to our vehicles."""
+    """Empty spec with the options that all vehicles of this project have."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
@@ -66,11 +67,11 @@ def new_spec(name: str) -> mujoco.MjSpec:
 
 
 def add_hull(spec: mujoco.MjSpec, hull: PublishedHull) -> mujoco.MjsBody:
-    """Add the free body "hull" with the figures of `hull`; its origin is the source's."""
+    """Add the free body "hull" with the figures of `hull`; the origin is that of the source."""
     body = spec.worldbody.add_body(name=HULL_BODY)
     body.add_freejoint(name=HULL_BODY)
 
-    # About the centre of mass, by the parallel axis theorem.
+    # Inertia about the centre of mass, by the parallel axis theorem.
     center = from_ned(hull.center_of_gravity)
     S = skew(center)
     set_inertial(body, hull.mass, center, from_ned(hull.inertia) + hull.mass * S @ S)
@@ -117,11 +118,12 @@ def add_capsule(
     ends: tuple[ArrayLike, ArrayLike],
     rgba: ArrayLike,
 ) -> None:
-    """Add the shape of a slender part, massless; it meets the world, not the vehicle's other parts.
+    """Add the massless shape of a slender part; it collides with the world, not with other parts of
+    the vehicle.
 
     Args:
-        body: that carries it.
-        name: of the geom.
+        body: body to which the shape is added.
+        name: name of the geom.
         radius: [m].
         ends: (3,) [m] positions of both ends in body axes.
         rgba: (4,) colour.
@@ -145,7 +147,7 @@ def add_thruster(
 
     Args:
         spec: model.
-        hull: body that carries it.
+        hull: body on which the thruster acts.
         name: suffix of the actuator's name.
         p: (3,) [m] position in hull axes.
         direction: (3,) of positive thrust in hull axes.
@@ -196,19 +198,20 @@ def add_keys(spec: mujoco.MjSpec, home: ArrayLike = (), ready: ArrayLike | None 
 
 
 def ballast(spec: mujoco.MjSpec, water_density: float = SEA_WATER) -> BodyHydrodynamics:
-    """Trim the vehicle at home, keeping the height of the source's centre of buoyancy of the hull.
+    """Trim the vehicle in the posture `home`, keeping the height of the hull's centre of buoyancy
+    of the source.
 
-    The hull's volume changes until the whole is neutrally buoyant in water of `water_density`
-    [kg/m^3]. Its centre of buoyancy shifts fore and aft, as with foam on a real hull. Returns the
-    hull's coefficients.
+    The hull's volume changes until the whole vehicle is neutrally buoyant in water of
+    `water_density` [kg/m^3]. Its centre of buoyancy shifts fore and aft, as with foam on a real
+    hull. Returns the hull's coefficients.
     """
     hydrodynamics.attach(spec, {}, water_density)
     home = next(key for key in spec.keys if key.name == HOME_KEY).qpos
     height = float(hydrodynamics.attached(spec)[HULL_BODY].center_of_buoyancy[2])
     flat = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=0.0, qpos=home)
 
-    # At neutral buoyancy the volumes are in proportion to the buoyancy forces, so the hull's own
-    # height counts by its share of the volume.
+    # At neutral buoyancy volumes are proportional to buoyancy forces, so the height of the hull's
+    # centre of buoyancy is weighted by the hull's share of the volume.
     share = flat.volume / sum(body.volume for body in hydrodynamics.attached(spec).values())
     metacentric_height = share * (height - float(flat.center_of_buoyancy[2]))
     return hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home)

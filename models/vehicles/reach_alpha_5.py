@@ -1,17 +1,19 @@
-"""Reach Alpha 5 (Reach Robotics) by published figures: four joints and a closed gripper.
+"""Reach Alpha 5 (Reach Robotics) from published figures, with four joints and a closed gripper.
 
 Masses, volumes, centres: hkolano/PitchPrediction (MagicNumAlpha.jl, urdf/blue_rov_hardware.urdf),
-the simulation that [Kolano 2022] compared with pool trials. Its frames are used, since the inertias
-refer to them. In the manufacturer's URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn)
-the centres of mass lie beside the links. Inertias with their products: edxmorgan/floating-KinDyn,
-alpha_5_robot.urdf. Viscous friction: identified there (usage/alpha_reach.py). All were read in
-code, second hand; the manufacturer's own data sheet was not found.
+the simulation that [Kolano 2022] compared with pool trials. The frames of that simulation are used,
+since the inertias refer to them. In the manufacturer's URDF with inertias
+(edxmorgan/uvms-simulator, floating-KinDyn) the centres of mass lie beside the links. Inertias with
+their products: edxmorgan/floating-KinDyn, alpha_5_robot.urdf. Viscous friction: identified there
+(usage/alpha_reach.py). All figures were read in other people's code; the manufacturer's data sheet
+was not found.
 
 Added mass: the values that Kolano adds to the masses of the links. Here they act across each link
-only, since strip theory has none along, and in rotation as a cylinder with this mass. Drag:
-Kolano's coefficients for uniform flow across and along each link, spread evenly over its length. An
-earlier version of that file has them a thousandfold, which is impossible for a link of 40 mm.
-Torque limits and joint limits as there; no rotor inertia was found, so it is zero.
+only, since strip theory has no added mass along a link, and in rotation like that of a cylinder
+with this mass. Drag: Kolano's coefficients for uniform flow across and along each link, spread
+evenly over its length. An earlier version of that file has a thousand times these coefficients,
+which is impossible for a link of 40 mm. Torque limits and joint limits are those of the same file.
+No rotor inertia was found, so it is zero.
 """
 
 from dataclasses import dataclass, replace
@@ -33,11 +35,12 @@ READY = (0.0, 1.6, 2.4, 0.0)  # [rad] working posture
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Link:
-    """One link, in the frame of its joint, whose axis is z."""
+    """One link, in the frame of its joint. The joint axis is z."""
 
     name: str
-    p: tuple[float, float, float]  # [m] in the frame before
-    rpy: tuple[float, float, float]  # [rad] in the frame before, as in a URDF
+    p: tuple[float, float, float]  # [m] position of the frame in the previous one
+    # [rad] orientation in the previous frame, roll, pitch, yaw as in a URDF
+    rpy: tuple[float, float, float]
     limits: tuple[float, float]  # [rad]
     torque: float  # [N m]
     friction: float  # [N m s/rad]
@@ -138,7 +141,7 @@ _TIP = (0.0, 0.0, -0.190)  # [m] tip between the jaws, in the wrist frame
 
 
 def build() -> mujoco.MjSpec:
-    """The arm alone, its base fixed to the world, joint 1 pointing up."""
+    """The arm alone, with its base fixed to the world and joint 1 pointing up."""
     spec = published_hulls.new_spec("reach_alpha_5")
     add_arm(spec, spec.worldbody, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
     spec.add_key(name=HOME_KEY, qpos=HOME)
@@ -153,7 +156,7 @@ def add_arm(
 
     Args:
         spec: model.
-        parent: body that carries it.
+        parent: body on which the arm is mounted.
         p: (3,) [m] position of the base in `parent`.
         quat_wxyz: orientation of the base in `parent`.
     """
@@ -199,7 +202,7 @@ def add_arm(
 
 def _water(link: _Link) -> BodyHydrodynamics:
     length = float(np.linalg.norm(np.subtract(link.end, link.start)))
-    # [m] of the cylinder with this added mass
+    # [m] radius of the cylinder that has this added mass
     radius = np.sqrt(link.added / (np.pi * SEA_WATER * length))
 
     return replace(

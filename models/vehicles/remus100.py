@@ -1,20 +1,21 @@
 """REMUS 100, a torpedo-shaped vehicle with one propeller, as in PythonVehicleSimulator.
 
-Its model is that of [Fossen 2021]. Figures and forms are those of the source's remus100.py (commit
-7e1db8e), which was read; its helper
-gnc.py was read in copies. Its axes are forward, starboard, down; the few signs that change are
-marked. It stands for what the plain coefficients of this project cannot say:
+The model is that of [Fossen 2021]. Figures and forms are those of the source's remus100.py (commit
+7e1db8e), which was read; its helper gnc.py was read in copies. Axes of the source are forward,
+starboard, down; the few signs that change are marked. The vehicle is an example of effects that
+matrices of constant coefficients cannot describe:
 
-- The couple of the added mass is taken out in pitch and yaw with its force: `MunkFactor`.
+- The Munk moment in pitch and yaw, and the force that belongs to it, are removed: `MunkFactor`.
 - Damping in surge and sway fades with speed: `FadingDamping`.
-- The body lifts in the vertical plane: `LiftDrag.of_wing`.
+- The body generates lift in the vertical plane: `LiftDrag.of_wing`.
 - Cross-flow drag in sway and yaw: `PlanarStrip`. The source sums 21 strips of a twentieth of the
   length, so that the segment here is longer than the hull by a twentieth.
 
-The propeller is a thruster. The source lets its thrust fall with the whole speed, here with the
-speed ahead, and here astern as well. Its torque over thrust, which falls with the advance, is that
-at the largest advance number. Rudder and stern plane have no actuator, since their force is
-proportional to the square of the speed: `fin_wrench` returns it.
+The propeller is a thruster. In the source its thrust decreases with the magnitude of the speed;
+here it decreases with the speed ahead, also for thrust astern. The ratio of torque to thrust
+decreases with the advance number; here it is constant, that at the largest advance number. Rudder
+and stern plane have no actuator, since their force is proportional to the square of the speed:
+`fin_wrench` returns it.
 """
 
 import math
@@ -33,8 +34,8 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array, checked, skew
 
 LENGTH = 1.6  # [m]
 DIAMETER = 0.19  # [m]
-DENSITY = 1026.0  # [kg/m^3] of the source; the vehicle is ballasted for any
-LOW = 0.02  # [m] of the centre of mass below the centre of buoyancy, which is the origin
+DENSITY = 1026.0  # [kg/m^3] density of the source; the vehicle is ballasted for any density
+LOW = 0.02  # [m] centre of mass below the centre of buoyancy, which is the origin
 MOST_RPM = 1525.0  # largest propeller speed [1/min]
 FIN_TIME = 0.1  # [s] time constant of rudder and stern plane
 MOST_FIN = math.radians(15.0)  # [rad]
@@ -43,16 +44,17 @@ _B = DIAMETER / 2.0
 _FIN_AREA = 2.0 * 0.00665  # [m^2]
 _RUDDER_LIFT = 0.5  # [1/rad]
 _STERN_LIFT = 0.7  # [1/rad]
-_DRAG = 0.42  # of the hull on its frontal area [Allen 2000]
-_CROSS_FLOW = 1.19773  # of a circle, by the curve of [Hoerner 1965] that the source interpolates
-_SUMMED = 21.0 / 20.0  # length of the source's strips over that of the hull
+_DRAG = 0.42  # drag coefficient of the hull on its frontal area [Allen 2000]
+# drag coefficient of a circle, from the curve of [Hoerner 1965] that the source interpolates
+_CROSS_FLOW = 1.19773
+_SUMMED = 21.0 / 20.0  # ratio of the length of the source's strips to that of the hull
 _D = 0.14  # [m] diameter of the propeller
 _DEDUCTION = 0.1  # thrust deduction
-_WAKE = 0.944  # advance speed over speed
+_WAKE = 0.944  # ratio of advance speed to speed
 _KT = (0.4566, 0.1798)  # thrust coefficient at rest, and at the largest advance number
 _KQ = (0.0700, 0.0312)  # torque coefficient
-_MOST_ADVANCE = 0.6632  # largest advance number of the tests
-_SHARE = 0.1  # of the propeller's torque that the source applies
+_MOST_ADVANCE = 0.6632  # largest advance number tested
+_SHARE = 0.1  # share of the propeller's torque that the source applies
 PROPELLER_TIME = 1.0  # [s]
 
 
@@ -84,27 +86,31 @@ def build() -> mujoco.MjSpec:
 
 
 def rigid() -> tuple[float, float, float]:
-    """Mass [kg] of the spheroid of water; inertia [kg m^2] in roll, and in pitch or yaw."""
+    """Mass [kg] of the hull as a spheroid with the density of water, and inertia [kg m^2] in roll,
+    and in pitch or yaw.
+    """
     mass = 4.0 / 3.0 * math.pi * DENSITY * _A * _B**2
     return mass, 0.4 * mass * _B**2, 0.2 * mass * (_A**2 + _B**2)
 
 
 def coefficients() -> BodyHydrodynamics:
-    """Water of the hull at its middle; all its numbers are the same in the source's axes."""
+    """Hydrodynamic coefficients of the hull at its middle; all numbers are the same in the source's
+    axes.
+    """
     mass, roll, pitch = rigid()
 
-    # With the mass of the water, about the middle of the hull.
+    # The mass is that of the displaced water; inertia about the middle of the hull.
     added = np.diag(hydrodynamics.ellipsoid([_A, _B, _B], water_density=DENSITY).added_mass).copy()
     added[3] = 0.3 * roll
     S = skew([0.0, 0.0, -LOW])
     total = added + np.array([mass] * 3 + [*np.diag(np.diag([roll, pitch, pitch]) - mass * S @ S)])
 
-    # Damping ratios of the source in roll and pitch, its time constant in yaw.
+    # Damping ratios of the source in roll and pitch, and time constant of the source in yaw.
     righting = mass * GRAVITY * LOW  # [N m/rad]
     turning = [
         2.0 * 0.3 * math.sqrt(righting * total[3]),  # 2 zeta w I
         2.0 * 0.8 * math.sqrt(righting * total[4]),
-        total[5] / 1.0,  # over its time constant [s]
+        total[5] / 1.0,  # inertia over its time constant [s]
     ]
 
     area = 0.7 * LENGTH * DIAMETER
@@ -147,15 +153,15 @@ def propeller() -> thrusters.Thruster:
         time_constant=PROPELLER_TIME,
         inflow_loss=thrust * loss * most,
         torque_per_thrust=_SHARE * _D * _KQ[1] / ((1.0 - _DEDUCTION) * _KT[1]),
-        handedness=-1,  # its torque on the hull is along the thrust
+        handedness=-1,  # the propeller's torque on the hull is along the thrust
     )
 
 
 def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
     """Force and moment of rudder and stern plane on the hull at its origin, hull axes.
 
-    The force grows with the square of the speed in the fin's plane, and with its angle alone: the
-    source neglects the angle of the flow at the tail.
+    The force grows with the square of the speed in the fin's plane and with the angle of the fin.
+    The source neglects the angle of the flow at the tail.
 
     Args:
         v_B: (3,) [m/s] velocity relative to the water, hull axes.
@@ -169,7 +175,7 @@ def fin_wrench(v_B: ArrayLike, rudder: float, stern_plane: float) -> Array:
     level, upright = 0.5 * DENSITY * _FIN_AREA * np.array([u * u + v * v, u * u + w * w])
     ahead = -level * _RUDDER_LIFT * rudder**2 - upright * _STERN_LIFT * stern_plane**2
 
-    # to port, and up
+    # forces to port, and up
     side = level * _RUDDER_LIFT * rudder
     heave = upright * _STERN_LIFT * stern_plane
 

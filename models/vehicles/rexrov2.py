@@ -1,17 +1,18 @@
 """RexROV 2, a work-class vehicle of 1.9 t, with an arm of seven joints under its bow.
 
-Hull and thrusters are those of the package rexrov2 of [Manhaes 2016], which gives the added mass
-and damping of [Berg 2012]; both were read in that package (rexrov2_base.xacro,
-rexrov2.gazebo.xacro, rexrov2_actuators.xacro, thruster_manager.yaml). The added mass is printed
-with 10.775 where its mirror place has 10.774; their mean is taken. Added mass and damping are taken
-to be in axes forward, starboard, down; inertia and positions are in forward, port, up there, and
-the inertia is turned into the former here. The propellers' time constant is an estimate.
+Hull and thrusters are those of the package rexrov2 of [Manhaes 2016], which states the added mass
+and damping of [Berg 2012]. All figures were read in that package (rexrov2_base.xacro,
+rexrov2.gazebo.xacro, rexrov2_actuators.xacro, thruster_manager.yaml). One entry of the added mass
+is printed as 10.775, the symmetric entry as 10.774; their mean is used. Added mass and damping are
+assumed to be in axes forward, starboard, down. Inertia and positions of the package are in axes
+forward, port, up; the inertia is converted to the other axes here. The propellers' time constant is
+an estimate.
 
-The vehicle of that package carries an Oberon, whose numbers were not found. The arm here has the
+The vehicle of that package carries an Oberon, whose figures were not found. The arm here has the
 kinematics, joint limits and torques of the KUKA LBR iiwa 7 R800 (`uuv.models.arms.published_arms`,
-KUKA's technical data) and a pad. Its links are cylinders, their masses estimates that add up to the
-24 kg of that arm. No such arm is sold for use under water: it stands for those of seven joints. The
-camera looks down past the bow.
+KUKA's technical data) and a pad. Its links are cylinders. Their masses are estimates that add up to
+the 24 kg of that arm. No such arm is sold for use under water; it is an example of an arm of seven
+joints. The camera looks down past the bow.
 """
 
 import math
@@ -57,20 +58,21 @@ _THRUSTERS = (
     ((-0.7076, 0.5129, 0.2404), (0.0, 25.0)),
     ((-0.7076, -0.5129, 0.2404), (0.0, -25.0)),
 )
-_THRUST = 1540.0  # [N] either way
+_THRUST = 1540.0  # [N] in each direction
 _LAG = 0.2  # [s]
-# Plates of the frame: middle and half edges [m].
+# Plates of the frame: position of the middle and half edges [m].
 _PLATES = {
     "bottom": ((0.0, 0.0, -0.75), (1.28, 0.75, 0.05)),
     "top": ((0.0, 0.0, 0.6), (1.28, 0.75, 0.2)),
     "port": ((-0.2, 0.7, -0.15), (1.1, 0.05, 0.55)),
     "starboard": ((-0.2, -0.7, -0.15), (1.1, 0.05, 0.55)),
 }
-_BASE = (1.1, 0.0, -0.82)  # [m] of the arm, its first axis down
+_BASE = (1.1, 0.0, -0.82)  # [m] position of the arm's base, with the first axis pointing down
 _CAMERA = (1.3, 0.0, -0.6)  # [m]
 _DOWN = math.radians(35.0)  # [rad] of the camera
 _TORQUES = (176.0, 176.0, 110.0, 110.0, 110.0, 40.0, 40.0)  # [N m]
-_MASSES = (4.0, 4.0, 3.5, 3.5, 3.5, 3.5, 1.0)  # [kg] with the water that they displace they sink
+# [kg] together with the water that they displace; the links sink
+_MASSES = (4.0, 4.0, 3.5, 3.5, 3.5, 3.5, 1.0)
 _RADII = (0.07, 0.065, 0.06, 0.055, 0.05, 0.05, 0.03)  # [m]
 _ROTOR = 0.3  # [kg m^2] of every joint
 _FRICTION = 2.0  # [N m s/rad]
@@ -94,7 +96,7 @@ def with_arm_7() -> mujoco.MjSpec:
             rgba=[0.93, 0.72, 0.13, 1.0],
         )
 
-    # Thrusters along x of their sites.
+    # Thrusters act along x of their sites.
     turned = (
         exp_so3([0.0, 0.0, math.radians(z)]) @ exp_so3([0.0, math.radians(y), 0.0])
         for _, (y, z) in _THRUSTERS
@@ -131,7 +133,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         ARM_BASE_BODY: cylinder(0.08, (0.0, 0.0, 0.0), (0.0, 0.0, 0.1))
     }
 
-    # Links by the published table, each in the frame of the one before.
+    # Links from the published table, each in the frame of the previous one.
     arm = published_arms.load("iiwa7")
     body = base
     X = np.eye(4)
@@ -149,7 +151,7 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
         motor = spec.add_actuator(name=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=joint)
         motor.ctrlrange = [-_TORQUES[i], _TORQUES[i]]
 
-        # A cylinder along the link, or a short one about its joint.
+        # A cylinder along the link, or a short cylinder about the joint.
         r = _RADII[i]
         mass = _MASSES[i]
         start = (0.0, 0.0, 0.0 if d else -r)
@@ -175,6 +177,6 @@ def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
 
 
 def _row(theta: float, d: float, a: float, alpha: float) -> Array:
-    """Pose (4, 4) of the next joint by a Denavit-Hartenberg row at zero."""
+    """Pose (4, 4) of the next joint from a Denavit-Hartenberg row at zero."""
     R = cast(Array, exp_so3([0.0, 0.0, theta]) @ exp_so3([alpha, 0.0, 0.0]))
     return pose(R, [a * math.cos(theta), a * math.sin(theta), d])

@@ -6,19 +6,19 @@ No numbers of a real vehicle are used or implied.
   ROV.
 - Added mass: 0.6, 1.1 and 1.7 times the displaced mass in surge, sway and heave [Fossen 2011, ch.
   6]. Published sets for open frames, those of BlueROV2 and RexROV2, lie between 0.4 and 2.1. The
-  coupling is that of a centre of added mass 4 cm above the origin.
+  coupling terms follow from a centre of added mass 4 cm above the origin.
 - Drag: 0.5 rho C_d A on the frontal areas with C_d 0.9, 1.1, 1.2 (box with openings, [Hoerner 1965,
   p. 3-17]).
 - Links: cylinders by strip theory [Newman 1977, section 4.15], [Hoerner 1965, p. 3-9].
 - Thrusters: generic, 300 N.
 - Gears: sliding friction is 4 % of each drive's limit, the middle of the values measured on the
-  PUMA 560 [Corke 1994]. These are 1.4 to 8 % of the limits of its joints 2 to 6, and 27 % of that
-  of the first. Stiction is 1.3 times that below 0.03 rad/s, an assumption.
+  PUMA 560 [Corke 1994]. The measured values are 1.4 to 8 % of the limits of joints 2 to 6, and 27 %
+  of that of joint 1. Stiction below 0.03 rad/s is assumed to be 1.3 times the sliding friction.
 
-The arm hangs under the hull, below the centre of buoyancy. For vertical structures it may be
-mounted aside of the hull's vertical axis [Konoplin 2022, section 3]. `build(arm="side")` has the
-same hull and arm, with the arm on the port side, forward of the jet of the sway thruster, and the
-camera beside it.
+The arm hangs under the hull, below the centre of buoyancy. For vertical structures an arm may be
+mounted at the side of the hull's vertical axis [Konoplin 2022, section 3]. `build(arm="side")` has
+the same hull and arm, with the arm on the port side, forward of the jet of the sway thruster, and
+the camera beside it.
 """
 
 from pathlib import Path
@@ -58,7 +58,7 @@ _THRUSTER = thrusters.Thruster(
 )
 
 
-# [N m] Coulomb, of the gears; viscous: in the XML file
+# [N m] Coulomb friction of the gears; viscous friction is in the XML file
 _SLIDING_FRICTION = (6.0, 8.0, 4.8, 2.4, 1.2, 0.6)
 
 
@@ -71,7 +71,7 @@ def _hull() -> BodyHydrodynamics:
     added[1, 3] = added[3, 1] = -sway * height
 
     return BodyHydrodynamics(
-        volume=0.33,  # [m^3]
+        volume=0.33,  # [m^3] displaced volume
         center_of_buoyancy=np.array([0.0, 0.0, 0.06]),
         added_mass=added,
         linear_damping=np.array([60.0, 90.0, 120.0, 40.0, 60.0, 50.0]),
@@ -79,15 +79,17 @@ def _hull() -> BodyHydrodynamics:
     )
 
 
-# Arm base on the port side, z to port and x down. The folded arm lies along the side, no lower than
-# the skids. It is forward of the sway thruster, whose jet exits at the middle of the side; the
-# camera is aft of that, facing port.
+# Arm base on the port side, with z to port and x down. The folded arm lies along the side, no lower
+# than the skids. It is forward of the sway thruster, whose jet leaves the hull at the middle of the
+# side. The camera is aft of that jet and faces port.
 _SIDE_X_BA = pose(rotation_from_z([0.0, 1.0, 0.0], [0.0, 0.0, -1.0]), [0.45, 0.48, 0.27])
 _SIDE_X_BC = pose(rotation_from_z([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), [-0.3, 0.5, 0.0])
 
 
 def build_side() -> mujoco.MjSpec:
-    """The vehicle with the arm on the port side, camera and workspace to port; trimmed so."""
+    """The vehicle with the arm, the camera and the workspace on the port side, trimmed for this
+    arrangement.
+    """
     return build(arm="side")
 
 
@@ -110,7 +112,8 @@ def build_two_sway() -> mujoco.MjSpec:
 
 
 def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
-    """The vehicle with `tool` on the arm, coefficients attached, trimmed at home (arm folded).
+    """The vehicle with `tool` on the arm, with coefficients attached, trimmed in the posture `home`
+    (arm folded).
 
     The `arm` is under the hull, or on the port side with the camera beside it.
     """
@@ -119,7 +122,7 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
         spec.modelname = "uuv_puma_side"
         _move(spec.body(ARM_BASE_BODY), _SIDE_X_BA)
         _move(spec.site(CAMERA_SITE), _SIDE_X_BC)
-        # the housing is coaxial with the camera, its window just behind it
+        # the housing is coaxial with the camera, and its window is just behind the camera
         behind = pose(p=[0.0, 0.0, -0.07])
         _move(spec.geom("camera_housing"), _SIDE_X_BC @ behind)
 
@@ -135,7 +138,7 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
         PAD_BODY: cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
 
-    # A sampler takes the place of the pad before the trim, other tools after it.
+    # A sampler replaces the pad before the trim, other tools after it.
     held = None if tool == "pad" else TOOLS.load(tool)
     if isinstance(held, sampler.Tube | sampler.Box):
         bodies |= sampler.fit(spec, held)
@@ -161,5 +164,5 @@ def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.
 def _move(element: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
     element.pos = X[:3, 3]
     element.quat = quat_wxyz_from_rotation(X[:3, :3])
-    # overrides Euler angles or axes of the file
+    # replaces the Euler angles or axes of the file
     element.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT

@@ -1,1 +1,1 @@
-"""Water on a body: forms and bounds of its coefficients; curves and table of its thrusters."""
+"""Hydrodynamics of a body: forms and bounds of its coefficients. Thrusters: curves and tables."""

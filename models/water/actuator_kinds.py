@@ -9,7 +9,7 @@ import numpy as np
 from uuv.sim.interfaces.errors import ConfigurationError
 
 ROUNDED = 1e-5  # tolerance of a gear, which may come from a file of six digits
-# What the two have in common, and each alone.
+# Fields that the two kinds share, and those of each kind.
 _COMMON: dict[str, Any] = {
     "trntype": mujoco.mjtTrn.mjTRN_SITE,
     "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
@@ -43,7 +43,7 @@ def check_kind(
         name: of the actuator, for the message.
         field: returns a field of the actuator by the name that spec and model share.
         kind: what it must be, `MOTOR` or `DRIVEN`.
-        refers: True with a reference site or a plugin.
+        refers: True if the actuator has a reference site or a plugin.
     """
     along = np.array(field("gear")[:3])
 
@@ -60,15 +60,15 @@ def check_kind(
 
     if odd and kind is MOTOR:
         raise ConfigurationError(
-            f"thruster {name!r}: its actuator must be a plain motor on a site, its control the "
-            "thrust [N]: gain 1, no bias, dynamics, delay, limits, refsite or plugin; not so "
-            f"here: {', '.join(odd)}"
+            f"thruster {name!r}: its actuator must be a plain motor on a site, with the thrust [N] "
+            "as its control: gain 1, no bias, dynamics, delay, limits, refsite or plugin; these "
+            f"differ: {', '.join(odd)}"
         )
     if odd:
         raise ConfigurationError(
             f"thruster {name!r}: its actuator must be as uuv.models.water.thrusters.attach leaves "
-            "it, on a site, its dynamics and bias of the type user, its control in [-1, 1]; not "
-            f"so here: {', '.join(odd)}"
+            "it, on a site, with dynamics and bias of the type user and a control in [-1, 1]; "
+            f"these differ: {', '.join(odd)}"
         )
 
     if not abs(np.linalg.norm(along) - 1.0) < ROUNDED:
@@ -79,7 +79,7 @@ def check_kind(
 
 
 def _range_fits(field: Callable[[str], Any], word: str, driven: bool) -> bool:
-    """True if a thruster's commands, and nothing else, are limited."""
+    """True if exactly the commands of a thruster are limited."""
     low, high = field(f"{word}range")
     limited = int(field(f"{word}limited"))
     is_limited = limited == mujoco.mjtLimited.mjLIMITED_TRUE

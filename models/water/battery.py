@@ -1,4 +1,4 @@
-"""Battery of a vehicle: its figures, without a model (`uuv.models.water.battery_feed`)."""
+"""Parameters of a vehicle's battery; `uuv.models.water.battery_feed` adds it to a model."""
 
 from dataclasses import MISSING, dataclass
 from typing import Any, cast
@@ -13,10 +13,10 @@ _MOST_OHM = 10.0  # [ohm]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Battery:
-    """A battery, full at the start.
+    """A battery that is full at the start.
 
     Raises:
-        ConfigurationError: a figure that is not finite or out of range.
+        ConfigurationError: a figure is not finite or out of range.
     """
 
     voltage: float = option(
@@ -27,11 +27,12 @@ class Battery:
         word="battery",
         closed=None,
     )
-    capacity_Ah: float = 18.0  # [A h]; that of a BlueROV2's
+    capacity_Ah: float = 18.0  # [A h], the capacity of a BlueROV2's battery
     # [ohm] of cells and wiring to the thrusters; assumed: four in series of six lithium cells with
     # 30 milliohm, and as much in wires and plugs
     resistance_ohm: float = 0.04
-    empty_voltage: float | None = None  # [V] without load, empty; None: as full
+    # [V] without load at the end of the charge; None: the same as full
+    empty_voltage: float | None = None
 
     def __post_init__(self) -> None:
         volts = finite_number(

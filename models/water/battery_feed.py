@@ -1,10 +1,12 @@
-"""Battery in a vehicle's MjSpec: it feeds the thrusters, which sag its voltage together.
+"""Battery in a vehicle's MjSpec. It feeds all thrusters, and their total current lowers its
+voltage.
 
     attach(spec, Battery(voltage=16.0, capacity_Ah=18.0, resistance_ohm=0.05))
 
-The voltage at the thrusters is E - R I: R the resistance of cells and wiring, I the current of all
-thrusters. The electromotive force E is the battery's voltage, or falls linearly with the charge
-drawn to `empty_voltage`. Once the capacity is drawn the thrusters stop (`uuv.sim.plant.supply`).
+The voltage at the thrusters is E - R I, with the resistance R of cells and wiring and the current I
+of all thrusters. The electromotive force E is the battery's voltage, constant or falling linearly
+with the drawn charge to `empty_voltage`. Once the capacity is drawn the thrusters stop
+(`uuv.sim.plant.supply`).
 """
 
 import mujoco
@@ -22,8 +24,8 @@ def attach(spec: mujoco.MjSpec, battery: Battery) -> None:
     """Feed all thrusters of `spec` from `battery`; their curves become those at its voltage.
 
     Raises:
-        ConfigurationError: no thrusters, one without a table of its current over the voltage, or a
-            voltage beyond one.
+        ConfigurationError: there are no thrusters, one has no table of its current over the
+            voltage, or the voltage is beyond such a table.
     """
     table = {
         actuator.name: thrusters.unpack(np.array(actuator.userdata))
@@ -36,11 +38,11 @@ def attach(spec: mujoco.MjSpec, battery: Battery) -> None:
     for name, thruster in table.items():
         if not thruster.sheets or not thruster.sheets[0].current:
             raise ConfigurationError(
-                f"vehicle.battery: thruster {name!r} has no table of its current over the "
-                "voltage (t200 and from_table have)"
+                f"vehicle.battery: thruster {name!r} has no table of its current over the voltage "
+                "(t200 and from_table have one)"
             )
 
-    # At its voltage.
+    # The curve at the battery's voltage.
     try:
         driven = {
             name: thrusters.at_voltage(thruster, battery.voltage)
@@ -55,7 +57,7 @@ def attach(spec: mujoco.MjSpec, battery: Battery) -> None:
 def numbers_of(model: mujoco.MjModel) -> Array:
     """Voltage, empty voltage, charge [C] and resistance of the battery in a compiled model.
 
-    Zeros without one: voltages stay as they are.
+    Zeros without a battery, so that voltages do not change.
     """
     if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_NUMERIC, NAME) < 0:
         return np.zeros(4)
@@ -63,10 +65,10 @@ def numbers_of(model: mujoco.MjModel) -> Array:
 
 
 def weaken(spec: mujoco.MjSpec, volts: float) -> None:
-    """Supply all thrusters with `volts` [V] less, by the battery or without one.
+    """Lower the supply voltage of all thrusters by `volts` [V], with or without a battery.
 
     Raises:
-        ConfigurationError: a thruster has no sheets, or its voltage then is beyond them.
+        ConfigurationError: a thruster has no sheets, or its new voltage is beyond them.
     """
     element = next((part for part in spec.numerics if part.name == NAME), None)
     if element is not None:
@@ -80,7 +82,7 @@ def weaken(spec: mujoco.MjSpec, volts: float) -> None:
         attach(spec, less)
         return
 
-    # Without one, the thrusters' own voltage.
+    # Without a battery, the thrusters' own voltage is lowered.
     table = {}
     for actuator in spec.actuators:
         if thrusters.carries(np.array(actuator.userdata)):

@@ -1,4 +1,6 @@
-"""Validation of hydrodynamic coefficients: shape, sign, and bounds beyond every real body."""
+"""Validation of hydrodynamic coefficients: shape, sign, and bounds larger than for any real
+body.
+"""
 
 import warnings
 from typing import Final
@@ -10,11 +12,11 @@ from uuv.sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, checked, readonly
 
 SEA_WATER: Final = 1025.0  # [kg/m^3] default density of the water
-LARGEST: Final = 1e15  # [SI] bound of any coefficient: beyond every real body
+LARGEST: Final = 1e15  # [SI] bound of any coefficient, larger than for any real body
 LONGEST: Final = 1e5  # [m] largest extent of a shape
 SHORTEST: Final = 1e-6  # [m] smallest extent of a shape
 THINNEST: Final = 1e-6  # smallest ratio of a shape's shortest to its longest extent
-# share of the largest number by which an added mass may be asymmetric, as rounding
+# largest asymmetry of an added mass that counts as rounding, as a share of its largest number
 UNEVEN: Final = 1e-3
 
 
@@ -74,7 +76,7 @@ def segment(start: ArrayLike, end: ArrayLike, name: str) -> tuple[Array, Array]:
 def inertia_matrix(values: ArrayLike) -> Array:
     """Added mass (6, 6), symmetric and positive semidefinite; else ConfigurationError.
 
-    An asymmetry of up to UNEVEN of its largest number is averaged out, with a PhysicsWarning.
+    An asymmetry of up to UNEVEN times the largest number is averaged out, with a PhysicsWarning.
     """
     matrix = bounded(values, (6, 6), "added_mass")
     largest = float(np.max(np.abs(matrix)))
@@ -88,13 +90,15 @@ def inertia_matrix(values: ArrayLike) -> Array:
         )
         if uneven[i, j] > UNEVEN * largest:
             raise ConfigurationError(fault)
-        warnings.warn(f"{fault}; their mean is taken", PhysicsWarning, 4)
+        warnings.warn(f"{fault}; the mean of the two is used", PhysicsWarning, 4)
 
     return _semidefinite(readonly(0.5 * (matrix + matrix.T)), "added_mass")
 
 
 def damping_matrix(values: ArrayLike) -> Array:
-    """Linear damping (6, 6) that takes energy, of (6,) or (6, 6) values; or ConfigurationError."""
+    """Linear damping (6, 6) from (6,) or (6, 6) values; ConfigurationError unless it is
+    dissipative.
+    """
     try:
         shape = np.shape(values)
     except ValueError as error:
@@ -117,6 +121,6 @@ def _semidefinite(matrix: Array, name: str) -> Array:
     eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
     if eigenvalues[0] < -1e-9 * max(float(eigenvalues[-1]), 1e-300):
         raise ConfigurationError(
-            f"{name}: has a negative eigenvalue, {eigenvalues[0]:.6g}; it would feed energy in"
+            f"{name}: has a negative eigenvalue, {eigenvalues[0]:.6g}; it would add energy"
         )
     return matrix

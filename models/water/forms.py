@@ -1,11 +1,12 @@
-"""Further terms of a body's hydrodynamics, beside added mass, damping matrices and strips.
+"""Further terms of a body's hydrodynamics, in addition to added mass, damping matrices and strips.
 
-Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. It is stored as a
-record behind the body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback evaluates
-it (`uuv.sim.native.form_kernel`). A body without forms costs nothing.
+Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. A form is stored as
+a record behind the body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback
+evaluates it (`uuv.sim.native.form_kernel`). A body without forms needs no additional computing
+time.
 
-The wrench of each is a function of the twist relative to the water, nu_r = (v; w) at the body
-origin. It is therefore the same in a steady current as in still water.
+The wrench of a form is a function of the twist relative to the water, nu_r = (v; w) at the body
+origin. Therefore a steady current has the same effect as motion through still water.
 """
 
 import math
@@ -29,8 +30,8 @@ from uuv.sim.interfaces.spatial import (
     skew,
 )
 
-MAX_TERMS: Final = 64  # terms of one CrossTerms
-SWEEPS: Final = (-2, 0, 2)  # exponents of `LiftDrag.sweep`
+MAX_TERMS: Final = 64  # largest number of terms of one CrossTerms
+SWEEPS: Final = (-2, 0, 2)  # allowed values of `LiftDrag.sweep`
 # Parameters of gz-sim's plugin LiftDrag.
 _GZ_LIFT_DRAG: Final = (
     "cla",
@@ -45,10 +46,11 @@ _GZ_LIFT_DRAG: Final = (
     "cp",
 )
 _RIGHT: Final = 0.5 * math.pi
-_KEPT: Final = 1e-12  # by which a vector's length may differ from 1 for it to be kept bit by bit
-_SQUARE: Final = 1e-3  # largest cosine of an angle that should be right
-# Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP: angles in
-# the plane of forward and upward [rad], and out of it. _BETWEEN allows for the directions between.
+_KEPT: Final = 1e-12  # largest error of a vector's length with which it is kept bit by bit
+_SQUARE: Final = 1e-3  # largest cosine of an angle that must be a right angle
+# Directions of flow at which the slope of a LiftDrag is sampled, by differences of _STEP: angles
+# [rad] in the plane of forward and upward, and out of that plane. _BETWEEN is a margin for the
+# directions between.
 _ANGLES: Final = np.linspace(-math.pi, math.pi, 361) + 1e-3
 _SWEPT: Final = np.radians([0.0, 25.0, 50.0, 65.0, 80.0, -50.0])
 _STEP, _BETWEEN = 1e-5, 1.05
@@ -57,7 +59,7 @@ _STEP, _BETWEEN = 1e-5, 1.05
 class Form(ABC):
     """Base of the forms; each is a frozen dataclass."""
 
-    kind: ClassVar[int]  # marks the form's record
+    kind: ClassVar[int]  # number that identifies the form's record
 
     @abstractmethod
     def numbers(self) -> list[float]:
@@ -66,7 +68,7 @@ class Form(ABC):
     @classmethod
     @abstractmethod
     def of(cls, numbers: Array) -> Self:
-        """Form with the `numbers` of a record; ConfigurationError for numbers that it refuses."""
+        """Form with the `numbers` of a record; ConfigurationError for numbers out of range."""
 
     @abstractmethod
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
@@ -87,7 +89,9 @@ class Form(ABC):
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """The form with `factor` times its forces, for perturbations; a MunkFactor is the same."""
+        """The form with `factor` times its forces, for perturbations; a MunkFactor does not
+        change.
+        """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,13 +99,13 @@ class MunkFactor(Form):
     """Share of the potential-flow couple that acts on the body, about each body axis.
 
     The couple v x p, with the linear momentum p = A11 v + A12 w of the water, turns a slender body
-    across its way [Munk 1924]. Where the flow separates it is mostly absent. With the factors k,
-    what acts is
+    across the flow [Munk 1924]. If the flow separates, most of this couple is absent. With the
+    factors k, the torque and force that act are
 
         torque:  -(k_i (v x p)_i),    force:  -sum_i k_i w_i e_i x p.
 
-    Scaling both keeps the power of the pair at zero about each axis, for any k. Scaling the torque
-    alone does not. Zero about y and z is what PythonVehicleSimulator does for its REMUS 100.
+    If both are scaled, their total power about each axis is zero for any k; if only the torque is
+    scaled, it is not. PythonVehicleSimulator's REMUS 100 corresponds to k = 0 about y and z.
 
     Raises:
         ConfigurationError: a factor outside 0 to 1.
@@ -126,7 +130,7 @@ class MunkFactor(Form):
         return cls(factor=numbers)
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
-        """The share that is taken away again: (1 - k) times the couple and its force."""
+        """The share that is removed: (1 - k) times the couple and its force."""
         p = v @ added_mass[:3, :3].T + w @ added_mass[:3, 3:].T
         gone = 1.0 - self.factor
         return np.hstack([np.cross(gone * w, p), gone * np.cross(v, p)])
@@ -142,10 +146,10 @@ class MunkFactor(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FadingDamping(Form):
-    """Linear damping that fades where quadratic drag takes over: -d exp(-rate |v|) nu_r.
+    """Linear damping that fades with speed, where quadratic drag dominates: -d exp(-rate |v|) nu_r.
 
     Raises:
-        ConfigurationError: a negative number.
+        ConfigurationError: a number is negative.
     """
 
     kind: ClassVar[int] = 2
@@ -177,7 +181,7 @@ class FadingDamping(Form):
         return -fading[:, None] * self.linear * np.hstack([v, w])
 
     def slope(self, speed: float) -> Array:
-        """That at rest, and a diagonal that dominates what the fading couples."""
+        """The damping at rest, plus a diagonal that dominates the coupling by the fading."""
         # rate d |nu| exp(-rate |v|) is at most d / e in translation, d rate speed in rotation
         most = np.concatenate([self.linear[:3] / math.e, self.linear[3:] * self.rate * speed])
         coupled = np.outer(most, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
@@ -203,12 +207,12 @@ class LiftDrag(Form):
     - Drag: C_D = drag_0 + drag_slope |alpha| + induced C_L^2. Beyond the stall it follows
       `stalled_drag_slope`.
 
-    Lift has no power at any angle; drag takes power. With sweep -2 the drag keeps its size where
-    the flow runs along the span, and its way jumps there.
+    Lift has no power at any angle; drag dissipates. With sweep -2 the drag keeps its magnitude as
+    the flow becomes parallel to the span, and its direction jumps there.
 
     Raises:
-        ConfigurationError: a number out of bounds, or directions that are not perpendicular to
-            1e-3.
+        ConfigurationError: a number is out of bounds, or the directions are not perpendicular
+            within 1e-3.
     """
 
     kind: ClassVar[int] = 3
@@ -217,18 +221,20 @@ class LiftDrag(Form):
     drag_0: float = 0.0  # C_D at zero angle of attack
     induced: float = 0.0  # C_D per C_L^2
     drag_slope: float = 0.0  # [1/rad]
-    incidence: float = 0.0  # [rad] angle of attack at b = 0
+    incidence: float = 0.0  # [rad] angle of attack for flow along `forward` (b = 0)
     stall: float = _RIGHT  # [rad] angle of stall; 90 degrees: none
     # [1/rad] of C_L beyond the stall; by default it falls to 0 at 90 degrees
     stalled_slope: float | None = None
     # [1/rad] of C_D beyond the stall; by default `drag_slope`
     stalled_drag_slope: float | None = None
-    # 0: flow along the span has no effect; -2: it counts in q [Fossen 2021]; 2: as gz-sim has it
+    # exponent: 0: flow along the span has no effect; -2: it counts in q [Fossen 2021]; 2: as in
+    # gz-sim
     sweep: int = 0
     point: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] centre of pressure
     forward: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))  # (3,) unit vector
     upward: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # (3,) unit vector
-    water_density: float = SEA_WATER  # [kg/m^3] for which the force is computed
+    # [kg/m^3] density of the water for which the force is computed
+    water_density: float = SEA_WATER
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -287,14 +293,15 @@ class LiftDrag(Form):
             area: [m^2].
             span: [m].
             drag_0: C_D without lift.
-            oswald: Oswald's efficiency.
+            oswald: Oswald's efficiency factor.
             **figures: the other fields, without lift_slope and induced.
 
         Returns:
             The form.
 
         Raises:
-            ConfigurationError: a number out of bounds, or one of those computed here given too.
+            ConfigurationError: a number is out of bounds, or a field that is computed here is
+                stated too.
         """
         if computed := [name for name in ("lift_slope", "induced") if name in figures]:
             raise ConfigurationError(
@@ -312,11 +319,11 @@ class LiftDrag(Form):
 
     @classmethod
     def of_gz(cls, parameters: Mapping[str, Any], water_density: float = SEA_WATER) -> Self:
-        """Form of the parameters of gz-sim's plugin LiftDrag, by their names there.
+        """Form from the parameters of gz-sim's plugin LiftDrag, by their names in that plugin.
 
-        Known are cla, cda, alpha_stall, cla_stall, cda_stall, a0, area, forward, upward, cp and
-        air_density, with the plugin's defaults. The plugin takes `cp` from the link's centre of
-        mass; here it is from the body origin.
+        The parameters are cla, cda, alpha_stall, cla_stall, cda_stall, a0, area, forward, upward,
+        cp and air_density, with the plugin's defaults. In the plugin `cp` is relative to the link's
+        centre of mass; here it is relative to the body origin.
 
         Args:
             parameters: values by name.
@@ -326,7 +333,7 @@ class LiftDrag(Form):
             The form.
 
         Raises:
-            ConfigurationError: an unknown name, or a number out of bounds.
+            ConfigurationError: a name is unknown, or a number is out of bounds.
         """
         _check_gz_names(parameters)
         return cls(
@@ -371,7 +378,7 @@ class LiftDrag(Form):
 
     @classmethod
     def of(cls, numbers: Array) -> Self:
-        """Form of twenty numbers."""
+        """Form from the twenty numbers of a record."""
         numbers = checked(numbers, (20,), "lift-drag")
         scalars = [float(x) for x in numbers[9:]]
         return cls(
@@ -385,7 +392,7 @@ class LiftDrag(Form):
             induced=scalars[4],
             drag_slope=scalars[5],
             incidence=scalars[6],
-            stall=min(scalars[7], _RIGHT),  # MJCF may round 90 degrees up
+            stall=min(scalars[7], _RIGHT),  # MJCF may round an angle of 90 degrees up
             stalled_slope=scalars[8],
             stalled_drag_slope=scalars[9],
             sweep=int(scalars[10]),
@@ -417,7 +424,9 @@ class LiftDrag(Form):
         return np.hstack([force, np.cross(self.point, force)])
 
     def slope(self, speed: float) -> Array:
-        """Largest slope of the force over directions of flow, for every direction at `point`."""
+        """Bound (6, 6) from the largest slope of the force over all directions of flow at
+        `point`.
+        """
         angle, sweep = np.meshgrid(_ANGLES, _SWEPT if self.sweep else _SWEPT[:1])
         angle = angle.ravel()[:, None]
         sweep = sweep.ravel()[:, None]
@@ -430,7 +439,7 @@ class LiftDrag(Form):
         ]
         jacobians = -np.stack(columns, axis=2)
 
-        # Where a step crosses the jump from +90 to -90 degrees, its difference is no slope.
+        # Where a step crosses the jump from +90 to -90 degrees, the difference is not a slope.
         smooth = np.abs(np.cos(angle[:, 0] - self.incidence)) > 10.0 * _STEP
         eigenvalues = np.linalg.eigvalsh(0.5 * (jacobians + jacobians.transpose(0, 2, 1)))[smooth]
 
@@ -473,15 +482,15 @@ class LiftDrag(Form):
 class CrossTerms(Form):
     """Sum of terms -c |nu_k| nu_j or -c nu_k nu_j in components i of the wrench, as in gz-sim.
 
-    A positive c with i = j and |nu_k| is damping. Other terms may feed energy in:
-    `uuv.sim.hydrodynamics.doubts` looks for a motion in which they do.
+    A positive c with i = j and |nu_k| is damping. Other terms may add energy;
+    `uuv.sim.hydrodynamics.doubts` searches for a motion in which they do.
 
     Raises:
-        ConfigurationError: an index outside 0 to 5, or too many terms.
+        ConfigurationError: an index is outside 0 to 5, or there are too many terms.
     """
 
     kind: ClassVar[int] = 4
-    terms: Array  # (n, 5): i, j, k, 1 with the absolute value of nu_k else 0, c [SI]
+    terms: Array  # (n, 5): i, j, k, 1 for the absolute value of nu_k or 0, c [SI]
 
     def __post_init__(self) -> None:
         terms = checked_rows(self.terms, 5, "cross terms (i, j, k, absolute, coefficient)")
@@ -503,7 +512,8 @@ class CrossTerms(Form):
 
     @classmethod
     def of_gz(cls, parameters: Mapping[str, float]) -> Self:
-        """Terms by gz-sim's names and signs: X = xUabsV |v| u, so that damping is negative.
+        """Terms from gz-sim's names and signs: X = xUabsV |v| u, so that coefficients of damping
+        are negative.
 
         A name has one of x y z k m n, one of U V W P Q R, and another of these, with or without
         `abs` before it.
@@ -515,7 +525,7 @@ class CrossTerms(Form):
             The form.
 
         Raises:
-            ConfigurationError: an unknown name, or a coefficient that is no finite number.
+            ConfigurationError: a name is unknown, or a coefficient is not a finite number.
         """
         rows = []
         for name, coefficient in parameters.items():
@@ -533,10 +543,11 @@ class CrossTerms(Form):
 
     @classmethod
     def of(cls, numbers: Array) -> Self:
-        """Form of five numbers a term."""
+        """Form from the numbers of a record, five for each term."""
         if len(numbers) % 5:
             raise ConfigurationError(
-                f"cross terms: expected five numbers a term, got {len(numbers)} in all"
+                f"cross terms: expected five numbers for each term, got {len(numbers)} numbers in "
+                "all"
             )
         return cls(terms=np.reshape(numbers, (-1, 5)))
 
@@ -564,14 +575,14 @@ class CrossTerms(Form):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlanarStrip(Form):
-    """Cross-flow drag of a segment in one direction, as ship theory has it [Faltinsen 1990].
+    """Cross-flow drag of a segment in one direction, as in ship theory [Faltinsen 1990].
 
     Force per length: `-drag |u_d| u_d` along `direction`, with the local velocity's component u_d
-    [Fossen 2021, section 6.5]. The integral is exact. A StripDrag takes the whole flow across the
-    segment.
+    [Fossen 2021, section 6.5]. The integral is exact. In contrast, a StripDrag acts in all
+    directions across the segment.
 
     Raises:
-        ConfigurationError: a negative drag, a segment without length, or no direction.
+        ConfigurationError: the drag is negative, or the segment or the direction has no length.
     """
 
     kind: ClassVar[int] = 5
@@ -593,18 +604,20 @@ class PlanarStrip(Form):
 
     @classmethod
     def of(cls, numbers: Array) -> Self:
-        """Form of ten numbers."""
+        """Form from the ten numbers of a record."""
         numbers = checked(numbers, (10,), "planar strip")
         return cls(
             start=numbers[:3], end=numbers[3:6], direction=numbers[6:9], drag=float(numbers[9])
         )
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
-        """The drag: either side of the point where the flow turns, two Gauss stations are exact."""
+        """The drag, integrated exactly by two Gauss stations on each side of the point where the
+        flow reverses.
+        """
         along = self.end - self.start
         at_start, at_end = ((v + np.cross(w, p)) @ self.direction for p in (self.start, self.end))
 
-        # Where the flow turns, as a share of the segment.
+        # Point where the flow reverses, as a share of the segment.
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = np.where(at_start * at_end < 0.0, at_start / (at_start - at_end), 0.0)
 
@@ -620,7 +633,7 @@ class PlanarStrip(Form):
         return total
 
     def slope(self, speed: float) -> Array:
-        """Its derivative with `speed` at every station."""
+        """Derivative of the drag with `speed` at every station."""
         along = self.end - self.start
         total = np.zeros((6, 6))
         for node in (-1.0, 1.0):
@@ -655,7 +668,9 @@ def _check_gz_names(parameters: Mapping[str, Any]) -> None:
 
 
 def gz_term(name: str) -> tuple[int, int, int, int] | None:
-    """Indices i, j, k and 1 if absolute, of a name as xUabsV or xUV; of xU k is -1; else None."""
+    """Indices i, j, k, and 1 if absolute, of a name such as xUabsV or xUV; k is -1 for xU. None for
+    other names.
+    """
     if not (isinstance(name, str) and name[:1] in tuple("xyzkmn") and name[1:2] in tuple("UVWPQR")):
         return None
     rest = name[2:]
@@ -668,7 +683,9 @@ def gz_term(name: str) -> tuple[int, int, int, int] | None:
 
 
 def _unit(values: ArrayLike, name: str) -> Array:
-    """Unit vector along `values`; one to rounding stays as it is, so that records keep it."""
+    """Unit vector along `values`; a vector of length 1 up to rounding is unchanged, so that records
+    keep it.
+    """
     vector = checked(values, (3,), name)
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < 1e9:

@@ -1,4 +1,6 @@
-"""Thrust, current and power of a thruster over pulse width and voltage, from measured sheets."""
+"""Thrust, current and power of a thruster over pulse width and voltage, from sheets of
+measurements.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -13,28 +15,32 @@ from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 
 
 class MeasuredThruster(ABC):
-    """Base of a thruster: what its sheets and its speed controller say.
+    """Base of a thruster, with the values of its sheets and its speed controller (ESC).
 
-    Pulses [us] must be in the range of the ESC, voltages [V] in that of the sheets; without one it
-    is the thruster's own. Results have the shape of the pulses. A method raises ConfigurationError
-    where one is out of range, or where nothing was measured.
+    Pulses [us] must be in the range of the ESC, voltages [V] in that of the sheets. The default is
+    the thruster's own voltage. Results have the shape of the pulses. A method raises
+    ConfigurationError if a pulse or voltage is out of range, or if the thruster has no
+    measurements.
     """
 
     __slots__ = ()
     sheets: tuple[Sheet, ...]
-    voltage: float  # [V] of its own curve
+    voltage: float  # [V] voltage of the thruster's own curve
     esc: Esc | None
     least_thrust: float  # [N]
 
     @abstractmethod
     def static_curve(self) -> Array:
-        """Its own static curve, as a row of `uuv.models.water.thruster_curves`."""
+        """The static curve at the thruster's own voltage, as a row of
+        `uuv.models.water.thruster_curves`.
+        """
 
     def thrust(self, pulse_us: ArrayLike, voltage: float | None = None) -> Any:
-        """Steady thrust [N] in still water: of its own curve, which is simulated, or of its sheets
-        at a `voltage` [V].
+        """Steady thrust [N] in still water, from the simulated curve, or from the sheets at a
+        `voltage` [V].
         """
-        from uuv.models.water.thruster_curves import pack_table, thrust_at  # bring numba
+        # imported here, since these import numba
+        from uuv.models.water.thruster_curves import pack_table, thrust_at
 
         commands = self._drive.command(pulse_us)
         if voltage is None:
@@ -44,7 +50,8 @@ class MeasuredThruster(ABC):
             row = pack_table(at.command.tolist(), at.thrust.tolist(), self.least_thrust)
         else:
             raise ConfigurationError(
-                f"voltage [V]: this thruster was measured at none, got {voltage}"
+                "voltage [V]: must be left out, since this thruster has no measurements, got "
+                f"{voltage}"
             )
         return _for_each(commands, lambda command: thrust_at(row, command))
 
@@ -54,9 +61,9 @@ class MeasuredThruster(ABC):
 
         commands = self._drive.command(pulse_us)
         volts = self._volts(voltage)
-        self.between(volts)  # refuses what was not measured
+        self.between(volts)  # this refuses a thruster without measurements
         if not self.sheets[0].current:
-            raise ConfigurationError("thruster: neither current nor power of it was measured")
+            raise ConfigurationError("thruster: its sheets have neither current nor power")
 
         block = pack_sheets(self.sheets)
         return _for_each(commands, lambda command: current_at(block, volts, command))
@@ -66,7 +73,7 @@ class MeasuredThruster(ABC):
         return self._volts(voltage) * self.current(pulse_us, voltage)
 
     def dead_pulses(self, voltage: float | None = None) -> tuple[float, float]:
-        """Pulses [us] between which there is no thrust."""
+        """The two pulses [us] between which there is no thrust."""
         at = self.between(voltage)
         still = at.command[at.thrust == 0.0]
         first, last = sorted(self._drive.pulse(still[[0, -1]]).tolist())
@@ -77,7 +84,7 @@ class MeasuredThruster(ABC):
 
         Args:
             value: a share of full speed, a thrust [N] in still water, or a pulse width [us].
-            unit: of the value.
+            unit: unit of the value.
         """
         from uuv.models.water.thruster_curves import command_for, thrust_at
 
@@ -110,6 +117,6 @@ class MeasuredThruster(ABC):
 
 
 def _for_each(commands: Array, function: Callable[[float], float]) -> Any:
-    """A function of each command, of their shape; a number of a number."""
+    """Values of a function for each command, in the commands' shape; a number for a number."""
     values = np.array([function(command) for command in commands.ravel().tolist()])
     return values.reshape(commands.shape) if commands.ndim else float(values[0])

@@ -1,4 +1,4 @@
-"""MuJoCo's C library, for functions that its Python package does not show."""
+"""MuJoCo's C library, for functions that its Python package does not expose."""
 
 import ctypes
 from pathlib import Path
@@ -18,5 +18,7 @@ def library() -> ctypes.CDLL:
     patterns = ("libmujoco.so.*", "libmujoco.*.dylib", "mujoco.dll")
     files = [path for pattern in patterns for path in folder.glob(pattern)]
     if not files:
-        raise HydrodynamicsError(f"no MuJoCo library in {folder}; looked for {', '.join(patterns)}")
+        raise HydrodynamicsError(
+            f"there is no MuJoCo library in {folder}; searched for {', '.join(patterns)}"
+        )
     return ctypes.CDLL(str(files[0]))

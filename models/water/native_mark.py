@@ -1,18 +1,20 @@
-"""Mark of specs whose water or gears need native code: MuJoCo alone refuses to read their MJCF.
+"""Mark for specs whose water or gears need native code; MuJoCo alone then refuses to read their
+MJCF.
 
-The mark is the declaration of a plug-in by the name of the module that brings the code,
+The mark is the declaration of a plug-in with the name of the module that contains the code,
 
     <extension> <plugin plugin="uuv.sim.hydrodynamics"/> </extension>
 
-and an import of this module makes the name known. Elsewhere MuJoCo says "plugin
-uuv.sim.hydrodynamics not found" instead of moving the model dry. The plug-in has no instance and
-does nothing: a compiled model, and so an MJB, holds no trace of it.
+and an import of this module registers the name. In a process without it MuJoCo raises the error
+"plugin uuv.sim.hydrodynamics not found" instead of simulating the model without water. The plug-in
+has no instance and no effect, so a compiled model, and therefore an MJB, does not contain the mark.
 
-An instance would be no remedy for MJB (MuJoCo 3.17.0 and 4.0.0). The file stores its number, not
-its name. Where the number is free, `mj_makeData` ends the process by a segmentation fault; where
-another plug-in has it, that one runs instead. `MjSpec.attach` and `MjSpec.copy` keep an instance
-only if it has a name and a body refers to it. They make an invalid model of a plug-in that stands
-within a body, and drop an instance without a body in silence.
+An instance would not mark an MJB safely (MuJoCo 3.17.0 and 4.0.0). An MJB stores the number of a
+plug-in, not its name. If no plug-in has that number, `mj_makeData` ends the process by a
+segmentation fault; if another plug-in has it, the other plug-in runs instead. `MjSpec.attach` and
+`MjSpec.copy` keep an instance only if it has a name and a body refers to it. If the plug-in is
+within a body, they produce an invalid model. If an instance has no body, they drop it without a
+message.
 """
 
 import ctypes
@@ -30,7 +32,8 @@ _EMPTY = re.compile(r"\s*<extension>\s*</extension>|\s*<extension/>")
 
 
 def _refuse_instance(_model: int, _data: int, _instance: int) -> int:
-    # MuJoCo then makes no data: an MJB of another process may mean another plug-in by our number.
+    # MuJoCo then creates no data, since in an MJB of another process this number may mean another
+    # plug-in.
     return -1
 
 
@@ -43,7 +46,7 @@ _INIT = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.
 
 
 class _Plugin(ctypes.Structure):
-    """Beginning of `mjpPlugin`, in mjplugin.h; the rest is zero."""
+    """First fields of `mjpPlugin` in mjplugin.h; the other fields are zero."""
 
     _fields_ = (
         ("name", ctypes.c_char_p),
@@ -64,12 +67,12 @@ def mark(spec: mujoco.MjSpec) -> None:
 
 
 def without_mark(xml: str) -> str:
-    """MJCF without the mark, for a file that MuJoCo alone shall read."""
+    """MJCF without the mark, for a file that MuJoCo alone can read."""
     return _EMPTY.sub("", _LINE.sub("", xml))
 
 
 def _registered() -> Any:
-    """Make the name known to MuJoCo; returns what must live as long as the process."""
+    """Register the name with MuJoCo; returns the objects that must live as long as the process."""
     functions = {"nstate": _INSTANCES(_no_state), "init": _INIT(_refuse_instance)}
     plugin = _Plugin(name=PLUGIN.encode(), **functions)
     library().mjp_registerPlugin(ctypes.byref(plugin))

@@ -1,7 +1,7 @@
-"""A thruster's table as bought: CSV of thrust and current over pulse width and voltage.
+"""A thruster's table from its maker: CSV of thrust and current over pulse width and voltage.
 
-Columns `pulse_us` and `force_N`; and, where they were measured, `voltage_V`, `current_A` or
-`power_W`. Others, such as `rpm`, are passed over. A table has a sheet for each of its voltages.
+The columns are `pulse_us` and `force_N`, and optionally `voltage_V`, `current_A` or `power_W`.
+Other columns, such as `rpm`, are ignored. A table has one sheet for each of its voltages.
 """
 
 import csv
@@ -24,16 +24,17 @@ VOLTAGE = "voltage_V"
 CURRENT = "current_A"
 POWER = "power_W"
 
-_MOST_BYTES = 5_000_000  # of a file
-_MOST_SHEETS = 40  # of a table
-_MOST_POINTS = 5000  # of a sheet
-# share of the full thrust by which it may fall towards the ends: noise, which is pooled
+_MOST_BYTES = 5_000_000  # largest size of a file
+_MOST_SHEETS = 40  # largest number of sheets of a table
+_MOST_POINTS = 5000  # largest number of rows of a sheet
+# largest fall of the thrust towards the ends that counts as noise and is pooled, as a share of the
+# full thrust
 _NOISE = 0.01
-_FEW = 40  # points of a side up to which all are kept
-# of a longer side: shares of the way from the dead band to the end, beside the first point
+_FEW = 40  # number of points of a side up to which all are kept
+# points kept of a longer side, besides the first: shares of the range from the dead band to the end
 _SHARES = np.arange(1, 21) / 20
-_SAME = 1e-6  # difference of two shares that are one
-_OFF = 0.05  # share by which power may differ from voltage times current
+_SAME = 1e-6  # difference below which two shares count as equal
+_OFF = 0.05  # largest relative difference of power from voltage times current
 
 
 def read_sheets(
@@ -41,20 +42,21 @@ def read_sheets(
 ) -> tuple[tuple[Sheet, ...], Esc]:
     """Sheets of a table, lowest voltage first, and the speed controller of its pulses.
 
-    A thrust that falls as the pulse rises is that of a controller of direction -1. Points of a side
-    that are more than 40 are reduced to 21; thrusts between them are off by far less than
-    1 % of the full one.
+    If the thrust falls as the pulse rises, the controller's direction is -1. A side of more than 40
+    points is reduced to 21 points; the resulting error of the thrust is far less than 1 % of full
+    thrust.
 
     Args:
-        file: CSV with a heading.
-        esc: range, dead band and direction of the pulses; default: the range of the table, about
-            1500 us or, if that pushes, about the middle of the dead band.
+        file: CSV with a header line.
+        esc: range, dead band and direction of the pulses; default: the range of the table, with
+            neutral at 1500 us or, if there is thrust at that pulse, at the middle of the dead band.
         voltage: [V] at which a table without that column was measured; None: unknown, which is a
             sheet of 0 V without currents.
 
     Raises:
-        ConfigurationError: a column is missing, a cell is no finite number, pulses occur twice,
-            thrusts that do not rise from below zero through zero, or pulses beyond the range.
+        ConfigurationError: a column is missing, a cell is not a finite number, a pulse occurs
+            twice, the thrusts do not rise from below zero through zero, or a pulse is beyond the
+            range.
     """
     what = f"thruster table {shown(str(file))}"
     columns = _columns(text_of(file, "thruster table", _MOST_BYTES), what)
@@ -63,7 +65,7 @@ def read_sheets(
         columns[VOLTAGE] = np.full(len(columns[PULSE]), 0.0 if voltage is None else voltage)
     if voltage is None and not stated and (POWER in columns or CURRENT in columns):
         raise ConfigurationError(
-            f"{what}: {CURRENT} and {POWER} need column {VOLTAGE}, or the voltage beside the file"
+            f"{what}: {CURRENT} and {POWER} need the column {VOLTAGE}, or the argument voltage"
         )
 
     volts = columns[VOLTAGE]
@@ -74,7 +76,7 @@ def read_sheets(
             f"{len(levels)} from {levels[0]:g} V"
         )
 
-    # One sheet a voltage, with the pulses for commands; a falling thrust is turned round.
+    # One sheet per voltage, with pulses in place of commands; a falling thrust is reversed.
     raw: list[_Rows] = []
     for level in levels.tolist():
         rows = {name: column[volts == level] for name, column in columns.items()}
@@ -94,7 +96,7 @@ def read_sheets(
 class _Rows(NamedTuple):
     """Rows of one voltage, in the order of their pulses."""
 
-    what: str  # begins a message
+    what: str  # first words of a message
     voltage: float  # [V]
     current: Array | None  # [A]
     pulse: Array  # [us]
@@ -112,7 +114,7 @@ def _columns(text: str, what: str) -> dict[str, Array]:
 
     used = [name for name in (PULSE, FORCE, VOLTAGE, CURRENT, POWER) if name in heading]
     if twice := [name for name in used if heading.count(name) > 1]:
-        raise ConfigurationError(f"{what}: column {twice[0]} is given twice")
+        raise ConfigurationError(f"{what}: column {twice[0]} occurs twice")
 
     rows = []
     for line, cells in enumerate(reader, start=2):
@@ -130,12 +132,12 @@ def _columns(text: str, what: str) -> dict[str, Array]:
         rows.append(row)
 
     if not 3 <= len(rows) <= _MOST_SHEETS * _MOST_POINTS:
-        raise ConfigurationError(f"{what}: needs three or more rows, got {len(rows)}")
+        raise ConfigurationError(f"{what}: must have three or more rows, got {len(rows)}")
     return dict(zip(used, np.array(rows).T, strict=True))
 
 
 def _current(rows: dict[str, Array], what: str) -> Array | None:
-    """Currents [A] of a sheet, measured or by its power; None: neither."""
+    """Currents [A] of a sheet, measured or from the power; None if it has neither."""
     by_power = rows[POWER] / rows[VOLTAGE] if POWER in rows else None
     current = rows.get(CURRENT, by_power)
     if current is not None and current.min() < 0.0:
@@ -144,16 +146,19 @@ def _current(rows: dict[str, Array], what: str) -> Array | None:
     if current is None or by_power is None:
         return current
     if np.abs(current - by_power).max() > _OFF * max(float(current.max()), 1e-9):
-        raise ConfigurationError(f"{what}: {POWER} is not {VOLTAGE} times {CURRENT}")
+        raise ConfigurationError(f"{what}: {POWER} must be {VOLTAGE} times {CURRENT}, but is not")
     return current
 
 
 def _esc_of(raw: Sequence[_Rows], falls: bool, what: str) -> Esc:
-    """Speed controller over the range that all sheets have, about a pulse without thrust."""
+    """Speed controller over the range that all sheets have, with neutral at a pulse without
+    thrust.
+    """
     low = max(float(entry.pulse[0]) for entry in raw)
     high = min(float(entry.pulse[-1]) for entry in raw)
 
-    # Where no sheet pushes; where the thrust has no zero row, where it changes its sign.
+    # Neutral is where no sheet has thrust; if no row has zero thrust, where the thrust changes its
+    # sign.
     still = [entry.pulse[entry.force == 0.0] for entry in raw]
     if all(len(pulses) for pulses in still):
         first = max(float(pulses[0]) for pulses in still)
@@ -165,21 +170,24 @@ def _esc_of(raw: Sequence[_Rows], falls: bool, what: str) -> Esc:
     neutral = 1500.0 if first <= 1500.0 <= last else 0.5 * (first + last)
     if not low + 1.0 < neutral < high - 1.0:
         raise ConfigurationError(
-            f"{what}: thrusts must rise from below zero through zero, or fall so"
+            f"{what}: thrusts must rise from below zero through zero, or fall from above zero "
+            "through zero"
         )
     return Esc(low_us=low, neutral_us=neutral, high_us=high, direction=-1 if falls else 1)
 
 
 def _sheet(raw: _Rows, esc: Esc) -> Sheet:
-    """Sheet of rows in the order of their pulses; those beyond the range are left out."""
+    """Sheet of rows in the order of their pulses; rows beyond the range are left out."""
     what = raw.what
     pulse = raw.pulse
     if twice := pulse[1:][np.diff(pulse) <= 0.0].tolist():
-        raise ConfigurationError(f"{what}: pulse {twice[0]:g} us is given twice")
+        raise ConfigurationError(f"{what}: pulse {twice[0]:g} us occurs twice")
 
     inside = (pulse >= esc.low_us) & (pulse <= esc.high_us)
     if np.count_nonzero(inside) < 3:
-        raise ConfigurationError(f"{what}: needs three or more rows within the range of the ESC")
+        raise ConfigurationError(
+            f"{what}: must have three or more rows within the range of the ESC"
+        )
 
     # Rows x, y, i: command, thrust [N], current [A].
     amperes = np.zeros(len(pulse)) if raw.current is None else raw.current
@@ -196,12 +204,12 @@ def _sheet(raw: _Rows, esc: Esc) -> Sheet:
 
 
 def _check_rise(what: str, rows: Array, esc: Esc) -> None:
-    """Refuse thrusts that do not rise from below zero to above it, but for noise."""
+    """Refuse thrusts that do not rise from below zero to above zero, except for noise."""
     x, y, _ = rows
     if not y[0] < 0.0 < y[-1]:
         raise ConfigurationError(
-            f"{what}: {FORCE} must rise from below zero through zero, or fall so, got "
-            f"{y[0]:g} to {y[-1]:g}"
+            f"{what}: {FORCE} must rise from below zero through zero, or fall from above zero "
+            f"through zero, got {y[0]:g} to {y[-1]:g}"
         )
 
     falls = y[:-1] - y[1:]
@@ -215,9 +223,10 @@ def _check_rise(what: str, rows: Array, esc: Esc) -> None:
 
 
 def _without_noise(rows: Array) -> Array:
-    """Rows with neighbours pooled until thrusts beside the dead band rise; ends keep their place.
+    """Rows with neighbours pooled until thrusts outside the dead band rise; the end points keep
+    their pulses.
 
-    It is isotonic regression: pool adjacent violators.
+    This is isotonic regression by the pool-adjacent-violators algorithm.
     """
     pools: list[list[Array]] = []
     for point in rows.T:
@@ -237,7 +246,9 @@ def _falls(before: Sequence[Array], after: Sequence[Array]) -> bool:
 
 
 def _with_dead_band(rows: Array) -> Array:
-    """Rows with the two ends of the dead band for all that is within; one point where it is one."""
+    """Rows in which the dead band is reduced to its two ends, or to one point if it is a single
+    point.
+    """
     y = rows[1]
     below = rows[:, y < 0.0]
     above = rows[:, y > 0.0]
@@ -252,7 +263,9 @@ def _with_dead_band(rows: Array) -> Array:
 
 
 def _of_one_size(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
-    """Sheets whose points correspond: the same shares of the way from dead band to end."""
+    """Sheets whose points correspond: they are at the same shares of the range from dead band to
+    end.
+    """
     shares = [_shares(sheet) for sheet in sheets]
     few = max(len(side) for pair in shares for side in pair) <= _FEW
     like = all(
@@ -276,7 +289,7 @@ def _of_one_size(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
 
 
 def _shares(sheet: Sheet) -> tuple[Array, Array]:
-    """Shares in (0, 1] of the points astern and ahead, rising."""
+    """Shares in (0, 1] of the points astern and ahead, in rising order."""
     x = np.array(sheet.command)
     y = np.array(sheet.thrust)
     still = x[y == 0.0]
@@ -287,17 +300,18 @@ def _shares(sheet: Sheet) -> tuple[Array, Array]:
 
 def _on_grid(sheet: Sheet, astern: Array, ahead: Array) -> Sheet:
     """The sheet at other shares, by the curve through its points."""
-    from uuv.models.water.thruster_curves import pack_table, thrust_at  # bring numba
+    # imported here, since it imports numba
+    from uuv.models.water.thruster_curves import pack_table, thrust_at
 
     x = np.array(sheet.command)
     y = np.array(sheet.thrust)
     still = x[y == 0.0]
-    # One point becomes two where a sheet beside it has a dead band.
+    # A single point becomes two if another sheet has a dead band there.
     width = _SAME if still[0] == still[-1] else 0.0
     low = still[0] - width
     high = still[-1] + width
 
-    # Ends are as they were, to the bit.
+    # Ends are unchanged, to the bit.
     points = np.concatenate(
         [low + astern[::-1] * (x[0] - low), [low, high], high + ahead * (x[-1] - high)]
     )

@@ -1,15 +1,16 @@
 """Thrust and current at any voltage between measured ones.
 
-Points with the same index of two sheets correspond: they are the same share of the way from the
-dead band to the end. Between two voltages
+Points with the same index of two sheets correspond: they are at the same share of the range from
+the dead band to the end. Between two voltages,
 
 - the ends of the dead band and the full thrust and current are linear in the voltage,
-- the share of the full thrust, or current, at corresponding points is linear in its square, since
-  the thrust of a propeller grows with the square of the speed, and that with the voltage.
+- the share of the full thrust, or current, at corresponding points is linear in the square of the
+  voltage, since the thrust of a propeller grows with the square of its speed, and the speed with
+  the voltage.
 
-All weights are positive, so that a curve between two rising ones rises. Of the T200 it misses a
-sheet that is left out by 1.3 % of full thrust at 14 V and by 2.8 % at 16 V; a straight line
-through the voltages by 1.3 and 3.6 %, a parabola by 2.8 and 2.4 %
+All weights are positive, so that a curve between two rising curves rises too. If one sheet of the
+T200 is left out, the error there is 1.3 % of full thrust at 14 V and 2.8 % at 16 V. Linear
+interpolation over the voltage has errors of 1.3 and 3.6 %, a parabola of 2.8 and 2.4 %
 (`tests/unit/models/water/test_measured_thruster.py`).
 """
 
@@ -24,24 +25,24 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-# A block: sheets, points of each, 1 if there are currents. Then the voltages; then the commands,
-# thrusts and currents of the first sheet, of the next, ...
+# A block: number of sheets, points of each sheet, 1 if there are currents. Then the voltages; then
+# commands, thrusts and currents of the first sheet, of the next, and so on.
 _SHEETS, POINTS, MEASURED, _VOLTS = range(4)
 
 
 class Between(NamedTuple):
-    """Curves at one voltage between sheets."""
+    """Curves at one voltage, which may be between sheets."""
 
     command: Array  # (k,)
     thrust: Array  # (k,) [N]
-    current: Array  # (k,) [A]; zeros where it was not measured
+    current: Array  # (k,) [A]; zeros if not measured
 
 
 def between(sheets: Sequence[Sheet], voltage: float) -> Between:
     """Curves at `voltage` [V].
 
     Raises:
-        ConfigurationError: it is beyond those of the sheets.
+        ConfigurationError: the voltage is beyond those of the sheets.
     """
     check_sheets(sheets, voltage)
     block = pack_sheets(sheets)
@@ -62,13 +63,14 @@ def unpack_sheets(block: Array) -> tuple[Sheet, ...]:
     """Sheets of a block.
 
     Raises:
-        ConfigurationError: numbers of another length, or of no sheet.
+        ConfigurationError: the block has another length, or contains no sheet.
     """
     count, points = (round(float(x)) for x in block[:MEASURED])
     whole = _VOLTS + count + 3 * count * points
     if count < 1 or points < 3 or len(block) < whole:
         raise ConfigurationError(
-            f"thruster: a row of {len(block)} numbers holds no {count} sheets of {points} points"
+            f"thruster: a block of {len(block)} numbers does not have the length of {count} sheets "
+            f"of {points} points"
         )
 
     rows = np.asarray(block[_VOLTS + count : whole]).reshape(count, 3, points).tolist()
@@ -83,12 +85,12 @@ def unpack_sheets(block: Array) -> tuple[Sheet, ...]:
     )
 
 
-# In a row of numbers behind the curve: voltage, numbers of the ESC, block.
+# Order in a row of numbers after the curve: voltage, numbers of the ESC, block.
 _BLOCK = 1 + len(fields(Esc))
 
 
 def pack_measured(voltage: float, esc: Esc | None, sheets: Sequence[Sheet]) -> list[float]:
-    """Numbers of what was measured of a thruster; none of nothing."""
+    """Numbers of a thruster's measurements; empty without measurements."""
     if esc is None and not sheets:
         return []
     pulses = [0.0] * (_BLOCK - 1) if esc is None else astuple(esc)
@@ -96,10 +98,10 @@ def pack_measured(voltage: float, esc: Esc | None, sheets: Sequence[Sheet]) -> l
 
 
 def unpack_measured(rest: Array) -> tuple[float, Esc | None, tuple[Sheet, ...]]:
-    """Voltage [V], ESC and sheets of the numbers of `pack_measured`, and zeros behind them.
+    """Voltage [V], ESC and sheets from the numbers of `pack_measured`, which zeros may follow.
 
     Raises:
-        ConfigurationError: they hold none.
+        ConfigurationError: the numbers hold no measurements.
     """
     if len(rest) <= _BLOCK or not np.any(rest):
         return 0.0, None, ()
@@ -112,7 +114,7 @@ def unpack_measured(rest: Array) -> tuple[float, Esc | None, tuple[Sheet, ...]]:
 
 
 def block_of(rest: Array) -> Array:
-    """Block of the sheets in the numbers of `pack_measured`; empty without any."""
+    """Block of the sheets in the numbers of `pack_measured`; empty without sheets."""
     sheets = len(rest) > _BLOCK and rest[_BLOCK] != 0.0
     return np.array(rest[_BLOCK:]) if sheets else np.zeros(0)
 
@@ -125,10 +127,11 @@ def least_voltage(block):
 
 @kernel
 def _weights(block, voltage):
-    """Sheet below `voltage` [V] and the one above, with the upper one's weights.
+    """Sheets below and above `voltage` [V], with the weights of the upper sheet.
 
     Returns:
-        Indices of both, weight that is linear in the voltage, weight linear in its square.
+        Indices of both, the weight that is linear in the voltage, and the weight linear in its
+            square.
     """
     count = int(block[_SHEETS])
     if count == 1:
@@ -145,7 +148,9 @@ def _weights(block, voltage):
 
 @kernel
 def _mixed(y0, y1, full0, full1, linear, square):
-    """A value between two sheets: its share of the full value, times that at the voltage."""
+    """A value between two sheets: its interpolated share of the full value, times the full value at
+    the voltage.
+    """
     if full0 == 0.0 or full1 == 0.0:
         return (1.0 - linear) * y0 + linear * y1
     full = (1.0 - linear) * full0 + linear * full1
@@ -164,7 +169,7 @@ def blend(block, voltage, curves):
     for j in range(n):
         curves[0, j] = (1.0 - linear) * block[a + j] + linear * block[b + j]
 
-    # Thrusts and currents: each side has its own full value, that of its end.
+    # Thrusts and currents: the full value of each side is that of its end.
     for row in range(1, 3):
         a += n
         b += n
@@ -184,7 +189,7 @@ def current_at(block, voltage, command):
     a = first + 3 * n * low
     b = first + 3 * n * high
 
-    # The segment, at this voltage.
+    # Find the segment, at this voltage.
     at = 0
     x0 = (1.0 - linear) * block[a] + linear * block[b]
     x1 = (1.0 - linear) * block[a + 1] + linear * block[b + 1]
@@ -193,7 +198,7 @@ def current_at(block, voltage, command):
         x0 = x1
         x1 = (1.0 - linear) * block[a + at + 1] + linear * block[b + at + 1]
 
-    # Its ends.
+    # Values at its ends.
     side = 0 if block[first + n + at] < 0.0 else n - 1
     full0 = block[a + 2 * n + side]
     full1 = block[b + 2 * n + side]

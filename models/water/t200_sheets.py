@@ -1,8 +1,8 @@
 """T200 of Blue Robotics: thrust and current measured at 10, 14, 16 and 20 V [BlueRobotics 2019].
 
-A row is a share of the way from the last pulse without thrust to the end of the range. The sheets
-have a row every 4 us; the numbers are theirs, thrusts on a monotone cubic, currents on straight
-lines between these rows.
+A row is at a share of the range from the last pulse without thrust to the end. The maker's sheets
+have a row every 4 us. Between these rows, thrusts are interpolated by a monotone cubic and currents
+linearly.
 """
 
 from typing import Final
@@ -73,7 +73,7 @@ _CURRENT = """
 
 
 def _sheets() -> tuple[Sheet, ...]:
-    """One sheet a voltage."""
+    """One sheet per voltage."""
     thrust, current = (np.loadtxt(text.split("\n")[1:-1]) for text in (_THRUST, _CURRENT))
     share = thrust[:, 0]
     sheets = []

@@ -1,4 +1,5 @@
-"""Static thruster curves, command to thrust and back: polynomials beside a dead band, or a table.
+"""Static thruster curves from command to thrust and back: polynomials outside a dead band, or a
+table.
 
 One curve is one row of numbers, so that plant and controllers evaluate the same data in compiled
 code.
@@ -14,13 +15,14 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, shown
 
 QUADRATIC, POLYNOMIAL, TABLE = range(3)
-_NOTHING = 1e-12  # share of the largest coefficient that turns no curve
+# share of the largest coefficient, below which a coefficient does not affect where the curve turns
+_NOTHING = 1e-12
 
-# A row: kind, number of points or coefficients, ends of the dead band, least thrust [N]. Then as
-# many commands, thrusts [N] and slopes of a table, or coefficients ahead and astern.
+# A row: kind, number of points or coefficients, ends of the dead band, least thrust [N]. Then
+# commands, thrusts [N] and slopes of a table, or coefficients ahead and astern.
 _KIND, _COUNT, _LOW, _HIGH, _LEAST, FIRST = range(6)
 
-# coefficients ahead and astern; or commands and thrusts [N]
+# coefficients ahead and astern, or commands and thrusts [N]
 Sides = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -65,7 +67,9 @@ def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) 
 
 @kernel
 def rewrite_table(curve, command, thrust):
-    """Replace commands and thrusts [N] of a tabled curve by as many others, as `pack_table`."""
+    """Replace commands and thrusts [N] of a tabled curve by the same number of others, as
+    `pack_table` does.
+    """
     count = int(curve[_COUNT])
     curve[FIRST : FIRST + count] = command[:count]
     curve[FIRST + count : FIRST + 2 * count] = thrust[:count]
@@ -82,17 +86,19 @@ def rewrite_table(curve, command, thrust):
 
 
 def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
-    """Polynomial and table of a row; None for what it is not, both for a quadratic curve.
+    """Polynomial and table of a row. The one that the row does not have is None; for a quadratic
+    curve both are None.
 
     Raises:
-        ConfigurationError: a row of another kind or length.
+        ConfigurationError: the row has another kind or length.
     """
     numbers = curve.tolist()
     kind, count = (round(number) for number in numbers[:_LOW]) if len(numbers) >= FIRST else (-1, 0)
     blocks = {QUADRATIC: 2, POLYNOMIAL: 2, TABLE: 3}.get(kind, -1)
     if len(numbers) != FIRST + blocks * count:
         raise ConfigurationError(
-            f"thruster: its curve of {len(numbers)} numbers has no known kind and length"
+            f"thruster: the curve, a row of {len(numbers)} numbers, must have a known kind and its "
+            "length"
         )
 
     first = tuple(numbers[FIRST : FIRST + count])
@@ -105,7 +111,7 @@ def unpack(curve: Array) -> tuple[Sides | None, Sides | None]:
 
 
 def agrees(curve: Array, thrust: tuple[float, float], band: float | None, least: float) -> bool:
-    """Whether a curve has these figures.
+    """True if a curve has these figures.
 
     Args:
         curve: row of a curve.
@@ -120,7 +126,7 @@ def agrees(curve: Array, thrust: tuple[float, float], band: float | None, least:
 
 
 def _without_zeros(coefficients: tuple[float, ...]) -> tuple[float, ...]:
-    """Coefficients without the zeros that fill the shorter side up."""
+    """Coefficients without the zeros that were appended to the shorter side."""
     count = max((k + 1 for k, c in enumerate(coefficients) if c), default=0)
     return coefficients[:count]
 
@@ -152,7 +158,7 @@ def thrust_at(curve, command):
         if command < 0.0:
             thrust = -thrust
 
-    # tolerance, so that the inverse of the least thrust yields it
+    # tolerance, so that the inverse of the least thrust gives the least thrust
     if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):
         return 0.0
     return thrust
@@ -184,7 +190,7 @@ def command_for(curve, thrust):
         while y[at + 1] < thrust:
             at += 1
 
-        # Newton's method in the segment, from its chord.
+        # Newton's method in the segment, starting from its chord.
         low = x[at]
         high = x[at + 1]
         command = low + (high - low) * (thrust - y[at]) / (y[at + 1] - y[at])
@@ -195,7 +201,7 @@ def command_for(curve, thrust):
                 break
         return command
 
-    # Polynomial in the reach beyond the dead band.
+    # A polynomial in the reach beyond the dead band.
     start, band = (FIRST, curve[_HIGH]) if thrust > 0.0 else (FIRST + count, -curve[_LOW])
     magnitude = abs(thrust)
     if curve[_KIND] == QUADRATIC:
@@ -230,18 +236,18 @@ def command_in_flow(curve, loss, inflow, thrust):
     """Command whose steady thrust in moving water is `thrust` [N], or the nearest in its direction.
 
     Args:
-        curve: of the thruster.
+        curve: static curve of the thruster.
         loss: [N s/m] as in `thrust_in_flow`.
         inflow: [m/s] speed of advance through the water along the thrust.
-        thrust: [N] wanted.
+        thrust: [N] desired thrust.
     """
     still = command_for(curve, thrust)
     if thrust == 0.0 or thrust_at(curve, still) == 0.0 or loss * inflow == 0.0:
         return still
 
     sign = np.sign(thrust)
-    # Sought is the larger root: between the command in still water and full speed where the flow
-    # takes thrust away, else between the least thrust and the command in still water.
+    # The solution is the larger root. It is between the command in still water and full speed if
+    # the flow reduces the thrust, else between the least thrust and the command in still water.
     taken = loss * inflow * sign > 0.0
     end = sign if taken else command_for(curve, sign * curve[_LEAST])
     low, high = (still, end) if taken else (end, still)
@@ -249,7 +255,7 @@ def command_in_flow(curve, loss, inflow, thrust):
     if taken and sign * (thrust_in_flow(curve, loss, inflow, end) - thrust) <= 0.0:
         return end
 
-    for _ in range(52):  # halves: to rounding
+    for _ in range(52):  # number of halvings until rounding
         middle = 0.5 * (low + high)
         if sign * (thrust_in_flow(curve, loss, inflow, middle) - thrust) < 0.0:
             low = middle
@@ -260,7 +266,8 @@ def command_in_flow(curve, loss, inflow, thrust):
 
 @kernel
 def _closer(low, high, x, error, slope):
-    """One step of Newton's method on a rising function, bisection outside the bracket.
+    """One step of Newton's method on a rising function, or of bisection if the step leaves the
+    bracket.
 
     Returns:
         The new bracket, the new argument, and True when converged.
@@ -316,7 +323,9 @@ def _cubic(blocks, count, at, command):
 
 @kernel
 def _slopes(x, y):
-    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, bounded ends."""
+    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, bounded at the
+    ends.
+    """
     h = np.diff(x)
     secant = np.diff(y) / np.diff(x)
     slopes = np.zeros_like(y)
@@ -327,7 +336,7 @@ def _slopes(x, y):
             after = 2.0 * h[i - 1] + h[i]
             slopes[i] = (before + after) / (before / secant[i - 1] + after / secant[i])
 
-    # Ends, from three points.
+    # Slopes at the ends, from three points.
     for end, near, far in ((0, 0, 1), (-1, -1, -2)):
         slope = ((2.0 * h[near] + h[far]) * secant[near] - h[near] * secant[far]) / (
             h[near] + h[far]
@@ -345,8 +354,7 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
     """Validate a rising polynomial, and return its thrust [N] at r = 1.
 
     Raises:
-        ConfigurationError: coefficients that are not finite, or a curve that does not rise
-            throughout.
+        ConfigurationError: the coefficients are not finite, or the curve does not rise throughout.
     """
     c = np.asarray(coefficients, dtype=np.float64)
     if c.ndim != 1 or c.size == 0 or not np.isfinite(c).all():
@@ -354,11 +362,11 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
         raise ConfigurationError(f"thruster polynomial: expected finite coefficients, got {got}")
     bounded(c, c.shape, "thruster polynomial")
 
-    # Last coefficients that are nothing beside the others would only overflow in the roots.
+    # Last coefficients that are negligible beside the others would only overflow in the roots.
     slope = np.polynomial.Polynomial(c * np.arange(1, c.size + 1))
     roots = slope.trim(_NOTHING * np.abs(slope.coef).max()).roots()
 
-    # Between its turns the curve rises or falls throughout.
+    # Between its extrema the curve rises or falls throughout.
     turns = np.sort(
         roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real < 1.0)].real
     )
@@ -375,13 +383,14 @@ def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[floa
     """Validate an invertible table; returns its thrust magnitudes [N] at upper and lower end.
 
     Raises:
-        ConfigurationError: commands or thrusts that do not rise, or no zero thrust.
+        ConfigurationError: commands or thrusts do not rise, or no thrust is zero.
     """
     x = np.asarray(command, dtype=np.float64)
     y = np.asarray(thrust, dtype=np.float64)
     if x.shape != y.shape or len(x) < 3 or not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ConfigurationError(
-            f"thruster table: expected three or more finite pairs, got {command} and {thrust}"
+            "thruster table: expected three or more pairs of finite numbers, got the commands "
+            f"{command} and the thrusts {thrust}"
         )
     if not (np.all(np.diff(x) > 0.0) and x[0] >= -1.0 - 1e-9 and x[-1] <= 1.0 + 1e-9):
         raise ConfigurationError(

@@ -1,6 +1,7 @@
-"""Thrust and current of a thruster as its maker measured them, one sheet a voltage, and its ESC.
+"""Thrust and current of a thruster as its maker measured them, one sheet for each voltage, and its
+ESC.
 
-`uuv.models.water.sheet_kernels` has the values between the sheets, `sheet_file` reads them.
+`uuv.models.water.sheet_kernels` interpolates between sheets, `sheet_file` reads them from a file.
 """
 
 import itertools
@@ -16,7 +17,7 @@ from uuv.sim.interfaces.spatial import Array, finite_number, number, real_array,
 
 _MOST_VOLTS = 1000.0  # [V]
 _MOST_US = 1e5  # [us]
-_LEAST_SPAN = 1.0  # [us] between neutral and an end
+_LEAST_SPAN = 1.0  # [us] least distance between neutral and an end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,15 +25,15 @@ class Esc:
     """Electronic speed controller: pulse width to command, a share of full speed.
 
     Raises:
-        ConfigurationError: pulses that do not rise, or a dead band that leaves no range.
+        ConfigurationError: the pulses do not rise, or the dead band leaves no range.
     """
 
     low_us: float = 1100.0  # [us] pulse of full speed on one side
     neutral_us: float = 1500.0
     high_us: float = 1900.0  # [us] pulse of full speed on the other
-    # [us] half width about neutral in which the controller itself gives no speed
+    # [us] half width of the range about neutral in which the controller gives no speed
     dead_band_us: float = 0.0
-    direction: int = 1  # +1: pulses above neutral push ahead; -1: astern
+    direction: int = 1  # +1: pulses above neutral give thrust ahead; -1: astern
 
     def __post_init__(self) -> None:
         for name in ("low_us", "neutral_us", "high_us", "dead_band_us"):
@@ -52,7 +53,7 @@ class Esc:
         """Commands in [-1, 1] of pulses [us], of the same shape.
 
         Raises:
-            ConfigurationError: a pulse beyond the range.
+            ConfigurationError: a pulse is beyond the range.
         """
         pulse = real_array(pulse_us, "pulse [us]")
         # NaN is beyond the range too
@@ -72,7 +73,7 @@ class Esc:
         """Pulses [us] of commands in [-1, 1], of the same shape.
 
         Raises:
-            ConfigurationError: a command beyond [-1, 1].
+            ConfigurationError: a command is beyond [-1, 1].
         """
         share = real_array(command, "command")
         if not np.all(np.abs(share) <= 1.0):
@@ -87,14 +88,15 @@ class Sheet:
     """Thrust and current in still water at one voltage.
 
     Raises:
-        ConfigurationError: a voltage out of range, rows of different length, or a current that is
-            negative or not finite. The thrusts are checked with the curve that is made of them.
+        ConfigurationError: the voltage is out of range, the rows differ in length, or a current is
+            negative or not finite. The thrusts are checked later, with the curve that is made of
+            them.
     """
 
     voltage: float  # [V] at the ESC; 0: unknown
-    command: tuple[float, ...]  # (k,) in [-1, 1], rising; two or more without thrust
+    command: tuple[float, ...]  # (k,) in [-1, 1], rising; two or more are without thrust
     thrust: tuple[float, ...]  # (k,) [N]
-    current: tuple[float, ...] = ()  # (k,) [A]; empty: not measured
+    current: tuple[float, ...] = ()  # (k,) [A]; empty if not measured
 
     def __post_init__(self) -> None:
         volts = finite_number(self.voltage, "sheet voltage [V]", least=0.0, most=_MOST_VOLTS)
@@ -105,8 +107,8 @@ class Sheet:
 
         if not len(self.command) == len(self.thrust) == (len(self.current) or len(self.thrust)):
             raise ConfigurationError(
-                f"sheet of {self.voltage:g} V: command, thrust and current must have one length, "
-                f"got {len(self.command)}, {len(self.thrust)} and {len(self.current)}"
+                f"sheet of {self.voltage:g} V: command, thrust and current must have the same "
+                f"length, got {len(self.command)}, {len(self.thrust)} and {len(self.current)}"
             )
         if not all(0.0 <= amperes < np.inf for amperes in self.current):
             raise ConfigurationError(
@@ -123,11 +125,11 @@ class Sheet:
 
 
 def check_sheets(sheets: Sequence[Sheet], voltage: float) -> None:
-    """Refuse sheets that do not belong together, or do not cover a voltage [V].
+    """Refuse sheets that do not match each other, or do not cover a voltage [V].
 
     Raises:
-        ConfigurationError: voltages that do not rise, sheets of different size or kind, or
-            `voltage` beyond them.
+        ConfigurationError: the voltages do not rise, the sheets differ in size or kind, or
+            `voltage` is beyond them.
     """
     volts = [sheet.voltage for sheet in sheets]
     if volts[0] <= 0.0 or any(b <= a for a, b in itertools.pairwise(volts)):
@@ -135,9 +137,12 @@ def check_sheets(sheets: Sequence[Sheet], voltage: float) -> None:
             f"thruster sheets: voltages must be above zero and rise, got {volts}"
         )
     if len({(len(sheet.command), len(sheet.current)) for sheet in sheets}) > 1:
-        raise ConfigurationError("thruster sheets: all must have as many points and currents")
+        raise ConfigurationError(
+            "thruster sheets: all must have the same number of points, and all or none of them "
+            "currents"
+        )
     if not volts[0] <= voltage <= volts[-1]:
         limits = f"{volts[0]:g} to {volts[-1]:g}" if len(volts) > 1 else f"{volts[0]:g}"
         raise ConfigurationError(
-            f"voltage [V]: must be {limits}, as it was measured, got {voltage:g}"
+            f"voltage [V]: must be {limits}, the range of the measurements, got {voltage:g}"
         )

@@ -2,12 +2,12 @@
 
 A command u in [-1, 1] is the normalised propeller speed (or pulse width) that is demanded. The
 propeller follows within its slew rate and with a first-order lag. Its thrust is a static curve of
-that speed, reduced by inflow: the bilinear model T = T_nn |n| n - T_nu |n| u_a [Fossen 2011]. The
-curve is quadratic, a polynomial, or a table, beyond a dead band.
+that speed, reduced by inflow: the bilinear model T = T_nn |n| n - T_nu |n| u_a [Fossen 2011].
+Outside a dead band the curve is quadratic, a polynomial, or a table.
 
-`attach` makes an actuator a thruster: its control is the command, its two activations are the
-command after the slew limit and the propeller speed, its force is the thrust in N. Its dynamics and
-bias are of MuJoCo's type "user" and read their numbers from `actuator_user`
+`attach` turns an actuator into a thruster. Its control is the command, its two activations are the
+command after the slew limit and the propeller speed, and its force is the thrust in N. Its dynamics
+and bias are of MuJoCo's type "user" and read their parameters from `actuator_user`
 (`uuv.sim.native.actuator_dynamics`, `uuv.sim.native.thruster_force`).
 
 The propeller's reaction torque on the hull about the thrust axis is proportional to the thrust. It
@@ -44,13 +44,13 @@ from uuv.sim.interfaces.spatial import Array, finite_number, number
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = (
     range(10)
 )
-HEADER = 10  # columns before the curve; what was measured of the thruster follows the curve
+HEADER = 10  # number of columns before the curve; the measurements of the thruster follow the curve
 STAMP_VALUE = 745530.0  # identifies rows of this layout among foreign user data
 
 # Activations of a thruster: command after the slew limit, propeller speed
-PASSED = 0  # first activation
-SPEED = 1  # second activation
-ACTIVATIONS = 2  # of a thruster
+PASSED = 0  # index of the first activation
+SPEED = 1  # index of the second activation
+ACTIVATIONS = 2  # number of activations of a thruster
 
 _ROWS = {"schema": {"title": "two rows of numbers", "items": {"title": "a row of numbers"}}}
 
@@ -63,30 +63,31 @@ class Thruster(MeasuredThruster):
     beyond the dead band.
 
     Raises:
-        ConfigurationError: a figure that is not finite or of the wrong sign, or a curve that does
-            not rise.
+        ConfigurationError: a figure is not finite or has the wrong sign, or the curve does not
+            rise.
     """
 
     forward: float  # [N] thrust at command +1 in still water
     reverse: float  # [N] thrust magnitude at command -1 in still water
-    # command magnitude below which thrust is zero, in [0, 1); a table has its own
+    # command magnitude below which thrust is zero, in [0, 1); a table has a dead band of its own
     dead_band: float = 0.0
     time_constant: float = 0.0  # [s] first-order lag of the propeller speed
     # [N]/[m/s] thrust lost at full speed per unit of inflow along the thrust
     inflow_loss: float = 0.0
     slew_rate: float = math.inf  # [1/s] largest rate of the command that the drive follows
     torque_per_thrust: float = 0.0  # [m] reaction torque about the thrust axis per thrust
-    # +1: right-handed about the thrust axis when ahead, so the hull turns left-handed; or -1
+    # +1: right-handed about the thrust axis for thrust ahead, so that the hull turns left-handed;
+    # or -1
     handedness: int = 1
     # [N] least thrust of a turning propeller; smaller thrusts are impossible
     least_thrust: float = 0.0
-    # [N] of r, r^2, ...: ahead, astern
+    # [N] coefficients of r, r^2, ...: ahead, astern
     polynomial: tuple[tuple[float, ...], tuple[float, ...]] | None = field(
         default=None, metadata=_ROWS
     )
     # Commands, thrusts [N].
     table: tuple[tuple[float, ...], tuple[float, ...]] | None = field(default=None, metadata=_ROWS)
-    voltage: float = 0.0  # [V] of the curve, within the sheets; without sheets 0
+    voltage: float = 0.0  # [V] of the curve, within the sheets; 0 without sheets
     sheets: tuple[Sheet, ...] = ()  # thrust and current over the voltage, lowest voltage first
     esc: Esc | None = None  # from pulse width to command
 
@@ -134,19 +135,20 @@ class Thruster(MeasuredThruster):
             check_sheets(self.sheets, self.voltage)
         elif self.voltage:
             raise ConfigurationError(
-                f"thruster voltage: needs sheets beside it, got {self.voltage:g} V alone"
+                f"thruster voltage: allowed only together with sheets, got {self.voltage:g} V "
+                "without sheets"
             )
 
         if self.polynomial is not None and self.table is not None:
-            raise ConfigurationError("thruster: a polynomial or a table, not both")
+            raise ConfigurationError("thruster: must have a polynomial or a table, not both")
         if self.polynomial is None and self.table is None:
             return
 
         ends = _curve_ends(self)
         if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
             raise ConfigurationError(
-                f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got "
-                f"{self.forward}, {self.reverse}"
+                f"thruster forward and reverse: must be the ends of the curve, {ends[0]} and "
+                f"{ends[1]} N, got {self.forward}, {self.reverse}"
             )
 
     @classmethod
@@ -164,7 +166,8 @@ class Thruster(MeasuredThruster):
             The thruster.
 
         Raises:
-            ConfigurationError: a side that does not rise, or a field that the curve determines.
+            ConfigurationError: a side does not rise, or a field is stated that the curve
+                determines.
         """
         from uuv.models.water.thruster_curves import check_polynomial
 
@@ -194,15 +197,15 @@ class Thruster(MeasuredThruster):
             command: (k,) in the unit of the table, rising.
             thrust: (k,) [N], rising from below zero through zero.
             neutral: table command of u = 0.
-            full: table range of u = 1; by default to the farther end.
+            full: table range of u = 1; by default the distance to the farther end.
             **figures: the other fields, without those of the curve.
 
         Returns:
             The thruster.
 
         Raises:
-            ConfigurationError: commands or thrusts that do not rise, thrusts of one sign, or a
-                field that the curve determines.
+            ConfigurationError: commands or thrusts do not rise, all thrusts have one sign, or a
+                field is stated that the curve determines.
         """
         from uuv.models.water.thruster_curves import check_table
 
@@ -225,8 +228,9 @@ class Thruster(MeasuredThruster):
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
     def static_curve(self) -> Array:
-        """Its curve, as a row of `uuv.models.water.thruster_curves`."""
-        from uuv.models.water import thruster_curves as rows  # brings numba
+        """Static curve of the thruster, as a row of `uuv.models.water.thruster_curves`."""
+        # imported here, since it imports numba
+        from uuv.models.water import thruster_curves as rows
 
         if self.table is not None:
             return rows.pack_table(*self.table, self.least_thrust)
@@ -265,13 +269,14 @@ def t200(
     least_thrust: float = 0.36,
     voltage: float = 16.0,
 ) -> Thruster:
-    """Blue Robotics T200 at 10 to 20 V; command u: pulse of 1500 + 400 u us.
+    """Blue Robotics T200 at 10 to 20 V. A command u is a pulse of 1500 + 400 u us.
 
-    Measured are thrust and current, and at 16 V that a turning propeller gives 0.36 N or more (317
-    rpm). That is taken at each voltage: 0.29 N astern, of the sheets of 10 and 14 V, are cut. At
-    16 V the curve has 14 points of the sheet and is dead from 1472 to 1528 us; at any other voltage
-    it is that between the sheets of 10, 14, 16 and 20 V. The other defaults are assumptions, the
-    same at each voltage, since no measurement was found.
+    Thrust and current are measured. At 16 V it was also measured that a turning propeller gives
+    0.36 N or more (317 rpm). This least thrust is used at every voltage, so that the smaller 0.29 N
+    astern in the sheets of 10 and 14 V becomes zero. At 16 V the curve has 14 points of the sheet
+    and a dead band from 1472 to 1528 us; at any other voltage it is interpolated between the sheets
+    of 10, 14, 16 and 20 V. The other defaults are assumptions, the same at each voltage, since no
+    measurement was found.
 
     Args:
         handedness: +1 or -1, see `Thruster`.
@@ -288,7 +293,7 @@ def t200(
         The thruster.
 
     Raises:
-        ConfigurationError: a figure or a voltage is out of range.
+        ConfigurationError: a figure or the voltage is out of range.
     """
     at_16 = Thruster.of_table(
         _T200_PULSE,
@@ -310,16 +315,16 @@ def t200(
 def from_table(
     path: str | Path, *, voltage: float | None = None, esc: Esc | None = None, **figures: Any
 ) -> Thruster:
-    """Thruster of a maker's table, a CSV file.
+    """Thruster from a maker's table, a CSV file.
 
-    Columns: `pulse_us`, `force_N`, and where they were measured `voltage_V`, `current_A`,
-    `power_W` (`uuv.models.water.sheet_file`). Lag, inflow and torque, of which a table says
-    nothing, are zero unless they are given.
+    The columns are `pulse_us`, `force_N` and, if measured, `voltage_V`, `current_A`, `power_W`
+    (`uuv.models.water.sheet_file`). Lag, inflow and torque, which a table does not contain, are
+    zero unless they are stated.
 
     Args:
-        path: of the file.
-        voltage: [V] of the thruster's curve, or at which a table without that column was measured;
-            default: the middle one of the table.
+        path: path of the file.
+        voltage: [V] of the thruster's curve; for a table without a voltage column, the voltage of
+            the measurement. Default: the middle voltage of the table.
         esc: range, dead band and direction of the pulses; default: those of the table.
         **figures: the other fields of `Thruster`, without those of the curve.
 
@@ -352,7 +357,7 @@ def at_voltage(thruster: Thruster, voltage: float) -> Thruster:
     """The thruster with the curve of another voltage [V], from its sheets.
 
     Raises:
-        ConfigurationError: it has no sheets, or the voltage is beyond them.
+        ConfigurationError: the thruster has no sheets, or the voltage is beyond them.
     """
     curve = thruster.between(voltage)
     command = tuple(curve.command.tolist())
@@ -363,20 +368,21 @@ def at_voltage(thruster: Thruster, voltage: float) -> Thruster:
 
 
 def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
-    """Make actuators of `spec` thrusters; `table` maps their names to the parameters.
+    """Turn actuators of `spec` into thrusters; `table` maps their names to the parameters.
 
     The control is then the command in [-1, 1], and the reaction torque is in the gear.
 
     Raises:
-        ConfigurationError: a name is not an actuator of `spec`, its user data is foreign, or it is
-            neither a thruster nor a plain motor on a site, without limits and with a gear of unit
-            length.
+        ConfigurationError: `spec` has no actuator of a name, the actuator's user data holds other
+            data, or the actuator is neither a thruster nor a plain motor on a site, without limits
+            and with a gear of unit length.
     """
     actuators = {actuator.name: actuator for actuator in spec.actuators}
     for name, thruster in table.items():
         if name not in actuators:
             raise ConfigurationError(
-                f"thruster {name!r}: no such actuator; there are {sorted(actuators)}"
+                f"thruster {name!r}: there is no actuator of that name; the actuators are "
+                f"{sorted(actuators)}"
             )
 
         actuator = actuators[name]
@@ -384,12 +390,12 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
         replaced = carries(actuator.userdata)
         if np.any(actuator.userdata) and not replaced:
             raise ConfigurationError(
-                f"thruster {name!r}: the user data of its actuator is already in use"
+                f"thruster {name!r}: the user data of its actuator holds other data already"
             )
         if not replaced and np.any(actuator.gear[3:]):
             raise ConfigurationError(
-                f"thruster {name!r}: its actuator's gear must leave the torque to "
-                f"torque_per_thrust, got {actuator.gear.tolist()}"
+                f"thruster {name!r}: the gear of its actuator must have no torque, which "
+                f"torque_per_thrust states instead; got {actuator.gear.tolist()}"
             )
 
         of_spec = partial(getattr, actuator)
@@ -410,10 +416,11 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
 
 
 def detach(actuator: mujoco.MjsActuator) -> None:
-    """Make a thruster a plain motor again: its control is the thrust in N; reaction torque stays.
+    """Turn a thruster into a plain motor again, with the thrust in N as its control; the reaction
+    torque is kept.
 
     Args:
-        actuator: changed in place; one that is no thruster stays as it is.
+        actuator: changed in place; an actuator that is not a thruster is not changed.
     """
     if not carries(actuator.userdata):
         return
@@ -425,13 +432,16 @@ def detach(actuator: mujoco.MjsActuator) -> None:
 
 
 def pack(thruster: Thruster) -> Array:
-    """Encode `thruster` as a row: HEADER numbers, its curve, and what was measured of it."""
-    from uuv.models.water.sheet_kernels import pack_measured  # brings numba
+    """Encode `thruster` as a row: HEADER numbers, the curve, and the measurements of the
+    thruster.
+    """
+    # imported here, since these import numba
+    from uuv.models.water.sheet_kernels import pack_measured
 
     curve = thruster.static_curve()
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
-    # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the
-    # other way.
+    # A right-handed propeller is driven about the thrust axis; the reaction turns the hull in the
+    # opposite sense.
     torque = -thruster.handedness * thruster.torque_per_thrust
 
     header = (
@@ -454,8 +464,8 @@ def unpack(row: Array) -> Thruster:
     """Decode the thruster of a row.
 
     Raises:
-        ConfigurationError: numbers that were changed to invalid values, or without those of the
-            curve, which repeats some; `changed` writes both.
+        ConfigurationError: a number was changed to an invalid value, or a number that the curve
+            repeats was changed without the curve; `changed` changes both.
     """
     from uuv.models.water import thruster_curves as rows
     from uuv.models.water.sheet_kernels import unpack_measured
@@ -496,10 +506,10 @@ def unpack(row: Array) -> Thruster:
 
 
 def changed(row: Array, **values: float) -> Array:
-    """A thruster's row with other `values` of the fields of `Thruster`, also in its curve.
+    """A thruster's row with other `values` of the fields of `Thruster`, changed in its curve too.
 
     Raises:
-        ConfigurationError: invalid values.
+        ConfigurationError: a value is invalid.
     """
     packed = np.array(row)
     whole = pack(replace(unpack(row), **values))
@@ -513,11 +523,12 @@ def carries(row: Array) -> bool:
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
-    """Actuators (m,) of the thrusters of a compiled model, and their rows (m, width) as of `pack`.
+    """Actuators (m,) of the thrusters of a compiled model, and their rows (m, width) as `pack`
+    packs them.
 
     Raises:
-        ConfigurationError: an invalid row, or an actuator that is not as `attach` leaves it; the
-            message has its name.
+        ConfigurationError: a row is invalid, or an actuator differs from what `attach` sets; the
+            message names the actuator.
     """
     rows = np.asarray(model.actuator_user)
     index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)
@@ -549,7 +560,9 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 
 def sheet_blocks(table: Array) -> list[Array]:
-    """Sheets of rows `table` (m, ...) for `uuv.models.water.sheet_kernels`; empty without any."""
+    """Sheets of rows `table` (m, ...) for `uuv.models.water.sheet_kernels`; empty without
+    sheets.
+    """
     from uuv.models.water.sheet_kernels import block_of
 
     return [block_of(row[HEADER + round(float(row[COUNT])) :]) for row in table]
@@ -561,9 +574,9 @@ def curves(table: Array) -> Array:
 
 
 def inflow_levers(table: Array, wrench: Array) -> Array:
-    """Levers (6, m) that give the inflow of each thruster by the motion through the water.
+    """Levers (6, m) by which the motion through the water gives the inflow of each thruster.
 
-    They are those of its thrust, without the propeller's reaction torque.
+    They are the wrench of unit thrust without the propeller's reaction torque.
 
     Args:
         table: rows of `read`.
@@ -575,25 +588,29 @@ def inflow_levers(table: Array, wrench: Array) -> Array:
 
 
 def _curve_ends(thruster: Thruster) -> Sequence[float]:
-    """Thrust magnitudes [N] at the ends of a polynomial or a table, ahead and astern; validated."""
-    from uuv.models.water.thruster_curves import check_polynomial, check_table  # bring numba
+    """Validated thrust magnitudes [N] at the ends of a polynomial or a table, ahead and astern."""
+    # imported here, since these import numba
+    from uuv.models.water.thruster_curves import check_polynomial, check_table
 
     if thruster.polynomial is not None:
         return [check_polynomial(side) for side in thruster.polynomial]
     assert thruster.table is not None
     if thruster.dead_band:
         raise ConfigurationError(
-            "thruster dead_band: a table has its own, its commands of zero thrust"
+            "thruster dead_band: must be left out for a table, whose commands of zero thrust are "
+            "the dead band"
         )
     return check_table(*thruster.table)
 
 
 def _refuse_curve(figures: Mapping[str, Any]) -> None:
-    # They would contradict the curve, or do no more than repeat it.
+    # These would contradict the curve, or only repeat it.
     of_curve = [name for name in ("forward", "reverse", "polynomial", "table") if name in figures]
     if of_curve:
         names = ", ".join(of_curve)
-        raise ConfigurationError(f"thruster {names}: follows from the curve; leave it out")
+        raise ConfigurationError(
+            f"thruster {names}: must be left out, since the curve determines it"
+        )
 
 
 def _pair(value: Any, name: str) -> tuple[tuple[float, ...], tuple[float, ...]] | None:

@@ -1,3 +1,3 @@
-"""Water of a model from its geometry: volume, centre of buoyancy, added mass and drag of URDF, MJCF
-and meshes.
+"""Hydrodynamics of a model from its geometry (URDF, MJCF, mesh): volume, centre of buoyancy, added
+mass, drag.
 """

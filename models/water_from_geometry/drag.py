@@ -1,9 +1,9 @@
 """Drag of a shape from its projected areas, by published coefficients of plain shapes.
 
-The mean of the squared cosine between flow and surface over the projected area says how blunt a
-silhouette is: 1/2 for a sphere, 2/3 for a cylinder across, 1 for a flat face. Between these the
-coefficient is interpolated. The coefficients are those of [Hoerner 1965, chapter 3] as [White 2011,
-table 7.3] lists them, at Reynolds numbers from 1e4 to the drag crisis.
+The bluntness of a silhouette is the mean, over the projected area, of the squared cosine between
+flow and surface normal: 1/2 for a sphere, 2/3 for a cylinder across the flow, 1 for a flat face.
+Between these the coefficient is interpolated. The coefficients are those of [Hoerner 1965, chapter
+3] as [White 2011, table 7.3] lists them, at Reynolds numbers from 1e4 to the drag crisis.
 """
 
 from dataclasses import dataclass
@@ -15,10 +15,13 @@ from uuv.models.water_from_geometry.scan import scanned
 from uuv.models.water_from_geometry.surface import UnionSurface, box_axes
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
-SLENDER = 3.0  # length over width from which a body is a strip
-ASIDE = 0.25  # of its longest extent: a body whose middle is farther from its origin is a strip
-_LINES = 240  # across the longer side of the silhouettes
-_ASKEW = 0.4  # [rad] of the lines' grid about the flow: no edge of a usual body is parallel to it
+SLENDER = 3.0  # length over width, from which on a body is modelled as a strip
+# share of the longest extent: a body whose middle is farther from its origin is modelled as a strip
+ASIDE = 0.25
+_LINES = 240  # number of lines across the longer side of the silhouettes
+# [rad] angle of the grid of lines about the flow, so that no edge of a usual body is parallel to a
+# line
+_ASKEW = 0.4
 _SPHERE, _CYLINDER, _FLAT = 0.5, 2.0 / 3.0, 1.0  # bluntness
 
 # Length along the flow over width: drag coefficient. Beyond 8, skin friction of 0.005 on the
@@ -101,7 +104,7 @@ def spin_integral(vertices: Array, triangles: np.ndarray) -> Array:
 def strip_of(
     R: Array, extent: Array, center: Array, outline: Silhouettes, density: float
 ) -> StripDrag:
-    """One strip along the longest axis of a body, through its centre of buoyancy.
+    """One strip along the longest axis of a body, through the body's centre of buoyancy.
 
     Args:
         R: (3, 3) principal axes in body axes, the longest first.
@@ -125,7 +128,7 @@ def strip_of(
 def drag_of(
     corners: Array, center: Array, surface: UnionSurface, density: float
 ) -> tuple[StripDrag | None, Array, str, str]:
-    """Strip or None, quadratic damping (6,), origin in words, value in words."""
+    """Strip or None, quadratic damping (6,), origin as text, value as text."""
     R = box_axes(corners)
     order = np.argsort(-np.ptp((corners @ R).reshape(-1, 3), axis=0), kind="stable")
     R = R[:, order]
@@ -163,7 +166,9 @@ def drag_of(
 
 
 def _spin(corners: Array, surface: UnionSurface) -> Array:
-    """Spin integrals (3,) of the surface, or of the shells where it does not hold the body."""
+    """Spin integrals (3,) of the surface, or of the shells if the surface does not contain the
+    body.
+    """
     if surface.holds_body:
         return spin_integral(surface.vertices, surface.triangles)
     return spin_integral(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
@@ -174,5 +179,5 @@ def _coefficients(outline: Silhouettes) -> str:
 
 
 def figures(values: Array) -> str:
-    """Numbers in words, with three digits."""
+    """Numbers as text, with three digits."""
     return " ".join(f"{number:.3g}" for number in np.where(np.abs(values) < 1e-9, 0.0, values))

@@ -1,9 +1,10 @@
-"""Files of models that are to get their water: URDF, MJCF or one mesh; and the MJCF with it.
+"""Reading of models that are to get hydrodynamics (URDF, MJCF, one mesh), and writing of the
+resulting MJCF.
 
     spec, notes = read_model("arm.urdf")
     write_model(wet(spec), "arm.wet.xml")
 
-`wet` is that of `uuv.models.water_from_geometry.wetting`.
+The function `wet` is in `uuv.models.water_from_geometry.wetting`.
 """
 
 import os
@@ -41,23 +42,23 @@ def read_model(
     Args:
         file: URDF, MJCF, or a mesh (STL, OBJ, MSH), which becomes one floating body of the water's
             density.
-        free: a URDF's root link floats; else it is fixed to the world, as MuJoCo has it.
+        free: True: a URDF's root link floats; False: it is fixed to the world, as MuJoCo reads it.
         scale: [m] of a mesh file's unit: 0.001 for millimetres. URDF and MJCF state it themselves.
-        visual: the visual meshes of a URDF are needed; False: those that cannot be read are left
-            out.
+        visual: True: the visual meshes of a URDF are needed; False: visual meshes that cannot be
+            read are left out.
 
     Returns:
         The spec, and notes on what was left out.
 
     Raises:
-        ConfigurationError: a file that cannot be read, that MuJoCo does not accept, or whose meshes
-            are missing.
+        ConfigurationError: the file cannot be read, MuJoCo does not accept it, or its meshes are
+            missing.
     """
     path = existing_file(file, "model")
     is_mesh = path.suffix.lower() in MESHES
     of_urdf = not is_mesh and is_urdf(path, "model")
     if free and not of_urdf:
-        reason = "a mesh floats" if is_mesh else "write <freejoint/> into the root body"
+        reason = "a mesh always floats" if is_mesh else "write <freejoint/> into the root body"
         raise ConfigurationError(f"free: for a URDF only; {shown(path.name)}: {reason}")
 
     if is_mesh:
@@ -80,19 +81,20 @@ def read_model(
 def write_model(
     wetted: "Wetted", file: str | os.PathLike[str], *, with_sidecar: bool = False
 ) -> tuple[Path, ...]:
-    """Write an MJCF with its water, whose table of origins stands as a comment at its head.
+    """Write an MJCF with its hydrodynamics; the table of their origins is a comment at the head of
+    the file.
 
     Args:
         wetted: the model.
-        file: MJCF to write; its meshes are named relative to its folder.
-        with_sidecar: the water goes to NAME.water.yaml beside the MJCF, else into custom elements
-            of it.
+        file: MJCF to write; paths of meshes are relative to its folder.
+        with_sidecar: True: the water is written to NAME.water.yaml beside the MJCF; False: to
+            custom elements of the MJCF.
 
     Returns:
         The files written.
 
     Raises:
-        ConfigurationError: a file that cannot be written.
+        ConfigurationError: a file cannot be written.
     """
     path = Path(file)
     spec = wetted.spec
@@ -102,7 +104,7 @@ def write_model(
         f"{o.body}: {o.quantity} {o.value}; {o.origin}; uncertainty {o.uncertainty}"
         for o in wetted.origins
     ]
-    lines += [f"no water: {reason}" for reason in wetted.dry]
+    lines += [f"without water: {reason}" for reason in wetted.dry]
 
     try:
         if not with_sidecar:
@@ -127,7 +129,7 @@ def _commented(xml: str, lines: list[str]) -> str:
 
 
 def _rebase(spec: mujoco.MjSpec, folder: Path) -> None:
-    """Name the files of meshes, textures and height fields relative to another folder."""
+    """Make paths of meshes, textures and height fields relative to another folder."""
     home = Path(spec.modelfiledir or ".")
     texture_folder = spec.texturedir or spec.meshdir
     for asset, folder_of_asset in (
@@ -146,7 +148,7 @@ def _rebase(spec: mujoco.MjSpec, folder: Path) -> None:
 
 
 def _of_mesh(path: Path, scale: float) -> mujoco.MjSpec:
-    """One floating body of a mesh file."""
+    """One floating body from a mesh file."""
     spec = mujoco.MjSpec()
     spec.modelname = path.stem
     spec.modelfiledir = str(path.parent.resolve())
@@ -154,7 +156,7 @@ def _of_mesh(path: Path, scale: float) -> mujoco.MjSpec:
         name=path.stem,
         file=path.name,
         scale=[scale] * 3,
-        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's mesh may be open
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # the mesh of a user may be open
     )
 
     body = spec.worldbody.add_body(name=path.stem)
@@ -164,30 +166,32 @@ def _of_mesh(path: Path, scale: float) -> mujoco.MjSpec:
 
 
 def make_neutral(spec: mujoco.MjSpec) -> None:
-    """Give a model read from one mesh the mass of the water that it displaces."""
+    """Set the mass of a model read from one mesh to the mass of the water that it displaces."""
     (water,) = hydrodynamics.attached(spec).values()
     spec.geoms[0].mass = water.volume * hydrodynamics.density_of(spec)
 
 
 def _of_urdf(path: Path, free: bool, visual: bool) -> tuple[mujoco.MjSpec, list[str]]:
-    """Spec of a URDF, its welded links kept; what has no mass is fixed to what carries it."""
+    """Spec of a URDF with its welded links kept; a link without mass is fixed to its parent."""
     robot = parse(path, f"model {shown(str(path))}")
     needed = ("visual", "collision") if visual else ("collision",)
     spec, notes = spec_of_urdf(robot, path.resolve().parent, floats=free, needed=needed)
 
     root = spec.worldbody.bodies[0]
-    # A link with shapes and no <inertial> is a slip, one without either or of 1 g a frame.
+    # A link with shapes and no <inertial> is an error; a link with neither, or of 1 g, is a frame.
     frames = [
         joint for joint in massless(spec) if joint.parent.explicitinertial or not joint.parent.geoms
     ]
-    notes += hold(spec, frames, "for what they carry has no mass or inertia")
+    notes += hold(spec, frames, "since the bodies that they move have no mass or inertia")
     if free:
         root.add_freejoint()
     return _compiling(spec, robot.name), notes
 
 
 def _compiling(spec: mujoco.MjSpec, message: str) -> mujoco.MjSpec:
-    """`spec` if MuJoCo compiles it, else with the inertia of its meshes' surfaces, maybe open."""
+    """`spec` if MuJoCo compiles it, else `spec` with inertias from the surfaces of meshes, which
+    may be open.
+    """
     try:
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -196,7 +200,7 @@ def _compiling(spec: mujoco.MjSpec, message: str) -> mujoco.MjSpec:
                 f"{message}: each link that moves needs an <inertial>: {_line(error)}"
             ) from error
 
-        # Meshes that are not closed have no volume; their surfaces have an inertia.
+        # Meshes that are not closed have no volume, but their surfaces have an inertia.
         if "mesh" not in str(error):
             raise ConfigurationError(
                 f"{message}: MuJoCo cannot compile it: {_line(error)}"

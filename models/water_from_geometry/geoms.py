@@ -1,7 +1,7 @@
-"""Shells of the geoms of a compiled model, by the body that moves with them.
+"""Shells of the geoms of a compiled model, grouped by moving body.
 
-Bodies welded to another move with it, so their geoms are counted to the body that carries the
-joint, as MuJoCo counts them where it fuses them. What is welded to the world feels no water and is
+A body that is welded to another moves with it, so its geoms belong to the body that has the joint,
+as in MuJoCo's fusing of static bodies. Bodies welded to the world have no hydrodynamics and are
 left out.
 """
 
@@ -17,9 +17,9 @@ from uuv.models.water_from_geometry.shells import Shells, shells_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, rotation_from_quat_wxyz
 
-LARGEST = 20.0  # [m] extent of a geom from which millimetres are supposed
-_SIDES = 64  # of round shapes
-_RINGS = 33  # of a sphere or ellipsoid
+LARGEST = 20.0  # [m] extent of a geom, from which on its mesh is assumed to be in millimetres
+_SIDES = 64  # number of sides of round shapes
+_RINGS = 33  # number of rings of a sphere or ellipsoid
 _KINDS = mujoco.mjtGeom
 _SHAPES = {
     int(_KINDS.mjGEOM_SPHERE): "sphere",
@@ -36,26 +36,27 @@ _BOUNDLESS = {int(_KINDS.mjGEOM_PLANE): "plane", int(_KINDS.mjGEOM_HFIELD): "hei
 class GeomShells:
     """One geom as closed shells, in the frame of the moving body."""
 
-    name: str  # as errors and tables call it
+    name: str  # its name in errors and tables
     kind: str
-    size: Array  # (3,) [m] as MuJoCo's geom size
-    R: Array  # (3, 3) of the geom in the body
-    p: Array  # (3,) [m] of the geom in the body
+    size: Array  # (3,) [m] in the form of MuJoCo's geom size
+    R: Array  # (3, 3) orientation of the geom in the body
+    p: Array  # (3,) [m] position of the geom in the body
     shells: Shells
 
 
 def moving_bodies(model: mujoco.MjModel) -> list[int]:
-    """Bodies that carry joints or float, each the root of what is welded to it."""
+    """Bodies that have joints or float. Each is the root of the bodies welded to it."""
     return [
         i for i in range(1, model.nbody) if model.body_weldid[i] == i and model.body_dofnum[i] > 0
     ]
 
 
 def geoms_of(model: mujoco.MjModel, body: int, choice: Choice) -> tuple[list[int], str]:
-    """Geoms that displace water of a moving body and of what is welded to it, and which they are.
+    """Geoms of a moving body, and of the bodies welded to it, that displace water; and their kind
+    as text.
 
-    "auto" takes those that do not collide, the visible shape, where there are any, else those that
-    collide.
+    "auto" selects the visual geoms, which do not collide, if there are any, else the collision
+    geoms.
     """
     mine = [g for g in range(model.ngeom) if model.body_weldid[model.geom_bodyid[g]] == body]
     visual = [g for g in mine if not (model.geom_contype[g] or model.geom_conaffinity[g])]
@@ -74,18 +75,18 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
     """Closed shells of geoms, in the frame of the moving body.
 
     Raises:
-        ConfigurationError: a plane, a height field, another geom without an inside, or one of more
-            than `LARGEST`.
+        ConfigurationError: a geom is a plane or a height field, has no inside, or is larger than
+            `LARGEST`.
     """
     meshes: dict[int, Shells] = {}
     for g in geoms:
-        # Only shapes with an inside.
+        # Only shapes that have an inside.
         kind = int(model.geom_type[g])
         name = _name(model, g)
         if kind not in _SHAPES:
             what = _BOUNDLESS.get(kind, _KINDS(kind).name.removeprefix("mjGEOM_").lower())
             raise ConfigurationError(
-                f"{name}: a {what} has no volume; allowed on a body that moves: "
+                f"{name}: a {what} has no volume; geoms of a moving body must be one of "
                 f"{', '.join(_SHAPES.values())}"
             )
 
@@ -100,14 +101,15 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
             vertices, triangles = primitive(_SHAPES[kind], model.geom_size[g])
             shells = Shells(corners=vertices[triangles], said="closed form")
 
-        # In the body's frame, of a size that a vehicle may have.
+        # The shape in the body's frame, of a size that a vehicle may have.
         corners = shells.corners @ R.T + p
         extent = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
         if extent > LARGEST:
             raise ConfigurationError(
-                f"{name}: {extent:.4g} m across, more than {LARGEST:.0f} m: is its mesh in "
-                "millimetres? "
-                'Write scale="0.001 0.001 0.001" into the file, or for a mesh file --scale 0.001'
+                f"{name}: must be at most {LARGEST:.0f} m across, got {extent:.4g} m; if its mesh "
+                "is "
+                'in millimetres, write scale="0.001 0.001 0.001" into the file, or for a mesh file '
+                "--scale 0.001"
             )
 
         yield GeomShells(
@@ -121,8 +123,8 @@ def shells_in_body(model: mujoco.MjModel, body: int, geoms: list[int]) -> Iterat
 
 
 def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]:
-    """Rotation (3, 3) and position (3,) [m] of a geom in the body that carries it, to the bit
-    wherever that body is.
+    """Rotation (3, 3) and position (3,) [m] of a geom in the body that carries it, the same to the
+    bit at every pose of that body.
     """
     R = rotation_from_quat_wxyz(model.geom_quat[geom])
     p = np.array(model.geom_pos[geom])
@@ -137,11 +139,12 @@ def _in_body(model: mujoco.MjModel, geom: int, body: int) -> tuple[Array, Array]
 
 
 def primitive(shape: str, size: Array) -> tuple[Array, np.ndarray]:
-    """Closed triangles of a plain shape of MuJoCo's size; round ones scaled to the exact volume.
+    """Closed triangles of a plain shape of MuJoCo's size; round shapes are scaled to the exact
+    volume.
 
     Args:
         shape: sphere, capsule, ellipsoid, cylinder or box.
-        size: (3,) [m] as MuJoCo's geom size.
+        size: (3,) [m] in the form of MuJoCo's geom size.
 
     Returns:
         Vertices (V, 3) [m] in the geom's frame, and triangles (T, 3).
@@ -202,7 +205,7 @@ def _mesh(model: mujoco.MjModel, at: int) -> tuple[Array, np.ndarray]:
 
 
 def _name(model: mujoco.MjModel, g: int) -> str:
-    """What an error calls a geom."""
+    """Name of a geom for error messages."""
     body = model.body(int(model.geom_bodyid[g])).name
     name = model.geom(g).name
     mesh = int(model.geom_dataid[g]) if int(model.geom_type[g]) == int(_KINDS.mjGEOM_MESH) else -1

@@ -2,8 +2,8 @@
 
 The potential of each of the six motions is constant on each flat triangle, and Green's identity
 holds at the triangles' centroids [Hess 1967], [Katz 2001, section 3.2]. The integrals over a
-triangle are closed: the solid angle [Oosterom 1983] and the logarithms of its edges [Hess 1967].
-There is no free surface and no bottom, so that the added mass is that of deep water at any
+triangle have a closed form: the solid angle [Oosterom 1983] and the logarithms of its edges [Hess
+1967]. There is no free surface and no bottom, so that the added mass is that of deep water at any
 frequency. The potential stays bounded at sharp edges and on thin parts, unlike a density of
 sources.
 """
@@ -19,27 +19,27 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, readonly, real_array, skew
 
-MOST = 8000  # panels of one surface: 1 GB, half a minute
-# in panel size, of what edges of 90 degrees leave; smooth surfaces converge by order 2
+MOST = 8000  # largest number of panels of one surface: 1 GB, half a minute
+# order of convergence in panel size that edges of 90 degrees leave; smooth surfaces have order 2
 _EDGE_ORDER = 4.0 / 3.0
-TRUSTED = 0.15  # largest relative step of an extrapolation
-_FLOOR = 0.05  # of the largest term of its kind: smaller terms are compared with that
-# of the largest translation and the squared size: what a rotation is worth at least
+TRUSTED = 0.15  # largest relative change by extrapolation that is accepted
+_FLOOR = 0.05  # share of the largest term of its kind, to which smaller terms are compared
+# share of the largest translational term times the squared size: least scale of rotational terms
 _TURNING = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PanelSolution:
-    """Added mass of one surface, with what the discretisation left."""
+    """Added mass of one surface, with the errors of its discretisation."""
 
-    # (6, 6) [kg, kg m, kg m^2] at the origin of the vertices, symmetric, positive semidefinite
+    # (6, 6) [kg, kg m, kg m^2] at the origin of the vertices, symmetric and positive semidefinite
     added_mass: Array
     panels: int
     size: float  # [m] longest extent of the surface
     # largest difference of two opposite terms before symmetrisation, over the largest term
     asymmetry: float
     lifted: float  # largest negative eigenvalue that was set to zero, over the largest eigenvalue
-    # largest step of a term by extrapolation, over the root of its two diagonal terms
+    # largest change of a term by extrapolation, over the root of its two diagonal terms
     changed: float | None = None
 
 
@@ -50,15 +50,15 @@ def added_mass(
 
     Args:
         vertices: (V, 3) [m].
-        triangles: (T, 3) indices, counter-clockwise from outside, without holes. Those without area
-            are left out.
+        triangles: (T, 3) indices, counter-clockwise from outside, without holes. Triangles without
+            area are left out.
         density: [kg/m^3] of the water.
 
     Returns:
         The added mass at the origin of `vertices`, in their axes.
 
     Raises:
-        ConfigurationError: no triangle with an area, or more than `MOST`.
+        ConfigurationError: no triangle has an area, or there are more than `MOST`.
     """
     points = real_array(vertices, "panels: vertices", "(V, 3) numbers [m]")
     corners = points[np.asarray(triangles, dtype=np.int64)]
@@ -71,14 +71,14 @@ def added_mass(
     area = 0.5 * double[keep]
     normals = cross[keep] / double[keep, None]
     if len(corners) > MOST:
-        raise ConfigurationError(f"panels: at most {MOST}, got {len(corners)}")
+        raise ConfigurationError(f"panels: must be at most {MOST} triangles, got {len(corners)}")
 
-    # About the middle and in units of the size, so that neither place nor scale costs digits.
+    # Coordinates are relative to the middle and in units of the size, so that no digits are lost.
     middle = points.mean(axis=0)
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     local = np.ascontiguousarray((corners - middle) / size)
     centers = local.mean(axis=1)
-    # (N, 6) of the unit motions through each panel
+    # (N, 6) flux of the unit motions through each panel
     flux = np.hstack([normals, np.cross(centers, normals)])
     potential = np.linalg.solve(*_system(local, centers, normals, flux))
     matrix = -potential.T @ (flux * (area / size**2)[:, None])
@@ -105,9 +105,9 @@ def added_mass(
 def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
     """Richardson's extrapolation from two surfaces of the same body, by the order that edges leave.
 
-    On a smooth body it changes the sign of the fine surface's error and about keeps its size. A
-    change of more than `TRUSTED` is no refinement of one flow: then the fine surface's matrix is
-    kept, and `changed` says so.
+    On a smooth body the extrapolation reverses the sign of the fine surface's error and keeps about
+    its magnitude. If a term changes by more than `TRUSTED`, the two surfaces do not describe the
+    same flow: then the fine surface's matrix is kept, and `changed` shows this.
     """
     ratio = (fine.panels / coarse.panels) ** (0.5 * _EDGE_ORDER)
     step = (fine.added_mass - coarse.added_mass) / (ratio - 1.0)
@@ -134,7 +134,9 @@ def extrapolated(coarse: PanelSolution, fine: PanelSolution) -> PanelSolution:
 
 
 def _nearest_positive(matrix: Array) -> tuple[Array, float]:
-    """Symmetric part without negative eigenvalues, and the most negative one over the largest."""
+    """Symmetric part without negative eigenvalues, and the ratio of the most negative to the
+    largest eigenvalue.
+    """
     eigenvalues, axes = np.linalg.eigh(0.5 * (matrix + matrix.T))
     lifted = max(0.0, -float(eigenvalues[0])) / float(eigenvalues[-1])
     positive = (axes * np.maximum(eigenvalues, 0.0)) @ axes.T
@@ -146,13 +148,13 @@ def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tupl
     """Green's identity at the centroids: (N, N) matrix of potentials, and (N, 6) right-hand sides.
 
     Args:
-        corners: (N, 3, 3) of the triangles, counter-clockwise from outside.
+        corners: (N, 3, 3) corners of the triangles, counter-clockwise from outside.
         centers: (N, 3) their centroids.
         normals: (N, 3) their unit normals.
-        flux: (N, 6) speed along the normals of the six unit motions.
+        flux: (N, 6) speed of the six unit motions along the normals.
     """
     n = len(corners)
-    edges = np.empty((n, 3, 3))  # outward in the plane of the triangle, unit
+    edges = np.empty((n, 3, 3))  # unit vectors, outward in the plane of the triangle
     lengths = np.empty((n, 3))
 
     for j in range(n):
@@ -189,7 +191,8 @@ def _system(corners: Array, centers: Array, normals: Array, flux: Array) -> tupl
                 away = (
                     r[k, 0] * edges[j, k, 0] + r[k, 1] * edges[j, k, 1] + r[k, 2] * edges[j, k, 2]
                 )
-                if abs(away) > 1e-14:  # else the logarithm may be infinite, its product is zero
+                # otherwise the logarithm may be infinite, although its product is zero
+                if abs(away) > 1e-14:
                     total += away * np.log((around + lengths[j, k]) / (around - lengths[j, k]))
 
             matrix[i, j] = 0.5 if i == j else -scale * angle

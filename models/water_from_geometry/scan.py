@@ -1,9 +1,10 @@
-"""Solids as lines see them: where the lines of a grid enter and leave the union of closed shells.
+"""Scan of solids by a grid of lines, which gives where each line enters and leaves the union of
+closed shells.
 
-Along a line the signed crossings are summed; the union is where the sum is positive. Overlapping
-shells therefore count once, and a cavity whose shell was turned outward is filled. Volume and
-centre are exact along the lines, and the projected area is the area of the lines that meet the
-union.
+Along a line the signed crossings are summed. A point is in the union if the sum is positive.
+Overlapping shells therefore count once, and a cavity whose shell was turned outward is filled.
+Volume and centre are exact along the lines, and the projected area is the area of the lines that
+meet the union.
 """
 
 from dataclasses import dataclass
@@ -13,21 +14,21 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-_FEWEST = 64  # lines along the shorter side
+_FEWEST = 64  # least number of lines along the shorter side
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LineScan:
     """Crossings of the union's surface by parallel lines, line by line: entry, exit, entry, ..."""
 
-    axis: int  # along which the lines run
-    line: np.ndarray  # (C,) index of the line, i * len(v) + j
-    at: Array  # (C,) [m] along the axis
-    triangle: np.ndarray  # (C,) index of the triangle crossed
-    u: Array  # (U,) [m] of the lines, on the axis after `axis`
-    v: Array  # (V,) [m] of the lines, on the axis after that
-    cell: float  # [m^2] for which each line stands
-    disjoint: bool  # no line is within two shells at once
+    axis: int  # axis along which the lines run
+    line: np.ndarray  # (C,) index of the crossing's line, i * len(v) + j
+    at: Array  # (C,) [m] position along the axis
+    triangle: np.ndarray  # (C,) index of the crossed triangle
+    u: Array  # (U,) [m] positions of the lines on the axis after `axis`
+    v: Array  # (V,) [m] positions of the lines on the axis after that
+    cell: float  # [m^2] area that each line represents
+    disjoint: bool  # True: no line is within two shells at once
 
     @property
     def volume(self) -> float:
@@ -50,7 +51,9 @@ class LineScan:
 
     @property
     def outer(self) -> np.ndarray:
-        """(C,) bool: the first and the last crossing of each line, met by a flow along the axis."""
+        """Mask (C,) of the first and the last crossing of each line, which a flow along the axis
+        meets.
+        """
         first = np.ones(len(self.line), dtype=bool)
         first[1:] = self.line[1:] != self.line[:-1]
         last = np.ones(len(self.line), dtype=bool)
@@ -76,7 +79,7 @@ def scanned(corners: Array, lines: int, axis: int) -> LineScan:
     a = (axis + 1) % 3
     b = (axis + 2) % 3
 
-    # Lines in the middles of equal cells.
+    # Lines through the middles of equal cells.
     step = max(high[a] - low[a], high[b] - low[b]) / lines
     count = [max(_FEWEST, int(np.ceil((high[k] - low[k]) / step))) for k in (a, b)]
     steps = [(high[k] - low[k]) / n for k, n in zip((a, b), count, strict=True)]
@@ -111,7 +114,9 @@ def along_lines(corners: Array, axis: int, u: Array, v: Array, cell: float = 0.0
 
 @kernel
 def _boundary(line: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Which crossings bound the union; a line that never comes to zero ends early."""
+    """Mask of the crossings that bound the union. A line whose sum never returns to zero ends
+    early.
+    """
     keep = np.zeros(len(line), dtype=np.bool_)
     k = 0
     while k < len(line):
@@ -166,7 +171,8 @@ def _crossings(
                     if fill:
                         line[n] = i * len(v) + j
                         at[n] = (w0 * p[0, 0] + w1 * p[1, 0] + w2 * p[2, 0]) / (w0 + w1 + w2)
-                        step[n] = -1 if positive else 1  # a normal along the line: it leaves
+                        # the normal points along the line, so the line leaves
+                        step[n] = -1 if positive else 1
                         triangle[n] = t
                     n += 1
 
@@ -180,7 +186,9 @@ def _crossings(
 
 @kernel
 def _side(p: Array, q: Array, u: float, v: float) -> float:
-    """Twice the area of (p, q, point), never zero, opposite for (q, p): one neighbour counts."""
+    """Twice the area of (p, q, point), never zero and opposite for (q, p), so that exactly one
+    neighbour counts.
+    """
     swapped = p[1] > q[1] or (p[1] == q[1] and p[2] > q[2])
     a, b = (q, p) if swapped else (p, q)
     w = (b[1] - a[1]) * (v - a[2]) - (b[2] - a[2]) * (u - a[1])

@@ -1,8 +1,8 @@
 """Closed shells of users' meshes: welded, turned outward, and closed where they are open.
 
 An open surface is replaced by the surface on which its winding number [Jacobson 2013] is one half:
-holes are bridged smoothly. Where that encloses next to nothing, as for a bent sheet, its convex
-hull is taken.
+holes are bridged smoothly. If the result encloses almost no volume, as for a bent sheet, the convex
+hull is used.
 """
 
 from collections.abc import Iterator
@@ -19,12 +19,12 @@ from uuv.models.water_from_geometry.surface import level_surface
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-_WELD = 1e-6  # of the mesh's size
-_CELLS = 36  # along the longest side, of the winding number
-_FEW = 2500  # triangles for which it is summed; more are clustered
-_LITTLE = 0.05  # of the hull's volume: less is no inside
+_WELD = 1e-6  # distance of vertices that are merged, as a share of the mesh's size
+_CELLS = 36  # number of cells along the longest side, for the winding number
+_FEW = 2500  # number of triangles for which it is summed; larger meshes are clustered
+_LITTLE = 0.05  # share of the hull's volume below which a surface has no inside
 _HALF = 0.5  # level of the winding number
-_SPREAD = 0.2  # levels so far off it show the uncertainty of the volume
+_SPREAD = 0.2  # other levels, which show the uncertainty of the volume
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,12 +32,12 @@ class Shells:
     """Closed shells, each counter-clockwise from outside; they may overlap."""
 
     corners: Array  # (T, 3, 3) [m]
-    said: str  # what they are, and how they were closed
-    doubt: float = 0.0  # [m^3] uncertainty of the volume by closing
+    said: str  # description of the shells, and how they were closed
+    doubt: float = 0.0  # [m^3] uncertainty of the volume that the closing causes
 
 
 def shells_of(vertices: Array, triangles: np.ndarray) -> Shells:
-    """Closed shells of a mesh; none, (0, 3, 3), where it has no inside and no hull.
+    """Closed shells of a mesh; an empty array (0, 3, 3) if it has neither an inside nor a hull.
 
     Args:
         vertices: (V, 3) [m].
@@ -88,7 +88,9 @@ def _count(number: int, what: str) -> str:
 def _closed_all(
     points: Array, shells: list[np.ndarray]
 ) -> Iterator[tuple[str, list[Array], float]]:
-    """Open shells, closed together if that encloses something, else each: how, corners, doubt."""
+    """Open shells, closed together if the result encloses a volume, else one by one; returns
+    description, corners, uncertainty.
+    """
     if not shells:
         return
 
@@ -128,13 +130,15 @@ def _closed_all(
 
 
 def _oriented(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn neighbours alike, and label (T,) what is joined by edges of two faces."""
+    """Turn neighbouring faces to the same side, and label (T,) the faces that are connected by
+    edges of two faces.
+    """
     count = len(faces)
     ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     owner = np.tile(np.arange(count), 3)
     ahead = ends[:, 0] < ends[:, 1]
 
-    # Edges that two faces share.
+    # Edges that exactly two faces share.
     key = np.sort(ends, axis=1) @ np.array([int(faces.max()) + 1, 1])
     order = np.argsort(key, kind="stable")
     _, start, times = np.unique(key[order], return_index=True, return_counts=True)
@@ -143,7 +147,8 @@ def _oriented(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     second = order[pair + 1]
     alike = ahead[first] != ahead[second]
 
-    # Each face twice, as it is and turned: what agrees is joined.
+    # Each face occurs twice, as it is and reversed; occurrences that agree at an edge are
+    # connected.
     f = owner[first]
     g = owner[second]
     rows = np.concatenate([f, f + count])
@@ -166,7 +171,9 @@ def _outward(points: Array, faces: np.ndarray) -> np.ndarray:
 
 
 def convex_hull(corners: Array) -> tuple[Array, float]:
-    """Corners (T, 3, 3) [m], volume [m^3] of the convex hull of (N, 3, 3); none and 0 if flat."""
+    """Corners (T, 3, 3) [m] and volume [m^3] of the convex hull of (N, 3, 3); empty and 0 if
+    flat.
+    """
     try:
         hull = ConvexHull(corners.reshape(-1, 3))
     except QhullError:
@@ -180,7 +187,9 @@ def convex_hull(corners: Array) -> tuple[Array, float]:
 
 
 def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
-    """Corners of a closed surface in place of an open one, uncertainty [m^3]; None: none holds."""
+    """Corners of a closed surface that replaces an open one, and its uncertainty [m^3]; None if
+    there is none.
+    """
     corners = points[faces]
     _, hull_volume = convex_hull(corners)
     if not hull_volume > 0.0:
@@ -205,7 +214,7 @@ def _by_winding(points: Array, faces: np.ndarray) -> tuple[Array | None, float]:
     )
     field = field.reshape([len(g) for g in grid])
 
-    for axis in range(3):  # nothing is inside on the border
+    for axis in range(3):  # points on the border count as outside
         for end in (0, -1):
             np.moveaxis(field, axis, 0)[end] = np.minimum(np.moveaxis(field, axis, 0)[end], 0.0)
 

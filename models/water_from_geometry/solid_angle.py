@@ -11,11 +11,12 @@ def half_solid_angle(r: Array, d: Array) -> float:
     """Half the signed solid angle [sr] of a triangle, by [Oosterom 1983].
 
     Args:
-        r: (3, 3) [m] its corners from the point, one per row.
-        d: (3,) [m] their distances.
+        r: (3, 3) [m] corners relative to the point, one per row.
+        d: (3,) [m] distances of the corners from the point.
 
     Returns:
-        Positive where the corners run counterclockwise as seen from beyond the triangle.
+        The half solid angle, positive if the corners are counterclockwise seen from the other side
+            of the triangle.
     """
     triple = (
         r[0, 0] * (r[1, 1] * r[2, 2] - r[1, 2] * r[2, 1])

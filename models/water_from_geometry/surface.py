@@ -1,9 +1,9 @@
-"""One closed surface around a union of shells, of about a wanted number of triangles.
+"""One closed surface around a union of shells, with about a desired number of triangles.
 
 Dual contouring [Ju 2002]: a grid's points are inside or outside the union; where they differ, the
-exact crossing of the edge and its normal are known. Each cell that the surface passes gets the
-corner that fits these planes best, so that edges and corners of boxes stay sharp. What remains of
-the volume is made up by an even offset.
+exact crossing of the edge and its normal are known. Each cell that the surface passes through gets
+the vertex that fits these planes best, so that edges and corners of boxes stay sharp. The remaining
+error of the volume is corrected by a uniform offset.
 """
 
 from collections.abc import Callable
@@ -15,19 +15,19 @@ from uuv.models.meshes.closed_shells import vertex_normals, volume
 from uuv.models.water_from_geometry.scan import LineScan, along_lines, scanned
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
-_THIN = 4.0  # root of the number of triangles over the number of cells across the shortest side
-_FEWEST_CELLS = 6  # across the shortest side
-_MOST_CELLS = 220  # along a side
-_SOFT = 0.02  # weight of the mean of the crossings beside their planes
-_ROUNDS = 6  # of adapting the cell to the wanted number of triangles
-_LINES = 120  # across the longer side, for projected areas and plates
-_ASKEW = 0.4  # [rad] of their grid about the axis
-_PLATE = 0.01  # of all lines that meet a union: as many meet a plate
-_FACING = 0.95  # cosine between an axis and the normal of a plate across it
-_ALIKE = 1.0 + 1e-6  # ratio of two diagonals that count as equal, whatever the rounding
-# volume of a surface before its offset over the true one, within which it counts as the body
+_THIN = 4.0  # root of the number of triangles, over the number of cells across the shortest side
+_FEWEST_CELLS = 6  # least number of cells across the shortest side
+_MOST_CELLS = 220  # largest number of cells along a side
+_SOFT = 0.02  # weight of the mean of the crossings, relative to their planes
+_ROUNDS = 6  # rounds of adapting the cell to the desired number of triangles
+_LINES = 120  # number of lines across the longer side, for projected areas and plates
+_ASKEW = 0.4  # [rad] angle of that grid about the axis
+_PLATE = 0.01  # share of all lines through a union that must meet a plate
+_FACING = 0.95  # cosine between an axis and the normal of a plate perpendicular to it
+_ALIKE = 1.0 + 1e-6  # ratio of two diagonals that count as equal, so that rounding does not decide
+# volume of a surface before its offset over the true one, within which the surface is accepted
 _HELD = (0.85, 1.15)
-_PAD = 0.37  # of a cell, between the union and the first points of the grid
+_PAD = 0.37  # distance between the union and the first points of the grid, in cells
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,8 +36,9 @@ class UnionSurface:
 
     vertices: Array  # (V, 3) [m]
     triangles: np.ndarray  # (T, 3), counter-clockwise from outside
-    held: float  # volume before the offset, over that of the union
-    # largest relative difference of its projected areas along three axes from those of the union
+    held: float  # ratio of the volume before the offset to that of the union
+    # largest relative difference of the surface's projected areas along three axes from those of
+    # the union
     missed: float
 
     @property
@@ -51,11 +52,11 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
 
     Args:
         corners: (T, 3, 3) [m] of closed shells, each counter-clockwise from outside.
-        true_volume: [m^3] of the union.
-        panels: wanted number of triangles.
+        true_volume: [m^3] volume of the union.
+        panels: desired number of triangles.
 
     Returns:
-        The surface. It is empty where no point of the grid lies inside.
+        The surface. It is empty if no point of the grid is inside.
     """
     R = box_axes(corners)
     turned = corners @ R
@@ -65,7 +66,7 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
     x, y, z = extent
     cell = float(np.sqrt(4.0 * (x * y + y * z + z * x) / panels))
 
-    # The cell is adapted until the number of triangles is about the wanted one.
+    # The cell is adapted until the number of triangles is about the desired one.
     best: tuple[float, Array, np.ndarray] | None = None
     for _ in range(_ROUNDS):
         vertices, triangles = _contour(
@@ -84,7 +85,7 @@ def union_surface(corners: Array, true_volume: float, panels: int) -> UnionSurfa
         return UnionSurface(vertices=vertices, triangles=triangles, held=0.0, missed=1.0)
     held = volume(vertices, triangles) / true_volume
 
-    # What lacks of the volume is made up by an even offset.
+    # The missing volume is corrected by a uniform offset.
     for _ in range(3):  # an offset changes the area
         a, b, c = vertices[triangles].transpose(1, 0, 2)
         area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
@@ -107,7 +108,7 @@ def projected_area(corners: Array, axis: int) -> float:
 def box_axes(corners: Array) -> Array:
     """Axes (3, 3), in columns, along which shells (T, 3, 3) are measured.
 
-    They are the body's own, or the principal axes where these have a clearly smaller box.
+    They are the axes of the body, or the principal axes if those have a clearly smaller box.
     """
     a, b, c = corners.transpose(1, 0, 2)
     weight = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -145,16 +146,18 @@ def _contour(
 
 
 def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -> Array:
-    """Move planes of a grid into plates across its axis that would lie between two of them.
+    """Move planes of a grid into thin plates, perpendicular to the axis, that would be between two
+    planes.
 
     Args:
-        places: [m] of the planes.
-        step: [m] between them.
+        places: [m] positions of the planes.
+        step: [m] between planes.
         scan: lines along the axis.
         facing: (T,) cosine between the axis and the normal of each triangle.
 
     Returns:
-        The places, in order; one more for each plate that has no plane of its own to move.
+        The positions, in order, with an additional one for each plate for which no plane can be
+            moved.
     """
     start = scan.at[::2]
     end = scan.at[1::2]
@@ -163,7 +166,7 @@ def _through_plates(places: Array, step: float, scan: LineScan, facing: Array) -
     if not thin.any():
         return places
 
-    # Plates in order: lines that meet one lie close together.
+    # Plates in order: neighbouring crossings belong to the same plate.
     order = np.argsort(0.5 * (start + end)[thin])
     start = start[thin][order]
     end = end[thin][order]
@@ -198,8 +201,8 @@ def level_surface(field: Array, grid: list[Array], level: float) -> tuple[Array,
 
     Args:
         field: (X, Y, Z), below the level on the border.
-        grid: [m] places of the points along each axis.
-        level: of the field.
+        grid: [m] positions of the points along each axis.
+        level: value of the field on the surface.
 
     Returns:
         Vertices (V, 3) [m] and triangles (T, 3), counter-clockwise from outside.
@@ -224,7 +227,9 @@ def _joined(
     grid: list[Array],
     crossing: Callable[[int, np.ndarray], tuple[Array, Array]],
 ) -> tuple[Array, np.ndarray]:
-    """Corners in the cells that the surface passes; triangles around the grid's crossed edges."""
+    """Vertices in the cells that the surface passes through, and triangles around the crossed edges
+    of the grid.
+    """
     cells = tuple(n - 1 for n in inside.shape)
     matrix = np.zeros((*cells, 3, 3))
     target = np.zeros((*cells, 3))
@@ -262,7 +267,7 @@ def _joined(
     if not quads:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
 
-    # The point of each cell that fits its planes best [Ju 2002].
+    # The point of each cell that fits the planes of the cell best [Ju 2002].
     used = np.argwhere(weight > 0.0)
     here = tuple(used.T)
     middle = mean[here] / weight[here][:, None]
@@ -278,7 +283,7 @@ def _joined(
 
 
 def _inside(scan: LineScan, grid: list[Array]) -> np.ndarray:
-    """Which points of the grid lie in the union, by lines along the first axis."""
+    """Mask of the grid points that are in the union, from lines along the first axis."""
     flips = np.zeros((len(grid[0]) + 1, len(grid[1]) * len(grid[2])), dtype=np.int64)
     np.add.at(flips, (np.searchsorted(grid[0], scan.at), scan.line), 1)
     odd = np.cumsum(flips[:-1], axis=0) % 2 == 1
@@ -288,7 +293,9 @@ def _inside(scan: LineScan, grid: list[Array]) -> np.ndarray:
 def _hermite(
     scan: LineScan, grid: list[Array], index: np.ndarray, normals: Array
 ) -> tuple[Array, Array]:
-    """Crossings, normals (n, 3) of edges that begin at grid points `index` (n, 3), on the axis."""
+    """Crossings and normals (n, 3) of the edges along the axis that begin at grid points `index`
+    (n, 3).
+    """
     k = scan.axis
     p = (scan.axis + 1) % 3
     q = (scan.axis + 2) % 3
@@ -301,7 +308,7 @@ def _hermite(
     hit = key[nearest] == edge_key if len(key) else np.zeros(len(edge_key), dtype=bool)
 
     points = np.column_stack([grid[m][index[:, m]] for m in range(3)])
-    # where rounding let the lines disagree
+    # for edges at which the lines disagree due to rounding
     middle = 0.5 * (grid[k][index[:, k]] + grid[k][index[:, k] + 1])
     points[:, k] = np.where(hit, scan.at[nearest] if len(key) else middle, middle)
 

@@ -1,12 +1,13 @@
-"""Water of every moving body of a model by its geoms; origin and uncertainty of each number.
+"""Hydrodynamics of every moving body of a model from its geoms, with origin and uncertainty of each
+number.
 
     spec, notes = read_model("arm.urdf")
     wetted = wet(spec)
     wetted.bodies["forearm"].added_mass
 
 Volume and centre are exact along lines through the union of a body's geoms. Added mass is the
-closed form of a sphere or an ellipsoid, else that of panels. Drag is from projected areas. Linear
-damping is not known from geometry: it is 0.
+closed form for a sphere or an ellipsoid, else it is computed by panels. Drag is computed from
+projected areas. Linear damping cannot be computed from geometry and is set to 0.
 """
 
 import hashlib
@@ -40,21 +41,24 @@ from uuv.models.water_from_geometry.surface import UnionSurface, union_surface
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, shown
 
-_COARSER = 4.0  # panels of the fine surface over those of the coarse one
-_FINER = 4  # times the wanted number to which it is doubled where two surfaces do not agree
-_LINES = 240  # across the longer side of a body, for its volume
-_ASKEW = exp_so3([0.4, -0.7, 0.3])  # axes of the lines: no face of a usual body is parallel to them
-_MISSED = 0.1  # relative difference of projected areas from which a finer surface is tried
-_SOLID = 0.7  # volume over that of the convex hull, below which a body is an open frame
-_CLOSED_FORMS = ("sphere", "ellipsoid")  # of the added mass
-_FACTORS = {"plain": 1.3, "solid": 1.5, "frame": 2.0}  # by which drag may be wrong either way
-_LEAST = 0.01  # relative uncertainty of panels where the extrapolation changes next to nothing
-_HULL_FACTOR = 2.0  # by which added mass may be wrong where a convex hull stands for a thin body
+_COARSER = 4.0  # ratio of the number of panels of the fine surface to that of the coarse one
+# multiple of the desired number of panels up to which it is doubled if two surfaces disagree
+_FINER = 4
+_LINES = 240  # number of lines across the longer side of a body, for its volume
+# axes of the lines, such that no face of a usual body is parallel to a line
+_ASKEW = exp_so3([0.4, -0.7, 0.3])
+_MISSED = 0.1  # relative difference of projected areas, from which on a finer surface is tried
+_SOLID = 0.7  # ratio of the volume to that of the convex hull, below which a body is an open frame
+_CLOSED_FORMS = ("sphere", "ellipsoid")  # relative uncertainty of the added mass of an open frame
+# factor by which drag may be wrong in either direction
+_FACTORS = {"plain": 1.3, "solid": 1.5, "frame": 2.0}
+_LEAST = 0.01  # relative uncertainty of panels if the extrapolation changes almost nothing
+_HULL_FACTOR = 2.0  # factor by which added mass may be wrong if a convex hull replaces a thin body
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Origin:
-    """One number, or row of numbers, of a body's water: its origin, and how wrong it may be."""
+    """One number, or row of numbers, of a body's hydrodynamics, with its origin and uncertainty."""
 
     body: str
     quantity: str
@@ -70,7 +74,7 @@ class Wetted:
     spec: mujoco.MjSpec
     bodies: dict[str, BodyHydrodynamics]
     origins: tuple[Origin, ...]
-    dry: tuple[str, ...]  # what got no water, and why
+    dry: tuple[str, ...]  # bodies without hydrodynamics, and the reason
 
 
 def wet(
@@ -83,24 +87,25 @@ def wet(
 ) -> Wetted:
     """Attach hydrodynamic coefficients of every moving body of a model, computed from its geoms.
 
-    What stood for it is switched off: `gravcomp`, and density and viscosity of MuJoCo's own fluid.
+    Earlier substitutes are switched off: `gravcomp`, and density and viscosity of MuJoCo's own
+    fluid.
 
     Args:
         spec: changed in place; bodies without a name get one.
-        geoms: which displace water: "visual" those that do not collide, "collision" the others,
-            "all" of them once, or "auto": the visual ones of a body that has some, else its
+        geoms: geoms that displace water: "visual" those that do not collide, "collision" those that
+            do, "all" of both, or "auto" the visual geoms of a body that has some, else its
             collision geoms.
         density: [kg/m^3] of the water.
-        panels: wanted number of triangles of each body's surface.
+        panels: desired number of triangles of each body's surface.
         metacentric_height: [m] for a floating vehicle: foam or ballast on its root makes it neutral
-            and level (`uuv.models.hydrodynamics.trim`). None leaves it as it is.
+            and level (`uuv.models.hydrodynamics.trim`). None: no trimming.
 
     Returns:
         The model, and the table of its numbers.
 
     Raises:
-        ConfigurationError: a model that does not compile, in which no moving body has geoms; a geom
-            or body without a volume or of more than 20 m; arguments out of range.
+        ConfigurationError: the model does not compile, no moving body has geoms, a geom or body has
+            no volume or is larger than 20 m, or an argument is out of range.
     """
     density = _checked(geoms, density, panels)
     for k, body in enumerate(spec.bodies[1:], start=1):
@@ -109,8 +114,8 @@ def wet(
     model = _compiled(spec)
     if not moving_bodies(model):
         raise ConfigurationError(
-            "no body moves, so none feels water; a vehicle needs a free joint (for a URDF: "
-            "--free), an arm joints"
+            "no body moves, so none can have hydrodynamics; a vehicle needs a free joint (for a "
+            "URDF: --free), an arm needs joints"
         )
 
     bodies, origins, dry = _waters(spec, model, geoms, density, panels)
@@ -137,7 +142,7 @@ def wet(
 def _checked(geoms: Choice, density: float, panels: int) -> float:
     """The density as a number; ConfigurationError for arguments of `wet` that are out of range."""
     if geoms not in CHOICES:
-        raise ConfigurationError(f"geoms: allowed {', '.join(CHOICES)}, got {shown(geoms)}")
+        raise ConfigurationError(f"geoms: must be one of {', '.join(CHOICES)}, got {shown(geoms)}")
     density = finite_number(density, "density [kg/m^3]", above=0.0, most=1e5)
     if (
         isinstance(panels, bool)
@@ -154,10 +159,12 @@ def _checked(geoms: Choice, density: float, panels: int) -> float:
 def _waters(
     spec: mujoco.MjSpec, model: mujoco.MjModel, geoms: Choice, density: float, panels: int
 ) -> tuple[dict[str, BodyHydrodynamics], list[Origin], list[str]]:
-    """Water of the moving bodies by name, the table of its numbers, and what got none and why."""
+    """Hydrodynamics of the moving bodies by name, the table of their numbers, and the bodies
+    without, with the reason.
+    """
     bodies: dict[str, BodyHydrodynamics] = {}
     origins: list[Origin] = []
-    alike: dict[bytes, str] = {}  # a body of each shape
+    alike: dict[bytes, str] = {}  # bodies by their shape
     dry = [
         f"{model.body(i).name}: fixed to the world"
         for i in range(1, model.nbody)
@@ -188,7 +195,7 @@ def _waters(
         first = alike.setdefault(_shape(solid, which), name)
         if first == name:
             bodies[name], rows = _body(name, solid, _counted(len(chosen), which), density, panels)
-        else:  # stones of a pile, links of a chain
+        else:  # equal bodies, such as stones of a pile or links of a chain, are computed once
             bodies[name] = bodies[first]
             rows = [replace(o, body=name) for o in origins if o.body == first]
 
@@ -210,27 +217,28 @@ def water_of_shells(
     Args:
         corners: (T, 3, 3) [m], each shell counter-clockwise from outside.
         density: [kg/m^3].
-        panels: wanted number of triangles.
+        panels: desired number of triangles.
 
     Returns:
-        Volume [m^3], centre (3,) [m], added mass at the origin, and the surface that it was found
-        on.
+        Volume [m^3], centre (3,) [m], added mass at the origin, and the surface for which it was
+            computed.
 
     Raises:
-        ConfigurationError: no volume, or a body so thin that the surface does not hold it.
+        ConfigurationError: the volume is zero, or the body is so thin that the surface does not
+            contain it.
     """
     volume, center, _, _ = _volume(corners)
     surface, solution = _panelled(corners, volume, density, panels)
     if solution is None:
         raise ConfigurationError(
-            f"panels: the surface holds {surface.held:.0%} of the volume: the body is too thin "
-            f"for {panels}"
+            f"panels: {panels} are too few for so thin a body: their surface encloses "
+            f"{surface.held:.0%} of its volume"
         )
     return volume, center, solution, surface
 
 
 def _shape(parts: list[GeomShells], which: str) -> bytes:
-    """What the water of a body follows from: equal for bodies of equal geoms."""
+    """Key of a body's shape, equal for bodies of equal geoms."""
     digest = hashlib.sha256(which.encode())
     for part in parts:
         digest.update(f"{part.kind} {part.shells.said} {part.shells.doubt}".encode())
@@ -286,7 +294,7 @@ def _body(
         ),
         ("added mass", figures(np.diag(matrix)) + " kg, kg m^2", from_where, doubt),
         ("drag", drag_figure, drag_source, factor),
-        ("linear damping", "0", "not known from geometry", "unknown"),
+        ("linear damping", "0", "cannot be computed from geometry", "unknown"),
     )
 
     return water, [
@@ -298,9 +306,9 @@ def _body(
 def _measured(
     parts: list[GeomShells], corners: Array, which: str, plain: bool
 ) -> tuple[float, Array, float, float, str]:
-    """Volume [m^3], centre (3,) [m], their spread as of `_volume`, and where they are from.
+    """Volume [m^3], centre (3,) [m], their spread as in `_volume`, and their origin as text.
 
-    Of a `plain` shape in closed form, without spread.
+    For a `plain` shape they have a closed form, without spread.
     """
     volume, center, spread, wander = _volume(corners)
     if plain:
@@ -314,10 +322,11 @@ def _measured(
 
 
 def _volume(corners: Array) -> tuple[float, Array, float, float]:
-    """Volume [m^3], centre (3,) [m] of a union; their spread by direction of lines [-], [m].
+    """Volume [m^3] and centre (3,) [m] of a union, and their spread over directions of the lines
+    [-], [m].
 
-    Where the shells do not overlap, they are exact: by the tetrahedra between the origin and the
-    triangles.
+    If the shells do not overlap, volume and centre are exact, from the tetrahedra between the
+    origin and the triangles.
     """
     scans = [scanned(corners @ _ASKEW, _LINES, axis) for axis in range(3)]
     volumes = np.array([scan.volume for scan in scans])
@@ -345,7 +354,9 @@ def _volume(corners: Array) -> tuple[float, Array, float, float]:
 def _panelled(
     corners: Array, volume: float, density: float, panels: int
 ) -> tuple[UnionSurface, PanelSolution | None]:
-    """Surface and added mass, extrapolated where two surfaces agree; None where none holds it."""
+    """Surface and added mass, extrapolated if two surfaces agree; None if no surface contains the
+    body.
+    """
 
     def solved(count: int) -> tuple[UnionSurface, PanelSolution | None]:
         surface = union_surface(corners, volume, count)
@@ -382,9 +393,9 @@ def _added_mass(
     panels: int,
     closing: float,
 ) -> tuple[Array, str, str]:
-    """Added mass (6, 6) at the body's origin, its origin in words, its uncertainty in words.
+    """Added mass (6, 6) at the body's origin, with its source and its uncertainty as text.
 
-    The relative uncertainty `closing` of the volume counts for the added mass as well.
+    The relative uncertainty `closing` of the volume is added to that of the added mass.
     """
     part = parts[0]
     if len(parts) == 1 and part.kind in _CLOSED_FORMS:
@@ -394,8 +405,8 @@ def _added_mass(
 
     if solution is not None:
         source = (
-            f"{solution.panels} panels, volume {100 * (surface.held - 1.0):+.1f} % before its "
-            "offset"
+            f"{solution.panels} panels, volume error {100 * (surface.held - 1.0):+.1f} % before "
+            "its correction by an offset"
         )
         if surface.missed > _MISSED:
             source += f", projected areas within {100 * surface.missed:.0f} %"
@@ -417,13 +428,13 @@ def _added_mass(
             ),
         )
 
-    # The hull stands for a body that is too thin.
+    # The convex hull replaces a body that is too thin.
     solid, hull_volume = convex_hull(corners)
     whole = union_surface(solid, hull_volume, panels)
     hull_solution = panel_method.added_mass(whole.vertices, whole.triangles, density)
     source = (
-        f"{hull_solution.panels} panels on the convex hull: the body is too thin, "
-        f"{surface.held:.0%} of it held"
+        f"{hull_solution.panels} panels on the convex hull, since the body is too thin: panels on "
+        f"its surface enclose {surface.held:.0%} of its volume"
     )
     return hull_solution.added_mass, source, f"factor {_HULL_FACTOR:g}"
 
@@ -431,14 +442,18 @@ def _added_mass(
 def _trimmed(
     spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: dict[str, BodyHydrodynamics], height: float
 ) -> tuple[str, Origin]:
-    """Make the floating vehicle neutral; the body that was trimmed, and the row of its volume."""
+    """Make the floating vehicle neutral; returns the trimmed body, and the table row of its
+    volume.
+    """
     floating = [
         int(b) for b, kind in zip(model.jnt_bodyid, model.jnt_type, strict=True) if kind == 0
     ]
     names = [model.body(b).name for b in floating]
     if len(names) != 1 or names[0] not in bodies:
         listed = ", ".join(names) or "none"
-        raise ConfigurationError(f"neutral: expected one floating body with water, found {listed}")
+        raise ConfigurationError(
+            f"neutral: the model must have one floating body with water, got {listed}"
+        )
 
     before = bodies[names[0]]
     after = hydrodynamics.trim(spec, names[0], metacentric_height=height)
@@ -448,9 +463,11 @@ def _trimmed(
         body=names[0],
         quantity="volume, trimmed",
         value=f"{1e3 * after.volume:.4g} l, centre {figures(1e3 * after.center_of_buoyancy)} mm",
-        origin=f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} "
-        f"for weightlessness, the centre {1e3 * height:g} mm above the centre of mass",
-        uncertainty="as the masses",
+        origin=(
+            f"{abs(change):.4g} l of {'foam added' if change > 0.0 else 'volume taken away'} for "
+            f"neutral buoyancy, the centre of buoyancy {1e3 * height:g} mm above the centre of mass"
+        ),
+        uncertainty="that of the masses",
     )
 
 

@@ -1,4 +1,4 @@
-"""Loading and cleaning of a user's point cloud file, with notes on the points left out."""
+"""Loading and cleaning of a user's point cloud file. Notes list the points left out."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +11,9 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import existing_file
 from uuv.sim.interfaces.spatial import Array, finite_number, readonly
 
-FARTHEST = 100.0  # [m] from the sensor; a cloud without `scale` that lies farther is refused
-_NO_POINT = 1e15  # in any unit; larger coordinates count as not finite
-MOST = 20_000_000  # points at most: more take gigabytes
+FARTHEST = 100.0  # [m] from the sensor; a cloud without `scale` whose points are farther is refused
+_NO_POINT = 1e15  # in any unit; a larger coordinate counts as not finite
+MOST = 20_000_000  # largest number of points; more take gigabytes of memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,24 +21,23 @@ class CloudFile:
     """Cleaned cloud of a file."""
 
     points: Array  # (n, 3) [m] in S, without duplicates; or organised (h, w, 3), NaN where left out
-    notes: tuple[str, ...]  # points and columns left out, in words
+    notes: tuple[str, ...]  # points and columns left out, as text
 
 
 def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     """Load a point cloud in the sensor's frame S from a PLY, PCD or text file.
 
-    A line of a text file holds x y z, and perhaps other columns. Points that are not finite, at the
-    origin (no return) or duplicates are left out. The pixels of an organised PCD file keep their
-    places.
+    A line of a text file has x y z and optional other columns. Points that are not finite, at the
+    origin (no return) or duplicates are left out. An organised PCD file keeps its pixel grid.
 
     Args:
         file: Path of the file.
-        scale: [m] per unit of the file (0.001 for millimetres). None: metres, and a cloud that then
-            lies farther than FARTHEST is refused.
+        scale: [m] per unit of the file (0.001 for millimetres). None: metres, and a cloud that is
+            then farther than FARTHEST is refused.
 
     Raises:
-        ConfigurationError: For a file that is missing, malformed, empty, without a usable point, of
-            more than MOST points, or in a wrong unit.
+        ConfigurationError: The file is missing, malformed, empty, has no usable point, has more
+            than MOST points, or is in a wrong unit.
     """
     file = existing_file(file, "cloud")
     if scale is not None:
@@ -49,7 +48,7 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
 
     if len(points) > MOST:
         raise ConfigurationError(
-            f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}"
+            f"cloud {file}: must have at most {MOST} points, got {len(points)}"
         )
 
     # Metres; coordinates that mean "no point" become NaN
@@ -65,7 +64,9 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
             notes.append(f"{int(those.sum())} of {int(usable.sum())} points left out: {what}")
             usable[those] = False
         if not usable.any():
-            raise ConfigurationError(f"cloud {file}: no usable point is left; {'; '.join(notes)}")
+            raise ConfigurationError(
+                f"cloud {file}: the file has no usable point; {'; '.join(notes)}"
+            )
 
     leave_out(np.asarray(~np.isfinite(points).all(axis=1)), "not finite")
     leave_out(np.asarray(~points.any(axis=1)), "at the origin, no return")
@@ -73,16 +74,18 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     if scale is None:
         _check_unit(points[usable], file)
 
-    # An organised cloud keeps its pixels, an unordered one loses its duplicates
+    # An organised cloud keeps its pixels, an unordered cloud loses its duplicates
     if shape is not None:
         points[~usable] = np.nan
         return CloudFile(points=readonly(points.reshape(*shape, 3)), notes=tuple(notes))
-    leave_out(_again(points), "there twice")
+    leave_out(_again(points), "duplicates")
     return CloudFile(points=readonly(points[usable]), notes=tuple(notes))
 
 
 def _check_unit(points: Array, file: Path) -> None:
-    """Refuse points (n, 3) of which more than 2 % lie farther than FARTHEST: not metres."""
+    """Refuse points (n, 3) if more than 2 % are farther than FARTHEST, which shows that they are
+    not in metres.
+    """
     far = float((np.abs(points).max(axis=1) > FARTHEST).mean())
     if far <= 0.02:
         return
@@ -90,16 +93,17 @@ def _check_unit(points: Array, file: Path) -> None:
     middle = float(np.median(np.linalg.norm(points, axis=1)))
     raise ConfigurationError(
         f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the sensor, "
-        f"median {middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its scale "
-        "(0.001 for mm)"
+        f"median {middle:.4g} m; if the file is in millimetres, state its scale (0.001); mixed "
+        "units are not allowed"
     )
 
 
 def _again(points: Array) -> np.ndarray:
     """Mask (n,) of the points (n, 3) that are duplicates of an earlier one."""
-    # one number instead of three to sort by; -0 is 0
+    # three numbers are packed into one for sorting; -0 counts as 0
     mixed = row_hash((points + 0.0).view(np.int64))
-    order = np.argsort(mixed, kind="stable")  # stable: of equal points the first stays first
+    # stable sorting: of equal points the first stays first
+    order = np.argsort(mixed, kind="stable")
     again = np.zeros(len(points), dtype=bool)
     again[order[1:]] = (points[order[1:]] == points[order[:-1]]).all(axis=1)
     return again

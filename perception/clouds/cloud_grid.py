@@ -1,10 +1,10 @@
 """Conversion of any point cloud to the depth image of a pinhole at its origin.
 
-A cloud from a depth sensor still holds the sensor's pixels: x/z is linear in the column and y/z in
-the row to the last digits, independent of errors of z. In an organised cloud the pixel of each
-point is known; from an unordered list the lattice is recovered from x/z and y/z alone. Only clouds
-without a lattice (merged scans, lidar, sonar) are resampled: averaged over the cells of a virtual
-pinhole's image, triangulated there (Delaunay) and rendered.
+A cloud from a depth sensor still contains the sensor's pixel grid: x/z is linear in the column and
+y/z in the row to the last digits, independent of errors of z. In an organised cloud the pixel of
+each point is known; in an unordered cloud the lattice is recovered from x/z and y/z alone. Only
+clouds without a lattice (merged scans, lidar, sonar) are resampled: they are averaged over the
+cells of a virtual pinhole's image, triangulated in that image (Delaunay) and rendered.
 """
 
 from dataclasses import dataclass
@@ -18,24 +18,30 @@ from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.errors import PerceptionError
 from uuv.sim.interfaces.spatial import Array
 
-_MOST_CELLS = 640  # pixels per side of the virtual pinhole's image, at most
-_FEWEST_CELLS = 40  # pixels along its longer side, at least
-_MAX_DELAUNAY = 40_000  # points; more add time, not shape
-_SAMPLE = 100_000  # points to which a pinhole is fitted
-_STRAY = 1e-3  # [-] share of the points, on each side, that may lie far beyond the rest
-_BENT = 0.25  # [px] largest systematic offset of an organised cloud's pixels from a pinhole's
-_SCATTER = 3.0  # [px] largest random offset from them, where noise was added to x and y too
-_BINS = 2**15  # of the histogram whose spectrum shows a lattice
-_COMB = 0.4  # [-] of the spectrum's height at zero, which the lines of a lattice reach
-_OFF_LATTICE = (0.8, 0.25)  # [-] share of the points that must lie within so many [px] of a lattice
+_MOST_CELLS = 640  # largest number of pixels per side of the virtual pinhole's image
+_FEWEST_CELLS = 40  # least number of pixels along its longer side
+_MAX_DELAUNAY = 40_000  # largest number of points; more only add time, not shape
+_SAMPLE = 100_000  # number of points to which a pinhole is fitted
+_STRAY = 1e-3  # [-] share of the points, on each side, that may be far beyond the others
+# [px] largest systematic offset of an organised cloud's pixels from those of a pinhole
+_BENT = 0.25
+# [px] largest random offset from a pinhole's pixels, if noise was added to x and y too
+_SCATTER = 3.0
+_BINS = 2**15  # number of bins of the histogram whose spectrum shows a lattice
+_COMB = 0.4  # [-] peak of the spectrum that shows the lines of a lattice, relative to that at zero
+_OFF_LATTICE = (0.8, 0.25)  # [-] share of the points that must be within so many [px] of a lattice
 # [-] filled share of the 8 neighbours (median), below which the lattice is rejected as sparse
 _FILLED = 0.5
-_LONGEST_SIDE = 8192  # [px] of a recovered lattice, at most
-# [-] points in a picture's last row over those further in, where the picture itself ends
+_LONGEST_SIDE = 8192  # [px] largest size of a recovered lattice
+# [-] ratio of the points in a picture's last row to those further in, at which the picture itself
+# ends
 _CUT = 0.7
-_FULL_SIDE = 0.7  # [-] filled share of a picture's last row where a surface covers that side
-_OFF_CENTRE = 0.1  # [-] share of a picture's width by which its middle may lie off the optical axis
-_MARGIN = 16  # [px] of empty border around an object that is wholly in the picture
+# [-] filled share of a picture's last row, from which on a surface covers that side
+_FULL_SIDE = 0.7
+# [-] largest offset of the picture's middle from the optical axis, as a share of the picture's
+# width
+_OFF_CENTRE = 0.1
+_MARGIN = 16  # [px] empty border around an object that is wholly in the picture
 _UNEVEN = 4.0  # [-] largest ratio of the pitches of columns and rows
 
 
@@ -57,9 +63,9 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
     """Depth image of an organised cloud whose pixels are those of a pinhole.
 
     Args:
-        points: (h, w, 3) [m] in S; rows and columns may be exchanged or run backwards.
-        usable: Mask (h, w) of the pixels that hold a point.
-        turned: Rows and columns have been exchanged already, and stay.
+        points: (h, w, 3) [m] in S; rows and columns may be exchanged or in reverse order.
+        usable: Mask (h, w) of the pixels that have a point.
+        turned: True: rows and columns have been exchanged already and are not exchanged again.
 
     Returns:
         The depth image, or None if the pixels are not those of a pinhole.
@@ -80,18 +86,18 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
         abs(_slope(index, tangents[:, 0])) * size
         for index, size in zip((column, row), usable.shape[::-1], strict=True)
     ]
-    if along[0] < along[1] and not turned:  # `turned` ends the recursion for a cloud without order
+    if along[0] < along[1] and not turned:  # `turned` ends the recursion for an unordered cloud
         return organised_grid(points.swapaxes(0, 1), usable.T, turned=True)
 
-    # Smooth deviations are lens distortion and must be small. Scatter about them is noise, which
-    # keeps points in their pixels.
+    # Smooth deviations are lens distortion and must be small. Random deviations are noise, which
+    # leaves points in their pixels.
     u, v = (
         2.0 * index / (size - 1) - 1.0
         for index, size in zip((column, row), usable.shape[::-1], strict=True)
     )
     terms = np.column_stack([u**i * v**j for i in range(4) for j in range(4 - i)])
 
-    # A straight line for each axis: x/z over the columns, y/z over the rows
+    # A straight line is fitted for each axis: x/z over the columns, y/z over the rows
     axes = []
     for index, size, tangent in (
         (column, usable.shape[1], tangents[:, 0]),
@@ -142,7 +148,7 @@ def lattice_grid(points: Array) -> DepthGrid | None:
         cells.append(index - first)
         lines.append(start + pitch * np.arange(first, first + count))
 
-    # Pixels of a picture have neighbours, those of a coincidence have not
+    # Pixels of a picture have neighbours; those of a coincidental lattice do not
     width, height = len(lines[0]), len(lines[1])
     key = cells[1] * width + cells[0]
     filled = np.zeros((height, width), dtype=np.float32)
@@ -151,7 +157,7 @@ def lattice_grid(points: Array) -> DepthGrid | None:
     if np.median(around[filled > 0.0]) < _FILLED:
         return None
 
-    # Depth, the mean of the points of a pixel
+    # Depth of a pixel: the mean of the points in it
     cell, _, z = _cell_means(tangents, points[:, 2], key)
     depth = np.full(height * width, np.nan)
     depth[cell] = z
@@ -161,19 +167,19 @@ def lattice_grid(points: Array) -> DepthGrid | None:
 def scatter_grid(points: Array) -> DepthGrid:
     """Depth image of an unordered cloud without a lattice, rendered by a virtual pinhole.
 
-    Its resolution is the cloud's. In dense clouds the points of a cell that lie on the surface of
-    their median are averaged. The mean keeps its place under noise, while the nearest of many
-    points would lie in front of the surface.
+    The resolution of the image is that of the cloud. In dense clouds the points of a cell that are
+    on the surface of their median are averaged. The mean is unbiased under noise, while the nearest
+    of many points would be in front of the surface.
 
     Args:
         points: (n, 3) [m] in S.
 
     Raises:
-        PerceptionError: If the points span no surface.
+        PerceptionError: The points span no surface.
     """
     points = _without_strays(points)
 
-    # Picture that holds all points
+    # Picture that contains all points
     tangents = points[:, :2] / points[:, 2:]
     z = points[:, 2]
     low, high = tangents.min(axis=0), tangents.max(axis=0)
@@ -181,7 +187,7 @@ def scatter_grid(points: Array) -> DepthGrid:
     if not span > 1e-6:
         raise PerceptionError("the cloud spans no surface: all its points lie on one line of sight")
 
-    # Large clouds are averaged over cells, coarse enough for the triangulation
+    # Large clouds are averaged over cells until they are coarse enough for the triangulation
     pitch = span / _MOST_CELLS
     few = tangents
     few_z = z
@@ -190,12 +196,13 @@ def scatter_grid(points: Array) -> DepthGrid:
             pitch *= 1.02 * np.sqrt(count / _MAX_DELAUNAY)
         _, few, few_z = _cell_means(tangents, z, _keys(tangents, low, pitch))
 
-    # Spacing from neighbours, not from the bounding box: a cloud seldom fills its box.
+    # The spacing is computed from neighbours, not from the bounding box, since a cloud seldom fills
+    # its box.
     sample = few[:: max(1, len(few) // 4000)]
     spacing = float(np.median(cKDTree(few).query(sample, k=3)[0][:, 2]))
     pitch = float(np.clip(spacing, pitch, span / _FEWEST_CELLS))
 
-    # Surface: triangles between neighbours, none across a jump of depth
+    # Surface: triangles between neighbours, without those across a jump of depth
     try:
         triangles = Delaunay(few).simplices
     except QhullError as error:
@@ -233,29 +240,29 @@ def _slope(x: Array, y: Array) -> float:
 
 
 def _even(grid: DepthGrid) -> DepthGrid | None:
-    """Return `grid`, or None if its pixels are much longer than wide or the other way round."""
+    """Return `grid`, or None if its pixels are much longer in one direction than in the other."""
     ratio = (grid.tangent_x[1] - grid.tangent_x[0]) / (grid.tangent_y[1] - grid.tangent_y[0])
     return grid if 1.0 / _UNEVEN < ratio < _UNEVEN else None
 
 
 def _framed(grid: DepthGrid) -> DepthGrid:
-    """Extend `grid` by the empty pixels that probably surrounded it.
+    """Extend `grid` by the empty pixels that probably surrounded it in the sensor's picture.
 
-    Pixels without a point leave no trace in a list. Where the content does not reach a side of the
-    picture, the picture continued. It also continued where it reaches much less far from the
-    optical axis than on the opposite side. Where no surface covers any side, the object stands
-    alone.
+    Pixels without a point are not in an unordered cloud. If the points do not reach a side of the
+    picture, the sensor's picture extended further. It also did if that side is much closer to the
+    optical axis than the opposite side. If no surface covers any side, the object is completely
+    inside the picture.
     """
     depth = grid.depth
     lines = (grid.tangent_y, grid.tangent_x)
     count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
 
-    # Sides that cut through the content: as many points in the last row as further in
+    # Sides that cut through the content have as many points in the last row as further in
     cut = [[of[0] >= _CUT * of[max(1, len(of) // 20)] for of in (n, n[::-1])] for n in count]
 
-    # An object stands alone where no last row is covered
+    # An object is completely inside the picture if no last row is covered
     filled = np.isfinite(depth).astype(np.float32)
-    # pixels may be lost anywhere
+    # pixels may be missing anywhere
     dense = _FULL_SIDE * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())
     alone = all(
         max(n[0], n[-1]) < dense * other for n, other in zip(count, depth.shape[::-1], strict=True)
@@ -283,7 +290,7 @@ def _framed(grid: DepthGrid) -> DepthGrid:
 
 
 def _without_strays(points: Array) -> Array:
-    """Remove points far beside all others, whose image would have to be as wide."""
+    """Remove points far beyond all others, which would make the image as wide as they are."""
     tangents = points[:, :2] / points[:, 2:]
     low, high = np.quantile(tangents[_sample(len(tangents))], [_STRAY, 1.0 - _STRAY], axis=0)
     margin = float((high - low).max())
@@ -291,17 +298,18 @@ def _without_strays(points: Array) -> Array:
 
 
 def _lattice(values: Array) -> tuple[float, float] | None:
-    """First line and pitch of the equidistant lines that `values` (n,) lie on; None without any.
+    """First line and pitch of the equidistant lines on which `values` (n,) lie; None if there are
+    no such lines.
 
-    Such lines give the spectrum of the values' density peaks at all multiples of 1/pitch, as high
-    as at zero.
+    With such lines the spectrum of the density of the values has peaks at all multiples of 1/pitch,
+    as high as at zero.
     """
     low = float(values.min())
     span = float(np.ptp(values))
     if not span > 1e-6:
         return None
 
-    # Spectrum of the density of values
+    # Spectrum of the density of the values
     density = np.bincount(
         np.minimum(((values - low) * (_BINS / span)).astype(np.int64), _BINS - 1), minlength=_BINS
     )
@@ -317,7 +325,7 @@ def _lattice(values: Array) -> tuple[float, float] | None:
     end = begin + int(np.argmax(height[begin:] < 0.5 * height[begin])) or len(height)
     pitch = 4.0 * span / (begin + int(np.argmax(height[begin:end])))
 
-    # First line: by the phase, then with the pitch by least squares
+    # First line: from the phase; then first line and pitch by least squares
     phase = float(np.angle(np.exp(2j * np.pi * (values - low) / pitch).mean())) / (2.0 * np.pi)
     start = low + phase * pitch
     for _ in range(3):
@@ -334,7 +342,9 @@ def _lattice(values: Array) -> tuple[float, float] | None:
 
 
 def _keys(tangents: Array, low: Array, pitch: float) -> np.ndarray:
-    """Index (n,) of the cell, `pitch` wide, that each of `tangents` (n, 2) lies in, from `low`."""
+    """Index (n,) of the cell of width `pitch`, counted from `low`, that contains each of `tangents`
+    (n, 2).
+    """
     column, row = ((tangents - low) / pitch).astype(np.int64).T
     return row * (int(column.max()) + 1) + column
 
@@ -342,9 +352,10 @@ def _keys(tangents: Array, low: Array, pitch: float) -> np.ndarray:
 def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray, Array, Array]:
     """Occupied cells (m,), and mean tangents (m, 2) and depth (m,) [m] of the points in each.
 
-    `key`: cell (n,) of each point. Points off the surface of their cell's median are left out. A
-    plane is linear in inverse depth, so a mean of points on it lies on it too. Points across an
-    edge are not averaged, which would invent surface.
+    `key` is the cell (n,) of each point. Points that are not on the surface of their cell's median
+    are left out. A plane is linear in inverse depth, so a mean of points on a plane is on the plane
+    too. Points across an edge are not averaged, because that would create surface that does not
+    exist.
     """
     # Points sorted by cell and depth
     order = np.lexsort((z, key))
@@ -354,7 +365,8 @@ def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray,
     count = np.diff(np.r_[first, len(key)])
     cell = key[first]
 
-    # of two alternately: always the nearer would enlarge near surfaces
+    # the median of two is alternately the nearer and the farther; always the nearer would enlarge
+    # near surfaces
     middle = z[first + (count - 1 + cell % 2) // 2]
 
     # Points on the surface of their cell's median
@@ -374,7 +386,9 @@ def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray,
 
 
 def _coherent(tangents: Array, z: Array, triangles: np.ndarray, reach: float) -> np.ndarray:
-    """Mask of the triangles that join neighbours on one surface: short, and no jump in depth."""
+    """Mask of the triangles that join neighbours on one surface, which are short and without a jump
+    in depth.
+    """
     corners = tangents[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     z = z[triangles]

@@ -9,38 +9,39 @@ from uuv.perception.clouds.cloud_grid import jump
 from uuv.perception.clouds.scan import Scan
 from uuv.sim.interfaces.spatial import Array
 
-_SEAM = 5  # [px] without depth between an occluder and the surface behind it
-_EDGE_WIDTH = 2.0  # [px] of the Gaussian for the direction across an edge
+_SEAM = 5  # [px] width of the seam without depth between an occluder and the surface behind it
+_EDGE_WIDTH = 2.0  # [px] standard deviation of the Gaussian for the direction across an edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contour:
     """Depth edges, each between a pixel on the near side and one of its four neighbours."""
 
-    rows: np.ndarray  # (n,) of the near pixel
-    columns: np.ndarray  # (n,)
-    steps: np.ndarray  # (n, 2) columns right and rows down to the neighbour
+    rows: np.ndarray  # (n,) row of the near pixel
+    columns: np.ndarray  # (n,) column of the near pixel
+    steps: np.ndarray  # (n, 2) step to the neighbour: columns right, rows down
     tangents: Array  # (n, 2) x/z and y/z of the edge
-    depth: Array  # (n,) [m] of the near pixel
+    depth: Array  # (n,) [m] depth of the near pixel
 
     def only(self, kept: np.ndarray) -> "Contour":
-        """Those edges that a mask (n,) keeps."""
+        """The edges that a mask (n,) selects."""
         return Contour(*(getattr(self, field.name)[kept] for field in fields(self)))
 
 
 def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) -> Contour:
-    """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty.
+    """Depth edges between masked pixels and those of their 4-neighbours that are farther by a jump,
+    or empty.
 
-    The edge lies midway between the two pixels. It lies on the neighbour where that is a mixed
-    pixel, which may belong to either side. The border of the picture is no edge, because the view
-    ends there, not the object. The edge of an occluder is not one either: it leaves a seam of empty
-    pixels.
+    The edge lies midway between the two pixels. If the neighbour is a mixed pixel, which may belong
+    to either side, the edge lies on the neighbour. The border of the picture is not an edge,
+    because there the view ends, not the object. The edge of an occluder, which leaves a seam of
+    empty pixels, is not an edge of the object either.
 
     Args:
         scan: The scan.
         mask: (h, w) pixels of the object.
         depth_all: (h, w) [m] depth of all pixels, NaN without echo.
-        seams: Occluders leave seams; False for a rendered model.
+        seams: True: occluders leave seams; False for a rendered model.
 
     Returns:
         The depth edges, one for each pair of pixels.
@@ -54,7 +55,7 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
     inner[1:-1, 1:-1] = True
     edges: list[tuple[np.ndarray, ...]] = []
     with np.errstate(invalid="ignore"):
-        # Pixels beside an occluder, which leaves a seam without depth
+        # Pixels next to an occluder, which leaves a seam without depth
         hidden = (
             here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step if seams else np.zeros_like(mask)
         )
@@ -70,13 +71,13 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
                 np.clip(columns + 2 * right, 0, z.shape[1] - 1),
             ]
 
-            # a single pixel within a surface is no edge
+            # a single empty pixel within a surface is no edge
             ends = beyond - here[rows, columns] > step[rows, columns]
             rows = rows[ends]
             columns = columns[ends]
             beyond = beyond[ends]
 
-            # The edge lies on the neighbour where that is a mixed pixel, else midway
+            # The edge is on the neighbour if that is a mixed pixel, else midway
             neighbour = beside[rows, columns]
             reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
             edges.append((rows, columns, np.tile([right, down], (len(rows), 1)), reach))
@@ -92,8 +93,8 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array, seams: bool = True) 
 def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
     """Unit directions across depth edges at given pixels, away from the near side.
 
-    At the rim of `mask` the direction points out of the mask. Within it, where one part of the
-    object lies in front of another, it points towards larger `depth`.
+    At the rim of `mask` the direction points out of the mask. Inside the mask, where one part of
+    the object is in front of another, it points towards larger `depth`.
 
     Args:
         mask: (h, w) pixels of the object.
@@ -111,7 +112,7 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
     closed = ndimage.binary_closing(mask, iterations=2)
     inner = ndimage.binary_erosion(closed, iterations=round(4.0 * _EDGE_WIDTH))[rows, columns]
 
-    # Within the mask: across lines of equal inverse depth
+    # Inside the mask the direction is perpendicular to lines of equal inverse depth
     if inner.any():
         near = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
         mean = ndimage.gaussian_filter(near, _EDGE_WIDTH) / np.maximum(smooth, 1e-6)
@@ -120,7 +121,7 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
 
 
 def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Gradient (n, 2), x then y, by Sobel kernels, at pixels none of which lies on the border."""
+    """Gradient (n, 2), x then y, by Sobel kernels, at pixels that are not on the border."""
     near = {
         (dy, dx): image[rows + dy, columns + dx]
         for dy in (-1, 0, 1)

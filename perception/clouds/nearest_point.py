@@ -1,8 +1,8 @@
-"""Nearest-neighbour search in a grid of cells, for points that are spaced evenly.
+"""Nearest-neighbour search in a grid of cells, for evenly spaced points.
 
 It is several times as fast as a k-d tree. Points sampled on a surface fill cells of a few spacings
-evenly, and query points lie mostly within one or two cells of them. A tree uses neither. The
-results equal those of `scipy.spatial.cKDTree.query`.
+evenly, and query points are mostly within one or two cells of them. A tree uses neither property.
+The results equal those of `scipy.spatial.cKDTree.query`.
 """
 
 from typing import NamedTuple
@@ -13,22 +13,22 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
 _CELL = 3.0  # [spacings] width of a cell
-_MOST_CELLS = 2_000_000  # cells at most; the width doubles until they are fewer
+_MOST_CELLS = 2_000_000  # largest number of cells; the width doubles until there are fewer
 
 
 class NearestPoint(NamedTuple):
-    """Points sorted into cells; a tuple, so that kernels take it whole."""
+    """Points sorted into cells, as a tuple, so that compiled kernels accept it as one argument."""
 
     points: Array  # (m, 3) [m], cell by cell
     order: np.ndarray  # (m,) original index of each point
     first: np.ndarray  # (nx * ny * nz + 1,) index of each cell's first point
-    corner: Array  # (3,) [m] of the first cell
-    shape: np.ndarray  # (3,) cells along each axis
-    cell: float  # [m]
+    corner: Array  # (3,) [m] corner of the first cell
+    shape: np.ndarray  # (3,) number of cells along each axis
+    cell: float  # [m] width of a cell
 
     @classmethod
     def of(cls, points: Array, spacing: float) -> "NearestPoint":
-        """Sort `points` (m, 3) [m], m >= 1, which lie about `spacing` [m] apart."""
+        """Sort `points` (m, 3) [m], m >= 1, which are about `spacing` [m] apart."""
         corner = points.min(axis=0)
         cell = _CELL * spacing
         extent = points.max(axis=0) - corner
@@ -39,10 +39,11 @@ class NearestPoint(NamedTuple):
         return cls(points[order], order, first, corner, shape, cell)
 
     def query(self, points: Array, reach: float) -> tuple[Array, np.ndarray]:
-        """Distance (n,) [m] and index (n,) of the nearest to each of `points` (n, 3) [m].
+        """Distance (n,) [m] and index (n,) of the stored point nearest to each of `points` (n, 3)
+        [m].
 
-        Where none is nearer than `reach` [m] the distance is inf and the index is the number of
-        stored points.
+        If no stored point is nearer than `reach` [m], the distance is inf and the index is the
+        number of stored points.
         """
         square = np.full(len(points), reach * reach)
         index = np.full(len(points), len(self.order))
@@ -55,11 +56,11 @@ class NearestPoint(NamedTuple):
 def _sorted(
     points: Array, corner: Array, shape: np.ndarray, cell: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (m,) of the points cell by cell, and the first index of each cell."""
+    """Indices (m,) of the points in the order of cells, and the first index of each cell."""
     where = np.empty(len(points), dtype=np.int64)
     first = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
 
-    # Cell and count of the points
+    # Cell of each point, and number of points per cell
     for n in range(len(points)):
         at = 0
         for a in range(3):
@@ -82,7 +83,8 @@ def _sorted(
 
 @kernel
 def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) -> None:
-    """Lower `square` (n,) [m^2] to the nearest point's, and store that point's index in `found`.
+    """Lower `square` (n,) [m^2] to the squared distance of the nearest point, and store that
+    point's index in `found`.
 
     The search goes outwards by shells of cells. A cell of shell s is at least s - 1 cells away,
     plus the distance from the query to the nearest side of its own cell.
@@ -102,7 +104,7 @@ def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) 
         side = min(min(u - i, 1.0 - (u - i)), min(v - j, 1.0 - (v - j)), min(w - k, 1.0 - (w - k)))
         least, best = square[n], -1
 
-        # Smaller shells lie outside the grid, and so do larger ones.
+        # Shells before `first` are outside the grid, and so are those after `last`.
         shell = max(0, -i, -j, -k, i - nx + 1, j - ny + 1, k - nz + 1)
         last = max(i, j, k, nx - 1 - i, ny - 1 - j, nz - 1 - k)
 
@@ -111,7 +113,7 @@ def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) 
                 break
             for a in range(max(i - shell, 0), min(i + shell, nx - 1) + 1):
                 for b in range(max(j - shell, 0), min(j + shell, ny - 1) + 1):
-                    # The cells of the shell alone: between its faces only the two ends
+                    # Only the cells of the shell: between its faces only the two end cells
                     rim = a == i - shell or a == i + shell or b == j - shell or b == j + shell
                     step = 1 if rim or shell == 0 else 2 * shell
                     c = k - shell

@@ -1,4 +1,4 @@
-"""Text files of targets B_i and direction z [Konoplin 2019].
+"""Reader of text files with targets B_i and direction z [Konoplin 2019].
 
 Clouds are read by `uuv.models.meshes.surfel_files`.
 """
@@ -22,7 +22,7 @@ def read_cloud(file: str | Path) -> Array:
     NaN stays NaN: `build_terrain` refuses it.
 
     Raises:
-        ConfigurationError: For a file that is missing, empty or has other columns; it names the
+        ConfigurationError: The file is missing, empty or has other columns; the message names the
             line.
     """
     return read_surfels(file).points
@@ -31,10 +31,11 @@ def read_cloud(file: str | Path) -> Array:
 def read_targets(file: str | Path) -> tuple[Array, Array]:
     """Read points B (s, 3) [m] and the unit vector z (3,) of a text file.
 
-    Three numbers a line. The line of z begins with the letter z; without one it is (0, 0, 1).
+    Each line has three numbers. The line of z begins with the letter z; without such a line z is
+    (0, 0, 1).
 
     Raises:
-        ConfigurationError: For anything else; it names the line.
+        ConfigurationError: The file has another form; the message names the line.
     """
     path = existing_file(file, "targets")
 
@@ -50,15 +51,16 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
         if word != _UP:
             B.append(vector)
         elif z is not None:
-            raise ConfigurationError(f"{where}: z is given twice")
+            raise ConfigurationError(f"{where}: z is stated twice")
         elif not (largest := np.abs(vector).max()) > 1e-9:
             raise ConfigurationError(f"{where}: z must not be zero")
         else:
-            z = np.array(vector) / largest  # first: the square of 1e200 overflows
+            # normalised in two steps, because the square of 1e200 overflows
+            z = np.array(vector) / largest
             z /= np.linalg.norm(z)
 
     if not B:
-        raise ConfigurationError(f"targets {path}: there is no point B in it")
+        raise ConfigurationError(f"targets {path}: the file has no point B")
     return np.array(B), np.array([0.0, 0.0, 1.0]) if z is None else z
 
 
@@ -70,7 +72,7 @@ def _text(path: Path, what: str) -> str:
 
 
 def _lines(text: str):
-    """Numbers, from 1, and content of the lines that are neither empty nor comments."""
+    """Line numbers, from 1, and contents of the lines that are neither empty nor comments."""
     for i, line in enumerate(text.splitlines(), start=1):
         content = line.partition("#")[0].translate(_BLANKS).strip()
         if content:

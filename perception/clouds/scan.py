@@ -21,31 +21,34 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import DepthImage
 from uuv.sim.interfaces.spatial import Array, number, readonly, real_array
 
-# [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner is accepted as the barrel
+# [m] largest sigma of depth at 1 m; with 0.02 a barrel 10 cm thinner is accepted as the barrel
 SIGMA_ALLOWED = (1e-6, 0.01)
-MIN_POINTS = 60  # points, below this no pose can be distinguished from noise
+MIN_POINTS = 60  # with fewer points no pose can be distinguished from noise
 _ENDLESS = 1e5  # [m] along an axis; larger coordinates are invalid
-_SAMPLED = 20_000  # pixels, about, to which background planes are fitted
-_FACET = 0.056  # [rad] width of surface (31 px of the usual camera) for a local normal
-_ALIGNED = np.cos(np.deg2rad(20.0))  # cosine: least agreement of a local normal with its plane's
+_SAMPLED = 20_000  # approximate number of pixels to which background planes are fitted
+_FACET = 0.056  # [rad] width of the surface (31 px of the usual camera) for a local normal
+_ALIGNED = np.cos(np.deg2rad(20.0))  # least cosine between a local normal and that of its plane
 # large odd factors of `row_hash`
 _FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])
 _CREASE = np.cos(np.deg2rad(40.0))  # cosine of the angle between normals at which one surface ends
-_WIDTHS = 8  # directions in which the width of a plane is measured
-_OUTER = (1.0, 99.0)  # [%] of its points between which it lies
-# [-] times the extent of the object that a background plane is wide, which the picture does not cut
+_WIDTHS = 8  # number of directions in which the width of a plane is measured
+_OUTER = (1.0, 99.0)  # [%] percentiles of its points between which the width is measured
+# [-] width over the object's extent, from which on a plane that the picture does not cut is
+# background
 _UNCUT = 1.4
-# rows or columns at the border of the thinned picture, and pixels there, of a plane that it cuts
+# rows or columns at the border of the thinned picture, and number of pixels there, of a plane that
+# the border cuts
 _RIM, _CUT = 4, 8
-# [px] of the thinned picture: pixels on a plane that are this far from each other are connected
+# [px] distance of two pixels on a plane, in the thinned picture, up to which they are connected
 _GAP = 2
 _NORMAL = 1.4826  # standard deviation of normal errors over their median absolute value
-# [sigma] of a plane's own roughness: what is farther off, on average over a few pixels, lies on it
+# [sigma] threshold in units of a plane's own roughness: pixels that are farther off on average rise
+# above the plane
 _ROUGH = 4.0
-_FLAT = 0.002  # [m] at least
-_COUNTED = 1e6  # cubes up to which `voxel_means` counts the points of each
-_RAY_CELLS = 400  # cells along the longer side of a grid of parallel rays
-_SINGLE = 1e-5  # [m] more than the rounding of rays in single precision
+_FLAT = 0.002  # [m] least roughness
+_COUNTED = 1e6  # largest number of cubes with which `voxel_means` counts the points of each cube
+_RAY_CELLS = 400  # number of cells along the longer side of a grid of parallel rays
+_SINGLE = 1e-5  # [m] margin, larger than the rounding of rays in single precision
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,11 +58,12 @@ class SensorModel:
     focal: float = 554.0  # [px]
     baseline: float = 0.12  # [m]
     disparity_sigma: float = 0.25  # [px]
-    # [px] correlation length of the depth errors: one independent reading
+    # [px] correlation length of the depth errors: the distance of two independent readings
     noise_length: float = 5.0
-    # [px] of a depth edge's position; half the window for matchers with large windows
+    # [px] standard deviation of a depth edge's position; half the window for matchers with large
+    # windows
     edge_sigma: float = 1.0
-    max_incidence: float = np.deg2rad(75.0)  # [rad] of incidence, beyond which no echo is expected
+    max_incidence: float = np.deg2rad(75.0)  # [rad] largest incidence with an echo
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -80,7 +84,7 @@ class SensorModel:
         least, most = SIGMA_ALLOWED
         if not least <= float(self.sigma(1.0)) <= most:
             raise ConfigurationError(
-                f"sensor model: the standard deviation of depth at 1 m must lie in {least:g} to "
+                f"sensor model: the standard deviation of depth at 1 m must be within {least:g} to "
                 f"{most:g} m, got {float(self.sigma(1.0)):g} m from {self}"
             )
 
@@ -100,7 +104,9 @@ class SensorModel:
         )
 
     def independent(self, pixels: ArrayLike) -> Array:
-        """Share (0..1) of an independent reading in each of the points `pixels` [px] apart."""
+        """Share (0..1) that each of points at a distance of `pixels` [px] has of an independent
+        reading.
+        """
         return np.minimum(1.0, np.square(np.asarray(pixels, dtype=np.float64) / self.noise_length))
 
     @property
@@ -111,9 +117,11 @@ class SensorModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownObjects:
-    """Objects already identified in a scan: they explain the pixels that show them, and occlude."""
+    """Objects already identified in a scan. They explain the pixels that show them, and occlude
+    other objects.
+    """
 
-    depth: Array  # (h, w) [m] of their models, inf beside them
+    depth: Array  # (h, w) [m] depth of their models, inf outside them
     shown: np.ndarray  # (h, w) pixels of the scan that show them
 
     def part(self, window: tuple[slice, slice]) -> "KnownObjects":
@@ -127,12 +135,14 @@ class KnownObjects:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scan:
-    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in sensor frame S."""
+    """One frame of a depth sensor, with a point in sensor frame S for each pixel of a pinhole
+    grid.
+    """
 
     points: Array  # (h, w, 3) [m], NaN without echo
     tangent_x: Array  # (w,) x/z of each column
     tangent_y: Array  # (h,) y/z of each row
-    known: "KnownObjects | None" = None  # others that were found in it already
+    known: "KnownObjects | None" = None  # other objects that were identified in the scan already
 
     @property
     def depth(self) -> Array:
@@ -179,7 +189,9 @@ class Scan:
         )
 
     def part(self, window: tuple[slice, slice]) -> "Scan":
-        """Rows and columns of `window`, whose steps may thin the grid."""
+        """The part of the scan with the rows and columns of `window`, whose steps may thin the
+        grid.
+        """
         return Scan(
             points=self.points[window],
             tangent_x=self.tangent_x[window[1]],
@@ -193,7 +205,7 @@ class Scan:
         Args:
             points: (n, 3) [m] in S.
             margin: [-] added on each side, as a share of the picture's size.
-            pixels: Largest number of pixels, about, to which the steps thin the window.
+            pixels: Approximate largest number of pixels to which the steps thin the window.
 
         Returns:
             Slices of rows and of columns; empty if no point lies in front of the sensor.
@@ -209,7 +221,7 @@ class Scan:
         left = max(0, int(column.min()) - border)
         right = int(column.max()) + border + 1
 
-        # Steps that thin what of it lies within the grid
+        # Steps that thin the part of the window inside the grid
         height, width = (
             min(bottom, self.depth.shape[0]) - top,
             min(right, self.depth.shape[1]) - left,
@@ -219,10 +231,10 @@ class Scan:
 
     @classmethod
     def from_depth(cls, image: DepthImage) -> "Scan":
-        """Scan of a depth frame, by its pinhole matrix.
+        """Scan of a depth frame, with the frame's pinhole matrix.
 
         Raises:
-            ConfigurationError: For a malformed frame.
+            ConfigurationError: The frame is malformed.
         """
         depth = np.asarray(image.depth, dtype=np.float64)
         if depth.ndim != 2 or min(depth.shape) < 2:
@@ -247,12 +259,12 @@ class Scan:
     def from_cloud(cls, cloud: ArrayLike) -> "Scan":
         """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S.
 
-        The pixels of a depth sensor are kept or recovered where there are any (`cloud_grid`).
+        If the cloud has the pixels of a depth sensor, they are kept or recovered (`cloud_grid`).
         Points behind the sensor (z <= 0) or farther than 100 km are left out.
 
         Raises:
-            ConfigurationError: For an array that is no cloud.
-            PerceptionError: If too few points are left or they span no surface.
+            ConfigurationError: The array is not a cloud.
+            PerceptionError: Too few points are left, or they span no surface.
         """
         coordinates = real_array(cloud, "cloud", "(N, 3) numbers [m]")
         if coordinates.size == 0:
@@ -272,7 +284,7 @@ class Scan:
                 f"only {count} usable points of {coordinates.size // 3}; need {MIN_POINTS}"
             )
 
-        # Pixels of the sensor where there are any, else those of a virtual pinhole
+        # Pixels of the sensor if the cloud has them, else those of a virtual pinhole
         grid = organised_grid(coordinates, usable) if coordinates.ndim == 3 else None
         if grid is None:
             points = coordinates[usable]
@@ -300,13 +312,13 @@ class Scan:
 def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
     """Triangulated surface of the masked (h, w) pixels: vertices (v, 3) [m] in S, triangles (t, 3).
 
-    Two triangles for each cell of the grid, omitted where depth jumps.
+    There are two triangles for each cell of the grid, except where depth jumps.
     """
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(int(mask.sum()))
     vertices = scan.points[mask]
 
-    # Two triangles a cell, where all their corners are in the mask
+    # Two triangles per cell, if all their corners are in the mask
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.concatenate(
         [np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)]
@@ -314,7 +326,7 @@ def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
     a, b, c = faces.T
     faces = faces[(a >= 0) & (b >= 0) & (c >= 0)]
 
-    # None across a jump of depth
+    # Triangles across a jump of depth are left out
     a, b, c = vertices[:, 2][faces.T]
     nearest = np.minimum(np.minimum(a, b), c)
     return vertices, faces[np.maximum(np.maximum(a, b), c) - nearest < jump(nearest)]
@@ -335,7 +347,7 @@ def distances_along(scan: Scan, starts: Array, way: Array) -> Array | None:
     if not len(triangles):
         return None
 
-    # Most of a scan lies between the rays, and building a ray caster takes longer than casting.
+    # Most of a scan is outside the rays, and building a ray caster takes longer than casting.
     triangles = triangles[_may_be_met(vertices, triangles, starts, way)]
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles] = True
@@ -345,8 +357,10 @@ def distances_along(scan: Scan, starts: Array, way: Array) -> Array | None:
 
 
 def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Array) -> np.ndarray:
-    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds a start."""
-    # Rays and vertices in a plane across the rays
+    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), contains a
+    start.
+    """
+    # Rays and vertices in a plane perpendicular to the rays
     across = np.linalg.svd(way[None])[2][1:].T
     rays = starts @ across
     projected = vertices @ across
@@ -374,7 +388,7 @@ def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Arra
 
 
 def without_flying_pixels(scan: Scan) -> np.ndarray:
-    """Mask (h, w) of pixels that share their surface with at least 3 of their 8 neighbours."""
+    """Mask (h, w) of pixels that are on the same surface as at least 3 of their 8 neighbours."""
     z = scan.depth
     step = jump(z)
 
@@ -400,29 +414,29 @@ def background(
 ) -> np.ndarray:
     """Mask of the pixels that lie on background planes.
 
-    A plane is background if it extends further than the object can: one connected surface on it,
-    with normals along the plane's, spreads over more than `extent`, and out of the picture or still
-    further: a neighbour may lie in the object's plane. A strip where the plane only cuts through
-    something does not count.
+    A plane is background if a connected surface on it, with normals along the plane's, extends
+    further than the object can. This surface must be wider than `extent` and be cut by the border
+    of the picture, or be still wider, since another object may lie in the plane of a face of the
+    object. A strip where the plane only cuts through something does not count.
 
-    A face of the object may be among the planes, and stays. So does what rises above a background
-    plane by more than the plane's own roughness, averaged over a few pixels: a thin object that
-    lies on the seabed.
+    A face of the object may be among the planes and is kept. Pixels that rise above a background
+    plane by more than the plane's own roughness, averaged over a few pixels, are kept too: they may
+    be a thin object on the seabed.
 
     Args:
         scan: The scan.
-        mask: (h, w) pixels to be judged.
+        mask: (h, w) pixels to classify.
         extent: [m] largest extent of the object.
         sensor: Accuracy of the sensor.
         rng: Source of the random samples.
-        planes: Number of planes judged, the largest first.
+        planes: Number of planes to examine, the largest first.
 
     Returns:
         Mask (h, w).
     """
     on_planes = np.zeros_like(mask)
 
-    # Thinned picture with its normals, and a sample of it to which planes are fitted
+    # Thinned picture with its normals, and a sample of its points to which planes are fitted
     every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
     part = scan.part((every, every))
     thinned = mask[every, every]
@@ -449,10 +463,10 @@ def background(
 
 
 def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
-    """Width [m] of the largest surface among the masked pixels, and whether the border cuts it.
+    """Width [m] of the largest surface among the masked pixels, and True if the border cuts it.
 
-    The width is that in the widest direction, without outliers; it does not depend on how densely
-    pixels lie, near and far. Small gaps do not divide the surface.
+    The width is that in the widest direction, without outliers. It does not depend on the density
+    of pixels, which is higher near the sensor. Small gaps do not divide the surface.
     """
     label = (
         ndimage.label(ndimage.binary_dilation(lying, np.ones((3, 3)), _GAP), np.ones((3, 3)))[0]
@@ -461,7 +475,7 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
     if not label.any():
         return 0.0, False
 
-    # Points of the largest connected surface, and whether the border cuts it
+    # Points of the largest connected surface, and True if the border cuts it
     largest = label == np.bincount(label[lying]).argmax()
     points = part.points[largest]
     cut = max(
@@ -469,7 +483,7 @@ def _spread(part: Scan, lying: np.ndarray) -> tuple[float, bool]:
         for edge in (largest[:_RIM], largest[-_RIM:], largest[:, :_RIM], largest[:, -_RIM:])
     )
 
-    # Widths in directions across its normal
+    # Widths in directions perpendicular to its normal
     off = points - points.mean(axis=0)
     along = np.linalg.eigh(off.T @ off)[1][:, 1:]
     angles = np.pi / _WIDTHS * np.arange(_WIDTHS)
@@ -485,20 +499,22 @@ def _near_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
 
 
 def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
-    """Mask (h, w) of pixels on a plane: within the noise, and on average within its roughness."""
+    """Mask (h, w) of pixels on a plane: within the noise, and on average within the plane's
+    roughness.
+    """
     off = (scan.points - plane.center) @ plane.normal
     near = _near_plane(scan, plane, sensor)
     if not near.any():
         return near
 
-    # Local mean of their offsets, over about one independent reading
+    # Local mean of their offsets, over about the area of one independent reading
     width = 2 * round(0.5 * sensor.noise_length) + 1
     share = ndimage.uniform_filter(near.astype(np.float64), width)
     mean = ndimage.uniform_filter(np.where(near, off, 0.0), width) / np.maximum(share, 1e-9)
 
-    # Mean offset within the plane's own roughness
+    # The mean offset must be within the plane's own roughness
     sigma = sensor.sigma(scan.depth)
-    # [sigma] of the depth there
+    # [sigma] in units of the depth noise there
     rough = _NORMAL * float(np.median(np.abs(mean[near] / sigma[near])))
     return near & (np.abs(mean) < np.maximum(_ROUGH * rough * sigma, _FLAT))
 
@@ -554,9 +570,9 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Plane:
-    center: Array  # (3,) [m]
-    normal: Array  # (3,) unit
-    inliers: np.ndarray  # (n,) bool
+    center: Array  # (3,) [m] point of the plane
+    normal: Array  # (3,) unit normal
+    inliers: np.ndarray  # (n,) bool, points near the plane
 
 
 def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
@@ -564,7 +580,9 @@ def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
 
 
 def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator) -> _Plane | None:
-    """Plane with most points (n, 3) near it, by RANSAC and least squares; None if degenerate."""
+    """The plane with the most of the points (n, 3) near it, by RANSAC and least squares; None if
+    degenerate.
+    """
     if len(points) < 3:
         return None
 
@@ -582,7 +600,7 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
     near = np.abs(points @ normals.T - np.einsum("ij,ij->i", normals, a)) < tolerance[:, None]
     inliers = near[:, int(near.sum(axis=0).argmax())]
 
-    # Least squares over its points, chosen anew three times
+    # Least squares over the points near the plane, selected again three times
     center = points[0]
     normal = normals[0]
     for _ in range(3):
@@ -623,12 +641,12 @@ def connected_surfaces(points: Array, reach: float, normals: Array | None = None
     Args:
         points: (n, 3) [m].
         reach: [m] largest distance of neighbours.
-        normals: (n, 3) unit; where given, a surface ends at creases of 40 deg or more, whose points
-            stay alone.
+        normals: (n, 3) unit; if given, a surface ends at creases of 40 deg or more, whose points
+            are not connected to any surface.
     """
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     if normals is not None:
-        # at a crease the normals, each of several points, turn step by step
+        # at a crease normals, each computed from several points, change gradually
         crease = np.zeros(len(points), dtype=bool)
         crease[
             pairs[np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) < _CREASE]
@@ -642,8 +660,11 @@ def connected_surfaces(points: Array, reach: float, normals: Array | None = None
 
 
 def voxel_means(points: Array, size: float) -> Array:
-    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in fixed order."""
-    low = np.array([axis.min() for axis in points.T])  # much faster than over axis 0 of narrow rows
+    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed
+    order.
+    """
+    # much faster than reducing narrow rows over axis 0
+    low = np.array([axis.min() for axis in points.T])
 
     # Cube of each point
     cells = np.floor((points - low) / size).astype(np.int64)
@@ -669,8 +690,8 @@ def voxel_means(points: Array, size: float) -> Array:
 def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
     """Mask (n,) of about one in `step` of the points, selected by a hash of their cubes.
 
-    The selection depends on a point's position alone: adding a point elsewhere changes nothing,
-    unlike with counting.
+    The selection of a point depends on its position alone. Unlike when every `step`-th point is
+    selected, adding a point elsewhere changes nothing.
 
     Args:
         step: Inverse share of points kept.
@@ -685,7 +706,9 @@ def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
 
 
 def row_hash(rows: np.ndarray) -> np.ndarray:
-    """Hash (n,) of rows (n, 3) of int64: equal for equal rows, almost surely not for others."""
+    """Hash (n,) of rows (n, 3) of int64, equal for equal rows and almost surely different for
+    different rows.
+    """
     return (rows * _FACTORS).sum(axis=1)
 
 
@@ -696,7 +719,7 @@ def facing_normals(
 
     Args:
         points: (n, 3) [m] in S.
-        neighbours: Number of nearest points of which each normal is made.
+        neighbours: Number of nearest points from which each normal is computed.
         at: Mask (n,) of the points whose normals are computed; all by default.
 
     Returns:
@@ -733,7 +756,7 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
                     C[i, j] += (points[k, i] - mean[i]) * (points[k, j] - mean[j])
         C[0, 1], C[0, 2], C[1, 2] = C[1, 0], C[2, 0], C[2, 1]
 
-        # Smallest eigenvalue, less the mean of the three [Smith 1961]
+        # Smallest eigenvalue, minus the mean of the three [Smith 1961]
         third = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
         for i in range(3):
             C[i, i] -= third
@@ -741,7 +764,7 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
         axes[n] = 0.0
         axes[n, 2] = 1.0
         if p <= 1e-12 * third or p == 0.0:
-            continue  # equal spread in all directions: no axis is better than another
+            continue  # equal spread in all directions, so no axis is better than another
         half = (
             C[0, 0] * (C[1, 1] * C[2, 2] - C[1, 2] * C[2, 1])
             - C[0, 1] * (C[1, 0] * C[2, 2] - C[1, 2] * C[2, 0])
@@ -749,7 +772,7 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
         ) / (2.0 * p**3)
         root = 2.0 * p * np.cos(np.arccos(min(1.0, max(-1.0, half))) / 3.0 + 2.0 * np.pi / 3.0)
 
-        # Its axis: the longest cross product of two rows of C - root I
+        # Axis of that eigenvalue: the longest cross product of two rows of C - root I
         for i in range(3):
             C[i, i] -= root
         longest = 0.0

@@ -7,14 +7,14 @@ from uuv.perception.clouds.scan import SensorModel, jump
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, readonly
 
-_SUPPORT = 3  # of 8 neighbours, least number on the same surface for an echo to be kept
+_SUPPORT = 3  # least number of the 8 neighbours on the same surface, for an echo to be kept
 
 
 def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorModel:
     """Sensor model of a 3D sonar from its beam pitch and range noise.
 
-    The modelled noise grows with the square of the range, as for stereo; near `at` this does not
-    matter.
+    The modelled noise grows with the square of the range, as for stereo. Near the range `at` the
+    difference from a sonar does not matter.
 
     Args:
         pitch: [rad] between beams.
@@ -25,7 +25,7 @@ def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorMo
         The sensor model.
 
     Raises:
-        ConfigurationError: For values that are not positive.
+        ConfigurationError: A value is not positive.
     """
     if not (pitch > 0.0 and sigma > 0.0 and at > 0.0):
         raise ConfigurationError(
@@ -50,7 +50,7 @@ def without_isolated_echoes(points: ArrayLike) -> Array:
         points: (h, w, 3) [m] echoes, one per beam.
 
     Raises:
-        ConfigurationError: For clouds that are not organised by beams.
+        ConfigurationError: The cloud is not organised by beams.
     """
     cloud = np.array(points, dtype=np.float64)
     if cloud.ndim != 3 or cloud.shape[2] != 3:

@@ -1,6 +1,6 @@
 """Mesh of a surface from depth frames of many views, by a signed distance field [Curless 1996].
 
-The field is truncated; Open3D integrates it.
+The field is truncated. Open3D integrates the frames.
 """
 
 import math
@@ -26,16 +26,20 @@ from uuv.sim.interfaces.spatial import (
     readonly,
 )
 
-VOXEL = 0.006  # [m] of the field; 8 mm is less accurate at edges, 4 mm no better
-# [m] two deviations of a stereo frame at 1.4 m; 30 mm rounds edges off (95 %: 5.6 for 3.0 mm)
+VOXEL = 0.006  # [m] voxel of the field; 8 mm is less accurate at edges, 4 mm no better
+# [m] truncation, two deviations of a stereo frame at 1.4 m; 30 mm rounds edges off (95 %: 5.6
+# instead of 3.0 mm)
 _TRUNCATION = 0.02
-# [-] largest standard deviation of a depth over the truncation: worse ones hollow out what others
-# measured
+# [-] largest standard deviation of a depth, as a share of the truncation; less accurate pixels
+# hollow out the surface measured by others
 _SURE = 0.55
-_EDGE = 3  # [px] beside a jump of the depth that are left out: a stereo matcher smears it
-# vertices of a connected part, over those of the largest, below which it belongs to something else
+# [px] width of the margin next to a jump of the depth that is left out, since a stereo matcher
+# smears it
+_EDGE = 3
+# ratio of the vertices of a connected part to those of the largest, below which the part belongs to
+# another object
 _ISLAND = 0.05
-_MOST_VOXELS = 400  # along each side, 2 GB
+_MOST_VOXELS = 400  # largest number of voxels along each side, 2 GB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,7 +48,7 @@ class SurfaceMesh:
 
     vertices: Array  # (V, 3) [m] in the object's frame T
     triangles: np.ndarray  # (F, 3)
-    deviation: Array  # (V,) [m] from the model, outside it positive
+    deviation: Array  # (V,) [m] distance from the model, positive outside
 
 
 class SurfaceFusion:
@@ -58,8 +62,9 @@ class SurfaceFusion:
         Args:
             box_T: (2, 3) [m] lowest and highest corner of the field, in the object's frame T.
             voxel: [m] resolution.
-            sensor: Accuracy of the depth camera; None: `SensorModel()`. Pixels too inaccurate for
-                the field are left out: with a stereo camera those farther than some 1.7 m.
+            sensor: Accuracy of the depth camera; None: `SensorModel()`. Pixels that are too
+                inaccurate for the field are left out; with a stereo camera these are pixels farther
+                than about 1.7 m.
 
         Raises:
             MissingLibraryError: Open3D is not installed.
@@ -74,8 +79,8 @@ class SurfaceFusion:
 
         if not (np.all(self._box[0] < self._box[1]) and count <= _MOST_VOXELS):
             raise ConfigurationError(
-                f"surface fusion: a box of {side:g} m has {count} voxels of {voxel:g} m along a "
-                f"side; 1 to {_MOST_VOXELS} are possible"
+                f"surface fusion: a side must have 1 to {_MOST_VOXELS} voxels, but a box of "
+                f"{side:g} m with voxels of {voxel:g} m has {count}"
             )
 
         origin = self._box.mean(axis=0) - 0.5 * count * voxel
@@ -88,13 +93,15 @@ class SurfaceFusion:
         self.frames = 0
 
     def add(self, image: DepthImage, X_TC: Array) -> None:
-        """Add what lies in the box of a frame that was taken with the camera at `X_TC` (4, 4)."""
+        """Add the part inside the box of a frame that was taken with the camera at `X_TC` (4,
+        4).
+        """
         o3d = open3d_loader.load()
         X_TC = checked_pose(X_TC, "X_TC")
         K = image.K
         height, width = image.depth.shape
 
-        # Sure depths: beside no edge, accurate enough, inside the box
+        # Reliable depths: not next to an edge, accurate enough, inside the box
         scan = Scan.from_depth(image)
         edge = ndimage.binary_dilation(~without_flying_pixels(scan), iterations=_EDGE)
         depth = np.where(edge, 0.0, np.nan_to_num(image.depth))
@@ -118,13 +125,13 @@ class SurfaceFusion:
         self.frames += 1
 
     def mesh(self, model: NearestSurface, normals: Array, reach: float) -> SurfaceMesh:
-        """Surface so far, as far as it lies near a model.
+        """Surface from the frames added so far, restricted to the neighbourhood of a model.
 
         Args:
             model: Surface of the model, in T.
             normals: (T, 3) outward unit normals of its triangles.
-            reach: [m] from the model; what lies farther off, and what small parts are not
-                connected, is something else: a stand, the seabed, stray pixels.
+            reach: [m] largest distance from the model; surface farther away and small unconnected
+                parts belong to something else, such as a stand, the seabed or stray pixels.
 
         Returns:
             The mesh; it is empty if no frame showed the object.
@@ -153,7 +160,9 @@ class SurfaceFusion:
 
 
 def without_islands(triangles: np.ndarray) -> np.ndarray:
-    """Triangles (F, 3) of the largest connected part, and of all that are not far smaller."""
+    """Triangles (F, 3) of the largest connected part, and of all parts that are not much
+    smaller.
+    """
     if not len(triangles):
         return triangles
 

@@ -1,1 +1,1 @@
-"""Where the object is: found in frames, surveyed, tracked, and the next view of it."""
+"""Finding the object: identification in frames, survey, tracking, and choice of the next view."""

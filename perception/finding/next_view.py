@@ -1,9 +1,9 @@
-"""Choice of the next view: the most informative one, given what the last one left unobserved.
+"""Choice of the next view: the most informative view, given what the last view left unobserved.
 
-Each candidate view is predicted with the model at the pose estimated so far. Its information is
-that which a fit takes from a noiseless scan there: distances to the visible surface, and depth
-edges. What stands before the object in the last scan hides it in the candidate view too. Where two
-poses compete, the view counts in which they look most different.
+Each candidate view is predicted with the model at the pose estimated so far. The information of a
+view is that which a fit obtains from a noiseless scan: distances to the visible surface, and depth
+edges. Foreground that was before the object in the last scan occludes the object in the candidate
+view too. If two poses compete, the view is chosen in which they differ most.
 """
 
 from collections.abc import Sequence
@@ -20,23 +20,25 @@ from uuv.perception.registration.pairing import Pairing
 from uuv.perception.registration.pose_covariance import turn_of_symmetry
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
-# [rad] of the candidates about the vertical: 15, 30 and 45 deg
+# [rad] angles of the candidates about the vertical: 15, 30 and 45 deg
 ARCS = (-0.26, 0.26, -0.52, 0.52, -0.79, 0.79)
-RIVAL = 30.0  # [nat] of log likelihood, below which the next best pose competes
-# of the grid on which views are predicted: depth edges need every third pixel of 640 x 480 or so
+RIVAL = 30.0  # [nat] difference of log likelihood, below which the next best pose competes
+# approximate number of pixels of the grid on which views are predicted: depth edges need every
+# third pixel of 640 x 480
 _PIXELS = 40_000
-_POINTS = 1500  # of a predicted scan that are compared with the model
-# [nat] that one pixel may contribute: three standard deviations; more is as likely an outlier
+_POINTS = 1500  # number of points of a predicted scan that are compared with the model
+# [nat] largest contribution of one pixel: three standard deviations; more is as likely an outlier
 _CERTAIN = 4.5
-# [-] of the best predicted worth, above which views count as equal: then the farthest is the best,
-# for it shares the least of this view's errors, and of what hides the object here
+# [-] share of the best predicted value, above which views count as equal; the farthest of them is
+# then chosen, since it shares the least of the errors and occlusions of the present view
 _AS_GOOD = 0.67
-# [1/m^2] information of a motion of which nothing is known: a standard deviation of 10 m
+# [1/m^2] information of a motion that is not observed: a standard deviation of 10 m
 _FREE = 1e-2
 
 
 def views_around(center: Array, up: Array, arcs: Sequence[float] = ARCS) -> list[Array]:
-    """Motions (4, 4) about a vertical axis through an object's centre: same range, height and aim.
+    """Motions (4, 4) about a vertical axis through an object's centre, which keep range, height and
+    aim.
 
     Args:
         center: (3,) [m] of the object, in any frame.
@@ -48,7 +50,7 @@ def views_around(center: Array, up: Array, arcs: Sequence[float] = ARCS) -> list
 
 
 def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
-    """Numbers of the candidate views, best first; empty if there is nothing to predict them by.
+    """Indices of the candidate views, best first; empty if the views cannot be predicted.
 
     Args:
         found: The last identification, accepted or not.
@@ -58,21 +60,23 @@ def ranked_views(found: Identification, views: Sequence[Array]) -> list[int]:
     if found.evidence is None or found.surface is None or not views:
         return []
 
-    # What a view tells: nats between two poses that compete, else a smaller uncertainty
+    # Value of a view: log likelihood ratio between two competing poses, else a smaller uncertainty
     rivals = [h.X_sensor_target for h in found.hypotheses[1:2]]
     if not found.accepted and found.margin < RIVAL and rivals:
         worth = [telling_nats(found, rivals[0], X_SN) for X_SN in views]
     else:
         worth = [1.0 / predicted_sigma(found, X_SN) for X_SN in views]
 
-    # The best first; among views about as good, the farthest
+    # The best view first; among views about as good, the farthest
     best = max(worth)
     far = [float(np.linalg.norm(X_SN[:3, 3])) for X_SN in views]
     return sorted(range(len(views)), key=lambda i: (worth[i] < _AS_GOOD * best, -far[i], -worth[i]))
 
 
 def predicted_sigma(found: Identification, X_SN: Array) -> float:
-    """Standard deviation [m] of the least certain twist, of the last view and one from `X_SN`."""
+    """Standard deviation [m] of the least certain twist after the last view and another one from
+    `X_SN`.
+    """
     assert found.surface is not None
     known = np.zeros((6, 6)) if found.covariance is None else found.covariance.information
     same = turn_of_symmetry(found.surface, np.asarray(found.X_sensor_target))
@@ -84,13 +88,15 @@ def predicted_sigma(found: Identification, X_SN: Array) -> float:
 
 
 def predicted_information(found: Identification, X_SN: Array) -> Array:
-    """Information (6, 6) [1/m^2] of a view from `X_SN`, on twists about the model's centre in S."""
+    """Information (6, 6) [1/m^2] from a view at `X_SN` about twists around the model's centre
+    in S.
+    """
     evidence = found.evidence
     surface = found.surface
     assert evidence is not None
     assert surface is not None
 
-    # What the sensor would see from there
+    # The scan that the sensor would take from there
     grid = _grid(evidence.scan)
     X_NT = inverse(X_SN) @ found.X_sensor_target
     view = _seen(found, X_SN, X_NT, grid)
@@ -101,20 +107,22 @@ def predicted_information(found: Identification, X_SN: Array) -> Array:
     if mask.sum() < MIN_POINTS:
         return np.zeros((6, 6))
 
-    # Information of its points and edges, as a fit takes it
+    # Information of the scan's points and edges, as in a fit
     predicted = Evidence.of(view, mask, 0.8 * surface.spacing, sensor, most=_POINTS)
     pairing = Pairing.of(predicted, surface, X_NT)
     if pairing is None:
         return np.zeros((6, 6))
     gate = GATES[-1] * surface.spacing
 
-    # Turned into the frame of the last scan
+    # Transformed into the frame of the last scan
     turn = np.kron(np.eye(2), X_SN[:3, :3])
     return turn @ pairing.terms(X_NT, gate, pairing.nearest(X_NT, gate))[0][:6, :6] @ turn.T
 
 
 def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float:
-    """Log likelihood ratio [nat] of the estimated pose over a rival, in a view from `X_SN`."""
+    """Expected log likelihood ratio [nat] of the estimated pose over a rival pose, in a view from
+    `X_SN`.
+    """
     evidence = found.evidence
     assert evidence is not None
     grid = _grid(evidence.scan)
@@ -123,7 +131,7 @@ def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float
         for X in (np.asarray(found.X_sensor_target), X_ST_rival)
     )
 
-    # Where both poses show a surface: difference of depth over its standard deviation
+    # Pixels where both poses show a surface: difference of depth over its standard deviation
     both = np.isfinite(fitted) & np.isfinite(rival)
     off = np.zeros(fitted.shape)
     off[both] = (
@@ -132,7 +140,7 @@ def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float
         ** 2
     )
 
-    # Where one alone shows it: an outlier
+    # Pixels where only one pose shows a surface: outliers
     off[np.isfinite(fitted) ^ np.isfinite(rival)] = _CERTAIN
 
     # Neighbouring pixels share their errors
@@ -141,13 +149,15 @@ def telling_nats(found: Identification, X_ST_rival: Array, X_SN: Array) -> float
 
 
 def _grid(scan: Scan) -> Scan:
-    """Whole picture of a sensor, thinned to about _PIXELS."""
+    """Whole picture of a sensor, thinned to about _PIXELS pixels."""
     step = max(1, round(float(np.sqrt(scan.depth.size / _PIXELS))))
     return scan.part((slice(None, None, step), slice(None, None, step)))
 
 
 def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
-    """Scan of the model at `X_NT` from `X_SN`, without what the last scan's foreground hides."""
+    """Scan of the model at `X_NT` from `X_SN`, without the part that the last scan's foreground
+    occludes.
+    """
     evidence = found.evidence
     surface = found.surface
     assert evidence is not None
@@ -159,7 +169,7 @@ def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
     with np.errstate(invalid="ignore"):
         points[~(cosine > np.cos(evidence.sensor.max_incidence))] = np.nan
 
-    # What stands before the object hides it here too
+    # Foreground of the last scan occludes the object here too
     before = transform_points(inverse(X_SN), _foreground(found, surface))
     row, column, inside = grid.pixels(before)
     near = np.full(grid.depth.shape, np.inf)
@@ -170,7 +180,9 @@ def _seen(found: Identification, X_SN: Array, X_NT: Array, grid: Scan) -> Scan:
 
 
 def _foreground(found: Identification, surface: ModelSurface) -> Array:
-    """Points (n, 3) [m] of the last scan, in S, that stand before the object as it was found."""
+    """Points (n, 3) [m] of the last scan, in S, that are before the object at its identified
+    pose.
+    """
     assert found.evidence is not None
     scan = found.evidence.scan
     step = max(1, round(float(np.sqrt(scan.depth.size / (2 * _PIXELS)))))

@@ -23,22 +23,22 @@ from uuv.sim.interfaces.spatial import (
     transform_points,
 )
 
-_SETTLING = 3  # frames whose mean is where the object was at first
-_ASTRAY = 0.1  # [m] error of the last pose, where a fit has lost the object
-_SURE = 1e-3  # probability of a false alarm in a frame, if errors are as stated
-_IN_A_ROW = 2  # frames that must say that the object has moved: one false alarm in a million
+_SETTLING = 3  # number of first frames whose mean defines the object's initial pose
+_ASTRAY = 0.1  # [m] error of the last pose, above which a fit has lost the object
+_SURE = 1e-3  # probability of a false alarm in a frame, if errors have the stated covariance
+_IN_A_ROW = 2  # number of frames that must indicate motion: one false alarm in a million
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackerState:
     """State of an ObjectTracker."""
 
-    X_WT: Array  # (4, 4) last pose
+    X_WT: Array  # (6, 6) [1/m^2] information of the mean of the first frames
     information: Array  # (6, 6) [1/m^2] of the mean of the first frames
     # (6,) [1/m] information times the twist from the given pose, summed over the first frames
     weighted: Array
     frames: int = 0
-    alarms: int = 0  # frames in a row that say that the object has moved
+    alarms: int = 0  # number of consecutive frames that indicate that the object has moved
     last: FrameFit | None = None  # None: the object was not in view
 
 
@@ -57,14 +57,14 @@ class ObjectTracker:
 
         Args:
             target: Model of the object.
-            X_WT: (4, 4) pose at which it was found.
+            X_WT: (4, 4) pose at which the object was found.
             sensor: Accuracy of the depth sensor; None: `SensorModel()`.
-            drift: [m] standard deviation by which the vehicle's own estimate may wander while it
-                watches.
+            drift: [m] standard deviation of the drift of the vehicle's own estimate while it
+                follows the object.
 
         Raises:
-            ConfigurationError: For a malformed pose or drift.
-            MissingLibraryError: Without a ray caster.
+            ConfigurationError: The pose or drift is malformed.
+            MissingLibraryError: There is no ray caster.
         """
         self._surface = target if isinstance(target, ModelSurface) else ModelSurface.of(target)
         self._X_WT = checked_pose(X_WT, "X_WT")
@@ -72,7 +72,7 @@ class ObjectTracker:
         self._drift = finite_number(drift, "drift [m]", least=0.0)
 
     def init(self) -> TrackerState:
-        """Return the initial state: the object is where it was found."""
+        """Return the initial state, with the object at the pose at which it was found."""
         return TrackerState(X_WT=self._X_WT, information=np.zeros((6, 6)), weighted=np.zeros(6))
 
     def step(
@@ -81,16 +81,16 @@ class ObjectTracker:
         """Follow the object in one depth frame.
 
         Args:
-            state: Of the last call, or of `init`.
+            state: State from the last call, or from `init`.
             estimate: State of the vehicle at the time of the frame.
             image: The frame.
 
         Returns:
-            The new state, and where the object is; None while it is out of view, hidden, or in the
-            first frames.
+            The new state, and the motion of the object; None while the object is out of view or
+                hidden, or during the first frames.
 
         Raises:
-            ConfigurationError: If `image` is not a depth frame.
+            ConfigurationError: `image` is not a depth frame.
         """
         if not isinstance(image, DepthImage):
             raise ConfigurationError(
@@ -102,13 +102,13 @@ class ObjectTracker:
         if fit is None or fit.covariance is None:
             return replace(state, frames=state.frames + 1, last=None, alarms=0), None
 
-        # Twist from the first pose, with its information
+        # Twist from the first pose, and its information
         X_WT = X_WS @ fit.X_ST
         twist = self._moved(X_WT)
         information = self._information(fit, X_WS[:3, :3])
         state = replace(state, X_WT=readonly(X_WT), frames=state.frames + 1, last=fit)
 
-        # The first frames make up the reference
+        # The first frames form the reference
         if state.frames <= _SETTLING:
             state = replace(
                 state,
@@ -142,20 +142,22 @@ class ObjectTracker:
         return replace(state, alarms=alarms), motion
 
     def _fitted(self, image: DepthImage, X_WS: Array, state: TrackerState) -> FrameFit | None:
-        """Pose in a frame by a fit that starts at the last one, or by a new identification."""
+        """Pose in a frame, by a fit that starts at the last pose, or by a new identification."""
         sensor = replace(self._sensor, focal=float(image.K[0, 0]))
         scan = Scan.from_depth(image)
         X_ST = inverse(X_WS) @ state.X_WT
         fit = follow(scan, self._surface, X_ST, sensor)
 
-        # A fit that leaves more free than the reference did is not trusted
+        # A fit with more unobserved directions than the reference is not trusted
         if fit is not None and state.frames >= _SETTLING and self._looser(fit, state):
             return self._found_again(scan, X_ST, sensor) or fit
         return fit
 
     @staticmethod
     def _looser(fit: FrameFit, state: TrackerState) -> bool:
-        """True if a fit observes fewer directions than the first frames did: it has slid off."""
+        """True if a fit observes fewer directions than the first frames did, which shows that it
+        has slid off the object.
+        """
         held = int(np.linalg.matrix_rank(state.information, rtol=1e-9, hermitian=True))
         return fit.covariance is None or fit.covariance.degrees < held
 
@@ -173,8 +175,10 @@ class ObjectTracker:
         )
 
     def _moved(self, X_WT: Array) -> Array:
-        """Twist (6,) [m] from the first pose: of the centre, and rotation vector x radius."""
-        # Of all poses that look the same, the one nearest to the first
+        """Twist (6,) [m] from the first pose: translation of the centre, and rotation vector times
+        radius.
+        """
+        # Of all poses equivalent by symmetry, the one nearest to the first
         nearest = self._surface.symmetry.nearest_pose(X_WT, self._X_WT[:3, :3])
         center = self._surface.center
         off = transform_points(nearest, center) - transform_points(self._X_WT, center)
@@ -195,12 +199,12 @@ class ObjectTracker:
 class FollowerState:
     """State of a FoundObjectFollower."""
 
-    tracker: ObjectTracker | None = None  # None: nothing was found yet
+    tracker: ObjectTracker | None = None  # None: nothing has been found yet
     state: TrackerState | None = None
 
 
 class FoundObjectFollower:
-    """Follows the object of the target finder, from its first accepted identification on.
+    """Follows the object of the target finder, from the first accepted identification on.
 
     Implements `uuv.sim.interfaces.protocols.TargetFollower`.
     """
@@ -218,13 +222,13 @@ class FoundObjectFollower:
         Args:
             target: Model of the object.
             sensor: Accuracy of the depth sensor; None: `SensorModel()`.
-            drift: [m] standard deviation by which the vehicle's own estimate may wander while it
-                watches.
+            drift: [m] standard deviation of the drift of the vehicle's own estimate while it
+                follows the object.
             period: [s] between frames.
 
         Raises:
-            ConfigurationError: For a number out of range.
-            MissingLibraryError: Without a ray caster.
+            ConfigurationError: A number is out of range.
+            MissingLibraryError: There is no ray caster.
         """
         self.period = finite_number(period, "period [s]", above=0.0)
         self._surface = target if isinstance(target, ModelSurface) else ModelSurface.of(target)
@@ -232,7 +236,7 @@ class FoundObjectFollower:
         self._drift = finite_number(drift, "drift [m]", least=0.0)
 
     def init(self) -> FollowerState:
-        """Return the initial state: nothing was found yet."""
+        """Return the initial state, in which nothing has been found yet."""
         return FollowerState()
 
     def step(
@@ -244,20 +248,21 @@ class FoundObjectFollower:
     ) -> tuple[FollowerState, ObjectMotion | None]:
         """Follow the object in one depth frame.
 
-        An object that went out of view, or moved farther than a frame's fit reaches, is searched
-        where the finder identified it last; its motion still counts from its first pose.
+        If the object went out of view, or moved farther than the fit of a frame can follow, it is
+        searched for where the finder identified it last. Its motion is still relative to its first
+        pose.
 
         Args:
-            state: Of the last call, or of `init`.
+            state: State from the last call, or from `init`.
             estimate: State of the vehicle at the time of the frame.
             target: Last accepted identification.
             measurement: The frame.
 
         Returns:
-            The new state, and where the object is; None while that is not known.
+            The new state, and the motion of the object; None while it is unknown.
 
         Raises:
-            ConfigurationError: If `measurement` is not a depth frame.
+            ConfigurationError: `measurement` is not a depth frame.
         """
         tracker = state.tracker
         of_tracker = state.state
@@ -274,7 +279,9 @@ class FoundObjectFollower:
 
 
 def _common(one: Array, other: Array) -> tuple[Array, Array]:
-    """Projection (6, 6) on the twists that both informations observe, and the other's inverse."""
+    """Projection (6, 6) on the twists that both information matrices observe, and the inverse of
+    `other` there.
+    """
     held = np.eye(6)
     for information in (one, other):
         eigenvalues, vectors = np.linalg.eigh(information)

@@ -1,4 +1,4 @@
-"""Target finder for an object whose pose a survey states: its tool path is that of the model."""
+"""Target finder for an object whose pose a survey states. The tool path is that of the model."""
 
 import numpy as np
 
@@ -10,11 +10,11 @@ from uuv.sim.interfaces.messages import Measurement, StateEstimate, SurveyedPose
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import finite_number, inverse, readonly, transform_points
 
-SURVEY_SIGMA = 1e-4  # [m] of a survey that the simulation takes as exact
+SURVEY_SIGMA = 1e-4  # [m] standard deviation for a survey that the simulation treats as exact
 
 
 class SurveyedObjectFinder:
-    """Takes a `SurveyedPose` for the object's; nothing is searched.
+    """Uses a `SurveyedPose` as the pose of the object, without a search.
 
     Implements `uuv.sim.interfaces.protocols.TargetFinder`.
     """
@@ -22,16 +22,16 @@ class SurveyedObjectFinder:
     def __init__(
         self, target: TargetModel, path: str | ModelPath, *, attitude_sigma: float = ATTITUDE_SIGMA
     ) -> None:
-        """Take the object and the path to work.
+        """Set the object and the path to work on.
 
         Args:
             target: Model of the object.
-            path: Name of one of its paths, or a path in T.
-            attitude_sigma: [rad] standard deviation of the hull's attitude, where the estimate
+            path: Name of one of the object's paths, or a path in T.
+            attitude_sigma: [rad] standard deviation of the hull's attitude, used if the estimate
                 states none.
 
         Raises:
-            ConfigurationError: For an unknown path.
+            ConfigurationError: The path is unknown.
         """
         self._target = target
         self._path = target.path(path) if isinstance(path, str) else path
@@ -50,15 +50,16 @@ class SurveyedObjectFinder:
     ) -> tuple[FinderState, Target | None]:
         """Target at the surveyed pose.
 
-        Its covariance is that of the hull's estimated pose: the tool is led to a place in W.
+        The target's covariance includes that of the hull's estimated pose, since the tool is led to
+        a position in W.
 
         Raises:
             ConfigurationError: `measurement` is no SurveyedPose.
         """
         if not isinstance(measurement, SurveyedPose):
             raise ConfigurationError(
-                f"surveyed object: expected a SurveyedPose, got {type(measurement).__name__}; the "
-                "sensor is no survey"
+                "surveyed object: the measurement must be a SurveyedPose, got "
+                f"{type(measurement).__name__}; choose a survey as the sensor"
             )
 
         # Covariance of the survey, and that of the hull's pose

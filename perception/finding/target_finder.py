@@ -35,14 +35,15 @@ from uuv.sim.interfaces.spatial import (
     transform_points,
 )
 
-PATH_SPACING = 0.0015  # [m] between the samples of the tool path
-# [rad] of the hull's attitude: bias of an inertial unit with fibre-optic gyros
+PATH_SPACING = 0.0015  # [m] spacing of the samples of the tool path
+# [rad] attitude error of the hull: bias of an inertial unit with fibre-optic gyros
 ATTITUDE_SIGMA = 3e-4
-LOOSE = 0.005  # [m] that an identification may be off (`uuv.sim.evaluation.metrics.Bounds`)
-_ASIDE = 0.15  # [m] between hull positions, below which they give the same view
+LOOSE = 0.005  # [m] accepted error of an identification (`uuv.sim.evaluation.metrics.Bounds`)
+_ASIDE = 0.15  # [m] distance of hull positions, below which they give the same view
 _SEEN = 0.4  # [-] share of the frames in which a pixel must have depth
-_MEDIAN = 1.25  # [-] standard deviation of a median of normal errors over that of their mean
-_FEW = 3  # frames from which on they are fused: a median of fewer removes nothing
+# [-] ratio of the standard deviation of a median of normal errors to that of their mean
+_MEDIAN = 1.25
+_FEW = 3  # number of frames from which on they are fused, since a median of fewer removes nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,10 +56,10 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FinderState:
-    """State of KnownObjectFinder: frames that wait to be fused, and the last identification."""
+    """State of KnownObjectFinder: frames collected for fusion, and the last identification."""
 
-    frames: int = 0  # measurements processed
-    # frames or pings collected so far, until there are as many as are fused
+    frames: int = 0  # number of measurements processed
+    # frames or pings collected so far, until the number to fuse is reached
     looks: tuple[Frame, ...] = ()
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
@@ -79,7 +80,7 @@ class FinderState:
 class KnownObjectFinder:
     """Target finder for one known object near its coarse detection.
 
-    It plans the tool path on the scanned surface. Implements
+    The finder also plans the tool path on the scanned surface. Implements
     `uuv.sim.interfaces.protocols.TargetFinder`.
     """
 
@@ -103,23 +104,23 @@ class KnownObjectFinder:
 
         Args:
             target: Model of the object.
-            path: Name of one of the target's paths, a path in T, or None: no path is planned.
+            path: Name of one of the target's paths, a path in T, or None to plan no path.
             approach_W: (3,) [m] coarse position of the target's centre in W, at most
                 `APPROACH_ERROR` off.
-            orientation_W: (3, 3) coarse rotation of T in W, wrong by up to about 30 deg; None:
-                unknown.
+            orientation_W: (3, 3) coarse rotation of T in W, with an error of up to about 30 deg;
+                None: unknown.
             sensor: Accuracy of the depth sensor; None: `SensorModel()`.
-            tool_radius: [m] of the ball at the end of the tool; 0: a point.
-            looks: Number of consecutive frames or pings whose median depth the path is planned on.
-            seed: Of all random samples.
-            attitude_sigma: [rad] standard deviation of the hull's attitude, about any axis, where
+            tool_radius: [m] radius of the ball at the end of the tool; 0: a point.
+            looks: Number of consecutive frames or pings, on whose median depth the path is planned.
+            seed: Seed of all random samples.
+            attitude_sigma: [rad] standard deviation of the hull's attitude about any axis, used if
                 the estimate states none.
             loose: [m] standard deviation, of the centre or of the surface under the path, above
                 which an accepted identification asks for another view.
 
         Raises:
-            ConfigurationError: For an unknown path or malformed priors.
-            MissingLibraryError: Without a ray caster.
+            ConfigurationError: The path is unknown, or a prior is malformed.
+            MissingLibraryError: There is no ray caster.
         """
         self._path = target.path(path) if isinstance(path, str) else path
         self._approach_W = checked(approach_W, (3,), "approach_W")
@@ -139,11 +140,11 @@ class KnownObjectFinder:
         self._attitude_sigma = finite_number(attitude_sigma, "attitude_sigma [rad]", least=0.0)
         self._loose = finite_number(loose, "loose [m]", above=0.0)
         self._target = target
-        ray_casting.installed()  # or the refusal, now
+        ray_casting.installed()  # or the error, raised now
 
     @cached_property
     def _surface(self) -> ModelSurface:
-        """Surface of the target, sampled when the first frame comes."""
+        """Surface of the target, sampled at the first frame."""
         return ModelSurface.of(self._target, self._seed)
 
     def init(self) -> FinderState:
@@ -156,23 +157,23 @@ class KnownObjectFinder:
         """Search one depth frame or sonar scan for the target and plan the tool path.
 
         Args:
-            state: Of the last call, or of `init`.
+            state: State from the last call, or from `init`.
             estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in
                 W.
             measurement: A DepthImage or a SonarScan.
 
         Returns:
-            The new state, and the target in W. The target is None while frames are collected. It is
-            not accepted, and carries a reason, where the object was not identified or the path has
-            no scanned surface.
+            The new state, and the target in W. The target is None while frames are collected. If
+                the object was not identified, or the path has no scanned surface, the target is not
+                accepted and contains the reason.
 
         Raises:
-            ConfigurationError: If `measurement` is of another type or malformed.
+            ConfigurationError: `measurement` is of another type or malformed.
         """
         scan, X_BC, sensor = self._measured(measurement)
         X_WC = estimate.X_WB @ X_BC
 
-        # Frames are collected until they are enough to be fused
+        # Frames are collected until there are enough to fuse
         looks = state.looks
         if isinstance(scan, Scan):
             looks = (*looks, Frame(scan=scan, X_WS=X_WC))
@@ -198,7 +199,7 @@ class KnownObjectFinder:
             hull_covariance=of_hull,
         )
 
-        # Next view, from a place where none was taken yet
+        # Next view, from a position where none was taken yet
         p_WB = estimate.X_WB[:3, 3]
         positions = state.places
         if all(np.linalg.norm(p_WB - position) > _ASIDE for position in positions):
@@ -214,7 +215,7 @@ class KnownObjectFinder:
     def _measured(self, measurement: Measurement) -> tuple[Scan | Array, Array, SensorModel]:
         """Scan in the sensor's frame, the sensor's pose (4, 4) on the hull, and its accuracy.
 
-        Echoes of a sonar that are no scan come back as they are, see `_scan_of`.
+        Echoes of a sonar that form no scan are returned unchanged, see `_scan_of`.
         """
         if isinstance(measurement, DepthImage):
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
@@ -233,8 +234,8 @@ class KnownObjectFinder:
     ) -> Identification:
         """Identification near the coarse detection.
 
-        Without a coarse orientation it is, of all poses that look the same, the one next to the
-        last estimate.
+        Without a coarse orientation the result is, among all poses equivalent by symmetry, the one
+        nearest to the last estimate.
         """
         X_CW = inverse(X_WC)
         attempt = attempted(
@@ -259,14 +260,15 @@ class KnownObjectFinder:
     def _planned(
         self, identified: Identification, looks: Sequence[Frame], X_WC: Array
     ) -> tuple[ToolPath | None, str]:
-        """Tool path in W on the scanned surface, and the reason why there is none."""
+        """Tool path in W on the scanned surface, or None with the reason."""
         if not identified.accepted or self._path is None:
             return None, identified.reason
 
         try:
             whole = with_fused_frames(identified, looks)
             path = plan_path(whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius)
-        except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
+        # the pose is accepted, but the scan lacks the surface on the path
+        except PerceptionError as error:
             return None, str(error)
         return _in_world(X_WC, path), identified.reason
 
@@ -278,7 +280,9 @@ class KnownObjectFinder:
         X_WC: Array,
         places: Sequence[Array],
     ) -> Array | None:
-        """Hull pose (4, 4) of the next view, aside of the last ones; None if none is needed."""
+        """Hull pose (4, 4) of the next view, away from the previous ones; None if no further view
+        is needed.
+        """
         if self.method != "planes" or (target.accepted and not self._is_loose(target)):
             return None
 
@@ -296,7 +300,7 @@ class KnownObjectFinder:
         return readonly(motions[ranked[0]] @ X_WB) if ranked else None
 
     def _is_loose(self, target: Target) -> bool:
-        """True if an accepted pose is less certain than the work on it asks for."""
+        """True if an accepted pose is less certain than the work requires."""
         if target.covariance is None:
             return False
 
@@ -307,7 +311,9 @@ class KnownObjectFinder:
     def _doubt(
         self, found: Identification, estimate: StateEstimate, X_WC: Array
     ) -> tuple[PoseCovariance | None, Array]:
-        """Covariance of an estimated pose in W, and the hull pose's share (6, 6) [m^2] of it."""
+        """Covariance of an estimated pose in W, and the part (6, 6) [m^2] of it that comes from the
+        hull pose.
+        """
         if found.covariance is None:
             return None, readonly(np.zeros((6, 6)))
 
@@ -329,7 +335,9 @@ class PublishedFinder(KnownObjectFinder):
 
 
 def _scan_of(echoes: Array) -> Scan | Array:
-    """Scan of echoes (h, w, 3) [m], or the echoes, for `identify` to state what is wrong."""
+    """Scan of echoes (h, w, 3) [m]; or, if they form no scan, the echoes, for which `identify`
+    states the reason.
+    """
     try:
         return Scan.from_cloud(echoes)
     except PerceptionError:
@@ -349,19 +357,20 @@ def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:
 def fused(looks: Sequence[Frame]) -> Scan:
     """Median depth of several frames in the grid of the last one; NaN where too few have depth.
 
-    A stereo matcher errs in patches, differently in every frame. A mean over the neighbours in one
-    frame keeps this error; a median over frames removes it, and what a single frame shows alone:
-    flying pixels, a fish. The frames may be taken from different places. Where one has no depth, or
-    shows another surface, the others decide.
+    Errors of a stereo matcher are correlated over patches, and differ from frame to frame. A mean
+    over neighbours in one frame keeps such errors. A median over frames removes them, and also
+    anything that only one frame shows, such as flying pixels or a fish. The frames may be taken
+    from different positions. Where one frame has no depth, or shows another surface, the other
+    frames determine the median.
 
     Args:
         looks: Frames, in order of time.
 
     Raises:
-        ConfigurationError: Without any frame.
+        ConfigurationError: There is no frame.
     """
     if not looks:
-        raise ConfigurationError("fused: at least one look is needed")
+        raise ConfigurationError("fused: looks must have at least one frame")
 
     # Depth of every frame, in the pixels of the last
     last = looks[-1]
@@ -373,7 +382,7 @@ def fused(looks: Sequence[Frame]) -> Scan:
         ]
     )
 
-    # Median where enough frames have depth
+    # Median if enough frames have depth
     enough = np.isfinite(depths).sum(axis=0) >= max(1, _SEEN * len(looks))
     depth = np.full(last.scan.depth.shape, np.nan)
     depth[enough] = np.nanmedian(depths[:, enough], axis=0)
@@ -383,10 +392,11 @@ def fused(looks: Sequence[Frame]) -> Scan:
 
 
 def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identification:
-    """Identification with the median of several frames for its scan, on which a path is planned.
+    """Identification whose scan is replaced by the median of several frames, on which a path is
+    planned.
 
-    The pose and its PoseCheck stay those of the single frame, whose noise their limits were set
-    for. With fewer than three frames `found` is returned unchanged.
+    The pose and its PoseCheck remain those of the single frame, because their limits were set for
+    the noise of a single frame. With fewer than three frames `found` is returned unchanged.
 
     Args:
         found: Identification in the last of `looks`.
@@ -410,9 +420,10 @@ def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identifi
 
 
 def _seen_from(grid: Scan, scan: Scan, X_GS: Array) -> Array:
-    """Depth (h, w) [m] of the nearest point of `scan` in each pixel of `grid`; NaN without any.
+    """Depth (h, w) [m] of the nearest point of `scan` in each pixel of `grid`; NaN if there is
+    none.
 
-    `X_GS` (4, 4): pose of the scan's sensor in the frame of the grid's.
+    `X_GS` (4, 4) is the pose of the scan's sensor in the frame of the grid's sensor.
     """
     points = scan.points.reshape(-1, 3)
     points = transform_points(X_GS, points[np.isfinite(points[:, 2])])

@@ -1,4 +1,5 @@
-"""Compiled kernels of the hull's attitude: gyro and reference, also without a faulty gyro.
+"""Compiled kernels of the hull's attitude, from gyro and attitude reference, also with a faulty
+gyro.
 
 Kernels take `f`, the record of `filter_kernel.FILTER`.
 """
@@ -8,12 +9,13 @@ import numpy as np
 from uuv.perception.navigation.rate_check import CLEAR, JUMPS, WILD
 from uuv.sim.interfaces.kernels import kernel
 
-# [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
+# [rad] limit to which the error of one attitude reading is clipped, so that an outlier changes R
+# little
 TILT_CLIP = 5e-3
-HOLD = (8, 25)  # samples for which a rate that jumped is not used: fewest and most
-# [rad/s/sqrt(s)] random walk of a rate that the attitude alone observes, 67 rad/s fast
+HOLD = (8, 25)  # least and largest number of samples for which a rate that jumped is not used
+# [rad/s/sqrt(s)] random walk of a rate that only the attitude observes, 67 rad/s fast
 NO_GYRO = 1e-2
-# [rad/s] standard deviation of the rate taken at the loss of a gyro: the usual one before
+# [rad/s] standard deviation of the rate that is used when a gyro is lost: the last reliable rate
 REGAINED = 5e-3
 
 
@@ -52,11 +54,11 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
 
 @kernel
 def _gains(gyro, rate, attitude, walk, dt):
-    """Gains of angle and gyro bias for one reading; updates their covariance `gyro` (3,).
+    """Gains of angle and gyro bias for one reading; also updates the covariance `gyro` (3,).
 
     Variances as in `turn`.
     """
-    # Prediction: an error of the bias turns the angle
+    # Prediction: an error of the bias rotates the angle
     gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + rate * dt
     gyro[1] -= dt * gyro[2]
     gyro[2] += walk * dt
@@ -74,7 +76,7 @@ def _gains(gyro, rate, attitude, walk, dt):
 def _ahead(R, R_meas, i):
     """Small angle [rad] about axis `i` of B from R to R_meas, (3, 3) each."""
     j, k = (i + 1) % 3, (i + 2) % 3
-    err = 0.0  # vee of the antisymmetric part of R^T R_meas
+    err = 0.0  # vector of the antisymmetric part of R^T R_meas
     for m in range(3):
         err += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
     return err
@@ -97,7 +99,7 @@ def rotate(R, angle):
             new[i, j] = R[i, j] + s * (R[i, k] * angle[m] - R[i, m] * angle[k])
             new[i, j] += c * (along * angle[j] - theta * theta * R[i, j])
 
-    for i in range(3):  # one Newton step keeps R orthonormal
+    for i in range(3):  # one Newton step restores orthonormality of R
         for j in range(3):
             R[i, j] = 1.5 * new[i, j]
             for k in range(3):
@@ -110,11 +112,11 @@ def rotate(R, angle):
 
 @kernel
 def believed(f, w_B):
-    """Rates (3,) [rad/s] of the gyro as they are used.
+    """Rates (3,) [rad/s] of the gyro as used by the filter.
 
-    A rate that jumps is not used until the check can decide: for twice the time in which a wrong
-    jump makes a significant angle. About an axis of a faulty gyro the rate is zero: the bias of the
-    gyro then is the hull's rate, with its sign turned.
+    A rate that jumps is not used until the check can decide, for twice the time in which a wrong
+    jump causes a significant angle. About an axis with a faulty gyro the rate is set to zero; the
+    estimated bias is then the negative of the hull's rate.
     """
     check = f.check
     rates = w_B
@@ -136,7 +138,9 @@ def believed(f, w_B):
 
 @kernel
 def leave_gyro(f, R_meas):
-    """Go on without the gyro's faulty axes: turn to attitude `R_meas`, at the rate before."""
+    """Continue without the gyro's faulty axes: set the attitude to `R_meas`, and keep the rate
+    before the fault.
+    """
     check = f.check
     angle = np.zeros(3)
 
@@ -153,9 +157,9 @@ def leave_gyro(f, R_meas):
 
 @kernel
 def follow_attitude(f, R_meas, dt):
-    """Correct angle and rate about each axis without a gyro by an attitude.
+    """Correct angle and rate about each axis without a working gyro by an attitude reading.
 
-    `R_meas` (3, 3) is that attitude, `dt` [s] after the last one.
+    `R_meas` (3, 3) is that reading, `dt` [s] after the previous one.
     """
     angle = np.zeros(3)
 

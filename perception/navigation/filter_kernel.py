@@ -1,21 +1,21 @@
 """Compiled kernels of the navigation filter: propagation, Kalman update, replay of the past.
 
 States x, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3)
-[m/s^2] in hull axes. Where the sensors state that they have one, the DVL's bias c (3) [m/s] in hull
-axes and the wander w (3) [m] of vision in W follow. With a camera on the arm the offset o (3) [m]
-in W of its track from the world follows them. With specific force f of the IMU and known attitude
-R,
+[m/s^2] in hull axes. If the sensors state that they have them, the next states are the DVL's bias c
+(3) [m/s] in hull axes and the slow drift ("wander") w (3) [m] of vision in W. With a camera on the
+arm, the last state is the offset o (3) [m] in W of the camera's track from the world. With specific
+force f of the IMU and known attitude R,
 
     p' = v,   v' = R (f - b) - g,   b' = walk,   c' = 0,   w' = -w / T + noise,   o' = 0;
     vision = p + w + noise,   DVL = R^T v + c + noise,   track = p + o + noise.
 
-A track begins where the filter believes the hull to be, at z. Its offset is then o = z - p, minus
-the error of the position at that moment, which the filter keeps as a state (stochastic cloning
-[Roumeliotis 2002]). A track that goes on from a new key picture, with the noise of the reading z at
-that key, is the same operation.
+A track begins at the estimated hull position z. The offset is then o = z - p, the negative error of
+the position at that moment, which the filter keeps as a state (stochastic cloning [Roumeliotis
+2002]). The same operation continues a track from a new key picture, with the noise of the reading z
+at that picture.
 
-All that the filter remembers is one record of the type FILTER. Kernels that are called from Python
-take it as the array (1,) `memory`, the others its element `f`. Records of
+The whole memory of the filter is one record of the type FILTER. Kernels that are called from Python
+take it as the array (1,) `memory`, the other kernels as its element `f`. Records of
 `uuv.sim.interfaces.records` may be given as plain tuples, which are faster to pass from Python.
 """
 
@@ -39,25 +39,27 @@ MOST_STATES = 18  # size of x with all optional states
 VISION, DVL = 0, 1  # kinds of fix: position, velocity
 
 # Columns of `past_input`, one row per stored step
-TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3  # [s], [s], velocity variance that it adds [m^2/s^2]
+# [s] length, [s] time, velocity variance that the step adds [m^2/s^2]
+TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3
 FORCE, ATTITUDE = 4, 7  # specific force (3,) [m/s^2], attitude (9,)
 JUMP = 16  # [m^2/s^4] variance that the step adds to the bias, at a detected jump
-INPUT = 17  # columns of `past_input`
+INPUT = 17  # number of columns of `past_input`
 
 # Columns of `past_fix`, for each stored step one row per kind
-HAS, VALUE, VARIANCE, SHIFT = 0, 1, 4, 5  # flag, (3,) in W, its variance, time after the step [s]
-FIX = 6  # columns of `past_fix`
+# flag, (3,) in W, variance of the fix, time after the step [s]
+HAS, VALUE, VARIANCE, SHIFT = 0, 1, 4, 5
+FIX = 6  # number of columns of `past_fix`
 
 # Columns of `past_track`, one row per stored step: flag, (3,) [m] in W, (3, 3) [1/m^2], flag,
 # (3,) [m] in W
 READ, PLACE, INFORMATION, BEGUN, ORIGIN = 0, 1, 4, 13, 14
-TRACK = 17  # columns of `past_track`
+TRACK = 17  # number of columns of `past_track`
 
-# Entries of `layout`: number of states, first index of each triple (-1: none)
+# Entries of `layout`: number of states, first index of each triple (-1: absent)
 STATES, AT_DVL_BIAS, AT_WANDER, AT_TRACK = 0, 1, 2, 3
 
-HISTORY = 512  # IMU samples stored: largest delay of vision
-IMU_REPEATS = 25  # equal samples in a row by which the IMU counts as frozen
+HISTORY = 512  # number of IMU samples stored, for the largest delay of vision
+IMU_REPEATS = 25  # number of equal consecutive samples from which on the IMU counts as frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
 UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
 BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
@@ -68,7 +70,8 @@ FILTER = np.dtype(
         [
             # Constants of a run
             ("layout", np.int64, 4),
-            # variance of the bias in one second, of the settled wander, its time [s]
+            # variance of the bias in one second, variance of the settled wander, time constant of
+            # the wander [s]
             ("walks", np.float64, 3),
             ("acceleration", np.float64),  # [m/s^2] white noise of the accelerometer
             ("rate", np.float64),  # [rad^2/s^2] variance of the gyro
@@ -80,38 +83,38 @@ FILTER = np.dtype(
             # 1: the output is the position relative to the tracked object, p + o; 0: p
             ("by_track", np.float64),
             # Times [s]
-            ("time", np.float64),  # of the filter: the newest IMU sample
+            ("time", np.float64),  # newest IMU sample processed by the filter
             ("clock", np.float64),  # newest time of any measurement
             ("given", np.float64),  # of the last estimate
-            ("imu_time", np.float64),  # of the newest sound IMU sample
+            ("imu_time", np.float64),  # newest valid IMU sample
             # when a jump of the accelerometer's bias was last detected; -inf: never
             ("jumped", np.float64),
-            ("used", np.float64, 2),  # of the newest fix used, by kind
+            ("used", np.float64, 2),  # newest fix used, by kind
             ("interval", np.float64),  # shortest interval between IMU samples so far
             # Attitude
             ("R_WB", np.float64, (3, 3)),
             ("gyro", np.float64, 3),  # covariance of angle and gyro bias, see `turn`
             ("rate_bias", np.float64, 3),  # [rad/s]
             ("turning", np.float64, 3),  # `variances` of `turn`
-            ("check", RATE_CHECK),  # of the gyro against the attitude
-            # for each axis the covariance as in `gyro`, without a gyro; 0: there is one
+            ("check", RATE_CHECK),  # monitor that compares the gyro with the attitude
+            # for each axis without a gyro the covariance as in `gyro`; 0: the axis has a gyro
             ("lone", np.float64, (3, 3)),
             # Mean, covariance, output
             ("x", np.float64, MOST_STATES),
             ("P", np.float64, (MOST_STATES, MOST_STATES)),
-            # withheld corrections of position [m] and velocity [m/s] in W
+            # corrections of position [m] and velocity [m/s] in W that are withheld from the output
             ("held", np.float64, (2, 3)),
             ("a_B", np.float64, 3),  # [m/s^2] smoothed acceleration
-            # IMU samples: the last one processed, the last one seen
+            # IMU samples: the last one processed, and the last one received
             ("force", np.float64, 3),  # [m/s^2] specific force in B
             ("w_B", np.float64, 3),  # [rad/s]
             ("seen_force", np.float64, 3),
             ("seen_w", np.float64, 3),
-            ("repeats", np.int64),  # equal samples in a row, less one
+            ("repeats", np.int64),  # number of equal consecutive samples, minus one
             # Stored past, a ring of steps
-            ("head", np.int64),  # newest row
+            ("head", np.int64),  # index of the newest row
             ("past_input", np.float64, (HISTORY, INPUT)),
-            ("past_x", np.float64, (HISTORY, MOST_STATES)),  # before the fixes of the step
+            ("past_x", np.float64, (HISTORY, MOST_STATES)),  # states before the fixes of the step
             ("past_P", np.float64, (HISTORY, MOST_STATES, MOST_STATES)),
             ("past_fix", np.float64, (HISTORY, 2, FIX)),
             ("past_track", np.float64, (HISTORY, TRACK)),
@@ -133,7 +136,7 @@ def propagate(f, row):
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     half = 0.5 * dt * dt
 
-    # Mean: constant acceleration over the step
+    # Mean: constant acceleration during the step
     for i in range(3):
         a = -GRAVITY if i == 2 else 0.0
         for k in range(3):
@@ -177,7 +180,8 @@ def propagate(f, row):
 
 @kernel
 def compare(kind, fix, row, layout, x, P):
-    """Innovation of a fix, its covariance and cross covariance with the states, all in W.
+    """Innovation of a fix, the innovation's covariance, and its cross covariance with the states,
+    all in W.
 
     Args:
         kind: VISION or DVL.
@@ -262,9 +266,9 @@ def correct(x, P, n, innovation, cross, weight):
         x: (18,) mean.
         P: (18, 18) covariance.
         n: Number of states.
-        innovation: (3,) of a reading.
-        cross: (18, 3) covariance of the states with it.
-        weight: (3, 3) inverse of its covariance.
+        innovation: (3,) innovation of a reading.
+        cross: (18, 3) covariance of the states with the innovation.
+        weight: (3, 3) inverse of the innovation's covariance.
     """
     gain = np.empty(3)
 
@@ -274,7 +278,7 @@ def correct(x, P, n, innovation, cross, weight):
                 cross[i, 0] * weight[0, k] + cross[i, 1] * weight[1, k] + cross[i, 2] * weight[2, k]
             )
 
-        # Mean by K (z - H x), covariance by K (P H^T)^T, with the lower half copied
+        # Mean by K (z - H x), covariance by K (P H^T)^T; the lower half is copied
         x[i] += gain[0] * innovation[0] + gain[1] * innovation[1] + gain[2] * innovation[2]
         for j in range(i + 1):
             P[i, j] -= gain[0] * cross[j, 0] + gain[1] * cross[j, 1] + gain[2] * cross[j, 2]
@@ -303,8 +307,8 @@ def compare_track(row, first, x, P):
     """Innovation of a reading of the track, its cross covariance with the states, and its weight.
 
     The weight is the inverse of the innovation's covariance S0 + L^-1, in the form L (1 + S0 L)^-1.
-    That holds for an information L without full rank too: directions that were not observed have no
-    weight.
+    This form is also valid for an information L without full rank, in which directions that were
+    not observed have no weight.
 
     Args:
         row: (TRACK,) the reading.
@@ -333,18 +337,18 @@ def compare_track(row, first, x, P):
             for j in range(3):
                 A[i, k] += (cross[i, j] + cross[first + i, j]) * L[j, k]
 
-    # L A^-1, symmetric but for rounding
+    # L A^-1, symmetric except for rounding
     weight = np.linalg.solve(A.T, np.ascontiguousarray(L.T)).T
     return innovation, cross, 0.5 * (weight + weight.T)
 
 
 @kernel
 def absorb_track(f, row):
-    """Kalman update of `f` by a reading of the track, and the begin of a track, in place.
+    """Kalman update of `f` by a reading of the track, and the beginning of a track, in place.
 
     Args:
         f: Record of FILTER.
-        row: (TRACK,) what was stored for the step.
+        row: (TRACK,) row stored for the step.
     """
     x = f.x
     P = f.P
@@ -408,8 +412,8 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     head = (f.head + 1) % HISTORY
     row = f.past_input[head]
     along = (f.acceleration * dt) ** 2 + unknown
-    # Tilt noise left after the attitude filter: equal shares of gyro and reference, white at the
-    # resolution of vision.
+    # Tilt noise remaining after the attitude filter: equal shares of gyro and reference, white at
+    # the time resolution of vision.
     across = along + f.tilt * f.interval * dt
     row[TIME] = f.time + dt
     row[DT] = dt
@@ -421,7 +425,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
         for j in range(3):
             row[ATTITUDE + 3 * i + j] = f.R_WB[i, j]
 
-    # States of the step, without fixes so far
+    # States of the step, before any fixes
     propagate(f, row)
     _store(f, head)
     f.past_fix[head, VISION, HAS] = f.past_fix[head, DVL, HAS] = 0.0
@@ -481,14 +485,15 @@ def take_imu(memory, sample):
         f.seen_force[i] = force[i]
         f.seen_w[i] = w[i]
 
-    # Of a sound sample, gyro and attitude are compared
+    # The gyro and the attitude of a valid sample are compared
     if not frozen and advance(f, dt, force, believed(f, w), sample.R_WB, 0.0):
         f.imu_time = sample.time[0]
         if f.check.on:
             verdict = compare_rate(f, dt, w, sample.R_WB)
             if verdict == GYRO_FAULT:
                 leave_gyro(f, sample.R_WB)
-            elif verdict == ATTITUDE_FAULT:  # from now on the gyro alone turns the hull
+            # from now on the attitude of the hull follows the gyro alone
+            elif verdict == ATTITUDE_FAULT:
                 f.check.on = 0
                 f.attitude = UNUSED
                 f.turning[1] = UNUSED
@@ -496,11 +501,12 @@ def take_imu(memory, sample):
 
 @kernel
 def take_sample(memory, sample):
-    """Process the IMU's sample of one step; without one for too long, assume constant velocity.
+    """Process the IMU's sample of one step; after too long a time without samples, assume constant
+    velocity.
 
     Args:
         memory: (1,) of FILTER.
-        sample: ImuRecord; its time is that of encoders and torque sensors too, -inf without a new
+        sample: ImuRecord; its time is also that of encoders and torque sensors, -inf without a new
             sample.
     """
     f = memory[0]
@@ -510,7 +516,7 @@ def take_sample(memory, sample):
 
     take_imu(memory, sample)
 
-    # Without the IMU for too long: on at constant velocity
+    # Too long without the IMU: continue at constant velocity
     dt = f.clock - f.time
     if f.clock - f.imu_time > IMU_SILENCE and dt > 1e-9:
         force = f.R_WB[2] * GRAVITY + f.x[6:9]
@@ -519,16 +525,17 @@ def take_sample(memory, sample):
 
 @kernel
 def put_out(memory, joints, out):
-    """Write the present estimate; withheld corrections are released as by a damped spring.
+    """Write the present estimate, releasing withheld corrections like a damped spring.
 
-    The `release` of the filter is that spring: frequency over the filter's own [-], lowest and
-    highest frequency [rad/s], and the distance [m] beyond which the pull no longer grows.
+    The parameters of that spring are `release` of the filter: ratio of its frequency to the
+    filter's frequency [-], lowest and highest frequency [rad/s], and the distance [m] beyond which
+    the spring force no longer grows.
 
     Args:
         memory: (1,) of FILTER.
-        joints: JointRecord of the newest readings; one that is not finite leaves the joint's last
-            value in `out`.
-        out: EstimateRecord, the same one over a run.
+        joints: JointRecord of the newest readings; if a reading is not finite, the joint keeps its
+            last value in `out`.
+        out: EstimateRecord, the same record during a run.
     """
     f = memory[0]
     joints = JointRecord(*joints)
@@ -543,7 +550,8 @@ def put_out(memory, joints, out):
     release = f.release
     track = f.layout[AT_TRACK] if f.by_track else -1
 
-    # Spring of the withheld corrections: it follows the filter's gain, and is stable at this step
+    # Spring of the withheld corrections, with a frequency that follows the filter's gain and is
+    # stable at this step
     across = P[0, 3] + P[1, 4] + P[2, 5]
     spread = P[0, 0] + P[1, 1] + P[2, 2]
     frequency = min(max(release[0] * across / spread, release[1]), release[2])
@@ -555,7 +563,7 @@ def put_out(memory, joints, out):
             held[1, i] -= dt * (np.sqrt(2.0) * frequency * held[1, i] + pull * held[0, i])
             held[0, i] += dt * held[1, i]
 
-    # Motion, carried from the filter's time to now
+    # Motion, extrapolated from the filter's time to the present
     share = min(1.0, dt / f.smooth)
     for i in range(3):
         out.w_WB_B[i] = f.w_B[i] - f.rate_bias[i]
@@ -606,7 +614,7 @@ def row_at(memory, time):
         time: [s]
 
     Returns:
-        The row, -1 if the past does not reach `time`, and `time` after the row's own [s].
+        The row, or -1 if the past does not reach `time`, and `time` minus the time of the row [s].
     """
     f = memory[0]
 
@@ -632,7 +640,7 @@ def mahalanobis(memory, kind, fix, at):
 
     Returns:
         Squared Mahalanobis distance, chi-square distributed with three degrees of freedom for a
-        sound fix; innovation (3,) in W; the innovation whitened by its covariance (3,).
+            valid fix; innovation (3,) in W; the innovation whitened by its covariance (3,).
     """
     f = memory[0]
     innovation, _, L = compare(kind, fix, f.past_input[at], f.layout, f.past_x[at], f.past_P[at])
@@ -658,7 +666,7 @@ def mahalanobis(memory, kind, fix, at):
 def replay(memory, at):
     """Restart the filter at step `at`, and run it forward with every fix since, in order of time.
 
-    The correction of position and velocity is added to what is withheld from the output.
+    The correction of position and velocity is added to the corrections withheld from the output.
 
     Args:
         memory: (1,) of FILTER.

@@ -1,4 +1,4 @@
-"""The measurements with which navigation begins, by their kind."""
+"""First measurements by kind, with which navigation begins."""
 
 from collections.abc import Sequence
 from typing import TypeVar
@@ -10,12 +10,14 @@ M = TypeVar("M", bound=Measurement)
 
 
 def first_of(kind: type[M], measurements: Sequence[Measurement]) -> M:
-    """The measurement of that kind, the last where there are several.
+    """The measurement of that kind; the last if there are several.
 
     Raises:
         ConfigurationError: There is none.
     """
     of_kind = [measurement for measurement in measurements if isinstance(measurement, kind)]
     if not of_kind:
-        raise ConfigurationError(f"navigation needs a first {kind.__name__}")
+        raise ConfigurationError(
+            f"navigation: the first measurements must include a {kind.__name__}"
+        )
     return of_kind[-1]

@@ -1,7 +1,7 @@
 """Fixes of the navigation filter: positions from vision and velocities from the DVL, validated.
 
-A fix is compared with the stored estimate of the step at which it was measured. One that passes is
-kept at that step, and the filter runs forward again from there (`filter_kernel.replay`).
+A fix is compared with the stored estimate of the step at which it was measured. A fix that passes
+is stored at that step, and the filter is run forward again from that step (`filter_kernel.replay`).
 """
 
 import math
@@ -27,12 +27,13 @@ from uuv.perception.navigation.filter_kernel import (
 )
 from uuv.sim.interfaces.spatial import Array
 
-_REPEATS = 3  # equal readings in a row by which a noisy sensor counts as frozen
-# [s] time constant of the mean innovation; it detects a jump by 0.05 m/s^2 in twice that
+_REPEATS = 3  # number of equal consecutive readings from which on a noisy sensor counts as frozen
+# [s] time constant of the mean innovation; a jump by 0.05 m/s^2 is detected in twice that time
 _MEAN_TIME = 0.25
 # [-] chi-square with 3 degrees of freedom: noise alone exceeds it once in 10^9 fixes
 _MEAN_GATE = 45.0
-_AGREEING = 5  # consistent rejected fixes in a row, after which the filter is taken to be wrong
+# number of consistent rejected fixes in a row, after which the filter is assumed to be wrong
+_AGREEING = 5
 _MOST_SCALE = 100.0  # [-] largest factor on a sensor's variance
 # [-] gain per fix, largest square used, neutral square
 _SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2
@@ -40,23 +41,25 @@ _SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2
 
 @dataclass(slots=True, eq=False)
 class FixMonitor:
-    """Monitor of one kind of fix: frozen readings, noise scale, rejected fixes, mean innovation."""
+    """Monitor of one kind of fix, with its frozen readings, noise scale, rejected fixes and mean
+    innovation.
+    """
 
     last: Array  # (3,) last reading
-    time: float  # [s] of it
-    repeats: int = 0  # equal readings in a row, less one
+    time: float  # [s] time of the last reading
+    repeats: int = 0  # number of equal consecutive readings, minus one
     scale: float = 1.0  # [-] factor on the stated variance, from the innovations
-    agreeing: int = 0  # consistent rejected fixes in a row
+    agreeing: int = 0  # number of consistent rejected fixes in a row
     # (3,) innovation of the last rejected fix
     rejected: Array = field(default_factory=lambda: np.zeros(3))
     # (3,) mean of recent whitened innovations
     mean: Array = field(default_factory=lambda: np.zeros(3))
-    mean_variance: float = 0.0  # [-] of each of its axes for white innovations
-    mean_time: float = -math.inf  # [s] of the last innovation in it
-    refused: int = 0  # fixes not used since the start, for the log
+    mean_variance: float = 0.0  # [-] variance of each of its axes for white innovations
+    mean_time: float = -math.inf  # [s] time of its last innovation
+    refused: int = 0  # number of fixes not used since the start, for the log
 
     def is_new(self, value: Array, time: float) -> bool:
-        """Store a reading; False if it is the last one once more, which counts for nothing."""
+        """Store a reading; False if it is a repetition of the last one, which is not used."""
         if np.array_equal(value, self.last):
             if time == self.time:
                 return False
@@ -78,7 +81,7 @@ class FixMonitor:
             most: Length to which the innovation is clipped in the mean.
 
         Returns:
-            Mean square [-] about the mean so far, 1 for a sensor as noisy as stated.
+            Mean square [-] about the mean so far, 1 for a sensor whose noise is as stated.
         """
         off = white - self.mean
 
@@ -93,9 +96,9 @@ class FixMonitor:
         return square
 
     def agrees(self, innovation: Array, farthest: float) -> bool:
-        """Count a rejected fix; True once enough in a row lie near the last.
+        """Count a rejected fix; True once enough consecutive rejected fixes are near each other.
 
-        `farthest`: largest squared distance of two that are near.
+        `farthest` is the largest squared distance of two fixes that are near.
         """
         apart = float(np.sum((innovation - self.rejected) ** 2))
         self.agreeing = self.agreeing + 1 if self.agreeing and apart <= farthest else 1
@@ -109,7 +112,9 @@ class Fixes:
 
     memory: np.ndarray  # (1,) of `filter_kernel.FILTER`, changed in place
     gate: float  # [-] chi-square with 3 degrees of freedom beyond which a fix is refused
-    adapt: bool  # raise a sensor's variance on large innovations; estimate a bias anew that jumped
+    # True: raise a sensor's variance on large innovations, and re-estimate an accelerometer bias
+    # that jumped
+    adapt: bool
     watches: tuple[FixMonitor, FixMonitor]  # vision, DVL
     bias_jumps: int = 0  # detected jumps of the accelerometer bias since the start, for the log
 
@@ -159,14 +164,14 @@ class Fixes:
             excess = min(square, _SCALE_CAP) - _SCALE_SLACK
             watch.scale = min(max(watch.scale * math.exp(_SCALE_GAIN * excess), 1.0), _MOST_SCALE)
 
-        # A jump of the bias explains the fix, or the gate decides
+        # If a jump of the bias does not explain the fix, the gate decides
         first = self._bias_jumped(watch, innovation, time) if kind == DVL and self.adapt else -1
         if first < 0 and not self._admit(kind, fix, at, innovation, squared):
             return False
 
-        # Stored at its step, from where the filter runs forward again
+        # The fix is stored at its step, from which the filter runs forward again
         slot = self.memory["past_fix"][0, at, kind]
-        if slot[HAS]:  # two of a kind at one step: their weighted mean
+        if slot[HAS]:  # two fixes of a kind at one step are replaced by their weighted mean
             share = fix[VARIANCE] / (fix[VARIANCE] + slot[VARIANCE])
             fix[VALUE:] = share * slot[VALUE:] + (1.0 - share) * fix[VALUE:]
             fix[VARIANCE] = share * slot[VARIANCE]
@@ -178,11 +183,11 @@ class Fixes:
         return True
 
     def _bias_jumped(self, watch: FixMonitor, innovation: Array, time: float) -> int:
-        """Row of the past before a jump of the accelerometer bias; -1 without one.
+        """Row of the past before a jump of the accelerometer bias; -1 if there was no jump.
 
-        The DVL's mean innovation shows the jump. The bias is then assumed to have changed twice the
-        time constant of the mean ago. The variance added there explains the innovation as a
-        velocity that runs away.
+        The DVL's mean innovation shows the jump. The bias is then assumed to have changed earlier
+        by twice the time constant of the mean. The variance added at that step allows the filter to
+        explain the innovation as a growing velocity error.
         """
         if float(watch.mean @ watch.mean) <= _MEAN_GATE * watch.mean_variance:
             return -1
@@ -202,7 +207,7 @@ class Fixes:
 
         watch.mean = np.zeros(3)
         watch.mean_variance = 0.0
-        for blamed in self.watches:  # their errors were the accelerometer's
+        for blamed in self.watches:  # the errors of the DVL were those of the accelerometer
             blamed.scale = 1.0
             blamed.agreeing = 0
         return before

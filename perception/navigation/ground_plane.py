@@ -1,7 +1,7 @@
 """Plane of the seabed under the vehicle, from the ranges of the DVL's last pings.
 
-The coarse approach to the seabed is by a plane through the points where the beams meet it [Konoplin
-2019].
+The coarse approach to the seabed uses a plane through the points where the beams meet the seabed
+[Konoplin 2019].
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from uuv.sim.interfaces.messages import (
 from uuv.sim.interfaces.protocols import Estimator
 from uuv.sim.interfaces.spatial import Array, readonly
 
-_HEARD = 0.5  # [-] share of the pings in which a beam must have an echo to count
-_LEAST = 3  # beams, fewer make no plane
-_FLAT = 0.02  # [-] ratio of the sides of the echoes' pattern below which they lie on a line
+_HEARD = 0.5  # [-] share of the pings in which a beam must have an echo to be used
+_LEAST = 3  # least number of beams that determine a plane
+_FLAT = 0.02  # [-] ratio of the sides of the echoes' pattern, below which the echoes are on a line
 
 
 def plane_through(echoes_W: Array) -> tuple[Array, Array, float]:
@@ -33,10 +33,10 @@ def plane_through(echoes_W: Array) -> tuple[Array, Array, float]:
 
     Returns:
         A point (3,) [m] of the plane, its upward unit normal (3,) and the rms distance [m] of the
-        points from it. That is 0 for three points.
+        points from it. For three points this distance is 0.
 
     Raises:
-        ConfigurationError: For points on a line, or too few.
+        ConfigurationError: The points are on a line, or there are too few.
     """
     points = np.asarray(echoes_W, dtype=np.float64)
     if (
@@ -46,13 +46,13 @@ def plane_through(echoes_W: Array) -> tuple[Array, Array, float]:
         or not np.all(np.isfinite(points))
     ):
         raise ConfigurationError(
-            f"plane: expected {_LEAST} finite points (k, 3) or more, got shape {points.shape}"
+            f"plane: expected at least {_LEAST} finite points (k, 3), got shape {points.shape}"
         )
 
     middle = points.mean(axis=0)
     _, size, axes = np.linalg.svd(points - middle)
     if not size[1] > _FLAT * size[0]:
-        raise ConfigurationError(f"plane: the {len(points)} points are in a line")
+        raise ConfigurationError(f"plane: the {len(points)} points must not be on a line")
 
     normal = axes[2] if axes[2, 2] >= 0.0 else -axes[2]
     off = (points - middle) @ normal
@@ -77,7 +77,7 @@ class GroundPlaneEstimator:
     """
 
     estimator: Estimator
-    pings: int = 10  # over which the median of each beam is taken
+    pings: int = 10  # number of pings over which the median of each beam is taken
 
     @property
     def period(self) -> float:
@@ -102,17 +102,17 @@ class GroundPlaneEstimator:
         return state, self.completed(state, estimate)
 
     def records(self, state: GroundState) -> Any:
-        """Arrays of the wrapped estimator, where that has a kernel."""
+        """Arrays of the wrapped estimator, if it has a kernel."""
         inner: Any = self.estimator
         return inner.records(state.inner)
 
     def completed(self, state: GroundState, estimate: StateEstimate) -> StateEstimate:
-        """An estimate of the wrapped estimator with the plane of the ground."""
+        """An estimate of the wrapped estimator, with the plane of the ground added."""
         return replace(estimate, ground=state.ground)
 
 
 def _ground(time: float, echoes_W: Array) -> GroundPlane:
-    """Plane through the median echoes of the beams that have enough of them.
+    """Plane through the median echoes of the beams that have enough echoes.
 
     `echoes_W`: (pings, k, 3) [m], NaN without echo.
     """

@@ -1,10 +1,11 @@
-"""Watch on an object that the camera on the arm tracks: it moves if track and vision diverge.
+"""Detection of the motion of an object that the camera on the arm tracks, from a divergence of
+track and vision.
 
-The track measures how the hull moves over the object, vision how it moves in the world. Their
-difference is where the object is, up to a constant. Its mean over a short time is compared with
-that over some seconds. A slower divergence cannot be distinguished from errors of the arm's model
-and of the track, which grow with the distance. Where vision states a wander, no motion can be
-detected.
+The track measures the motion of the hull relative to the object, vision its motion in the world.
+The difference of the two is the position of the object, up to a constant. The mean of this position
+over a short time is compared with the mean over some seconds. A slower divergence cannot be
+distinguished from errors of the arm's model and of the track, which grow with the distance. If
+vision states a slow drift ("wander"), no motion can be detected.
 """
 
 import math
@@ -14,28 +15,30 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 
-_SHORT, _LONG = 1.0, 8.0  # [s] of the two means
-_BEGUN = 2.0  # [s] of a track before its means count
-_SURE = 5.0  # [sigma]
-_LEAST = 1e-3  # [m] of errors that nobody states
+_SHORT, _LONG = 1.0, 8.0  # [s] time constants of the two means
+_BEGUN = 2.0  # [s] duration of a track before its means are used
+_SURE = 5.0  # [sigma] significant difference of the means
+_LEAST = 1e-3  # [m] errors that no sensor states
 
 
 @dataclass(slots=True, eq=False)
 class ObjectWatch:
-    """Place of the object by track and vision, up to a constant: its means over two times."""
+    """Position of the object from track and vision, up to a constant, as means over two time
+    constants.
+    """
 
     begun: float = math.nan  # [s] of the track
-    count: int = 0  # pictures of vision since
+    count: int = 0  # number of pictures of vision since the track began
     late: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W, over _SHORT
     early: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] W, over _LONG
-    # (3,) [m^2] variance of the track's place, over _LONG
+    # (3,) [m^2] variance of the position by the track, over _LONG
     grown: Array = field(default_factory=lambda: np.zeros(3))
     time: float = math.nan  # [s] of the newest picture
-    # (3,) [m] by which it moves; zero: not beyond doubt
+    # (3,) [m] motion of the object; zero: not significant
     moved_W: Array = field(default_factory=lambda: np.zeros(3))
 
     def begin(self, time: float) -> None:
-        """A track has begun at `time` [s]: what was known of another one does not count."""
+        """Begin with a new track at `time` [s], and discard the means of the previous track."""
         self.begun = time
         self.count = 0
         self.moved_W = np.zeros(3)
@@ -47,12 +50,12 @@ class ObjectWatch:
 
         Args:
             time: [s] of its exposure.
-            place_W: (3,) [m] object by track and vision, up to a constant.
+            place_W: (3,) [m] position of the object from track and vision, up to a constant.
             sigma: [m] standard deviation of vision's white noise.
-            variance_W: (3,) [m^2] of the track's place since it began, growing; inf where it sees
-                nothing. None: zero.
+            variance_W: (3,) [m^2] variance of the position by the track since it began, which
+                grows; inf in directions that are not observed. None: zero.
         """
-        if not time > self.begun:  # exposed before
+        if not time > self.begun:  # picture exposed before the track began
             return
 
         variance = np.zeros(3) if variance_W is None else variance_W
@@ -84,7 +87,7 @@ class ObjectWatch:
         if time - self.begun < _BEGUN:
             return
 
-        # Motion beyond doubt
+        # Significant motion
         noise = np.sqrt(
             sigma**2 * (short / (2.0 - short) + long / (2.0 - long)) + np.maximum(parted, 0.0)
         )

@@ -1,21 +1,22 @@
-"""Check of the gyro against the attitude reference: both fields of a message show one rotation.
+"""Check of the gyro against the attitude reference, since both fields of a message must show the
+same rotation.
 
-The angle by which the attitude has turned beyond the integrated gyro, about each axis of the hull,
-is the noise of the attitude and the integral of the gyro's. A steady Kalman filter of it has a
-white innovation. Three parts follow:
+About each axis of the hull, the difference of the attitude angle and the integrated gyro consists
+of the noise of the attitude and the integrated noise of the gyro. A steady-state Kalman filter of
+this angle has a white innovation. The check has three steps:
 
 - *Alarm.* A cumulative sum of the innovation, for either sign [Page 1954], exceeds its limit, and
   so does the angle.
-- *Blame.* At the onset, where the sum left zero, the rate of one of the two changed, that of the
-  other did not. They can be distinguished where the change is well above what the hull's own rate
-  did before. Else it may be either, as it may with a drift that comes slowly; then the gyro is
-  blamed if its own samples step by the size of the slope, which no hull does. Readings that repeat
-  bit by bit since the onset are blamed before all else.
-- *Size.* The gyro is off by its jump, or by the slope of the angle since the onset: within a factor
-  of two.
+- *Blame.* At the onset, when the sum left zero, the rate of one of the two sensors changed and that
+  of the other did not. The two can be distinguished if the change is well above the usual changes
+  of the hull's own rate. Otherwise, and for a slow drift, the cause may be either; then the gyro is
+  blamed if its samples have a step of the size of the slope, which no hull can make. A sensor whose
+  readings repeat bit by bit since the onset is blamed first of all.
+- *Size.* The error of the gyro is its jump, or the slope of the angle since the onset, within a
+  factor of two.
 
-A small time between the two fields is allowed for, and a scale and an alignment that are not
-perfect. These make angles in step with the turning.
+A small time difference between the two fields and small errors of scale and alignment are allowed
+for. They cause angles that are proportional to the rotation.
 """
 
 import numpy as np
@@ -24,60 +25,66 @@ from uuv.sim.interfaces.kernels import kernel
 
 NONE, GYRO, ATTITUDE, EITHER = 0, 1, 2, 3  # verdicts
 
-SLACK = 0.5  # [-] standard deviations by which the mean of an innovation may be off
-LIMIT = 30.0  # [-] of the cumulative sum; white noise exceeds it once in exp(30) samples
+SLACK = 0.5  # [-] standard deviations by which the mean of an innovation may differ from zero
+LIMIT = 30.0  # [-] limit of the cumulative sum; white noise exceeds it once in exp(30) samples
 CLIP = 20.0  # [-] largest innovation counted, so that a single reading raises no alarm
 CLEAR = 5.0  # [-] standard deviations of an attitude reading that the angle must exceed
-# [s] of a sum above zero, after which it starts anew: what grows slower is below the least rate
+# [s] duration of a sum above zero, after which it restarts; a slower growth is below the least rate
 LONGEST = 0.5
-# [-] standard deviations of a sample of the gyro, and of its bias: smallest rate that is a fault
+# [-] standard deviations of a sample of the gyro and of its bias: smallest rate that is a fault
 LEAST_RATE = 4.0
 FINEST_RATE, FINEST_ANGLE = 1.2e-4, 5e-5  # [rad/s], [rad] smallest standard deviations assumed
-JUMPS = 0.01  # [rad/s] by which no hull turns faster from one sample to the next but in an impact
-WILD = 8.0  # [-] standard deviations of a sample of the gyro that a jump exceeds too
-TIMING = 2e-3  # [s] between the two fields, beside one sample
+# [rad/s] largest change of a hull's rate from one sample to the next, except in an impact
+JUMPS = 0.01
+WILD = 8.0  # [-] standard deviations of a sample of the gyro that a jump must exceed too
+TIMING = 2e-3  # [s] time between the two fields, in addition to one sample
 SCALE = 1e-3  # [-] error of the gyro's scale
 USUAL = 0.2  # [s] time constant of the usual rates, with which those since the onset are compared
 RESTLESS = 1.0  # [s] time constant of the mean square by which the gyro moves about its usual rate
-DISTINCT = 4.0  # [-] times its root, above which a change is not the hull's own
+# [-] factor on the root of that mean square, above which a change is not the hull's own
+DISTINCT = 4.0
 # Share [-] of the angle since the onset that one of the two has turned beyond its usual rate, to be
 # blamed.
 GUILTY = 0.6
-INNOCENT = 0.25  # [-] and the most of it that the gyro has turned if it is the attitude
-PAST = 128  # samples of the gyro that are kept, to look back for a jump
-BESIDE = 5  # of them on either side of a jump, whose means are compared
-BEFORE = 10  # by how many samples a jump may come before the sum left zero
-# [-] times the root mean square of that comparison elsewhere, above which a gyro has jumped
+# [-] and the largest share that the gyro may have turned if the attitude is to blame
+INNOCENT = 0.25
+PAST = 128  # number of stored samples of the gyro, in which a jump is searched for
+BESIDE = 5  # number of samples on either side of a jump whose means are compared
+BEFORE = 10  # number of samples by which a jump may precede the moment at which the sum left zero
+# [-] factor on the root mean square of that comparison elsewhere, above which the gyro has jumped
 SUDDEN = 5.0
-AGREES = (0.5, 2.0)  # [-] jump of the gyro over the slope of the angle, if the one made the other
-REPEATS = 5  # readings in a row by which one is frozen, or is no rotation
+# [-] ratio of the gyro's jump to the slope of the angle, if the jump caused the slope
+AGREES = (0.5, 2.0)
+REPEATS = 5  # number of consecutive readings from which on a sensor is frozen, or is no rotation
 ANGLE_CLIP = 5e-3  # [rad] angle whose correction is taken whole, against single outliers
-NO_ROTATION = 1e-2  # [-] by which the columns of an attitude may miss being orthonormal
+NO_ROTATION = 1e-2  # [-] largest error of orthonormality of the columns of an attitude
 
 RATE_CHECK = np.dtype(
     (
         np.record,
         [
-            ("on", np.int64),  # 1: both are compared
-            # [rad] largest angle between the axes of the two that is stated
+            ("on", np.int64),  # 1: the two are compared
+            # [rad] largest stated angle between the axes of the two
             ("misaligned", np.float64),
-            # [s] for which both have been compared; 0: the next sample is the first
+            # [s] duration of the comparison so far; 0: the next sample is the first
             ("compared", np.float64),
             ("R_last", np.float64, (3, 3)),  # last attitude
             ("w_last", np.float64, 3),  # [rad/s] last rate
-            # equal readings in a row, less one: of each axis of the gyro, of the attitude
+            # number of equal consecutive readings, minus one: of each axis of the gyro, of the
+            # attitude
             ("same", np.int64, 4),
-            ("improper", np.int64),  # attitudes in a row that are no rotations
+            ("improper", np.int64),  # number of consecutive attitudes that are no rotations
             # [rad] of the attitude ahead of the gyro, after the filter's correction
             ("angle", np.float64, 3),
             ("sums", np.float64, (2, 3)),  # [-] cumulative sums, for either sign
             ("usual", np.float64, (2, 3)),  # [rad/s] usual rates up to now: gyro, attitude
             ("past", np.float64, (PAST, 3)),  # [rad/s] ring of the last rates
-            ("stored", np.int64),  # how many were stored since both are compared
+            ("stored", np.int64),  # number of rates stored since the comparison began
             ("restless", np.float64, 3),  # [rad^2/s^2] mean square of the gyro about its usual rate
             # Since the onset, for either sign and about each axis
             ("lasting", np.float64, (2, 3)),  # [s]
-            ("corrected", np.float64, (2, 3)),  # [rad] what the filter took off `angle`
+            # [rad] correction that the filter subtracted from `angle`
+            ("corrected", np.float64, (2, 3)),
             # sums of angle times time [rad s], and of time squared [s^2]
             ("slope", np.float64, (2, 3, 2)),
             ("moved", np.float64, (2, 3, 2)),  # [rad] turned beyond the usual rate: gyro, attitude
@@ -85,10 +92,11 @@ RATE_CHECK = np.dtype(
             ("before", np.float64, (2, 3, 3)),
             ("held", np.int64, 3),  # samples for which a rate that jumped is not used
             # Findings
-            ("gyro_off", np.float64, 3),  # [rad/s] 0: sound
-            ("rate", np.float64, 3),  # [rad/s] that the gyro showed before it went wrong
-            ("doubt", np.float64, 3),  # [rad/s] by which the hull's own may have changed since
-            # [rad] 0: sound, NaN: no rotation; about an axis of a gyro off: either
+            ("gyro_off", np.float64, 3),  # [rad/s] error of the gyro; 0: valid
+            ("rate", np.float64, 3),  # [rad/s] rate of the gyro before it became faulty
+            ("doubt", np.float64, 3),  # [rad/s] possible change of the hull's own rate since then
+            # [rad] error of the attitude; 0: valid, NaN: no rotation; about an axis with a faulty
+            # gyro: either may be the cause
             ("attitude_off", np.float64, 3),
         ],
     ),
@@ -107,8 +115,8 @@ def compare_rate(f, dt, w_B, R_meas):
         R_meas: (3, 3) attitude of the reference.
 
     Returns:
-        NONE, GYRO or ATTITUDE: what to go on without. `gyro_off` and `attitude_off` of the check
-            hold about which axes it is off, and by how much; both where it may be either.
+        NONE, GYRO or ATTITUDE: the sensor to continue without. `gyro_off` and `attitude_off` of the
+            check contain its error about each axis; both are set if either sensor may be the cause.
     """
     check = f.check
 
@@ -149,7 +157,7 @@ def compare_rate(f, dt, w_B, R_meas):
     ratio = (noise * dt) ** 2 / white
     gain = max(0.5 * (np.sqrt(ratio**2 + 4.0 * ratio) - ratio), dt / check.compared)
 
-    # Errors of time, scale and alignment make angles in step with the turning
+    # Errors of time, scale and alignment cause angles proportional to the rotation
     turning = np.sqrt((check.usual[0] ** 2).sum())
     variance = white + ((TIMING + f.interval) * turning) ** 2
     least_rate = LEAST_RATE * (noise + np.sqrt(f.gyro[2])) + (SCALE + check.misaligned) * turning
@@ -163,7 +171,7 @@ def compare_rate(f, dt, w_B, R_meas):
         for m in range(3):  # vee of the antisymmetric part of the rotation since the last sample
             turned += 0.5 * (check.R_last[m, k] * R_meas[m, j] - check.R_last[m, j] * R_meas[m, k])
 
-        if check.gyro_off[i] != 0.0:  # there is nothing to compare any more
+        if check.gyro_off[i] != 0.0:  # the comparison ends
             continue
 
         # Innovation of the angle
@@ -210,7 +218,7 @@ def compare_rate(f, dt, w_B, R_meas):
 
 @kernel
 def _proper(R):
-    """True if the columns of R (3, 3) are orthonormal but for NO_ROTATION, and right-handed."""
+    """True if the columns of R (3, 3) are right-handed and orthonormal within NO_ROTATION."""
     worst = 0.0
 
     for i in range(3):
@@ -252,9 +260,9 @@ def _store(check, w_B):
 def _gyro_jumped(check, i, since, size):
     """True if the gyro jumped by about `size` [rad/s] about axis `i`, `since` samples ago at most.
 
-    A jump shortly before those counts too. No hull does: what it turns faster by within BESIDE
-    samples is small against a step, however it rolls. The means before and after it differ by much
-    more than those before and after other samples.
+    A jump shortly before those samples counts too. The hull itself cannot jump: its change of rate
+    within BESIDE samples is small compared with a step, even when it rolls. At a jump, the means
+    before and after differ by much more than at other samples.
     """
     # Largest step of the gyro since shortly before the onset
     count = min(check.stored, PAST)
@@ -270,11 +278,11 @@ def _gyro_jumped(check, i, since, size):
     if at < 0 or not AGREES[0] * abs(size) < abs(most) < AGREES[1] * abs(size) or most * size < 0.0:
         return False
 
-    # It must stand out of the steps elsewhere
+    # It must be much larger than the steps elsewhere
     total = 0.0
     samples = 0
     for back in range(BESIDE - 1, count - BESIDE):
-        if abs(back - at) >= BESIDE:  # a jump raises the comparison that near to it
+        if abs(back - at) >= BESIDE:  # a jump increases the comparison at samples that near to it
             total += _step(check, i, newest - back) ** 2
             samples += 1
     return samples >= 4 * BESIDE and most * most * samples > SUDDEN**2 * total
@@ -282,7 +290,9 @@ def _gyro_jumped(check, i, since, size):
 
 @kernel
 def _step(check, i, first):
-    """Mean rate [rad/s] of BESIDE samples from number `first` on, less that of as many before."""
+    """Mean rate [rad/s] of BESIDE samples from index `first` on, minus the mean of as many samples
+    before.
+    """
     total = 0.0
     for k in range(BESIDE):
         total += check.past[(first + k) % PAST, i] - check.past[(first - 1 - k) % PAST, i]
@@ -293,7 +303,7 @@ def _step(check, i, first):
 def _summed(check, side, i, z):
     """Add an innovation `z` [standard deviations] to a sum about axis `i`; False if it restarts.
 
-    What counts from the onset on is then zero too.
+    Then all quantities that are counted from the onset are set to zero too.
     """
     total = max(0.0, check.sums[side, i] + min(max(z, -CLIP), CLIP) - SLACK)
     if check.lasting[side, i] > LONGEST:
@@ -351,7 +361,7 @@ def _blamed(check, side, i, dt, off):
     if check.same[i] >= repeats:
         return GYRO
 
-    # A change within the hull's own motion is of either
+    # A change within the hull's usual motion may come from either sensor
     if (
         check.compared < RESTLESS
         or abs(off) < DISTINCT * np.sqrt(check.before[side, i, 2]) * lasting
@@ -368,19 +378,20 @@ def _blamed(check, side, i, dt, off):
 
 @kernel
 def _leave_out(check, side, i, w, rate, white):
-    """Record that the gyro is off about axis `i`: it reads `w`, the attitude is faster by `rate`.
+    """Record a fault of the gyro about axis `i`: it reads `w`, and the attitude turns faster by
+    `rate`.
 
     Both are in rad/s; `white` [rad^2] is the variance of one attitude reading.
     """
     before = check.before[side, i, 0]
 
     jump = w - before
-    if rate * jump >= 0.0:  # it has not changed, as one that sticks
+    if rate * jump >= 0.0:  # a gyro that sticks has not changed
         check.gyro_off[i] = -rate
-    else:  # the jump contains the hull's own change, the slope begins before the step
+    else:  # the jump includes the hull's own change, and the slope begins before the step
         check.gyro_off[i] = jump if abs(jump) > JUMPS else 0.5 * (jump - rate)
 
-    # Rate before, and by how much the hull's own may have changed since
+    # Rate before the fault, and the possible change of the hull's own rate since
     check.rate[i] = before
     moved = abs(check.moved[side, i, 1])
     lasting = check.lasting[side, i]

@@ -42,7 +42,7 @@ class RawNavigation:
         """Initial state from the first measurements.
 
         Raises:
-            ConfigurationError: Without an IMU, vision, encoder or torque measurement among `first`.
+            ConfigurationError: `first` lacks an IMU, vision, encoder or torque measurement.
         """
         imu = first_of(ImuMeasurement, first)
         vision = first_of(VisionMeasurement, first)

@@ -8,39 +8,41 @@ bias is therefore kept in hull axes, where both stay constant when the hull turn
 **Noise.** The noise that the maker of a sensor states travels with the measurement. Without it the
 filter uses its own values for that sensor. Innovations larger than the noise explains increase the
 assumed variance of the sensor, never decrease it (`fixes.FixMonitor.scale`). While the
-accelerometer's bias is constant, the DVL's innovations are white. A mean innovation beyond noise
-shows a bias that jumped, which is then estimated anew.
+accelerometer's bias is constant, the DVL's innovations are white. A significant mean innovation
+shows that the bias has jumped; it is then estimated again.
 
 **Delay.** Vision arrives late, and not always in order. The filter goes back to the step at which
 the picture was taken, processes it there and runs forward again over the stored IMU samples and all
-later fixes. The result equals that of a filter which had every measurement in time, called
-recalculation in [Larsen 1998].
+later fixes. The result equals that of a filter that received every measurement without delay.
+[Larsen 1998] calls this recalculation.
 
-**Wander.** A slowly varying error of vision (`VisionNoise.wander`) has a state of its own. The
-motion of the hull since some moment is then observable as far as IMU and DVL allow. The position in
-the world is not, because a wander present from the start looks like another position. The object is
-located with the same cameras, so the error of that moment shifts object and hull alike, and the
-tool stays in place on the object. The wander since then does move the tool on the object. With 5 mm
-and a time constant of 20 s it is 4.5 mm since the scan where the wander is stated, 5.8 mm where it
-is not. `StateEstimate.position_sigma` refers to the position in the world and contains both parts.
+**Wander.** A slowly varying error of vision, called wander (`VisionNoise.wander`), has a state of
+its own. With this state the motion of the hull since a given moment is observable as far as IMU and
+DVL allow. The position in the world is not observable, because a wander that is present from the
+start looks like another position. The object is located with the same cameras, so the error at that
+moment shifts object and hull equally, and the tool stays in place on the object. The change of the
+wander since then does move the tool on the object. For a wander of 5 mm with a time constant of 20
+s, this change since the scan is 4.5 mm if the wander is stated, 5.8 mm if it is not.
+`StateEstimate.position_sigma` refers to the position in the world and contains both parts.
 
-**Camera on the arm.** It measures how tool and hull move over the object (`surface_track`), at 10
-to 20 Hz and to a tenth of a millimetre. The position where its track began is as uncertain as the
-filter was then. Where vision states no wander, the estimate stays the position in the world, which
-vision's mean improves while the track holds it still. Where vision wanders, the position in the
-world is of no use to the tool: the estimate is then the position relative to the object as seen
-when the first track began. An object that moves is taken for a motion of the hull, up to the gate,
-until `object_watch` detects that track and vision diverge.
+**Camera on the arm.** A camera on the arm measures the motion of tool and hull relative to the
+object (`surface_track`), at 10 to 20 Hz and with an error of a tenth of a millimetre. The position
+at which its track began is as uncertain as the filter was at that moment. If vision states no
+wander, the estimate is the position in the world; the track keeps it steady, and the mean of vision
+improves it. If vision states a wander, the position in the world is of no use to the tool, and the
+estimate is the position relative to the object as located when the first track began. A motion of
+the object is interpreted as a motion of the hull, up to the gate, until `object_watch` detects that
+track and vision diverge.
 
-**Tool at rest.** While a pressed tool stands (`ToolAtRest`), its tip is such a camera, and has not
-moved. Two messages measure how far the hull has moved between them, to a tenth of a millimetre:
-that observes its speed, and the accelerometer's bias.
+**Tool at rest.** While a pressed tool is at rest (`ToolAtRest`), its tip is treated as a camera
+that has not moved. Two messages measure the motion of the hull between them to a tenth of a
+millimetre, which makes its speed and the accelerometer's bias observable.
 
 **Smooth output.** A tool in contact needs a smooth estimate: on a surface of 3e4 N/m a jump of 0.2
 mm is 6 N. Corrections are therefore withheld and released gradually, by d'' = -sqrt(2) f d' - f^2
 d. This is the linear-quadratic optimum between the remaining error and the acceleration added to
-the motion. The output position and velocity have no steps, and one is the derivative of the other.
-The frequency f follows that of the filter's own gain.
+the motion. The output position and velocity have no steps, and the velocity is the derivative of
+the position. The frequency f follows the bandwidth of the filter.
 """
 
 import math
@@ -96,7 +98,7 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array
 
 @dataclass(slots=True, eq=False)
 class NavigationState:
-    """State of the filter. Arrays belong to it and change in place."""
+    """State of the filter, as arrays that are changed in place."""
 
     memory: np.ndarray  # (1,) of `filter_kernel.FILTER`
     sample: ImuRecord  # newest IMU sample
@@ -104,7 +106,7 @@ class NavigationState:
     estimate: EstimateRecord  # the last one
     fixes: Fixes
     track: SurfaceTrack | None = None  # of a camera on the arm, or of a tool that stands
-    # on the object that the camera tracks; None: there is none, or vision wanders
+    # pose of the object that the camera tracks; None: there is no track, or vision has wander
     watch: ObjectWatch | None = None
     # the three records as plain tuples, faster to pass to a kernel
     packed: tuple[tuple[Array, ...], ...] = ()
@@ -139,8 +141,8 @@ _DVL, _VISION = DvlNoise(white=3e-3), VisionNoise(white=2e-3)
 class Navigation:
     """Strapdown navigation filter with delayed fixes, adaptive noise and smooth output.
 
-    Implements `uuv.sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor
-    that states no noise.
+    Implements `uuv.sim.interfaces.protocols.Estimator`. The fields `imu`, `dvl` and `vision` are
+    the noise of a sensor that states none.
     """
 
     period: float = 0.002  # [s]
@@ -149,14 +151,16 @@ class Navigation:
     vision: VisionNoise = _VISION
     bias_walk: float = 5e-6  # [m/s^2/sqrt(s)] random walk of the accelerometer bias
     rate_bias_walk: float = 1e-7  # [rad/s/sqrt(s)] random walk of the gyro bias
-    # raise a sensor's variance on large innovations; estimate a bias anew that jumped
+    # True: raise a sensor's variance on large innovations, and re-estimate an accelerometer bias
+    # that jumped
     adapt: bool = True
-    check_gyro: bool = True  # compare gyro and attitude of each message, as far as `adapt` allows
-    # [-] chi-square with 3 degrees of freedom: a sound fix is refused 4 times in a million
+    # True: compare gyro and attitude of each message, as far as `adapt` allows
+    check_gyro: bool = True
+    # [-] chi-square with 3 degrees of freedom: a valid fix is refused 4 times in a million
     gate: float = 27.9
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)
-    """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest
-    distance that pulls [m].
+    """Spring of withheld corrections: ratio of its frequency to the filter's, lowest and highest
+    frequency [rad/s], distance [m] beyond which the force no longer grows.
     """
     acceleration_time: float = 0.02  # [s] time constant of the output acceleration
     arm_camera: TrackMount | None = None  # camera on the arm; None: there is none
@@ -165,15 +169,16 @@ class Navigation:
     def __post_init__(self) -> None:
         if self.arm_camera is not None and self.standing is not None:
             raise ConfigurationError(
-                "navigation: arm_camera and standing: a track is of only one of the two"
+                "navigation: arm_camera and standing: only one of the two is allowed, since there "
+                "is one track"
             )
 
     def init(self, first: Sequence[Measurement]) -> NavigationState:
         """Initial state from the first measurements of every sensor; velocity zero without a DVL.
 
         Raises:
-            ConfigurationError: If an IMU, vision, encoder or torque measurement is missing, or one
-                of them is not finite.
+            ConfigurationError: An IMU, vision, encoder or torque measurement is missing or not
+                finite.
         """
         imu = first_of(ImuMeasurement, first)
         vision = first_of(VisionMeasurement, first)
@@ -187,7 +192,7 @@ class Navigation:
         _check_finite(encoders, (encoders.q, encoders.qd))
         _check_finite(torque, (torque.tau,))
 
-        # Noise as the sensors state it, else as assumed
+        # Noise as the sensors state it, else as set in the fields
         stated = (
             imu.noise or self.imu,
             vision.noise or self.vision,
@@ -229,7 +234,7 @@ class Navigation:
     def _set_constants(
         self, f: np.record, imu: ImuNoise, vision: VisionNoise, dvl: DvlNoise
     ) -> None:
-        """Write what stays the same over a run into the filter's record `f`."""
+        """Write the constants of a run into the filter's record `f`."""
         n = 9
         f.layout[:] = -1
 
@@ -260,7 +265,7 @@ class Navigation:
 
     @staticmethod
     def _watch(state: NavigationState, time: float, p_WB: Array, white: float) -> None:
-        """Compare a fix of vision with the track, and write by how much the object moves."""
+        """Compare a fix of vision with the track, and store the detected motion of the object."""
         watch = state.watch
         if watch is None or state.track is None:
             return
@@ -275,7 +280,7 @@ class Navigation:
             state.estimate.object_moved_W[:] = watch.moved_W
 
     def records(self, state: NavigationState) -> NavigationState:
-        """The arrays that `take_sample` and `put_out` work on: those of the state itself."""
+        """The arrays of the state on which `take_sample` and `put_out` work."""
         return state
 
     def step(
@@ -287,8 +292,8 @@ class Navigation:
         ignored. The ages in the estimate then grow.
 
         Args:
-            state: Of the last call, or of `init`; changed in place.
-            measurements: All that have arrived since.
+            state: State from the last call, or from `init`; changed in place.
+            measurements: All measurements that have arrived since.
         """
         memory = state.memory
         sample = state.sample
@@ -317,7 +322,9 @@ class Navigation:
                 m, (VisionMeasurement, DvlMeasurement, SurfaceMotionMeasurement, ToolAtRest)
             ):
                 fixes.append(m)
-                continue  # fixes do not set the clock: a wrong time stamp on a picture must not
+                # fixes do not advance the clock, so that a wrong time stamp of a picture does no
+                # harm
+                continue
 
             if m.time > newest:
                 newest = m.time
@@ -367,7 +374,7 @@ def _set_states(
 
     Args:
         f: Record of `filter_kernel.FILTER` with its constants.
-        first: First sound measurements of IMU, vision and, if there is one, DVL.
+        first: First valid measurements of IMU, vision and, if there is one, DVL.
         stated: Noise of the three sensors.
     """
     (imu, vision, speed), (of_imu, of_vision, of_dvl) = first, stated
@@ -396,7 +403,7 @@ def _set_states(
             P[3:6, dvl_bias] = -(of_dvl.bias**2) * R
             P[dvl_bias, 3:6] = P[3:6, dvl_bias].T
 
-    # Wander of vision: it looks like another position
+    # A wander of vision looks like another position
     if of_vision.wander > 0.0:
         P[wander, wander] = of_vision.wander**2 * np.eye(3)
         P[:3, wander] = P[wander, :3] = -(of_vision.wander**2) * np.eye(3)
@@ -425,7 +432,7 @@ def _check_finite(m: Measurement, readings: tuple[Array, ...]) -> None:
     """Refuse a first measurement with a time or with `readings` that are not finite."""
     if not (math.isfinite(m.time) and all(_sound(v) for v in readings)):
         raise ConfigurationError(
-            f"navigation needs a first {type(m).__name__} that is finite, got {readings}"
+            f"navigation: the first {type(m).__name__} must be finite, got {readings}"
         )
 
 

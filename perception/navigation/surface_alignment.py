@@ -1,15 +1,15 @@
 """Motion between two pictures of a small stereo camera: direct alignment of intensity and depth.
 
 The key picture's pixels are carried into the present one by depth and a trial motion. Two residuals
-are made small by Gauss-Newton with Huber weights: intensity, which sees motion across a textured
-surface [Lucas 1981], and the distance from the present surface along its normal, which sees its
-shape [Chen 1992]. Together they are those of [Kerl 2013]. The rotation between the pictures is
-known from attitude reference and encoders, and enters as a prior. Intensity is taken relative to
-its local mean, so lamp and veil of the water do not count. Only gradients well above the camera's
-noise are used: on a plain surface noise must not look like texture.
+are minimised by Gauss-Newton with Huber weights: intensity, which observes motion across a textured
+surface [Lucas 1981], and the distance from the present surface along its normal, which observes its
+shape [Chen 1992]. [Kerl 2013] combines the two. The rotation between the pictures is known from
+attitude reference and encoders, and enters as a prior. Intensity is relative to its local mean, so
+that lamp and backscatter of the water have no effect. Only gradients well above the camera's noise
+are used: on a plain surface noise must not look like texture.
 
-The normal equations show which translations the view observes. Along a plain generator of a barrel
-it observes none, and the information is zero.
+The normal equations show which translations the view observes. Along the generator of a barrel
+without texture the information is zero.
 """
 
 from dataclasses import dataclass
@@ -20,22 +20,24 @@ from scipy import ndimage
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
-LEVELS = (2.5, 0.8)  # [px] blur of the intensity, coarse to fine
-ITERATIONS = (8, 12)  # most, for each level
-HUBER = 1.345  # [-] standard deviations beyond which a residual counts less
-LEAST_GRADIENT = 4.0  # [-] times that by noise: of a pixel whose intensity is used
-DEPTH_BLUR = 2.0  # [px] of the inverse depth
-NORMAL_BLUR = 10.0  # [px] of the inverse depth for normals: noise in them would look like shape
-MEAN_BLUR = 8.0  # [px] of the local mean
-LEAST_PIXELS = 300  # with depth, in both pictures; fewer give no result
-MOST_REJECTED = 0.5  # share of the residuals beyond three standard deviations of the noise
+LEVELS = (2.5, 0.8)  # [px] blur of the intensity for each level, coarse to fine
+ITERATIONS = (8, 12)  # largest number of iterations for each level
+HUBER = 1.345  # [-] standard deviations beyond which a residual has less weight
+# [-] least gradient of a pixel whose intensity is used, relative to that of noise
+LEAST_GRADIENT = 4.0
+DEPTH_BLUR = 2.0  # [px] blur of the inverse depth
+# [px] blur of the inverse depth for normals, since noise in them would look like shape
+NORMAL_BLUR = 10.0
+MEAN_BLUR = 8.0  # [px] size of the local mean
+LEAST_PIXELS = 300  # least number of pixels with depth in both pictures
+MOST_REJECTED = 0.5  # largest share of residuals beyond three standard deviations of the noise
 SETTLED = 2e-6  # [m] step at which the iteration ends
-WEAKEST = 2e-3  # [m] standard deviation of a direction from which on it counts as not observed
+WEAKEST = 2e-3  # [m] standard deviation of a direction, from which on it counts as not observed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureNoise:
-    """What is known of the camera's errors."""
+    """Errors of the camera, as far as they are known."""
 
     intensity: float  # of full scale, white, per pixel
     inverse_depth: float  # [1/m] standard deviation, per pixel
@@ -44,7 +46,7 @@ class PictureNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedPicture:
-    """A picture with all that an alignment needs of it."""
+    """A picture, prepared for alignment."""
 
     levels: tuple[np.ndarray, ...]  # each (3, h, w): contrast, its gradients along x and y [1/px]
     # per level: standard deviation of contrast and of its gradient
@@ -62,8 +64,8 @@ class Alignment:
     R_KC: Array  # (3, 3)
     # (3, 3) [1/m^2] of the position, key axes, by the residuals' own scatter; 0 if not observed
     information_K: Array
-    pixels: int  # with depth in both pictures
-    settled: bool  # the iteration converged and the residuals are those of noise
+    pixels: int  # number of pixels with depth in both pictures
+    settled: bool  # True: the iteration converged, and the residuals are as small as noise
 
 
 def prepare(
@@ -74,9 +76,9 @@ def prepare(
     Args:
         intensity: (h, w), full scale 1.
         depth: (h, w) [m], NaN without a measurement.
-        hidden: (h, w) bool: pixels that the vehicle's own tool hides, never used.
+        hidden: (h, w) bool: pixels that the vehicle's own tool hides, which are never used.
         focal: [px]; the principal point is the middle.
-        noise: Of the camera.
+        noise: Errors of the camera.
     """
     height, width = depth.shape
 
@@ -131,13 +133,13 @@ def align(
 
     Args:
         key: The earlier picture.
-        now: The present one.
+        now: The present picture.
         X_KC: (4, 4) predicted pose of the present camera in the key camera's axes.
         rotation_sigma: [rad] standard deviation of its rotation, per axis.
-        noise: Of the camera.
+        noise: Errors of the camera.
 
     Returns:
-        The motion; None with too few pixels in common.
+        The motion; None if the pictures have too few pixels in common.
     """
     R = np.array(X_KC[:3, :3].T)  # R_CK
     t = -R @ X_KC[:3, 3]
@@ -148,7 +150,7 @@ def align(
     settled = False
     bad = 1.0
 
-    # pixels that share one error of the depth
+    # number of pixels that share one error of the depth
     cells = 1.0 + noise.correlation**2 + 2.0 * np.pi * DEPTH_BLUR**2
     for level, most in enumerate(ITERATIONS):
         # Noise of contrast, and the gradient that stands out of it
@@ -180,7 +182,7 @@ def align(
             scale_d = _scale(residuals_d, 0.2 * noise.inverse_depth)
             bad = float(np.mean(np.abs(residuals_d) > 3.0 * noise.inverse_depth))
 
-            # The errors of neighbouring pixels are one: each counts for its share.
+            # Neighbouring pixels share one error, so each has its share of the weight.
             H = H / cells
             g = g / cells
 
@@ -267,8 +269,8 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
 
     Args:
         key: (3, h, w) contrast of the key picture and its gradients.
-        key_inverse: (h, w) [1/m] its inverse depth.
-        normals: (h, w, 3) its normals.
+        key_inverse: (h, w) [1/m] inverse depth of the key picture.
+        normals: (h, w, 3) normals of the key picture.
         now: (3, h, w) of the present picture.
         now_inverse: (h, w) [1/m] its inverse depth.
         K: (3,) [px] focal, principal point.
@@ -314,7 +316,7 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
             s, q = a - i, b - j
             c00, c01, c10, c11 = (1.0 - s) * (1.0 - q), s * (1.0 - q), (1.0 - s) * q, s * q
 
-            # Inverse depth measured there
+            # Inverse depth measured at that pixel
             measured = (
                 c00 * now_inverse[j, i]
                 + c01 * now_inverse[j, i + 1]
@@ -349,7 +351,7 @@ def normal_equations(key, key_inverse, normals, now, now_inverse, K, R, t, scale
                     nd += 1
                     _add(H, g, J, error, scales[1], scales[2])
 
-            # Gradients there; intensity counts where both pictures have texture
+            # Gradients at that pixel; intensity is used if both pictures have texture
             gx = (
                 c00 * now[1, j, i]
                 + c01 * now[1, j, i + 1]

@@ -1,12 +1,13 @@
-"""Track over the object, of a camera on the arm or a tool at rest: its readings fix the hull.
+"""Track over the object, of a camera on the arm or a tool at rest, whose readings are fixes of the
+hull.
 
-Each message gives the camera's motion since a key picture. Keys chained without a gap form a track,
-with an origin in W: where the filter believed the camera to be when the track began. The filter
-keeps the error of that belief as the track's offset, so a track measures how the hull has moved
-since, and not where it is.
+Each message gives the camera's motion since a key picture. Keys chained without a gap form a track.
+The origin of a track in W is the estimated position of the camera when the track began. The filter
+keeps the error of that estimate as the track's offset, so a track measures the motion of the hull
+since then, and not its position.
 
-A direction that a picture does not observe has zero information. Where the track goes on from such
-a picture, the filter's own position takes the place of the reading in that direction.
+A direction that a picture does not observe has zero information. If the track continues from such a
+picture, the filter's own position replaces the reading in that direction.
 """
 
 import math
@@ -31,15 +32,17 @@ from uuv.perception.navigation.filter_kernel import (
 from uuv.sim.interfaces.messages import SurfaceMotionMeasurement, ToolAtRest
 from uuv.sim.interfaces.spatial import Array
 
-_MOST_REFUSED = 5  # refused readings in a row, after which a new track begins
-_SHARE = 1e-9  # of the largest information: a direction with less was not observed
+_MOST_REFUSED = 5  # number of consecutive refused readings, after which a new track begins
+_SHARE = 1e-9  # share of the largest information, below which a direction is not observed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackMount:
-    """Camera on the arm, or tip of a tool that stands, as the vehicle believes it to be mounted."""
+    """Camera on the arm, or tip of a tool at rest, at the mounting pose that the vehicle
+    assumes.
+    """
 
-    arm: SerialArm  # from its base to the tool frame G
+    arm: SerialArm  # arm from its base to the tool frame G
     X_BA: Array  # (4, 4) base of the arm on the hull
     X_GC: Array  # (4, 4) camera in tool axes; the identity for the tip
 
@@ -50,18 +53,18 @@ class TrackMount:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Reading:
-    """A message with the pose of the camera by the track."""
+    """A message, with the pose of the camera from the track."""
 
     message: SurfaceMotionMeasurement
     R_WC: Array  # (3, 3)
     lever_W: Array  # (3,) [m] from the hull's origin to the camera
-    place_W: Array  # (3,) [m] hull's origin by the track
-    information_W: Array  # (3, 3) [1/m^2] of that since the key
+    place_W: Array  # (3,) [m] hull's origin from the track
+    information_W: Array  # (3, 3) [1/m^2] information on the hull's origin since the key
 
 
 @dataclass(slots=True, eq=False)
 class SurfaceTrack:
-    """The present track, and how its readings are judged."""
+    """The present track, and the validation of its readings."""
 
     memory: np.ndarray  # (1,) of `filter_kernel.FILTER`, changed in place
     gate: float  # [-] chi-square with 3 degrees of freedom beyond which a reading is refused
@@ -69,18 +72,20 @@ class SurfaceTrack:
     key_time: float = math.nan  # [s] of the present key K
     R_WK: Array = field(default_factory=lambda: np.eye(3))
     p_WK: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] by the track
-    last: _Reading | None = None  # newest that was used
+    last: _Reading | None = None  # newest reading that was used
     refused_in_row: int = 0
-    refused: int = 0  # readings not used since the start, for the log
-    begun: int = 0  # tracks begun since the start, for the log
-    broken: int = 0  # of them those that did not go on from the one before
-    # (3,) [m] by which the others set their place anew
+    refused: int = 0  # number of readings not used since the start, for the log
+    begun: int = 0  # number of tracks begun since the start, for the log
+    broken: int = 0  # number of tracks that did not continue the previous one
+    # (3,) [m] sum of the changes of position at these
     carried_W: Array = field(default_factory=lambda: np.zeros(3))
-    # (3,) [m^2] of the present key since it broke off
+    # (3,) [m^2] variance of the present key since the track broke off
     variance_W: Array = field(default_factory=lambda: np.zeros(3))
 
     def take(self, m: SurfaceMotionMeasurement) -> None:
-        """Update the filter by a sound message at its step, and withhold the correction."""
+        """Update the filter by a valid message at the message's step, and withhold the
+        correction.
+        """
         parts = (m.time, m.p_KC, m.R_KC, m.information_K, m.q)
         sound = all(np.isfinite(part).all() for part in parts) and m.key_time <= m.time
 
@@ -101,7 +106,7 @@ class SurfaceTrack:
                 self._begin(m, at, anew=True)
 
     def take_rest(self, m: ToolAtRest) -> None:
-        """Take a message on a tool at rest as a reading of a camera that has not moved."""
+        """Process a message on a tool at rest as the reading of a camera that has not moved."""
         known = np.eye(3) / max(m.slip_sigma, 1e-6) ** 2
         still = SurfaceMotionMeasurement(
             time=m.time,
@@ -114,11 +119,12 @@ class SurfaceTrack:
         self.take(still)
 
     def place_at(self, time: float) -> Array | None:
-        """Hull's origin (3,) [m] in W, up to a constant, at `time` [s]; None: unknown.
+        """Position (3,) [m] in W of the hull's origin, up to a constant, at `time` [s]; None if
+        unknown.
 
-        The time must be near that of the newest reading. The origin is by all readings since the
-        track last broke off, those that the filter refused included. The filter's own motion
-        between the two times is added.
+        The time must be near that of the newest reading. The position is computed from all readings
+        since the track last broke off, including those that the filter refused. The filter's own
+        motion between the two times is added.
         """
         if self.last is None:
             return None
@@ -139,7 +145,7 @@ class SurfaceTrack:
         )
 
     def _goes_on(self, key_time: float) -> bool:
-        """Take the last reading as key if it is of that time; False if the track breaks off."""
+        """Use the last reading as key if it has that time; False if the track breaks off."""
         last = self.last
         at = (
             row_at(self.memory, key_time)[0]
@@ -157,7 +163,9 @@ class SurfaceTrack:
         return True
 
     def _used(self, m: SurfaceMotionMeasurement, at: int) -> bool:
-        """Update the filter by a reading of the present key; False if the gate refuses it."""
+        """Update the filter by a reading relative to the present key; False if the gate refuses the
+        reading.
+        """
         # Hull's origin by the track, with its information
         R_WC, lever = self._camera(m, at)
         p_WB = self.p_WK + self.R_WK @ m.p_KC - lever
@@ -186,14 +194,14 @@ class SurfaceTrack:
         return True
 
     def _begin(self, m: SurfaceMotionMeasurement, at: int, *, anew: bool = False) -> None:
-        """Begin a track where the filter believes the hull to be; `anew` after refused readings."""
+        """Begin a track at the estimated position of the hull; `anew` after refused readings."""
         x = self.memory[0]["past_x"][at]
         first = int(self.memory[0]["layout"][AT_TRACK])
         R_WC, lever = self._camera(m, at)
 
         p_WB = x[:3] + x[first : first + 3]
 
-        # After refused readings the motion that they tell is carried on
+        # After refused readings the motion that they show is continued
         if anew:
             parted = self.p_WK + self.R_WK @ m.p_KC - lever - p_WB
             unseen = _unobserved(self.R_WK @ m.information_K @ self.R_WK.T)
@@ -204,7 +212,7 @@ class SurfaceTrack:
             self.variance_W = np.zeros(3)
             self.broken += 1
 
-        # Key: placed so that this reading lies where the filter believes
+        # The key is placed such that this reading is at the estimated position
         self.key_time = m.key_time
         self.R_WK = R_WC @ m.R_KC.T
         self.p_WK = p_WB + lever - self.R_WK @ m.p_KC
@@ -222,7 +230,9 @@ class SurfaceTrack:
         return R_WB @ X_BC[:3, :3], R_WB @ X_BC[:3, 3]
 
     def _replay(self, at: int, origin: Array | None = None) -> None:
-        """Run the filter from a step of the past; `origin` (3,) [m]: a track begins there."""
+        """Run the filter forward from a step of the past; if `origin` (3,) [m] is given, a track
+        begins there.
+        """
         if origin is not None:
             row = self.memory[0]["past_track"][at]
             row[BEGUN] = 1.0

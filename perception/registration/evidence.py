@@ -1,4 +1,6 @@
-"""The part of a scan that may show the object, thinned for ICP, and how well a pose agrees."""
+"""The part of a scan that may show the object, thinned for ICP, and the agreement of a pose with
+it.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -13,35 +15,36 @@ from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, transform_points
 
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
-_GRAZING = np.deg2rad(88.0)  # [rad] of incidence, up to which the model explains what was scanned
+_GRAZING = np.deg2rad(88.0)  # [rad] largest incidence at which the model explains a scanned point
 _HASHED = 1e-4  # [m] edge of the cubes by which points are drawn
 _BLOCK = 48  # [px] edge of the blocks of smooth surface in which noise is estimated
-_SAME_DEPTH = 0.4  # [-] by which the logarithm of a block's depth may differ from the object's
-_FEWEST_BLOCKS = 4  # without which the noise is taken as stated
-_NOISE_PIXELS = 40_000  # pixels in which the noise is estimated, at most about
-_INLYING = 3.0  # [sigma] as stated, beyond which a difference is something else
-_LEAST_PIXELS = 200  # without which the noise is taken as stated
-_CORRELATED = 2.5  # [noise lengths] up to which errors may be correlated
-_UNCORRELATED = 0.1  # [-] correlation below which it has ended
-_LEAST_LENGTH = 2.0  # [px] of correlation
-_MAX_SCAN_POINTS = 4000  # scan points used in ICP, at most about: more add time
+_SAME_DEPTH = 0.4  # [-] largest difference of the logarithm of a block's depth from the object's
+_FEWEST_BLOCKS = 4  # least number of blocks; with fewer the noise is taken as stated
+_NOISE_PIXELS = 40_000  # approximate largest number of pixels from which noise is estimated
+_INLYING = 3.0  # [sigma] as stated, beyond which a difference is not noise
+_LEAST_PIXELS = 200  # least number of pixels; with fewer the noise is taken as stated
+_CORRELATED = 2.5  # [noise lengths] distance up to which errors may be correlated
+_UNCORRELATED = 0.1  # [-] correlation that counts as zero
+_LEAST_LENGTH = 2.0  # [px] largest correlation length
+_MAX_SCAN_POINTS = 4000  # approximate largest number of scan points in ICP; more add only time
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The part of a scan that takes part in ICP."""
+    """The part of a scan that is used in ICP."""
 
     scan: Scan
     mask: np.ndarray  # (h, w) pixels around the initial poses that may belong to the object
-    # (h, w) all pixels that stand out from the background, wherever the model may be put
+    # (h, w) all pixels that stand out from the background, wherever the model may be placed
     standing: np.ndarray
     points: Array  # (n, 3) [m] thinned, in S
     normals: Array  # (n, 3) unit, towards the sensor
     sigma: Array  # (n,) [m] standard deviation of depth
     # (n,) [-] share of an independent reading, because errors of neighbours are correlated
     independent: Array
-    sensor: SensorModel  # as it is stated: limits follow from it
-    # by which poses are fitted and ranked: as stated, or as this scan shows it (`seen_noise`)
+    sensor: SensorModel  # errors of depth as the sensor states them, from which limits are computed
+    # errors of depth with which poses are fitted and ranked: as stated, or as this scan shows them
+    # (`seen_noise`)
     noise: SensorModel
 
     @classmethod
@@ -62,7 +65,7 @@ class Evidence:
             spacing: [m] edge of the cubes.
             sensor: Accuracy of the sensor.
             standing: (h, w) all pixels that stand out from the background; None: `mask`.
-            most: Number of points, at most about.
+            most: Approximate largest number of points.
 
         Returns:
             The evidence.
@@ -111,7 +114,7 @@ class Evidence:
         return _thinned(self, step, points)
 
 
-@remembered(4)  # the search and that of the model's mirror image begin with the same
+@remembered(4)  # the search for the object and that for its mirror image begin with the same points
 def _thinned(evidence: Evidence, step: int, points: int) -> Evidence:
     every = (slice(None, None, step), slice(None, None, step))
     few = max(1, -(-len(evidence.points) // points))
@@ -137,11 +140,11 @@ def _coarser(sensor: SensorModel, step: int) -> SensorModel:
 
 
 def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorModel:
-    """Errors of depth as the smooth surfaces of a scan show them, at the masked pixels' depth.
+    """Errors of depth, estimated from the smooth surfaces of a scan at the masked pixels' depth.
 
-    In inverse depth a block of such a surface is a quadratic function of the pixel; what differs
-    from it is noise. That of rough or broken blocks is larger: the lower quartile counts. Only the
-    standard deviation is judged, and never taken for larger than stated.
+    In inverse depth a block of such a surface is a quadratic function of the pixel; the residuals
+    are noise. Rough or broken blocks have larger residuals, so the lower quartile of the blocks is
+    used. Only the standard deviation is estimated, and it never exceeds the stated one.
 
     Args:
         scan: The scan.
@@ -152,7 +155,7 @@ def surface_noise(scan: Scan, mask: np.ndarray, stated: SensorModel) -> SensorMo
     basis = _quadratic_functions()
     middle = float(np.median(scan.depth[mask]))
 
-    # Mean square of what a quadratic surface leaves in each block, over the stated variance
+    # Mean square of the residuals from a quadratic surface in each block, over the stated variance
     variances = []
     for row in rows:
         for column in columns:
@@ -182,11 +185,12 @@ def _quadratic_functions() -> Array:
 
 
 def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> SensorModel:
-    """Errors of depth as the scan shows them, against the model at its likeliest pose `X_ST`.
+    """Errors of depth, estimated from the difference of the scan from the model at its likeliest
+    pose `X_ST`.
 
-    Variance and area of correlation come from the differences that remain. They are never taken for
-    worse than stated, so that a wrong pose does not blur what contradicts it, nor for better than
-    the model itself is known.
+    Variance and area of correlation come from the differences that remain. They are never estimated
+    larger than stated, since a wrong pose would then hide the evidence against it, nor smaller than
+    the error of the model.
 
     Args:
         evidence: Scan of the object.
@@ -214,7 +218,7 @@ def seen_noise(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Sensor
         variance, 1e-12
     )
 
-    # Area of the peak: the pixels that share one error
+    # Area of the peak: number of pixels that share one error
     around = ndimage.label(correlation > _UNCORRELATED)[0]
     area = float(correlation[around == around[reach, reach]].sum())  # [px of the window]
 
@@ -242,8 +246,8 @@ def _autocorrelation(image: np.ndarray, reach: int) -> np.ndarray:
 def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Mutual agreement of scan and model at `X_ST`, from -1 to 2: higher is better.
 
-    The share of the visible model that the scan confirms, less the share that the scan sees
-    through, plus the share of the scan that the model explains.
+    The score is the share of the visible model that the scan confirms, minus the share that the
+    scan sees through, plus the share of the scan that the model explains.
 
     Args:
         evidence: Scan points of the object.
@@ -283,11 +287,11 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
     return _explained(evidence, surface, X_ST.tobytes())
 
 
-@remembered(4)  # the accepted pose is judged by the check and by its score
+@remembered(4)  # the accepted pose is verified by the check and by its score
 def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> np.ndarray:
     X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
 
-    # an echo there is not expected, but may come
+    # an echo at such incidence is not expected, but possible
     visible = surface.visible(X_ST, evidence.scan, _GRAZING)
     if not visible.any():
         return np.zeros(len(evidence.points), dtype=bool)

@@ -1,9 +1,10 @@
 """Point-to-plane ICP from the scan to the visible part of a known model.
 
 [Konoplin 2022] matches the model's points to the scan and removes hidden ones after the first pass.
-Matching the scan to planes of the visible model is 3 to 10 times as accurate. Planes leave some
-motions free: sliding along a plate, or along a barrel seen from its side. Depth edges of scan and
-model hold these. Both are taken from the same pixel grid, so that their bias cancels.
+Matching the scan to planes of the visible model is 3 to 10 times as accurate. Planes do not
+determine some motions: sliding along a plate, or along a barrel seen from the side. Depth edges of
+scan and model determine these motions. Both are computed on the same pixel grid, so that their bias
+cancels.
 """
 
 from collections.abc import Sequence
@@ -18,10 +19,10 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 # [spacings] distance within which points are paired, in the first and in the last round
 GATES = (8.0, 3.0)
-_NUDGES = 3  # steps of ICP after which a start is judged
-_AT_REST = 0.01  # [spacings] a step below which ICP with the same pairs has converged
-_STALE = 0.2  # [spacings] by which the model may move before nearest points are looked up again
-# [-] eigenvalues of the normal equations below this share of the largest count as free
+_NUDGES = 3  # number of steps of ICP, after which a start is ranked
+_AT_REST = 0.01  # [spacings] step, below which ICP with the same pairs has converged
+_STALE = 0.2  # [spacings] motion of the model, after which nearest points are searched again
+# [-] share of the largest eigenvalue of the normal equations, below which a motion is free
 _FREE = 1e-4
 
 
@@ -32,13 +33,15 @@ class IcpFit:
     X_ST: Array  # (4, 4) pose of T in S
     free: Array  # (k, 6) free unit twists (linear; angular x radius) in S, about the model's centre
     residual: float  # [m] robust rms of the point-to-plane distance
-    size: float  # [-] scale of the object against the model that would minimise the residual
+    size: float  # [-] scale of the object relative to the model that would minimise the residual
     size_sigma: float  # [-] standard deviation of `size`, from the sensor's noise
-    pairing: Pairing | None = None  # the last one; None if the model is out of view
+    pairing: Pairing | None = None  # pairing of the last round; None if the model is out of view
 
 
 def nudged(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
-    """Pose (4, 4) after a few steps of ICP on planes, where a start is better judged."""
+    """Pose (4, 4) after a few steps of ICP on planes, at which a start can be ranked more
+    reliably.
+    """
     pairing = Pairing.of(evidence, surface, X_ST, with_edges=False)
     gate = GATES[0] * surface.spacing
     if pairing is None:
@@ -56,7 +59,8 @@ def fine_fit(
     gates: Sequence[float] = GATES,
     inner: int = 5,
 ) -> IcpFit:
-    """Full ICP on point-to-plane distances and depth edges; hidden points leave before each round.
+    """Full ICP on point-to-plane distances and depth edges; hidden points are removed before each
+    round.
 
     Args:
         evidence: Scan points of the object.
@@ -64,7 +68,7 @@ def fine_fit(
         X_ST: (4, 4) initial pose of T in S.
         gates: [spacings] distances within which points are paired, one for each pairing with the
             visible model.
-        inner: Gauss-Newton steps in a round, at most.
+        inner: Largest number of Gauss-Newton steps in a round.
 
     Returns:
         The pose at convergence, its free twists, residual and best scale.
@@ -91,8 +95,8 @@ def fine_fit(
             if _step(X_before, X_ST, surface) < _AT_REST * surface.spacing:
                 break
 
-    # Free twists are judged with the pairs at the final pose: ICP may have slid off all that held
-    # it before.
+    # Free twists are computed with the pairs at the final pose, since ICP may have slid away from
+    # all that held it before.
     if pairing is not None and _step(X_paired, X_ST, surface) > surface.spacing:
         pairing = Pairing.of(evidence, surface, X_ST)
     if pairing is None:
@@ -103,7 +107,7 @@ def fine_fit(
 
 
 def icp_rows(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> PairRows | None:
-    """The pairs of the last round at the pose of a fit; None if the model is out of view."""
+    """The pairs of the last round at the pose of a fit; None if the model was out of view."""
     pairing = fit.pairing or Pairing.of(evidence, surface, fit.X_ST)
     if pairing is None:
         return None
@@ -121,7 +125,8 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
     axis = surface.symmetry.axis
     spin = np.zeros((0, 6))
     if axis is not None:
-        # Free by declaration: the facets of the mesh would otherwise act as evidence of the angle.
+        # Free by the declared symmetry; otherwise the facets of the mesh would act as evidence of
+        # the angle.
         axis_S = X_ST[:3, :3] @ axis
         spin = np.concatenate(
             [
@@ -134,11 +139,11 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
         H = P @ H @ P
         g = P @ g
 
-    # Step along what the equations determine
+    # Step along the directions that the equations determine
     eigenvalues, vectors = np.linalg.eigh(H)
     held = eigenvalues > _FREE * max(eigenvalues[-1], 1e-12)
     step = vectors[:, held] @ ((vectors[:, held].T @ g) / eigenvalues[held])
-    # A longer step comes from a handful of pairs; the next iteration pairs again.
+    # A longer step is due to a handful of pairs; the next iteration pairs again.
     step *= min(1.0, 0.5 * radius / max(float(np.linalg.norm(step)), 1e-12))
 
     R = exp_so3(step[3:] / radius)

@@ -1,4 +1,5 @@
-"""Identification of a known object in a scan, the entry of registration [Konoplin 2022, eq. 1, 2].
+"""Identification of a known object in a scan, the entry point of registration [Konoplin 2022, eq.
+1, 2].
 
 Steps: crop around the coarse detection, remove background and outliers, find initial poses, ICP,
 remove hidden model points, ICP again, PoseCheck by projected trajectories.
@@ -63,14 +64,15 @@ from uuv.sim.interfaces.spatial import (
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
-_NOMINAL = 0.005  # [-] by which the best scale may differ from 1 without another size being tried
-# initial poses that get a rough fit where the scan contradicts the best of a few
+_NOMINAL = 0.005  # [-] difference of the best scale from 1, above which another size is tried
+# number of initial poses that get a rough fit if the scan contradicts the best of a few
 _REFINED_LATER = 120
-_TURNS = 24  # rotations of a symmetry found in a mesh, up to which each one is judged by the scan
-# [-] information of a pixel over that used by the search, from which on the noise of the scan
-# itself is used
+# largest number of rotations of a symmetry found in a mesh, of which each is compared by the scan
+_TURNS = 24
+# [-] ratio of the information of all pixels to that used by the search, above which the noise of
+# the scan itself is used
 _BETTER = 2.0
-# [model radii] around the centre of an initial pose, within which scan points take part
+# [model radii] around the centre of an initial pose, within which scan points are used
 _AROUND = 1.3
 
 
@@ -78,11 +80,11 @@ _AROUND = 1.3
 class FreeMotion:
     """Degrees of freedom that the scan does not determine, and how they were chosen."""
 
-    axis: Array | None  # (3,) unit, in T: rotations about it look the same
-    turns: int  # number of discrete rotations that look the same, 1 for none
+    axis: Array | None  # (3,) unit, in T: the model looks the same after rotations about this axis
+    turns: int  # number of discrete rotations after which the model looks the same, 1 for none
     twists: Array  # (k, 6) free twists (linear; angular x radius) in S about the model's centre
-    angle_known: bool  # the angle about the axis was measured; False: it was chosen
-    policy: str  # how the free part was chosen, in words
+    angle_known: bool  # True: the angle about the axis was measured; False: it was chosen
+    policy: str  # how the free part was chosen, as text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,9 +96,9 @@ class Identification:
 
     X_sensor_target: Array  # (4, 4) pose of T in S
     accepted: bool
-    reason: str  # why not; empty if accepted
+    reason: str  # reason of the refusal; empty if accepted
     check: PoseCheck | None  # None if there was nothing to check
-    # of the pose; None if there was too little to estimate it from
+    # covariance of the pose; None if there was too little to estimate it from
     covariance: PoseCovariance | None
     symmetry: FreeMotion
     X_sensor_start: Array  # (4, 4) coarse pose that was given, else the initial pose of the search
@@ -110,12 +112,12 @@ class Identification:
     # distinct poses, most likely first: the first one is reported
     hypotheses: tuple[Hypothesis, ...]
     duration_s: float  # [s] computing time
-    # that of the model, where it fits best; None if it is no rival in this view
+    # mirror image of the model, where it fits best; None if it is no rival in this view
     mirror: MirrorImage | None = None
 
     @property
     def model_note(self) -> str:
-        """How the model was made, if it was given as a cloud; empty for a mesh."""
+        """Note on how the model was made, if it was given as a cloud; empty for a mesh."""
         cloud = self.surface.target.cloud
         return "" if cloud is None else f"model {self.surface.target.name!r}: {cloud.note}"
 
@@ -128,7 +130,7 @@ class Identification:
 
     @property
     def decision(self) -> Decision:
-        """Decision for the supervisor: accept, scan again from another place, or refuse."""
+        """Decision for the supervisor: accept, scan again from another position, or refuse."""
         if self.accepted:
             return Decision.ACCEPT
         if self.check is None or self.check.decision is Decision.ACCEPT:
@@ -158,25 +160,25 @@ def identify(
             allowed), or a Scan.
         target: A TargetModel, a mesh or cloud file [m], an object with `vertices` and `faces`
             (trimesh) or `triangles` [m], or a cloud: points (n, 3) [m], (n, 6) with outward
-            normals, or an object with `points` and perhaps `normals` (Open3D). A cloud is meshed:
-            `model_note` says how.
+            normals, or an object with `points` and optional `normals` (Open3D). A cloud is meshed;
+            `model_note` describes how.
         approach: (3,) [m] coarse position of the target's centre in S; None: anywhere.
-        orientation: (3, 3) coarse rotation of T in S, wrong by up to 45 deg; None: any.
+        orientation: (3, 3) coarse rotation of T in S, with an error of up to 45 deg; None: any.
         sensor: Accuracy of the sensor, from which the limits follow; None: `SensorModel()`.
         approach_error: [m] largest error of `approach`.
-        seed: Of all random samples.
-        method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search: give
-            `orientation`; "paper-q" for that with the published threshold on Q (`paper_check`) in
-            place of `pose_check`.
-        thorough: Whether all starts are fitted where the scan contradicts the best of a few, which
-            takes seconds.
+        seed: Seed of all random samples.
+        method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search and needs
+            `orientation`; "paper-q" for the published ICP with the published threshold on Q
+            (`paper_check`) in place of `pose_check`.
+        thorough: True: all starts are fitted if the scan contradicts the best of a few, which takes
+            seconds.
 
     Returns:
         The pose with its PoseCheck, evidence and other hypotheses.
 
     Raises:
-        ConfigurationError: For arguments of a wrong type or shape.
-        MissingLibraryError: Without a ray caster.
+        ConfigurationError: An argument has a wrong type or shape.
+        MissingLibraryError: There is no ray caster.
     """
     attempt = attempted(
         cloud,
@@ -202,7 +204,9 @@ def attempted(
     seed: int = 0,
     method: Method = "planes",
 ) -> "Attempt":
-    """Search from the likeliest starts: the first step of `identify`, with its arguments."""
+    """Search from the likeliest starts, the first step of `identify`; arguments as for
+    `identify`.
+    """
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")
     if p_approach is not None and np.abs(p_approach).max() > _FARTHEST:
@@ -224,7 +228,7 @@ def attempted(
     if sensor is not None and not isinstance(sensor, SensorModel):
         raise ConfigurationError(f"sensor: expected a SensorModel, got {shown(sensor)}")
 
-    # What is sought, and where
+    # The object, and where it is searched
     surface = sampled(target, seed)
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
     if p_approach is not None:
@@ -256,12 +260,12 @@ def attempted(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Question:
-    """An object that is sought in a scan, and where."""
+    """An object to search for in a scan, with its expected pose."""
 
     surface: ModelSurface
     sensor: SensorModel
     expected: Expected
-    X_prior: Array  # (4, 4) expected pose of T in S, the identity as far as nothing is expected
+    X_prior: Array  # (4, 4) expected pose of T in S; identity where nothing is expected
     method: Method
     started: float  # [s] by `perf_counter`
 
@@ -273,17 +277,17 @@ class _Question:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Refusal:
-    """An attempt without points to fit the model to."""
+    """An attempt without points to which the model could be fitted."""
 
     question: _Question
     reason: str
 
     def widened(self) -> "_Refusal":
-        """There is nothing more to search."""
+        """Return itself, since there is nothing more to search."""
         return self
 
     def concluded(self, earlier: Identification | None = None) -> Identification:
-        """The reason."""
+        """Identification with the reason of the refusal."""
         return _refused(
             self.question.surface, self.question.X_prior, self.reason, self.question.started
         )
@@ -291,15 +295,15 @@ class _Refusal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Search:
-    """An attempt that fitted the model from some starts, and the verdict on the likeliest pose."""
+    """An attempt that fitted the model from some starts, with the verdict on the likeliest pose."""
 
     question: _Question
     starts: list[Array]  # (4, 4) poses of T in S
-    given: list[Array]  # (4, 4) that are tried whatever their likelihood
-    searched: Evidence  # by which the search ranked
-    evidence: Evidence  # with the noise by which the poses were weighed at last
+    given: list[Array]  # (4, 4) poses that are tried whatever their likelihood
+    searched: Evidence  # evidence with which the search ranked poses
+    evidence: Evidence  # evidence with the noise with which the poses were ranked last
     found: Found
-    X_start: Array  # (4, 4) expected pose, else where the search began
+    X_start: Array  # (4, 4) expected pose, else the pose at which the search began
     judged: "_Judged"
 
     @classmethod
@@ -334,9 +338,11 @@ class _Search:
         )
 
     def widened(self) -> "_Search":
-        """Search from all starts where the scan contradicts the result of a few; else itself.
+        """Search from all starts if the scan contradicts the result of a few; otherwise this
+        attempt itself.
 
-        What resembled the model most is not the object then: in a heap it may resemble it least.
+        Then the part of the scan that resembled the model most is not the object. In a heap the
+        object may resemble it least.
         """
         question = self.question
         if (
@@ -352,7 +358,8 @@ class _Search:
         """The pose with its verdict, after comparison with other shapes.
 
         Args:
-            earlier: Of the same object, which may have excluded its mirror image already.
+            earlier: Earlier identification of the same object, which may have excluded its mirror
+                image already.
         """
         question = self.question
         surface = self.question.surface
@@ -360,13 +367,13 @@ class _Search:
         likeliest = self.found
         X_ST, X_told, doubt, verdict = self.judged
 
-        # The paper's own rules, where they are asked for
+        # The rules of the paper, if they are asked for
         if question.method == "paper-q":
             verdict = _by_criterion(verdict, evidence, surface, X_ST)
         if likeliest.asks and verdict.decision is Decision.ACCEPT:
             verdict = replace(verdict, decision=Decision.RESCAN, reason=likeliest.asks)
 
-        # Other shapes, for an accepted pose only
+        # Other shapes are compared for an accepted pose only
         mirror = None
         if question.method == "planes" and verdict.decision is Decision.ACCEPT:
             mirror = self._mirror_image(earlier)
@@ -402,7 +409,9 @@ class _Search:
         )
 
     def _mirror_image(self, earlier: Identification | None) -> MirrorImage | None:
-        """The mirror image of the model as rival of the pose: the earlier one if it still holds."""
+        """The mirror image of the model as rival of the pose: the earlier result if it is still
+        valid.
+        """
         surface = self.question.surface
         X_ST = self.judged.X_ST
         expected = self.question.expected
@@ -427,7 +436,7 @@ class _Search:
         if abs(verdict.size - 1.0) <= _NOMINAL:
             return verdict
 
-        # Twice as far from the nominal size as the check's limit, to the side that fits better
+        # Twice as far from the nominal size as the limit of the check, to the side that fits better
         size = 1.0 + float(np.copysign(2.0 * MAX_SIZE, verdict.size - 1.0))
         least = log_likelihood(evidence, surface, self.judged.X_ST) - MIN_MARGIN
         if resized_log_likelihood(evidence, surface, size, self.found) > least:
@@ -475,10 +484,12 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
 def _search(
     searched: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int
 ) -> tuple[Evidence, Found]:
-    """The likeliest pose from `most` of the starts, and the evidence that weighed it last."""
+    """The likeliest pose from `most` of the starts, and the evidence with which it was ranked
+    last.
+    """
     likeliest = likeliest_pose(searched, surface, starts, given, most=most)
 
-    # Noise of the scan itself, where it is much less than stated
+    # Noise of the scan itself, if it is much less than stated
     noise = seen_noise(searched, surface, likeliest.X_ST)
     if noise.information <= _BETTER * searched.noise.information:
         return searched, likeliest
@@ -487,7 +498,9 @@ def _search(
 
 
 class _Judged(NamedTuple):
-    """An estimated pose and its verdict; of poses equal by symmetry, that which the scan shows."""
+    """An estimated pose and its verdict; among poses equal by symmetry, the pose that the scan
+    shows.
+    """
 
     X_ST: Array  # (4, 4)
     X_told: Array | None  # (4, 4) if parts in view show the angle about an axis of symmetry
@@ -496,8 +509,10 @@ class _Judged(NamedTuple):
 
 
 def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Array) -> _Judged:
-    """Verdict on an estimated pose, next to `X_near` (4, 4) by symmetry."""
-    # Of the poses equal by symmetry: the nearest, the likeliest, the one that parts in view show
+    """Verdict on an estimated pose; among poses equal by symmetry, the one nearest to `X_near` (4,
+    4).
+    """
+    # Among poses equal by symmetry: the nearest, the likeliest, the one that parts in view show
     X_ST = surface.symmetry.nearest_pose(found.X_ST, X_near[:3, :3])
     X_ST = _likeliest_turn(evidence, surface, X_ST)
     X_told = resolve_symmetry(evidence, surface, X_ST)
@@ -516,9 +531,10 @@ def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Arra
 
 
 def _likeliest_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
-    """Of the poses equal by an undeclared symmetry of the mesh: another one if far likelier.
+    """Among poses equal by an undeclared symmetry of the mesh, another one if it is far likelier.
 
-    Such a symmetry holds within a tolerance, of which many pixels may see more.
+    Such a symmetry holds within a tolerance, and many pixels together may resolve smaller
+    differences.
     """
     if not surface.target.symmetry.is_none or not 1 < len(surface.symmetry.rotations) <= _TURNS:
         return X_ST
@@ -541,7 +557,7 @@ def segment(
     approach_error: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Mask of the pixels that may be the target: near the approach, off the background, in patches.
+    """Mask of the pixels that may be the target: near the approach, not background, in patches.
 
     Args:
         scan: The scan.
@@ -555,7 +571,7 @@ def segment(
         Mask (h, w).
 
     Raises:
-        PerceptionError: If fewer than MIN_POINTS are left at any stage.
+        PerceptionError: Fewer than MIN_POINTS are left at any stage.
     """
     usable = without_flying_pixels(scan)
     _need(usable, "of the scan form a surface")
@@ -570,12 +586,12 @@ def segment(
     else:
         _need(mask, "stand out from the background")
 
-    # Patches of a few pixels are remains of flying pixels and of the background's roughness.
+    # Patches of a few pixels remain from flying pixels and from the roughness of the background.
     label, count = ndimage.label(mask, structure=np.ones((3, 3)))
     size = np.bincount(label.ravel(), minlength=count + 1)
     size[0] = 0
     mask &= (size >= max(20, 0.005 * size.max()))[label]
-    _need(mask, "form patches of any size")
+    _need(mask, "form patches of more than a few pixels")
     return mask
 
 
@@ -587,13 +603,13 @@ def _need(mask: np.ndarray, what: str) -> None:
 
 def _around(poses: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
     """Mask (h, w) of the pixels near the model at any of the initial `poses`."""
-    # there may be none
+    # there may be no such pose
     centers = np.array([transform_points(X, surface.center) for X in poses]).reshape(-1, 3)
     return near_any(scan.points, centers, _AROUND * surface.radius)
 
 
 def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> Found:
-    """The published ICP from its one initial pose, with the published rule for a new scan."""
+    """The published ICP from its only initial pose, with the published rule for a new scan."""
     fit = paper_fit(evidence, surface, starts[0])
     asks = ""
     if fit.error > fit.required:
@@ -672,7 +688,7 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
     """Sample `target`, in any of the forms that `identify` accepts.
 
     Raises:
-        ConfigurationError: It is in none of them, or not a model.
+        ConfigurationError: It is in none of these forms, or is not a model.
     """
     if isinstance(target, ModelSurface):
         return target
@@ -682,7 +698,7 @@ def sampled(target: Any, seed: int = 0) -> ModelSurface:
         return ModelSurface.of(TargetModel.from_file(target), seed)
 
     faces = next((name for name in ("faces", "triangles") if hasattr(target, name)), None)
-    # `triangles` of trimesh's are corners (t, 3, 3)
+    # `triangles` of a trimesh are corners (t, 3, 3)
     if hasattr(target, "vertices") and faces is not None:
         return ModelSurface.of(
             TargetModel(name="mesh", vertices=target.vertices, triangles=getattr(target, faces)),

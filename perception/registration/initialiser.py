@@ -1,9 +1,10 @@
 """Global search for initial poses of ICP, with or without an expected position and attitude.
 
-The model is rendered once from all sides. Each patch of the scan is then taken for the object as
-seen from each of these sides, rotated about the line of sight. Every such pose converges by a fast
+The model is rendered once from all sides. Each patch of the scan is then assumed to be the object
+seen from each of these sides, rotated about the line of sight. Every such pose is refined by a fast
 ICP on few points, which reads the nearest visible model point from a table. The poses are ranked by
-a score: the model share that the scan confirms, plus the scan share that the model explains.
+a score: the share of the model that the scan confirms, plus the share of the scan that the model
+explains.
 """
 
 from dataclasses import dataclass
@@ -26,35 +27,37 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
-_SPINS = 12  # rotations about the line of sight, for each view
+_SPINS = 12  # number of rotations about the line of sight, for each view
 _DISTANCE = 4.0  # [radii] of the model, from its centre to the virtual sensor
-_MODEL_POINTS = 4000  # model points used, up to twice as many
-_SHOWN = 150  # model points of a view that are compared with the scan
-_CELLS = 40  # cells of the table along its longest side
+_MODEL_POINTS = 4000  # number of model points used, up to twice as many
+_SHOWN = 150  # number of model points of a view that are compared with the scan
+_CELLS = 40  # number of cells of the table along its longest side
 _MARGIN = 0.35  # [radii] by which the table extends beyond the model
 _THIN = 1.0 / 20.0  # [radii] edge of the cubes to which the scan is thinned
 _TOGETHER = 0.12  # [radii] largest distance between neighbouring points of one patch
-_PATCHES = 5  # patches tried, the largest ones
-_SMALL = 0.1  # [-] size below which a patch is ignored, as a share of the largest patch's points
+_PATCHES = 5  # number of patches tried, the largest ones
+_SMALL = 0.1  # [-] size as a share of the largest patch's points, below which a patch is ignored
 _VICINITY = 1.2  # [radii] around a patch in which other patches may be parts of the same object
-# points of a patch, and [radii] gates of pairing, one for each iteration
+# number of points of a patch, and [radii] gates of pairing, one for each iteration
 _ROUGH = (60, np.geomspace(0.5, 0.15, 8))
 _CLOSE = (200, np.geomspace(0.25, 0.08, 10))  # the same for the second, finer ICP
 _FINE = (400, np.geomspace(0.08, 0.03, 6))  # and for the third
-_TRIED = 120  # poses of a patch that get the second ICP
-_SETTLED = 40  # poses of a patch that get the third
-_VOTED = 60  # poses for which most point pairs vote, that are tried
-_WHOLE = 1000  # points of the whole scan, to which they converge
-_LARGE = 1.3  # [radii] from a patch's middle to its rim, beyond which it holds more than the object
+_TRIED = 120  # number of poses of a patch that get the second ICP
+_SETTLED = 40  # number of poses of a patch that get the third
+_VOTED = 60  # number of poses tried, those for which most point pairs vote
+_WHOLE = 1000  # number of points of the whole scan, with which they are refined
+# [radii] from a patch's middle to its rim, beyond which the patch contains more than the object
+_LARGE = 1.3
 _BALL = 0.7  # [radii] of the balls into which such patches are divided
-_BALLS = 8  # of them at most
+_BALLS = 8  # largest number of these balls
 _FACING = 0.4  # [-] least cosine between the normals of paired points
 _PULL = 0.3  # [-] weight of distances along the surface against those across it
-_DAMPING = 1e-3  # [-] share of the normal equations' trace
-# [rad] from the expected attitude: 45 deg of error, plus the coarse grid of views
+_DAMPING = 1e-3  # [-] damping, as a share of the normal equations' trace
+# [rad] largest difference from the expected attitude: 45 deg of error, plus the coarse grid of
+# views
 _ASTRAY = np.deg2rad(70.0)
-_KEPT = 12  # initial poses beyond the best one of each patch
-_SHORT_OF = 0.6  # [-] score below the best from which on a pose is dropped
+_KEPT = 12  # number of initial poses besides the best one of each patch
+_SHORT_OF = 0.6  # [-] difference from the best score, from which on a pose is dropped
 _APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] least distance between two initial poses
 
 
@@ -67,7 +70,9 @@ class Expected:
     R: Array | None = None  # (3, 3) attitude of T in S; None: unknown
 
     def admits(self, X_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (n,) of the poses X_ST (n, 4, 4) within the expected position and attitude."""
+        """Mask (n,) of the poses X_ST (n, 4, 4) that agree with the expected position and
+        attitude.
+        """
         mask = self.admits_turn(X_ST[:, :3, :3], surface)
         if self.p is not None:
             mask &= (
@@ -77,14 +82,18 @@ class Expected:
         return mask
 
     def admits_turn(self, R_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of that expected, by symmetry."""
+        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected attitude, modulo
+        symmetry.
+        """
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
         return surface.symmetry.cosines(R_ST, self.R) > np.cos(_ASTRAY)
 
 
 class _Views(NamedTuple):
-    """The model rendered from v sides, all in T; a tuple, so that kernels take it whole."""
+    """The model rendered from v sides, all in T, as a tuple, so that compiled kernels accept it as
+    one argument.
+    """
 
     points: Array  # (p, 3) [m]
     normals: Array  # (p, 3)
@@ -92,7 +101,8 @@ class _Views(NamedTuple):
     center: Array  # (3,) [m] of the model
     radius: float  # [m]
     ways: Array  # (v, 3) unit, from the model's centre to the sensor
-    turns: Array  # (v, _SPINS, 3, 3) rotations that map a way to z, one for each spin about it
+    # (v, _SPINS, 3, 3) rotations that map a direction to z, one for each spin about it
+    turns: Array
     middles: Array  # (v, 3) [m] mean of the visible points
     shown: np.ndarray  # (v, _SHOWN) indices of visible points
     nearest: np.ndarray  # (v, nx, ny, nz) index of the visible point nearest to a cell
@@ -132,14 +142,14 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
         [exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)]
     )
 
-    # From each side: the visible points, and the nearest of them to each cell
+    # For each side: the visible points, and the nearest of them to each cell
     for way in sphere(1)[0]:
         mask = surface.exposed(
             surface.center + _DISTANCE * surface.radius * way, max_incidence, every
         )
         visible = np.nonzero(mask)[0]
         if len(visible) < 10:
-            continue  # a plate seen edge-on
+            continue  # a plate seen edge-on has none
         owner = np.full(shape, -1, dtype=np.int32)
         owner[tuple(cells[visible].T)] = visible
         index = ndimage.distance_transform_edt(
@@ -169,12 +179,14 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Initial poses X_ST for ICP: the best of each patch, up to 12 others, those of point pairs.
+    """Initial poses X_ST for ICP: the best of each patch, up to 12 others, and those of point
+    pairs.
 
-    Point pairs are used where the attitude is unknown; their poses count as they are and after the
-    fast ICP.
+    Point pairs are used if the attitude is unknown; their poses are included both unchanged and
+    after the fast ICP.
 
-    Patches do not compete with each other, because some part of any model explains a sliver best.
+    Patches do not compete with each other, because a small sliver of the scan
+    is always explained well by some part of any model.
 
     Args:
         scan: The scan.
@@ -198,7 +210,9 @@ def initial_poses(
     firsts: list[tuple[float, Array]] = []
 
     def settled(patch: np.ndarray, X: Array) -> list[tuple[float, Array]]:
-        """Scores and poses, the best first, to which those of `X` (k, 4, 4) converge on a patch."""
+        """Scores and poses, the best first, to which the poses `X` (k, 4, 4) converge on a
+        patch.
+        """
         sigma = float(np.median(sensor.sigma(points[patch, 2])))
         X = X[expected.admits_turn(X[:, :3, :3], surface)]
         score = np.zeros(len(X))
@@ -212,7 +226,7 @@ def initial_poses(
             zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0]
         )
 
-    # Poses of each patch, the best one apart from the others
+    # Poses of each patch; the best one is kept separately
     for patch in _patches(points, surface.radius, expected):
         of_patch = settled(patch, _turned(views, points[patch].mean(axis=0)))
         firsts += of_patch[:1]
@@ -251,7 +265,7 @@ def _some(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def _is_apart(surface: ModelSurface, X_ST: Array, kept: list[Array]) -> bool:
-    """True if an initial pose (4, 4) is another one than each of those that are kept."""
+    """True if an initial pose (4, 4) differs from all of those that are kept."""
     if not kept:
         return True
 
@@ -263,7 +277,9 @@ def _is_apart(surface: ModelSurface, X_ST: Array, kept: list[Array]) -> bool:
 
 
 def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarray]:
-    """Indices of the points (n, 3) of each patch: a connected surface, its vicinity, or a part."""
+    """Indices of the points (n, 3) of each patch, which is a connected surface, its vicinity, or a
+    part of it.
+    """
     label = connected_surfaces(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
@@ -284,8 +300,8 @@ def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarra
 def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) -> list[np.ndarray]:
     """Indices of the points (n, 3) in each of a few balls over the patches larger than the object.
 
-    Touching objects form one surface, whose middle is none of theirs. The balls' centres are the
-    points farthest from each other.
+    Objects in contact form one surface, whose middle is not the middle of any of them. The centres
+    of the balls are the points farthest from each other.
     """
     # Points of the patches that extend beyond the object
     label = connected_surfaces(points, _TOGETHER * radius)
@@ -301,7 +317,7 @@ def _balls(points: Array, among: np.ndarray, radius: float, expected: Expected) 
     if not len(seeds):
         return []
 
-    # Farthest-point sampling, begun next to the middle
+    # Farthest-point sampling, starting near the middle
     balls: list[np.ndarray] = []
     middle = seeds.mean(axis=0) if expected.p is None else expected.p
     distance = np.full(len(seeds), np.inf)
@@ -326,7 +342,7 @@ def _turned(views: _Views, middle: Array) -> Array:
 
 
 def _facing(z: Array) -> Array:
-    """Any rotation (3, 3) whose z axis is along `z` (3,)."""
+    """A rotation (3, 3) whose z axis is along `z` (3,); the other axes are arbitrary."""
     return rotation_from_z(z, np.eye(3)[int(np.abs(z).argmin())])
 
 
@@ -334,7 +350,9 @@ _Triple = tuple[float, float, float]
 
 
 class _Equations(NamedTuple):
-    """Normal equations of a twist (linear; angular x radius), and a Jacobian row to work in."""
+    """Normal equations of a twist (linear; angular x radius), and a Jacobian row as working
+    memory.
+    """
 
     H: Array  # (6, 6), lower half
     g: Array  # (6,)
@@ -347,7 +365,7 @@ def _settle(
 ) -> Array:
     """Fast ICP of every pose `X_ST` (n, 4, 4), in place; explained share (n,) of the points.
 
-    One Gauss-Newton step for each of `gates` [m]. The share is counted in the last iteration,
+    One Gauss-Newton step for each of `gates` [m]. The share is computed in the last iteration,
     before its step.
     """
     explained = np.empty(len(X_ST))
@@ -390,7 +408,7 @@ def _settle(
                 if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
                     continue
 
-                # Nearest visible model point, refused beyond the gate or with another normal
+                # Nearest visible model point, refused beyond the gate or if its normal differs
                 m = nearest[view, i, j, k]
                 ox, oy, oz = x - model[m, 0], y - model[m, 1], z - model[m, 2]
                 square = ox * ox + oy * oy + oz * oz
@@ -406,7 +424,7 @@ def _settle(
                 if abs(cosine) < _FACING:
                     continue
 
-                # Explained: on the surface, not beside it
+                # Explained: within the surface, not outside its rim
                 along = u * ox + v * oy + w * oz
                 if abs(along) < spacing + 3.0 * sigma and square < (reach + 3.0 * sigma) ** 2:
                     count += 1
@@ -420,7 +438,8 @@ def _settle(
                 )
                 at = (ax, ay, az)
                 _add(equations, weight, along, (u, v, w), at)
-                if square > reach * reach:  # no model at this cell: pull along the surface too
+                # no model at this cell: the distance along the surface counts too
+                if square > reach * reach:
                     weight *= _PULL / (1.0 + square / gate**2)
                     _add(equations, weight, ox, (1.0, 0.0, 0.0), at)
                     _add(equations, weight, oy, (0.0, 1.0, 0.0), at)
@@ -458,7 +477,9 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
 
 @kernel
 def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
-    """Add an `offset` [m] along unit `way` to the normal equations, `at` [radii] off the centre."""
+    """Add an `offset` [m] along the unit vector `way` to the normal equations, for a point at `at`
+    [radii] from the centre.
+    """
     H = equations.H
     g = equations.g
     row = equations.row
@@ -491,7 +512,9 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
 
 @kernel
 def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
-    """Share (n,) of the visible model that the scan confirms, less the share it sees through."""
+    """Share (n,) of the visible model that the scan confirms, minus the share that the scan sees
+    through.
+    """
     share = np.empty(len(X_ST))
     model = views.points
     shown = views.shown
@@ -506,7 +529,7 @@ def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) 
             if ahead <= 0.0:
                 continue
 
-            # Its pixel, and whether the scan lies there or behind
+            # Pixel of the model point, and whether the scan is at its depth or behind it
             column = (X[0, 0] * x + X[0, 1] * y + X[0, 2] * z + X[0, 3]) / ahead
             row = (X[1, 0] * x + X[1, 1] * y + X[1, 2] * z + X[1, 3]) / ahead
             i = round((row - picture.tangent_y) / picture.pitch_y)

@@ -1,4 +1,4 @@
-"""Likelihood of a scan, given the pose of a known model: it ranks poses."""
+"""Likelihood of a scan, given the pose of a known model, by which poses are ranked."""
 
 from collections.abc import Sequence
 
@@ -9,13 +9,14 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, transform_points
 
-# [m] in front of the model: nearer pixels show something else, not the object, fouled or not
+# [m] distance in front of the model, from which on a pixel shows something else, even if the object
+# is fouled
 OCCLUDER = 0.06
-_PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
-_GLANCED = 2_000  # pixels that suffice to rank poses which are not fitted yet
-_FILLED = 0.5  # [-] of the square around a model's sphere that its picture fills, about
+_PIXELS = 40_000  # approximate largest number of pixels of the thinned scan in the likelihood
+_GLANCED = 2_000  # number of pixels that suffices to rank poses which are not fitted yet
+_FILLED = 0.5  # [-] approximate share of the square around a model's sphere that its picture fills
 _MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
-# [sigma^2] cost of a pixel of the background, which a plane explains but for noise
+# [sigma^2] cost of a pixel of the background, which a plane explains except for noise
 _BACKGROUND_COST = 1.0
 _UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
 
@@ -32,18 +33,18 @@ def log_likelihood(
 
     Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is
     clipped, which leaves room for growth and dents. A share of points within a tolerance cannot
-    distinguish a plate from the same plate turned round, because every single difference drowns in
-    noise; a sum of squares over hundreds of pixels can.
+    distinguish a plate from the same plate turned round, because every single difference is smaller
+    than the noise. A sum of squares over hundreds of pixels can.
 
-    Pixels without depth contribute nothing. Those that stand out, and those of the background, cost
-    the same wherever the model does not cover them, so that only those that it covers are compared:
-    a small object in a heap is seen as finely as one alone.
+    Pixels without depth contribute nothing. Pixels outside the model have a constant cost, whether
+    they stand out or are background, so that only the pixels that the model covers are compared.
+    The resolution for a small object in a heap is therefore the same as for a single object.
 
     Args:
         evidence: Scan and mask of the object.
         surface: Sampled model.
         X_ST: (4, 4) pose of T in S.
-        pixels: Number of pixels around the model that count, at most about.
+        pixels: Approximate largest number of pixels around the model that are compared.
 
     Returns:
         The log likelihood [nat], more than without the model.
@@ -51,7 +52,8 @@ def log_likelihood(
     return _weighed(evidence, surface, X_ST.tobytes(), pixels)
 
 
-# a pose is weighed when it is fitted, as the start of the next fit, and when it is judged
+# stored, since the same pose is ranked when it is fitted, as the start of the next fit, and when it
+# is verified
 @remembered(64)
 def _weighed(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes, pixels: int) -> float:
     return _compared(evidence, surface, np.frombuffer(pose_bytes).reshape(4, 4), pixels)
@@ -80,7 +82,7 @@ def _compared(evidence: Evidence, surface: ModelSurface, X_ST: Array, pixels: in
     without = np.where(mask[rows, columns], _UNEXPLAINED_COST, _BACKGROUND_COST)
     if (known := scan.known) is not None:
         explainer = known.depth[rows, columns]
-        shown &= ~(explainer < depth)  # nor do those where a known object hides the model
+        shown &= ~(explainer < depth)  # nor do pixels where a known object hides the model
         covered = np.isfinite(explainer)
         explained = (
             np.where(
@@ -104,7 +106,7 @@ def difference(
     Args:
         evidence: Scan and sensor.
         one: A sampled model and its pose X_ST (4, 4).
-        other: Another.
+        other: Another one.
 
     Returns:
         The expected log likelihood ratio [nat], 0 where both look the same; occluded pixels do not
@@ -130,10 +132,11 @@ def difference(
 
 
 def _weight(evidence: Evidence, window: tuple[slice, slice]) -> float:
-    """Independent readings for which a pixel of the window stands, with those thinned away.
+    """Number of independent readings that a pixel of the window represents, including the pixels
+    removed by thinning.
 
-    The window depends on the pose: were those left out not counted, a pose with a smaller picture
-    would be likelier.
+    The window depends on the pose. If the removed pixels were not counted, a pose with a smaller
+    picture would be likelier.
     """
     return float(evidence.noise.independent(1.0)) * window[0].step ** 2
 
@@ -143,8 +146,8 @@ def _window(
 ) -> tuple[slice, slice] | None:
     """Rows and columns around models at their poses (4, 4), thinned; None if out of the picture.
 
-    The step follows the size of the models at the depth of the evidence, and not the pose: with
-    other pixels the sum over thousands of them differs by tens of nats.
+    The step depends on the size of the models at the depth of the evidence, and not on the pose,
+    because with other pixels the sum over thousands of them differs by tens of nats.
     """
     corners = [transform_points(X_ST, surface.hull) for surface, X_ST in models]
     rows, columns = evidence.scan.window(np.concatenate(corners), 0.0, evidence.scan.depth.size)

@@ -15,17 +15,20 @@ from uuv.perception.clouds.scan import Scan
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
-_AT_BORDER = 2.0  # [spacings of the cloud] from its border, within which an edge is the border's
+# [spacings of the cloud] from its border, within which an edge counts as part of the border
+_AT_BORDER = 2.0
 
-MODELS = 2  # latest surfaces whose symmetries, views, ... are kept for those of the same content
+# number of latest surfaces whose symmetries, views and so on are kept for surfaces of the same
+# content
+MODELS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class ModelSurface:
     """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster.
 
-    All is in T. Surfaces of the same content are equal, so that what is computed for one of the
-    latest models serves the next run.
+    All quantities are in T. Surfaces of the same content are equal, so that results computed for a
+    recent model are reused by the next run.
     """
 
     target: TargetModel
@@ -35,11 +38,12 @@ class ModelSurface:
     center: Array  # (3,) [m], of the target's bounding box
     radius: float  # [m], of the sphere around it
     scene: RayScene
-    # declared by the target, or else found in its mesh; of an open cloud only what is declared
+    # symmetry declared by the target, or else found in its mesh; for an open cloud only the
+    # declared one
     symmetry: Symmetry
     hull: Array  # (k, 3) [m] outermost corners in many directions, which bound its picture
-    resolution: float = 0.0  # [m] spacing of the cloud that the mesh was made of; 0 for a mesh
-    # points in T where an open cloud ends, though the object may go on
+    resolution: float = 0.0  # [m] spacing of the cloud from which the mesh was made; 0 for a mesh
+    # points in T where an open cloud ends although the object may continue
     border: cKDTree | None = None
 
     @classmethod
@@ -48,14 +52,15 @@ class ModelSurface:
 
         Args:
             target: Model of the object.
-            seed: Of the random samples.
+            seed: Seed of the random samples.
         """
         spacing = float(np.clip(target.radius / 60.0, 0.003, 0.01))
         corners = target.vertices[target.triangles]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         double_area = np.linalg.norm(cross, axis=1)
 
-        # Points spread evenly over the area: triangle by its area, place by folded unit square
+        # Points spread evenly over the area: a triangle is drawn by its area, the position by a
+        # folded unit square
         rng = np.random.default_rng(seed)
         count = int(np.clip(3.0 * double_area.sum() / spacing**2, 2000, 150_000))
         face = np.searchsorted(
@@ -68,7 +73,7 @@ class ModelSurface:
         a, b, c = corners[face].transpose(1, 0, 2)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
 
-        # Symmetry as declared, else that of the mesh if it is closed
+        # Symmetry as declared, else found in the mesh if the mesh is closed
         cloud = target.cloud
         is_open = cloud is not None and cloud.is_open
         resolution = cloud.spacing if cloud is not None else 0.0
@@ -99,7 +104,7 @@ class ModelSurface:
 
     @cached_property
     def _content(self) -> bytes:
-        """Digest of all that the surface is made of."""
+        """Digest of all data from which the surface is made."""
         target = self.target
         none = np.zeros(0)
         parts = [
@@ -127,16 +132,22 @@ class ModelSurface:
         return digest.digest()
 
     def thinned(self, points: int) -> "ModelSurface":
-        """The same surface with about `points` points at most; itself where it has no more."""
+        """The same surface with about `points` points at most; the surface itself if it has no
+        more.
+        """
         return _thinned(self, points)
 
     @property
     def is_open(self) -> bool:
-        """True for a scan from some sides: what lies behind it and beyond its border is unknown."""
+        """True for a scan from some sides, where the space behind the surface and beyond its border
+        is unknown.
+        """
         return isinstance(self.scene, OneSidedScene)
 
     def on_border(self, points: Array) -> np.ndarray:
-        """Mask (n,) of points (n, 3) [m] in T at the border of an open cloud: no object's edge."""
+        """Mask (n,) of points (n, 3) [m] in T at the border of an open cloud, which is not an edge
+        of the object.
+        """
         if self.border is None:
             return np.zeros(len(points), dtype=bool)
         return (
@@ -150,7 +161,7 @@ class ModelSurface:
             X_ST: (4, 4) pose of T in S.
             scan: Scan whose pixel grid is the field of view.
             max_incidence: [rad] largest angle of incidence.
-            step: Only every `step`-th point is judged, and the mask is of those.
+            step: Only every `step`-th point is tested, and the mask is for these points.
 
         Returns:
             Mask (m,).
@@ -165,8 +176,8 @@ class ModelSurface:
         Args:
             origin: (3,) [m] of the sensor in T.
             max_incidence: [rad] largest angle of incidence.
-            step: Only every `step`-th point is judged, and the mask is of those.
-            among: Mask (m,) of the points to be judged; None: all.
+            step: Only every `step`-th point is tested, and the mask is for these points.
+            among: Mask (m,) of the points to test; None: all.
 
         Returns:
             Mask (m,).
@@ -176,7 +187,7 @@ class ModelSurface:
         rays = points - origin
         distance = np.linalg.norm(rays, axis=1)
 
-        # Facing the sensor, and among those that are judged
+        # Facing the sensor, among the points to test
         facing = -np.einsum("ij,ij->i", rays, normals)
         visible = (facing if self.is_open else np.abs(facing)) > np.cos(max_incidence) * distance
         if among is not None:
@@ -253,21 +264,22 @@ def _thinned(surface: ModelSurface, points: int) -> ModelSurface:
 def one_per_cube(points: Array, size: float) -> np.ndarray:
     """Index of one of the points (n, 3) in each cube of edge `size` [m].
 
-    Their mean would leave the surface.
+    A mean of the points would not be on the surface.
     """
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     return np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)[1]
 
 
 def _hull(vertices: Array) -> Array:
-    """The vertices (k, 3) that lie outermost in any of 162 directions.
+    """The vertices (k, 3) that are outermost in any of 162 directions.
 
     Their extent is within 1 % of that of the convex hull.
     """
     return vertices[np.unique((vertices @ sphere(2)[0].T).argmax(axis=0))]
 
 
-@remembered(8)  # one pose is judged several times: by its score, by ICP and by the check
+# stored, since one pose is tested several times: by its score, by ICP and by the check
+@remembered(8)
 def _visible(
     scan: Scan, surface: ModelSurface, pose_bytes: bytes, max_incidence: float, step: int
 ) -> np.ndarray:

@@ -20,20 +20,21 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
-# where a surface turns away more slowly the sensor fails, it has no edge
+# if a surface turns away more slowly than this, the sensor fails there, and the surface has no edge
 SHARP_EDGE = np.cos(np.deg2rad(70.0))
-_WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
-_RASTER = 32  # [px] to whose multiples, about, windows of depth edges are extended
-_BESIDE = (1.5, 3.0, 4.5)  # [px] beyond an edge, where the background is compared
-# [-] share of the sharp edges that can show, below which they are too few to judge all by
+_WINDOW_PIXELS = 80_000  # number of pixels above which depth edges are taken from a thinned grid
+_RASTER = 32  # [px] windows of depth edges are extended to about a multiple of this
+_BESIDE = (1.5, 3.0, 4.5)  # [px] distance beyond an edge, at which the background is compared
+# [-] share of the sharp edges that can show, below which they are too few for a verdict
 _SHOWN = 0.1
-_BESIDE_OCCLUDER = 2  # [px] beside an occluder's picture that its mixed pixels reach
-_EDGE_BIAS = 0.1  # [px] by which all depth edges may be seen aside, or outward
-_HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
+_BESIDE_OCCLUDER = 2  # [px] width of the margin of mixed pixels around an occluder's picture
+_EDGE_BIAS = 0.1  # [px] error that shifts all depth edges sideways, or outward
+_HALVINGS = 4  # number of bisections of a pixel, to locate a model's depth edge
 _CONTOUR = 5.0  # [px] within which a contour's points give its direction
-_BAND = 40.0  # [px] without depth beside a surface, beyond which its outline is not sought
-# [px] by which that band may be wider than the model's own, which turns away there: no shadow of
-# stereo
+# [px] largest width of a band without depth next to a surface, in which its outline is searched for
+_BAND = 40.0
+# [px] by which that band may be wider than the model's own band, where the surface turns away: no
+# shadow of stereo
 _WIDER = 2.0
 
 
@@ -49,41 +50,42 @@ class _Outline(NamedTuple):
 class DepthEdges:
     """Depth edges of scan and model around the object.
 
-    A sharp edge lies where the object's surface ends in the scan. A smooth one, where the surface
-    turns away and gives no depth, lies where the depth behind it begins.
+    A sharp edge is where the object's surface ends in the scan. At a smooth edge the surface turns
+    away and gives no depth; the edge is where the depth behind it begins.
     """
 
-    ends: _Outline  # of the scan, where the surface ends
-    behind: _Outline  # where the depth behind it begins
+    ends: _Outline  # outline of the scan, where the surface ends
+    behind: _Outline  # outline where the depth behind it begins
     model_points: Array  # (k, 3) [m] in T
     model_outward: Array  # (k, 2) unit
-    # (k,) bool: see SHARP_EDGE; where an open model merely ends there is none
+    # (k,) bool: sharp edges, see SHARP_EDGE; the border of an open model is neither
     model_sharp: np.ndarray
-    model_smooth: np.ndarray  # (k,) bool: the others
-    model_band: Array  # (k,) [px] beside the edge, in which the surface is too steep for an echo
-    model_step: Array  # (k,) [m] by which the edge is farther than the surface beside that band
+    model_smooth: np.ndarray  # (k,) bool: smooth edges
+    # (k,) [px] width of the band next to the edge, in which the surface is too steep for an echo
+    model_band: Array
+    model_step: Array  # (k,) [m] by which the edge is farther than the surface next to that band
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairRows:
-    """Pairs of scan and model, one a row.
+    """Pairs of scan and model, one per row.
 
     A pair's score is J weight distance, with the derivative J slope J^T.
     """
 
-    # (n, 7) derivative of the model's place along the pair's direction, by the unknowns of
+    # (n, 7) derivative of the model point along the pair's direction, by the unknowns of
     # `Pairing.terms`
     J: Array
     weight: Array  # (n,) [1/m^2]
     slope: Array  # (n,) [1/m^2], negative for distances that are far outside the noise
-    distance: Array  # (n,) [m] of the scan from the model
-    tangents: Array  # (n, 2) x/z and y/z of the scan's reading
+    distance: Array  # (n,) [m] distance of the scan from the model
+    tangents: Array  # (n, 2) x/z and y/z of the scan point
     # (n,) [m] standard deviation of the error that all depth edges share; 0 for planes
     common: Array
 
     @classmethod
     def joined(cls, *parts: "PairRows") -> "PairRows":
-        """The rows of several one after the other."""
+        """The rows of several instances, one after the other."""
         return cls(
             *(
                 np.concatenate([getattr(part, field.name) for part in parts])
@@ -123,7 +125,9 @@ class Pairing:
         )
 
     def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
-        """Index (n,) of the model point nearest to each scan point; their number where none is."""
+        """Index (n,) of the model point nearest to each scan point; the number of model points if
+        there is none.
+        """
         points = transform_points(inverse(X_ST), self.evidence.points)
         return self.grid.query(points, self._reach(gate))[1]
 
@@ -183,15 +187,15 @@ def edge_offsets(
         X_ST: (4, 4) pose of T in S.
 
     Returns:
-        Offsets (n,) [m] across the edge of those that have a partner, the share (0..1) of sharp
-        edge that has one, and the share beyond which the scanned surface goes on. The shares are
-        NaN without sharp edges in view.
+        Offsets (n,) [m] across the edge of edges that have a partner, the share (0..1) of sharp
+        edge with a partner, and the share beyond which the scanned surface continues. The shares
+        are NaN without sharp edges in view.
     """
     edges = _edges(evidence, surface, X_ST)
     if edges is None or edges.model_sharp.sum() < 20 or not len(edges.ends.edges.rows):
         return np.zeros(0), np.nan, np.nan
 
-    # Sharp edges that can show: no occluder in front, and the background well behind
+    # Sharp edges that can show: without an occluder in front, and with the background well behind
     sharp = edges.model_sharp
     points = transform_points(X_ST, edges.model_points[sharp])
     tangents = points[:, :2] / points[:, 2:]
@@ -214,7 +218,8 @@ def edge_offsets(
 
     offsets = np.einsum("ij,ij->i", ends.tangents[index] - tangents, normal) * points[:, 2]
 
-    # Where the scanned surface goes on at the same depth, a little and further beyond the edge
+    # Where the scanned surface continues at the same depth, both a little and further beyond the
+    # edge
     goes_on = np.ones(len(points), dtype=bool)
     for beyond in (0.03, 0.05):
         probe = np.column_stack([points[:, :2] + beyond * normal, points[:, 2]])
@@ -222,7 +227,7 @@ def edge_offsets(
         step = np.maximum(0.5 * jump(points[:, 2]), 3.0 * evidence.sensor.sigma(points[:, 2]))
         goes_on &= inside & evidence.mask[row, column]
         goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
-        # one part of the model in front of another does not end it
+        # a part of the model in front of another part does not end the model
         goes_on &= ~surface.covers(X_ST, probe)
 
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
@@ -237,9 +242,10 @@ def _hidden(evidence: Evidence, points: Array) -> np.ndarray:
 
 
 def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
-    """Mask (n,) of the model's edges (n, 3) [m] in S that rest on the background: none shows.
+    """Mask (n,) of the model's edges (n, 3) [m] in S that rest on the background, so that no edge
+    shows.
 
-    `normal` (n, 2): unit directions across the edges, outward in the image.
+    `normal` (n, 2) are unit directions across the edges, outward in the image.
     """
     resting = np.zeros(len(points), dtype=bool)
     for pixels in _BESIDE:
@@ -257,7 +263,7 @@ def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
 
 
 class _Readings(NamedTuple):
-    """Scan points as the kernel takes them; as in `Evidence`."""
+    """Scan points in the form of the kernel; fields as in `Evidence`."""
 
     points: Array  # (n, 3) [m] in S
     normals: Array  # (n, 3)
@@ -266,7 +272,7 @@ class _Readings(NamedTuple):
 
 
 class _ModelPoints(NamedTuple):
-    """Visible model points as the kernel takes them; as in `ModelSurface`."""
+    """Visible model points in the form of the kernel; fields as in `ModelSurface`."""
 
     points: Array  # (m, 3) [m] in T
     normals: Array  # (m, 3)
@@ -307,10 +313,11 @@ def _pair(
     gate: float,
     J: Array,
 ) -> tuple[float, float, float]:
-    """Pair of scan point `n` and model point `i`: weight, slope [1/m^2] and distance [m].
+    """Weight, slope [1/m^2] and distance [m] of the pair of scan point `n` and model point `i`.
 
-    Writes the Jacobian row `J` (7,). The weight is 0 where the pair does not count. Weight times
-    distance along the normal is the score; the slope is the score's derivative by the distance.
+    The function also writes the Jacobian row `J` (7,). The weight is 0 if the pair is not used. The
+    score is weight times distance along the normal; the slope is the derivative of the score with
+    respect to the distance.
     """
     # Model point and normal in S, towards the sensor
     q = np.empty(3)
@@ -323,7 +330,7 @@ def _pair(
             m[a] += X_ST[a, b] * model.normals[i, b]
     facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
 
-    # Distance along the normal, in all, and angle of the normals
+    # Distance along the normal, total distance, and angle of the normals
     along = 0.0
     square = 0.0
     cosine = 0.0
@@ -334,7 +341,7 @@ def _pair(
         square += off * off
         cosine += m[a] * scan.normals[n, a]
 
-    # Beyond the rim of the visible part the nearest point pulls sideways: such pairs are dropped.
+    # Beyond the rim of the visible part the nearest point is sideways; such pairs are dropped.
     if square >= gate**2 or square - along**2 >= (1.5 * model.spacing) ** 2 or cosine <= 0.5:
         return 0.0, 0.0, 0.0
 
@@ -402,7 +409,8 @@ def _plane_rows(
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
-    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre, and growth.
+    """Jacobian rows (n, 7) of `direction . at` with respect to a twist about the model's centre,
+    and growth.
 
     Rotation and growth are scaled by the model's radius.
     """
@@ -435,7 +443,7 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
     points = of_model.depth[:, None] * np.column_stack([tangents, np.ones(len(tangents))])
     points = transform_points(inverse(X_ST), points)
 
-    # Width of the rim that is too steep for an echo, and kind of each edge
+    # Width of the band that is too steep for an echo, and kind of each edge
     at = of_model.rows, of_model.columns
     band, (row, column) = _to_nearest(covered & (cosine > np.cos(evidence.sensor.max_incidence)))
     sharp = cosine[at] > SHARP_EDGE
@@ -455,8 +463,8 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> DepthEdges
 def _across(pixels: Array, steps: np.ndarray) -> Array:
     """Unit directions (n, 2) across the contours through points (n, 2) [px], along the `steps`.
 
-    A wrong direction would turn motions along the contour, which it does not resist, into motions
-    across it.
+    With a wrong direction, motions along the contour, which the contour does not resist, would
+    count as motions across it.
     """
     order = np.argsort(pixels[:, 0], kind="stable")
     directions = np.empty_like(pixels)
@@ -492,7 +500,7 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
         length = max(np.hypot(rough[i, 0], rough[i, 1]), 1e-12)
         rough[i] /= length
 
-    # Direction of the line through those neighbours that step the same way
+    # Direction of the line through those neighbours whose steps have the same direction
     for i in range(n):
         total = 0.0
         mx = 0.0
@@ -515,7 +523,7 @@ def _across_sorted(pixels: Array, steps: Array) -> Array:
 
         across[i] = rough[i]
 
-        # Across it, to the side of the step, where the two agree
+        # Perpendicular to it, on the side of the step, if the two agree
         if total > 0.0:
             xx -= mx * mx / total
             xy -= mx * my / total
@@ -570,14 +578,14 @@ def _to_nearest(mask: np.ndarray) -> tuple[Array, tuple[np.ndarray, np.ndarray]]
 def _rastered(scan: Scan, rows: slice, columns: slice) -> tuple[slice, slice]:
     """Window extended to a raster, so that all windows of a step have the same pixels.
 
-    The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
-    are therefore the same however much the picture is cropped.
+    The raster is counted from the optical axis, which is mostly midway between two pixels. The
+    pixels are therefore the same regardless of how the picture is cropped.
     """
     slices = []
     for window, tangents, pitch in zip(
         (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
     ):
-        # number of the picture's first pixel on the raster
+        # index of the picture's first pixel on the raster
         first = round(float(tangents[0]) / pitch + 0.25)
 
         step = window.step or 1
@@ -597,7 +605,7 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
     middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
 
-    # Bisection: is the model still there?
+    # Bisection: does the ray still hit the model?
     for halving in range(_HALVINGS):
         rays = np.column_stack(
             [middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))]
@@ -627,7 +635,7 @@ def _scan_edges(evidence: Evidence, step: int) -> tuple[_Outline, _Outline]:
         edges, outward(mask, part.depth, edges.rows, edges.columns), np.zeros(len(edges.rows))
     )
 
-    # The surface goes on, at its depth, up to where there is depth again.
+    # The surface continues at its depth up to where there is depth again.
     band, nearest = _to_nearest(mask)
     filled = mask | (~np.isfinite(part.depth) & (band < _BAND))
     depth = np.where(filled, part.depth[nearest], part.depth)
@@ -649,7 +657,7 @@ def _edge_rows(
     tangents = points[:, :2] / points[:, 2:]
     reach = gate / float(np.median(points[:, 2]))
 
-    # Partners of either kind of edge: near, of like depth, rim and direction
+    # Partners of either kind of edge: near, at similar depth, of the same rim and direction
     sides = []
     for side, of_kind in ((edges.ends, edges.model_sharp), (edges.behind, edges.model_smooth)):
         if not of_kind.any():

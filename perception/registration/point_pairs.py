@@ -1,10 +1,10 @@
 """Starts of the search by point pair features: pairs of scan points vote for poses [Drost 2010].
 
-A pair of oriented points has four numbers that no motion changes: their distance, the angles of
-both normals with the line between them, and the angle of the normals. Pairs of the model are sorted
-by these. Each pair of the scan with a common first point votes for the model's points and turns
-that put such a pair on it. Touching objects need no segmentation: pairs across two objects vote for
-nothing in particular.
+A pair of oriented points has four numbers that no motion changes: the distance, the angles of both
+normals with the line between the points, and the angle between the normals. Pairs of the model are
+sorted by these numbers. Each pair of the scan votes for all model points, and turns about the
+normal, that map a model pair of the same numbers onto it. Objects in contact need no segmentation,
+because the votes of pairs across two objects are scattered.
 """
 
 from typing import NamedTuple
@@ -16,30 +16,33 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array
 
-_MODEL_POINTS = 500  # of the model that are paired, about
-_SCAN_POINTS = 900  # of the scan that are paired, at most about
-_REFERENCES = 120  # of these that are first points, about
-_DISTANCES = 20  # steps of distance over the model's extent
-_ANGLES = 12  # steps of an angle over 180 deg
-_TURNS = 24  # steps of the turn about the first point's normal
-_PEAKS = 3  # poses of a first point, those with most votes
-_NEARBY = 0.2  # [radii] between model points, within which two peaks are one
+_MODEL_POINTS = 500  # approximate number of model points that are paired
+_SCAN_POINTS = 900  # approximate largest number of scan points that are paired
+_REFERENCES = 120  # approximate largest number of these that are first points
+_DISTANCES = 20  # number of steps of distance over the model's extent
+_ANGLES = 12  # number of steps of an angle over 180 deg
+_TURNS = 24  # number of steps of the turn about the first point's normal
+_PEAKS = 3  # number of poses of a first point, those with most votes
+_NEARBY = 0.2  # [radii] between model points, within which two peaks count as the same
 
 
 class _Pairs(NamedTuple):
-    """Pairs of model points sorted by their features; a tuple, so that kernels take it whole."""
+    """Pairs of model points sorted by their features, as a tuple, so that compiled kernels accept
+    it as one argument.
+    """
 
-    points: Array  # (m, 3) [m] in T
+    points: Array  # (m, 3, 3) rows: normal, and two directions perpendicular to it
     frames: Array  # (m, 3, 3) rows: normal, and two directions across it
     step: float  # [m] of distance
-    start: np.ndarray  # (features + 1,) of the pairs of a feature
+    start: np.ndarray  # (features + 1,) first pair of each feature
     first: np.ndarray  # (pairs,) index of the first point
-    # (pairs,) [rad] about its normal, by which the second point comes to the first direction across
+    # (pairs,) [rad] turn about its normal that brings the second point to the first perpendicular
+    # direction
     turn: Array
 
 
 def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Array:
-    """Poses for which most pairs vote, three for each of some scan points.
+    """Poses for which most pairs vote, three for each of a selection of scan points.
 
     Args:
         points: (n, 3) [m] of the scan, in S.
@@ -60,7 +63,7 @@ def point_pair_poses(points: Array, normals: Array, surface: ModelSurface) -> Ar
     points = points[chosen]
     frames = _frames(normals[chosen])
 
-    # Votes of some of them as first points
+    # Votes of a selection of these as first points
     references = np.unique(np.linspace(0, len(points) - 1, _REFERENCES).astype(np.int64))
     X, votes = _vote(points, frames, references, pairs, _NEARBY * surface.radius)
     return X.reshape(-1, 4, 4)[np.argsort(-votes.ravel(), kind="stable")]
@@ -93,20 +96,22 @@ def _frames(normals: Array) -> Array:
 
 @kernel
 def _feature(p: Array, frame: Array, q: Array, normal: Array, step: float) -> tuple[int, float]:
-    """Number of the feature of two oriented points, -1 for none, and turn [rad] about the first."""
+    """Index of the feature of two oriented points, -1 for none, and the turn [rad] about the first
+    normal.
+    """
     x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     length = np.sqrt(x * x + y * y + z * z)
     far = int(length / step)
     if far >= _DISTANCES or length < 0.5 * step:
         return -1, 0.0
 
-    # Cosines: both normals with the line, normal with normal
+    # Cosines: both normals with the line, and one normal with the other
     along = frame[0, 0] * x + frame[0, 1] * y + frame[0, 2] * z
     a = along / length
     b = (normal[0] * x + normal[1] * y + normal[2] * z) / length
     c = frame[0, 0] * normal[0] + frame[0, 1] * normal[1] + frame[0, 2] * normal[2]
 
-    # Number of the feature: a digit for the distance and for each angle
+    # Index of the feature: one digit for the distance and one for each angle
     number = far
     for cosine in (a, b, c):
         angle = np.arccos(min(1.0, max(-1.0, cosine)))
@@ -135,7 +140,9 @@ def _features(points: Array, frames: Array, step: float) -> tuple[np.ndarray, Ar
 def _vote(
     points: Array, frames: Array, references: np.ndarray, pairs: _Pairs, nearby: float
 ) -> tuple[Array, Array]:
-    """Poses (k, peaks, 4, 4) and votes (k, peaks) of the k `references` among the scan's points."""
+    """Poses (k, peaks, 4, 4) and votes (k, peaks) for the k `references` among the scan's
+    points.
+    """
     X = np.zeros((len(references), _PEAKS, 4, 4))
     votes = np.zeros((len(references), _PEAKS))
     count = np.empty((len(pairs.points), _TURNS))
@@ -153,8 +160,8 @@ def _vote(
             number, turn = _feature(points[r], frames[r], points[s], frames[s, 0], pairs.step)
             if number < 0:
                 continue
-            # Tens of millions of votes: no remainder (both turns lie in -pi to pi), no check of an
-            # index's sign.
+            # There are tens of millions of votes, hence no remainder (both turns are in -pi to pi)
+            # and no check of an index's sign.
             for n in range(pairs.start[number], pairs.start[number + 1]):
                 steps = (pairs.turn[n] - turn) * (_TURNS / (2.0 * np.pi))
                 low = np.floor(steps)

@@ -5,18 +5,18 @@ triangulated surfaces of the scan and of the fitted model. The distances E_i bet
 projections measure how far the surfaces lie apart [Konoplin 2022, eq. 2].
 
 The published Q = sqrt(sum E_i^2) (`registration.published.paper_check`) grows with the number of
-rays. It has no rule for rays that miss a surface or meet an occluder, and a few rays at edges
-dominate it. Here each ray of several curves is classified. Either both surfaces agree, or the scan
-lies in front of the model, or behind it (the scan sees through the model), or an occluder hides the
-model, which is no evidence.
+rays. It has no rule for rays that miss a surface or meet an occluder, and is dominated by a few
+rays at edges. Here each ray of several curves is classified: both surfaces agree, or the scan is in
+front of the model, or the scan is behind the model (the scan "sees through" the model), or an
+occluder hides the model, which is no evidence.
 
 A trimmed rms, the shares of these classes, the coverage and the offset of sharp depth edges are
-compared with limits from the sensor's noise and resolution. Three further conditions:
+compared with limits from the sensor's noise and resolution. There are three further conditions:
 
 - ICP from the pose does not move it.
-- The object is as large as the model.
-- The scan is far less likely at every other pose that looks alike (an arm of a starfish further),
-  and at every pose to which another ICP converged.
+- The object has the size of the model.
+- The scan is far less likely at every other pose that looks similar (such as a starfish turned by
+  one arm), and at every pose to which another ICP converged.
 """
 
 from dataclasses import dataclass, replace
@@ -42,22 +42,23 @@ from uuv.perception.registration.projection.check_rays import (
 )
 from uuv.sim.interfaces.spatial import Array, transform_points
 
-TRIM = 0.15  # [-] share of the largest distances left out of the figure
-_RIM = 1.0  # [noise lengths] width below which a missing part is the error of an edge
+TRIM = 0.15  # [-] share of the largest distances that the figure leaves out
+_RIM = 1.0  # [noise lengths] width below which a missing part is explained by the error of an edge
 _FEATURE = 2.0  # [noise lengths^2] largest part that may be missing by chance
 # [spacings] edge of a part that a cloud cannot distinguish from a gap between two of its surfaces
 _UNTOLD = 3.0
-_AGREES = 1.5  # [sigma] within which scan and model agree
-# [-] share of such pixels among those within 3 sigma around a missing part, of a dent less
+_AGREES = 1.5  # [sigma] difference up to which scan and model agree
+# [-] share of such pixels among those within 3 sigma around a missing part; around a dent there are
+# fewer
 _ABRUPT = 0.6
 _TOGETHER = 3.0  # [spacings] between neighbouring points of one surface
 # [-] explained share of a scanned surface, above which all of it should belong to the model
 _PART = 0.1
-_PATCHES = 9.0  # [-] model radius over the edge of a patch
-_PATCH_RAYS = 5  # rays in a patch, at least
+_PATCHES = 9.0  # [-] ratio of the model's radius to the edge of a patch
+_PATCH_RAYS = 5  # least number of rays in a patch
 _PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
-# Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between
-# true poses (clean, fouled, up to 66 % hidden) and poses 10 deg or 3 cm off;
+# Limits on shares of rays and edges (0..1) and on figures in units of the noise. They are between
+# the values of true poses (clean, fouled, up to 66 % hidden) and of poses 10 deg or 3 cm off;
 # scripts/experiments/identification/decisions.py counts their errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
 MIN_AGREEMENT = 0.70  # [-] least share of rays on which both surfaces agree
@@ -67,22 +68,23 @@ MIN_EDGE_SHARE = 0.25  # [-] least share of the model's sharp edges found in the
 MAX_GOES_ON = 0.35
 # [-] unexplained share of the scanned surface around the model; fouled objects reach 0.13
 MAX_BEYOND = 0.25
-# [-] share of the model's sharp edges that the scan shows, at least, and beyond which it goes on,
-# at most, where the object ends as the model does
+# [-] least share of the model's sharp edges that the scan shows, and largest share beyond which it
+# continues, if the object ends where the model does
 _ENDS = (0.75, 0.1)
-_MAX_TOUCHING = 0.5  # [-] unexplained share then: a neighbour touches it
+# [-] largest unexplained share in that case: a neighbour is in contact with the object
+_MAX_TOUCHING = 0.5
 MIN_COVERAGE = 0.1  # [-] least share of the expected rays on which the scan shows the object
 WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
-MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
-# [m], share of the range and [rad] by which a pose may be wrong
+MAX_MOVE = (0.003, 0.005)  # [m] and share of the range: largest motion of the pose by another ICP
+# [m], share of the range and [rad]: largest error of an accepted pose
 FOUND = (0.005, 0.003, np.deg2rad(3.0))
-# [views] that a wrong pose costs: below a probability of 0.9 another view is expected to cost less
+# [views] cost of a wrong pose: below a probability of 0.9 another view is expected to cost less
 WRONG_COSTS = 10.0
-# [-] by which the best scale may differ from 1: midway to an object 5 % larger or smaller
+# [-] largest difference of the best scale from 1: half that of an object 5 % larger or smaller
 MAX_SIZE = 0.025
-# [-] standard deviation of the scale above which this cannot be distinguished from 1
+# [-] standard deviation of the scale, above which such a difference cannot be detected
 MAX_SIZE_SIGMA = 0.02
-# [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
+# [nat] margin over every other pose; right poses among near twins (an uneven starfish) reach 8
 MIN_MARGIN = 6.0
 
 
@@ -90,7 +92,8 @@ class Decision(StrEnum):
     """Decision after one identification."""
 
     ACCEPT = "accept"
-    RESCAN = "rescan"  # from another place: the scan neither proves the pose nor rules it out
+    # scan from another position: the scan neither proves the pose nor rules it out
+    RESCAN = "rescan"
     REFUSE = "refuse"  # the scan contradicts the model
 
 
@@ -104,7 +107,7 @@ class EdgeFigures(NamedTuple):
 
 
 class Projections(NamedTuple):
-    """Where the rays meet both surfaces."""
+    """Points at which the rays meet both surfaces."""
 
     scan: Array  # (k, 3) [m] C_i on the scan, in S
     model: Array  # (k, 3) [m] C'_i on the model, in S
@@ -112,32 +115,36 @@ class Projections(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseCheck:
-    """Figures of the verification with their limits; `reason` is empty if all hold."""
+    """Figures of the verification with their limits; `reason` is empty if all limits are kept."""
 
     decision: Decision
     figure_m: float  # [m] trimmed rms distance of both projections along o; inf without a verdict
     threshold_m: float  # [m] its limit, from the sensor's noise and resolution at this range
-    # [m] trimmed rms of the patch medians of the same distances, signed: more than noise
+    # [m] trimmed rms of the signed medians of the same distances over patches: an error beyond
+    # noise
     form_m: float
-    form_threshold_m: float  # [m]
-    agreement: float  # [-] share of the judged rays on which both surfaces lie within 3 sigma
-    through: float  # [-] share of the judged rays on which the scan lies behind the model's surface
+    form_threshold_m: float  # [m] limit of it
+    # [-] share of the rays with a verdict on which both surfaces are within 3 sigma
+    agreement: float
+    # [-] share of the rays with a verdict on which the scan is behind the model's surface
+    through: float
     coverage: float  # [-] share of all rays on which the scan shows the object
     hidden: float  # [-] share of all rays with an occluder in front of the object
-    rays: int  # expected to meet both surfaces
+    rays: int  # number of rays expected to meet both surfaces
     edges: EdgeFigures
     # [-] share of the scanned surface connected to the model that the model does not explain
     beyond: float
     move_m: float  # [m] rms by which another ICP moves the visible model
-    move_threshold_m: float  # [m]
-    size: float  # [-] best scale of the object against the model
-    size_threshold: float  # [-] by which it may differ from 1
-    # [nat] log likelihood above that of the best other pose that was tried; inf if none was
+    move_threshold_m: float  # [m] limit of it
+    size: float  # [-] best scale of the object relative to the model
+    size_threshold: float  # [-] largest difference of the scale from 1
+    # [nat] log likelihood above that of the best other pose that was tried; inf if there was none
     margin: float
     free: Array  # (k, 6) free twists as in `IcpFit`
     projections: Projections
-    contradicted: bool  # the scan speaks against the pose; False: it agrees, or tells too little
-    reason: str  # why the pose was not accepted
+    # True: the scan contradicts the pose; False: it agrees, or does not observe enough
+    contradicted: bool
+    reason: str  # reason why the pose was not accepted
 
 
 def check(
@@ -158,10 +165,10 @@ def check(
             ICP is run from `X_ST`.
         others: [nat] log likelihood of the best other hypothesis; None: of the best pose that looks
             alike.
-        covariance: Of the pose; None: it is not judged.
+        covariance: Covariance of the pose; None: the uncertainty is not checked.
 
     Returns:
-        Figures, limits and decision. The decision is RESCAN where too few rays meet the object.
+        Figures, limits and decision. The decision is RESCAN if too few rays meet the object.
     """
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if visible.sum() < 10:
@@ -231,7 +238,7 @@ def _decided(figures: PoseCheck, against: list[str], lacking: list[str]) -> Pose
     if not (against or lacking):
         return figures
 
-    # A gross contradiction of an object that is seen for the most part is final
+    # A gross contradiction is final if most of the object is in view
     gross = (
         figures.agreement < 0.5
         or figures.through > 0.3
@@ -287,9 +294,10 @@ def _edge_figures(
 
 
 def _contradictions(figures: PoseCheck, missing: tuple[int, int]) -> list[str]:
-    """What contradicts the pose, in words.
+    """Descriptions of what contradicts the pose.
 
-    `missing`: pixels of the largest missing part of the model, and how many may be by chance.
+    `missing` is the number of pixels of the largest missing part of the model, and the number that
+    may be missing by chance.
     """
     edges = figures.edges
     ends = edges.share > _ENDS[0] and edges.goes_on < _ENDS[1]
@@ -297,8 +305,8 @@ def _contradictions(figures: PoseCheck, missing: tuple[int, int]) -> list[str]:
         # surfaces
         (
             figures.figure_m > figures.threshold_m,
-            f"surfaces lie {1e3 * figures.figure_m:.1f} mm apart, "
-            f"limit {1e3 * figures.threshold_m:.1f} mm",
+            f"surfaces are {1e3 * figures.figure_m:.1f} mm apart, limit "
+            f"{1e3 * figures.threshold_m:.1f} mm",
         ),
         (
             figures.form_m > figures.form_threshold_m,
@@ -316,8 +324,8 @@ def _contradictions(figures: PoseCheck, missing: tuple[int, int]) -> list[str]:
         # edges, and what lies beyond them
         (
             edges.offset_m > edges.threshold_m,
-            f"edges lie {1e3 * edges.offset_m:.1f} mm apart, "
-            f"limit {1e3 * edges.threshold_m:.1f} mm",
+            f"edges are {1e3 * edges.offset_m:.1f} mm apart, limit {1e3 * edges.threshold_m:.1f} "
+            "mm",
         ),
         (
             edges.goes_on > MAX_GOES_ON,
@@ -325,23 +333,25 @@ def _contradictions(figures: PoseCheck, missing: tuple[int, int]) -> list[str]:
         ),
         (
             figures.beyond > (_MAX_TOUCHING if ends else MAX_BEYOND),
-            f"{figures.beyond:.0%} of the surface under it does not belong to the model",
+            f"{figures.beyond:.0%} of the scanned surface connected to the model does not belong "
+            "to the model",
         ),
         # another fit, size or pose
         (
             figures.move_m > figures.move_threshold_m,
-            f"a further fit moves it by {1e3 * figures.move_m:.1f} mm, "
-            f"limit {1e3 * figures.move_threshold_m:.1f} mm",
+            f"a further fit moves the pose by {1e3 * figures.move_m:.1f} mm, limit "
+            f"{1e3 * figures.move_threshold_m:.1f} mm",
         ),
         (
             abs(figures.size - 1.0) > figures.size_threshold,
-            f"at {figures.size:.2f} times its size it fits better",
+            f"at {figures.size:.2f} times its size the model fits better",
         ),
         (figures.margin < -MIN_MARGIN, "another pose fits better"),
         # missing parts
         (
             missing[0] > missing[1],
-            f"{missing[0]} connected pixels of the model are missing, at most {missing[1]} may be",
+            f"{missing[0]} connected pixels of the model are missing in the scan, limit "
+            f"{missing[1]}",
         ),
     )
     return [text for failed, text in limits if failed]
@@ -350,13 +360,13 @@ def _contradictions(figures: PoseCheck, missing: tuple[int, int]) -> list[str]:
 def _unobserved(
     figures: PoseCheck, free: int, size_sigma: float, looseness: tuple[bool, str]
 ) -> list[str]:
-    """What this view does not observe well enough, in words.
+    """Descriptions of what this view does not observe well enough.
 
     Args:
         figures: Figures of the pose.
         free: Number of free twists beyond the declared symmetry.
         size_sigma: [-] standard deviation of the best scale.
-        looseness: Whether the pose is held too loosely, and its standard deviations.
+        looseness: True if the pose is too uncertain, and its standard deviations.
     """
     loose, sigmas = looseness
     limits = (
@@ -377,7 +387,8 @@ def _unobserved(
         (abs(figures.margin) <= MIN_MARGIN, "another pose fits as well"),
         (
             size_sigma > MAX_SIZE_SIGMA,
-            f"the standard deviation of its size is {size_sigma:.1%}, need {MAX_SIZE_SIGMA:.1%}",
+            f"the standard deviation of the object's size is {size_sigma:.1%}, need "
+            f"{MAX_SIZE_SIGMA:.1%}",
         ),
         (loose, f"the pose is too uncertain in this view: standard deviation {sigmas}"),
     )
@@ -385,10 +396,12 @@ def _unobserved(
 
 
 def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[int, int]:
-    """Pixels of the largest part of the model that is missing, and how many may be by chance.
+    """Number of pixels of the largest missing part of the model, and the number that may be missing
+    by chance.
 
     The part is a connected region of pixels in which the scan lies behind the model by 3 sigma or
-    more, wider than the errors at an edge. At its rim the distance must jump: a dent begins gently.
+    more, wider than the errors at an edge. At the rim of the part the distance must jump, since a
+    dent begins gradually.
     """
     window = evidence.scan.window(transform_points(X_ST, surface.points), 0.05, SURFACE_PIXELS)
     scan = evidence.scan.part(window)
@@ -399,7 +412,7 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
     sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
     behind = np.where(shown, scan.depth - depth, 0.0) / sigma
 
-    # [px] of one independent reading
+    # [px] size of one independent reading
     cell = evidence.sensor.noise_length * evidence.scan.pitch / scan.pitch
     wide = 2 * int(np.ceil(0.5 * _RIM * cell)) + 1
 
@@ -410,7 +423,7 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
     rough = shown & (np.abs(behind) < 3.0)
     agrees = shown & (np.abs(behind) < _AGREES)
 
-    # Largest of them that is too deep for a dent, or begins abruptly
+    # The largest of these regions that is too deep for a dent, or begins abruptly
     largest = 0
     for part in range(1, count + 1):
         inside = label == part
@@ -424,7 +437,9 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
 
 
 def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool, str]:
-    """Whether another view costs less than a wrong pose would; and the pose's deviations."""
+    """True if another view is expected to cost less than a wrong pose; and the pose's standard
+    deviations.
+    """
     if covariance is None:
         return False, ""
     position, angle = covariance.held_sigmas
@@ -457,12 +472,12 @@ def _form(points: Array, E: Array, size: float) -> float:
 
 
 def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Share that the model at `X_ST` leaves unexplained of the surfaces that pass smoothly into it.
+    """Unexplained share of the scanned surfaces that continue the model at `X_ST` smoothly.
 
-    A neighbour that touches the object meets it at a crease, and is another surface.
+    A neighbour in contact with the object meets it at a crease, and counts as another surface.
     """
     if surface.is_open:
-        return 0.0  # the object goes on where its scan ends
+        return 0.0  # the object continues where its own scan ends
 
     on_model = explained(evidence, surface, X_ST)
     label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing, evidence.normals)

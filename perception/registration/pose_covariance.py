@@ -1,9 +1,9 @@
-"""Covariance of a fitted pose, from the fit itself: how far noise as in this scan moves it.
+"""Covariance of a fitted pose from the fit itself: the motion that noise as in this scan causes.
 
-The pose is an M-estimate: it makes the sum of the pairs' scores zero. Each tile of the image is
-left out in turn, and the motion of the estimate follows by one Newton step (delete-a-group
-jackknife [Cameron 2015]). Within a tile the errors of pixels may be correlated in whatever way.
-Motions that no pair resists are unbounded, not estimated.
+The pose is an M-estimate: the sum of the pairs' scores is zero. Each tile of the image is left out
+in turn, and the resulting motion of the estimate is computed by one Newton step (delete-a-group
+jackknife [Cameron 2015]). Within a tile the errors of pixels may be correlated in any way. Motions
+that no pair resists are unbounded and not estimated.
 """
 
 import numpy as np
@@ -15,13 +15,15 @@ from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import Array, readonly, transform_points
 
 _TILE = 4.0  # [noise lengths] edge of a tile
-_DRAWN = 20.0  # tiles that the assumption of equal, independent errors counts for
-_LEAST_SLOPE = 0.2  # [-] of the score over the weight
-_LEFT_OUT = 0.9  # [-] of a tile's hold: the last tile that holds a motion is not left out wholly
-# [-] share of the turn about the axis of symmetry that lies in the free twists, if it is one of
+_DRAWN = 20.0  # number of tiles that the assumption of equal, independent errors is worth
+_LEAST_SLOPE = 0.2  # [-] least slope of the score over the weight
+# [-] largest share of a tile in the information: the only tile that determines a motion is not left
+# out wholly
+_LEFT_OUT = 0.9
+# [-] share of the turn about the axis of symmetry in the free twists, from which on it is one of
 # them
 _OF_AXIS = 0.98
-_FEWEST = 4  # tiles, below which no covariance is estimated
+_FEWEST = 4  # number of tiles, below which no covariance is estimated
 
 
 def pose_covariance(
@@ -34,7 +36,7 @@ def pose_covariance(
         surface: Sampled model.
         X_ST: (4, 4) the pose.
         free: (k, 6) free twists as in `IcpFit`.
-        rows: Pairs that the fit compared, at this pose; None: there were none.
+        rows: Pairs that the fit compared, at this pose; None if there were none.
 
     Returns:
         The covariance; None if the object covers too few tiles of the image to estimate one.
@@ -81,7 +83,7 @@ def turn_of_symmetry(surface: ModelSurface, X_ST: Array) -> Array:
 
 
 def _same(surface: ModelSurface, X_ST: Array, free: Array) -> Array:
-    """Twist (1, 6) in S about the axis of symmetry, if it is among the free ones; else (0, 6)."""
+    """Twist (1, 6) in S about the axis of symmetry if it is among the free twists; else (0, 6)."""
     along = turn_of_symmetry(surface, X_ST) @ free.T @ free
     length = np.linalg.norm(along)
     return readonly(along / length if length > _OF_AXIS else np.zeros((0, 6)))
@@ -96,7 +98,7 @@ def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:
 
     slope = np.empty(len(rows.J))
     for kind in (edge, ~edge):
-        # Slopes of single pairs may be negative: their mean ratio to the weights keeps every part
+        # Slopes of single pairs may be negative; their mean ratio to the weights keeps every tile
         # positive.
         ratio = float(rows.slope[kind].sum() / max(rows.weight[kind].sum(), 1e-300))
         slope[kind] = max(ratio, _LEAST_SLOPE) * rows.weight[kind]
@@ -106,7 +108,7 @@ def _of_tiles(rows: PairRows, tiles: np.ndarray) -> tuple[Array, Array]:
 
 
 def _common(rows: PairRows) -> Array:
-    """Scores (3, 7) of the errors that all depth edges share: aside, upwards and outward."""
+    """Scores (3, 7) of the errors that all depth edges share: sideways, upwards and outward."""
     aside = rows.J[:, 0]
     up = rows.J[:, 1]
     outward = np.ones(len(rows.J))
@@ -117,7 +119,7 @@ def _spread(H: Array, s: Array, common: Array, held: Array) -> Array:
     """Covariance (k, k) of the root of the summed scores, in the directions `held` (k, n).
 
     Args:
-        H: (g, n, n) derivatives of the tiles' scores, with the other sign.
+        H: (g, n, n) derivatives of the tiles' scores, with opposite sign.
         s: (g, n) scores of the tiles.
         common: (c, n) scores of independent errors that the tiles share.
         held: (k, n) orthonormal.
@@ -139,7 +141,7 @@ def _spread(H: Array, s: Array, common: Array, held: Array) -> Array:
     drawn = (g - 1) / g * alone.T @ alone
     ideal = np.linalg.inv(total)
 
-    # A few tiles give a rough covariance: it is drawn towards that of equal, independent errors of
-    # the same size.
+    # A few tiles give only a rough covariance, which is shrunk towards that of equal, independent
+    # errors of the same size.
     ideal *= np.trace(total @ drawn) / k
     return (g * drawn + _DRAWN * ideal) / (g + _DRAWN) + shared @ shared.T

@@ -1,4 +1,6 @@
-"""Search for the pose of highest likelihood: ICP from several starts, and from look-alikes."""
+"""Search for the pose of highest likelihood, by ICP from several starts and from similar-looking
+poses.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -16,38 +18,43 @@ from uuv.perception.registration.slipping import resting_places, settled
 from uuv.perception.registration.symmetry import ambiguous_poses, slipping_twist
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
-_ROUGH_ACROSS = 110  # [px] of the object's picture in a rough fit, at least
-_ROUGH_WIDTH = 5.0  # [px] of its parts, at least: bars are to stay
-_ROUGH_STEP = 3  # [px] by which the picture is thinned for it, at most
-_ROUGH_POINTS = 1000  # scan points in a rough fit, about
-_ROUGH_MODEL = 8000  # model points in a rough fit, about
-_NUDGED = 40  # initial poses that get a few steps of ICP, if there are many
-_NUDGE_POINTS, _NUDGE_MODEL = 300, 3000  # points of scan and model in these, about
-REFINED = 8  # initial poses that get a rough fit
-_NUDGED_OF_MANY, _REFINED_OF_MANY = 24, 5  # of starts that lie close together
-_ALIKE = 3  # poses that look like the likeliest one that get a rough fit
+_ROUGH_ACROSS = 110  # [px] least size of the object's picture in a rough fit
+_ROUGH_WIDTH = 5.0  # [px] least size of its parts, so that bars remain
+_ROUGH_STEP = 3  # [px] largest step by which the picture is thinned for it
+_ROUGH_POINTS = 1000  # approximate number of scan points in a rough fit
+_ROUGH_MODEL = 8000  # approximate number of model points in a rough fit
+_NUDGED = 40  # number of initial poses that get a few steps of ICP, if there are many
+# approximate number of points of scan and model in these steps
+_NUDGE_POINTS, _NUDGE_MODEL = 300, 3000
+REFINED = 8  # number of initial poses that get a rough fit
+_NUDGED_OF_MANY, _REFINED_OF_MANY = 24, 5  # number of these among starts that are close together
+_ALIKE = 3  # number of poses similar to the likeliest one that get a rough fit
 # [-] translational share of a free twist, from which on it is searched by translation
 _SLIDING = 0.7
 # [radii] of the model: translations tried along a free twist
 _SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)
-_LOOSE = 0.002  # [m] standard deviation of a twist from which on it is polished
-_SLACKENED = 2  # twists polished one after the other, at most
-_STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] tried
-# [sigma] where other maxima are sought
+_LOOSE = 0.002  # [m] standard deviation of a twist, from which on the pose is searched along it
+_SLACKENED = 2  # largest number of such twists, one after the other
+_STEPS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)  # [sigma] steps tried
+# [sigma] steps at which other maxima are searched for
 _FAR = (-12.0, -8.0, -6.0, -4.5, -3.0, 3.0, 4.5, 6.0, 8.0, 12.0)
-_NEARLY = 30.0  # [nat] below the likeliest pose, within which a fit is worthwhile
-_EXPLORED = 3  # poses whose look-alikes are tried
-_EXPLORED_SLIPPING = 6  # of a model that slips along itself: it may be several maxima off
-# distinct poses that are refined to the end: ICP stops up to 20 nat short of the likeliest one
+_NEARLY = 30.0  # [nat] difference from the likeliest pose, within which a fit is worthwhile
+_EXPLORED = 3  # number of poses whose similar-looking poses are tried
+# number of rounds for a model that slips along itself, since it may be several maxima off
+_EXPLORED_SLIPPING = 6
+# number of distinct poses that are refined to the end, since ICP stops up to 20 nat short of the
+# likeliest one
 _FINISHED = 4
-# the likeliest poses, which are fitted again where the noise turns out to be less than stated
+# number of likeliest poses that are fitted again if the noise turns out to be less than stated
 _WEIGHED = 4
-_CLOSE = 30.0  # [nat] between two poses, below which both are brought to the top of the likelihood
-_CLIMBING = 3  # poses for which that is done, at most
-_SHARES = (1.0, 0.5)  # [sigma] steps of the climb
-_CLIMBS = 6  # rounds with each of them, at most
-_FARTHEST_STEP = 0.5  # [spacings] a step of it, at most
-# [nat] below the likeliest pose, within which another one is refined and its look-alikes are tried
+# [nat] difference of two poses, below which both are moved to the maximum of the likelihood
+_CLOSE = 30.0
+_CLIMBING = 3  # largest number of poses for which that is done
+_SHARES = (1.0, 0.5)  # [sigma] steps of this ascent
+_CLIMBS = 6  # largest number of rounds with each of these steps
+_FARTHEST_STEP = 0.5  # [spacings] largest step of the ascent
+# [nat] difference from the likeliest pose, within which another one is refined and its
+# similar-looking poses are tried
 _RIVAL = 150.0
 
 
@@ -56,18 +63,18 @@ class Hypothesis:
     """A pose to which ICP converged."""
 
     X_sensor_target: Array  # (4, 4) pose of T in S
-    log_likelihood: float  # [nat] of the scan, up to a constant common to all poses
+    log_likelihood: float  # [nat] log likelihood of the scan, up to a constant common to all poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """The likeliest pose, and the distinct others that were tried."""
+    """The likeliest pose, and the distinct other poses that were tried."""
 
-    X_ST: Array  # (4, 4)
-    fit: IcpFit | None  # ICP that converged there; None for another method
-    X_start: Array  # (4, 4) where that ICP began
+    X_ST: Array  # (4, 4) likeliest pose of T in S
+    fit: IcpFit | None  # result of ICP there; None for another method
+    X_start: Array  # (4, 4) start of that ICP
     log_likelihood: float
-    others: tuple[Hypothesis, ...] = ()  # the most likely first
+    others: tuple[Hypothesis, ...] = ()  # distinct poses, the most likely first
     asks: str = ""  # reason for which the method requests a new scan
 
 
@@ -89,14 +96,15 @@ def likeliest_pose(
     given: list[Array],
     most: int = REFINED,
 ) -> Found:
-    """ICP from the likeliest starts, then from look-alikes of the best, until none is likelier.
+    """ICP from the likeliest starts, then from poses that look similar to the best, until none is
+    likelier.
 
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
         starts: Initial poses (4, 4) of the search; at least one here or among `given`.
         given: Initial poses (4, 4) from prior knowledge, which are tried whatever their likelihood.
-        most: Number of starts that are fitted, at most: the likeliest ones.
+        most: Largest number of starts that are fitted, the likeliest ones.
     """
     thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
 
@@ -111,8 +119,8 @@ def likeliest_pose(
     # Rough fits of poses that look like the likeliest one
     explored: list[_Candidate] = []
     for _ in range(_EXPLORED if slipping_twist(surface) is None else _EXPLORED_SLIPPING):
-        # The likeliest pose and then its rivals: from a flange turned over, no single step leads to
-        # its bolts.
+        # First the likeliest pose and then its rivals: if a flange is turned over, no single step
+        # leads to the right bolts.
         new = [
             candidate
             for candidate in _rivals(evidence, tried)
@@ -130,16 +138,16 @@ def likeliest_pose(
             fit = near[0].fit if near else fine_fit(*thin, X)
             tried.append(_likelier(evidence, surface, fit, X, explored[-1].X_start))
 
-    # Fits to the end: of the best one, and of rivals as far below it as it gained
+    # The best pose is fitted to the end, and rivals as far below it as it gained by that
     rough_best, *rest = _distinct(surface, tried)
     tried.append(_finished(evidence, surface, rough_best))
-    # so may be the others, about
+    # the others may gain about as much
     short = 2.0 * (tried[-1].log_likelihood - rough_best.log_likelihood)
     least = tried[-1].log_likelihood - _of_noise(evidence, _RIVAL) - short
     near = [candidate for candidate in rest if candidate.log_likelihood > least]
     tried += [_finished(evidence, surface, candidate) for candidate in near[: _FINISHED - 1]]
 
-    # Other maxima: along the loosest twist, and along the slip
+    # Other maxima: along the least certain twist, and along the slip
     tried += _beside(evidence, surface, _likeliest(tried))
     for _ in range(_EXPLORED):
         best = _likeliest(tried)
@@ -159,9 +167,9 @@ def likeliest_pose(
 def _climbed(
     evidence: Evidence, surface: ModelSurface, tried: list[_Candidate]
 ) -> list[_Candidate]:
-    """The likeliest pose and its rivals at the top of the likelihood, where they are close.
+    """Move the likeliest pose and its rivals to the maximum of the likelihood, if they are close.
 
-    Gauss-Newton ends up to 20 nat short of it on bars, where most pixels lie at an edge.
+    On bars, where most pixels are at an edge, Gauss-Newton stops up to 20 nat below the maximum.
     """
     best, *others = _distinct(surface, tried)
 
@@ -176,7 +184,7 @@ def _climbed(
 
 
 def _at_top(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
-    """The likeliest pose that steps along the axes of the covariance lead to."""
+    """The likeliest pose reached by steps along the axes of the covariance."""
     rows = polished_rows(evidence, surface, candidate.X_ST)
     covariance = pose_covariance(evidence, surface, candidate.X_ST, candidate.fit.free, rows)
     if covariance is None:
@@ -204,7 +212,7 @@ def _at_top(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) ->
 
 
 def _found(surface: ModelSurface, tried: list[_Candidate]) -> Found:
-    """The likeliest of all, and those that are apart from it and from each other."""
+    """The likeliest of all poses, and those that differ from it and from each other."""
     best, *others = _distinct(surface, tried)
     return Found(
         best.X_ST,
@@ -223,13 +231,13 @@ def _found(surface: ModelSurface, tried: list[_Candidate]) -> Found:
 def likeliest_of(
     evidence: Evidence, surface: ModelSurface, starts: list[Array], to_beat: float
 ) -> Found:
-    """ICP from the likeliest of many starts that leave nothing else to be tried.
+    """ICP from the likeliest of many starts, without a search of further poses.
 
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
         starts: Initial poses (4, 4), at least one.
-        to_beat: [nat] Log likelihood of another explanation; a pose that is far below it is not
+        to_beat: [nat] log likelihood of another explanation; a pose that is far less likely is not
             fitted to the end.
     """
     thin = _rough(evidence, surface), surface.thinned(_ROUGH_MODEL)
@@ -246,7 +254,9 @@ def likeliest_of(
 def _ranked(
     evidence: Evidence, surface: ModelSurface, starts: list[Array], most: int, moved: int = _NUDGED
 ) -> list[Array]:
-    """The likeliest poses (4, 4), apart from each other; of many, `moved` are nudged first."""
+    """The likeliest poses (4, 4) that differ from each other; if there are many, `moved` of them
+    first get a few steps of ICP.
+    """
     if len(starts) > most:
         few_points = evidence.thinned(_ROUGH_STEP, _NUDGE_POINTS)
         few_of_model = surface.thinned(_NUDGE_MODEL)
@@ -268,10 +278,10 @@ def _likeliest_at_a_glance(
 
 
 def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Found:
-    """The poses of a search, fitted and ranked by evidence whose noise is better known.
+    """The poses of a search, fitted and ranked again with evidence whose noise is better known.
 
     Args:
-        evidence: That of the search, with another noise.
+        evidence: Evidence of the search, with another noise.
         surface: Sampled model.
         found: Result of the search.
     """
@@ -290,7 +300,9 @@ def weighed_again(evidence: Evidence, surface: ModelSurface, found: Found) -> Fo
 
 
 def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
-    """Evidence with fewer pixels and points, enough to choose the poses worth a fit to the end."""
+    """Evidence with fewer pixels and points, sufficient to choose the poses that are fitted to the
+    end.
+    """
     picture = 2.0 * surface.radius / (evidence.scan.pitch * evidence.middle)  # [px] across
     rim = evidence.mask & ~ndimage.binary_erosion(evidence.mask)
     width = 2.0 * evidence.mask.sum() / max(1, int(rim.sum()))  # [px] of a part of the picture
@@ -300,7 +312,9 @@ def _rough(evidence: Evidence, surface: ModelSurface) -> Evidence:
 
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood [nat] at the best fitted pose that looks nearly as `X_ST`, or -inf."""
+    """Log likelihood [nat] at the best fitted pose that looks similar to `X_ST`, or -inf if there
+    is none.
+    """
     alike = _likeliest_at_a_glance(
         evidence, surface, (X_ST @ G for G in ambiguous_poses(surface)), _ALIKE
     )
@@ -319,11 +333,11 @@ def _likeliest(candidates: list[_Candidate]) -> _Candidate:
 def _likelier(
     evidence: Evidence, surface: ModelSurface, fit: IcpFit, X_before: Array, X_start: Array
 ) -> _Candidate:
-    """The fitted pose, or that before the fit if it is likelier.
+    """The fitted pose, or the pose before the fit if that is likelier.
 
     On thin plates in much noise ICP may lead away from a good pose.
     """
-    if fit.pairing is None:  # driven out of view, where no pixel speaks against it
+    if fit.pairing is None:  # the fit moved the model out of view, where no pixel contradicts it
         return _Candidate(fit, X_start, -np.inf)
 
     before, after = (log_likelihood(evidence, surface, X) for X in (X_before, fit.X_ST))
@@ -333,26 +347,28 @@ def _likelier(
 
 
 def _rivals(evidence: Evidence, candidates: list[_Candidate]) -> list[_Candidate]:
-    """Those that come near the likeliest explanation; what ICP leaves to gain is far less."""
+    """Candidates whose difference from the likeliest one is not much larger than the remaining gain
+    of ICP.
+    """
     least = _likeliest(candidates).log_likelihood - _of_noise(evidence, _RIVAL)
     return [candidate for candidate in candidates if candidate.log_likelihood > least]
 
 
 def _of_noise(evidence: Evidence, nats: float) -> float:
-    """What ICP leaves to gain [nat] where it leaves `nats` with the noise as stated.
+    """Remaining gain [nat] of ICP with this noise, if it is `nats` with the noise as stated.
 
-    It is more, the less noise there is.
+    The gain is larger for smaller noise.
     """
     return nats * evidence.noise.information / evidence.sensor.information
 
 
 def _is_new(surface: ModelSurface, X_ST: Array, candidates: list[_Candidate]) -> bool:
-    """True if a pose (4, 4) is apart from those of all candidates."""
+    """True if a pose (4, 4) differs from those of all candidates."""
     return all(_differ(surface, X_ST, candidate.X_ST) for candidate in candidates)
 
 
 def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate]:
-    """Those that are apart from each other, the most likely first."""
+    """The poses that differ from each other, the most likely first."""
     distinct: list[_Candidate] = []
     for candidate in sorted(tried, key=lambda candidate: -candidate.log_likelihood):
         if _is_new(surface, candidate.X_ST, distinct):
@@ -361,14 +377,14 @@ def _distinct(surface: ModelSurface, tried: list[_Candidate]) -> list[_Candidate
 
 
 def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) -> _Candidate:
-    """The likeliest pose next to that of a candidate, from all pixels and points."""
+    """The likeliest pose near that of a candidate, from all pixels and points."""
     fit = fine_fit(evidence, surface, candidate.X_ST, GATES[1:])
-    # edges that would hold it may lie beyond the last gate
+    # edges that would determine it may be beyond the last gate
     if len(fit.free) > (surface.symmetry.axis is not None):
         fit = fine_fit(evidence, surface, candidate.X_ST, GATES)
     candidate = _likelier(evidence, surface, fit, candidate.X_ST, candidate.X_start)
 
-    # Along loose twists, then on the depth image, then along the slip
+    # Along uncertain twists, then on the depth image, then along the slip
     loose = _slackened(evidence, surface, candidate)
     X_ST, likelihood = polished(evidence, surface, loose.fit, loose.log_likelihood)
     X_ST, likelihood = settled(evidence, surface, X_ST, likelihood)
@@ -376,16 +392,19 @@ def _finished(evidence: Evidence, surface: ModelSurface, candidate: _Candidate) 
 
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
-    """True if two poses (4, 4) differ by more than declared symmetry and the end of ICP's valley.
+    """True if two poses (4, 4) differ by more than the declared symmetry and the error of ICP's
+    convergence.
 
-    What is displaced is the model's centre: the origin of its file may lie anywhere.
+    The displacement is that of the model's centre, since the origin of its file may be anywhere.
     """
     off, angle = surface.symmetry.error(A, B, surface.center)
     return bool(off > 2.0 * surface.spacing or angle > np.deg2rad(5.0))
 
 
 def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _Candidate:
-    """The likeliest pose along the twists that ICP observes least: the outline may show them."""
+    """The likeliest pose along the twists that ICP observes least, which the outline may
+    determine.
+    """
     for _ in range(_SLACKENED):
         covariance = pose_covariance(
             evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit)
@@ -400,7 +419,9 @@ def _slackened(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> _
 def _along_loosest(
     evidence: Evidence, surface: ModelSurface, best: _Candidate, covariance: PoseCovariance
 ) -> _Candidate:
-    """The likeliest of a few poses along the loosest twist with a likelier one; else `best`."""
+    """The likeliest of a few poses along the least certain twist that has a likelier one; else
+    `best`.
+    """
     variances, axes = np.linalg.eigh(covariance.matrix)
     for variance, axis in zip(variances[::-1], axes.T[::-1], strict=True):
         sigma = float(np.sqrt(max(variance, 0.0)))
@@ -420,7 +441,9 @@ def _along_loosest(
 
 
 def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list[_Candidate]:
-    """Poses far along the loosest twist that are nearly as likely: there may be several maxima."""
+    """Poses far along the least certain twist that are nearly as likely, since there may be several
+    maxima.
+    """
     covariance = pose_covariance(
         evidence, surface, best.X_ST, best.fit.free, icp_rows(evidence, surface, best.fit)
     )
@@ -438,7 +461,7 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
         if log_likelihood(evidence, surface, X) > best.log_likelihood - _of_noise(
             evidence, _NEARLY
         ) and _differ(surface, X, best.X_ST):
-            # Another maximum: fitted and polished
+            # Another maximum is fitted and refined
             fit = fine_fit(evidence, surface, X, GATES[1:])
             likelihood = log_likelihood(evidence, surface, fit.X_ST)
             X_ST, likelihood = polished(evidence, surface, fit, likelihood)
@@ -448,7 +471,7 @@ def _beside(evidence: Evidence, surface: ModelSurface, best: _Candidate) -> list
 
 
 def _steps(steps: Iterable[float], sigma: float, surface: ModelSurface) -> list[float]:
-    """Those of `steps` [sigma] that leave the model where it may be seen."""
+    """Those of `steps` [sigma] with which the model stays in view."""
     return [step for step in steps if abs(step) * sigma < surface.radius]
 
 
@@ -459,7 +482,7 @@ def _along(covariance: PoseCovariance, twist: Array) -> Array:
 
 
 def _slides(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[Array]:
-    """The best translation along each free twist of `fit`, along which no residual pulls."""
+    """The best translation along each free twist of `fit`, on which the residuals do not depend."""
     best_slides: list[Array] = []
     for twist in fit.free:
         if np.linalg.norm(twist[:3]) < _SLIDING:

@@ -1,7 +1,7 @@
 """Last steps of registration: Gauss-Newton on the pixels of the depth image and the depth edges.
 
-ICP compares a thinned scan, smoothed by cubes and by its own normals. At its end every pixel that
-shows the object is compared with the rendered model: the same comparison that the likelihood makes.
+ICP compares a thinned scan, smoothed by cubes and by its own normals. After ICP, every pixel that
+shows the object is compared with the rendered model, as in the likelihood.
 """
 
 import numpy as np
@@ -13,11 +13,11 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pairing import Pairing, PairRows
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
-_STEPS = 3  # of Gauss-Newton at most
-_LONGEST = 3.0  # [spacings] of a step: where little is compared a longer one leads astray
-_PIXELS = 10_000  # of the object that are compared, about
-_OUTSIDE = 3.0  # [sigma] beyond which a pixel shows something else
-_STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence below which a depth is not compared
+_STEPS = 3  # largest number of Gauss-Newton steps
+_LONGEST = 3.0  # [spacings] largest step: with few pixels a longer one leads astray
+_PIXELS = 10_000  # approximate number of pixels of the object that are compared
+_OUTSIDE = 3.0  # [sigma] difference beyond which a pixel shows something else
+_STEEP = np.cos(np.deg2rad(75.0))  # cosine of incidence, below which a depth is not compared
 
 
 def polished(
@@ -28,8 +28,8 @@ def polished(
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
-        fit: Where ICP has converged; its free twists are kept as they are.
-        likelihood: [nat] log likelihood there.
+        fit: Result of ICP; its free twists are not changed.
+        likelihood: [nat] log likelihood at its pose.
 
     Returns:
         The pose (4, 4) and its log likelihood [nat].
@@ -49,7 +49,7 @@ def polished(
         step = held.T @ np.linalg.solve(A + 1e-9 * (np.trace(A) + 1.0) * np.eye(len(A)), held @ g)
         step *= min(1.0, _LONGEST * surface.spacing / max(float(np.linalg.norm(step)), 1e-12))
 
-        # Taken while it makes the scan likelier
+        # A step is taken as long as it makes the scan likelier
         center = transform_points(X_ST, surface.center)
         R = exp_so3(step[3:] / surface.radius)
         moved = pose(R, center + step[:3] - R @ center) @ X_ST
@@ -61,7 +61,9 @@ def polished(
 
 
 def polished_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows | None:
-    """Pixels and depth edges that hold a polished pose `X_ST`; None if the model is out of view."""
+    """Pairs of pixels and depth edges at a refined pose `X_ST`; None if the model is out of
+    view.
+    """
     pairing = Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return None
@@ -70,7 +72,9 @@ def polished_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Pai
 
 
 def pixel_rows(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PairRows:
-    """Depth differences of scan and model at `X_ST`, a pixel a row; unknowns of `Pairing.terms`."""
+    """Depth differences of scan and model at `X_ST`, one row per pixel; the unknowns are those of
+    `Pairing.terms`.
+    """
     window = evidence.scan.window(transform_points(X_ST, surface.hull), 0.0, _PIXELS)
     scan = evidence.scan.part(window)
 

@@ -1,14 +1,14 @@
-"""Which of several known objects is in a scan, or where all of them are.
+"""Recognition of one of several known objects in a scan, and joint identification of all of them.
 
-`recognise`: each is identified, and all are compared on the same pixels.
+`recognise` identifies each object, and compares all of them on the same pixels.
 
-The scan's likelihood with one object at its best pose, over that with another, shows how much
-better it explains the scan. The pixels must be the same for both: those that stand out for any
-object that the scan does not contradict. An object that is likelier than the accepted one, though
-not accepted itself, is a reason for another view.
+The ratio of the scan's likelihoods with two objects at their best poses shows which of them
+explains the scan better. The pixels must be the same for both: all pixels that stand out for any
+object that the scan does not contradict. If an object is likelier than the accepted one but not
+accepted itself, another view is requested.
 
-`identify_together`: what is accepted explains its pixels and occludes what lies behind, while the
-others are sought again.
+`identify_together` identifies all objects. An accepted object explains its pixels and occludes the
+space behind it, while the other objects are searched for again.
 """
 
 from collections.abc import Iterable, Mapping
@@ -38,31 +38,32 @@ from uuv.perception.registration.pose_check import MIN_MARGIN, Decision
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.spatial import shown
 
-_SHARED = 0.2  # [-] largest share of an object's pixels that show another one too
+_SHARED = 0.2  # [-] largest share of an object's pixels that also show another object
 _ENDINGS = {f".{kind}" for kind in (*FORMATS, *TEXT, "pcd")}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidate:
-    """One of the objects, where it fits best."""
+    """One of the objects, at the pose at which it fits best."""
 
     name: str
     found: Identification
-    # [nat] of the scan, on the pixels that all candidates share; -inf without evidence
+    # [nat] log likelihood of the scan, on the pixels that all candidates share; -inf without
+    # evidence
     log_likelihood: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recognition:
-    """Result of `recognise`: which object it is, its pose, and all candidates.
+    """Result of `recognise`: the recognised object, its pose, and all candidates.
 
-    Without acceptance the first candidate is the likeliest one, for logs only.
+    If no object is accepted, the first candidate is the likeliest one, for logs only.
     """
 
-    name: str | None  # of the object that was recognised; None if none was accepted
-    reason: str  # why not; empty if one was accepted
+    name: str | None  # name of the recognised object; None if none was accepted
+    reason: str  # reason of the refusal; empty if an object was accepted
     decision: Decision
-    candidates: tuple[Candidate, ...]  # the likeliest first
+    candidates: tuple[Candidate, ...]  # all candidates, the likeliest first
     duration_s: float  # [s] computing time
 
     @property
@@ -77,7 +78,9 @@ class Recognition:
 
     @property
     def margin(self) -> float:
-        """Log likelihood [nat] of the likeliest object above the runner-up's; inf without any."""
+        """Log likelihood [nat] of the likeliest object minus that of the second; inf if there is no
+        second.
+        """
         if len(self.candidates) < 2:
             return np.inf
         first, second = (candidate.log_likelihood for candidate in self.candidates[:2])
@@ -94,32 +97,33 @@ def recognise(
     approach_error: float = APPROACH_ERROR,
     seed: int = 0,
 ) -> Recognition:
-    """Recognise which of several objects is in one scan, and where.
+    """Recognise one of several objects in a scan, with its pose.
 
     Args:
         cloud: As for `identify`.
-        targets: The objects, each in any form that `identify` accepts: by name, or in a row, or a
-            folder of mesh and cloud files. Names must differ.
+        targets: The objects, each in any form that `identify` accepts: a mapping of names to
+            objects, a sequence of objects, or a folder of mesh and cloud files. Names must differ.
         approach: (3,) [m] coarse position of the object's centre in S; None: anywhere.
         orientation: (3, 3) coarse rotation of T in S, common to all; None: any.
         sensor: Accuracy of the sensor; None: `SensorModel()`.
         approach_error: [m] largest error of `approach`.
-        seed: Of all random samples.
+        seed: Seed of all random samples.
 
     Returns:
-        The likeliest object if its pose is accepted and it is likelier than each other by
-        MIN_MARGIN; else a reason.
+        The likeliest object, if its pose is accepted and it is likelier than every other object by
+            MIN_MARGIN; otherwise the reason.
 
     Raises:
-        ConfigurationError: For arguments of a wrong type or shape, no targets, or two of one name.
+        ConfigurationError: An argument has a wrong type or shape, there are no targets, or two have
+            the same name.
     """
     started = perf_counter()
     surfaces = models_of(targets, seed)
 
     scan: Any = cloud
     if not isinstance(cloud, Scan):
-        with suppress(PerceptionError):  # each says it
-            scan = Scan.from_cloud(cloud)  # once for all
+        with suppress(PerceptionError):  # each object states it
+            scan = Scan.from_cloud(cloud)  # computed once for all objects
 
     # Each object alone
     attempts = {
@@ -137,7 +141,7 @@ def recognise(
 
     identified = {name: attempt.concluded() for name, attempt in attempts.items()}
     if not any(identification.accepted for identification in identified.values()):
-        # Most objects are another one: all starts are fitted only if none fits.
+        # Most objects are not the right one, so all starts are fitted only if no object fits.
         for name, attempt in attempts.items():
             wider = attempt.widened()
             if wider is not attempt:
@@ -173,24 +177,25 @@ def identify_together(
 ) -> dict[str, Identification]:
     """Identify several objects that all are in one scan, such as a heap in which they touch.
 
-    What is accepted explains its part of the scan: the others are sought again without it, and may
-    lie behind it, as long as another one is accepted so. A pixel shows one object: of two that
-    claim the same ones the likelier is taken.
+    An accepted object explains its part of the scan. The others are searched for again in the rest,
+    and may be behind it; this is repeated until no further object is accepted. A pixel shows one
+    object: of two objects that claim the same pixels the likelier is accepted.
 
     Args:
         cloud: As for `identify`.
         targets: As for `recognise`.
-        approaches: (3,) [m] coarse position of each object's centre in S, by name; without one:
-            anywhere.
+        approaches: (3,) [m] coarse position of each object's centre in S, by name; an object
+            without an entry may be anywhere.
         sensor: Accuracy of the sensor; None: `SensorModel()`.
         approach_error: [m] largest error of the coarse positions.
-        seed: Of all random samples.
+        seed: Seed of all random samples.
 
     Returns:
         The identification of each object, by name.
 
     Raises:
-        ConfigurationError: For arguments of a wrong type or shape, no targets, or two of one name.
+        ConfigurationError: An argument has a wrong type or shape, there are no targets, or two have
+            the same name.
     """
     surfaces = models_of(targets, seed)
 
@@ -202,7 +207,7 @@ def identify_together(
 
     scan: Any = cloud
     if not isinstance(cloud, Scan):
-        with suppress(PerceptionError):  # each says it
+        with suppress(PerceptionError):  # each object states it
             scan = Scan.from_cloud(cloud)
 
     identified: dict[str, Identification] = {}
@@ -221,7 +226,7 @@ def identify_together(
 
         left = [name for name in sought if not identified[name].accepted]
 
-        # Accepted objects explain their pixels, the likelier first
+        # Accepted objects explain their pixels, the likelier object first
         for name in sorted(
             set(sought) - set(left), key=lambda name: -identified[name].hypotheses[0].log_likelihood
         ):
@@ -246,8 +251,8 @@ def identify_together(
 
 
 def _shown(scan: Scan, found: Identification) -> KnownObjects:
-    """An accepted object in the pixels of the scan."""
-    assert found.evidence is not None  # it was accepted
+    """The pixels of the scan that show an accepted object."""
+    assert found.evidence is not None  # the object was accepted, so it has these
 
     depth = found.surface.depth(found.X_sensor_target, scan)
     off = np.abs(scan.depth - depth)
@@ -271,7 +276,7 @@ def models_of(
         named = [(None, target) for target in targets]
     else:
         raise ConfigurationError(
-            f"targets: expected several models, or the name of a folder, got {shown(targets)}"
+            f"targets: must be several models, or the name of a folder, got {shown(targets)}"
         )
 
     models: dict[str, ModelSurface] = {}
@@ -284,12 +289,12 @@ def models_of(
         name = name or surface.target.name
         if name in models:
             raise ConfigurationError(
-                f"targets: every model needs a name of its own, {name!r} is there twice"
+                f"targets: every model must have a different name, but {name!r} occurs twice"
             )
         models[name] = surface
 
     if not models:
-        raise ConfigurationError("targets: at least one model is needed, got none")
+        raise ConfigurationError("targets: must have at least one model, got none")
     return models
 
 
@@ -302,7 +307,7 @@ def model_files(folder: str | Path) -> list[Path]:
     path = Path(folder)
     if not path.is_dir():
         raise ConfigurationError(
-            f"targets: expected several models, or the name of a folder, got {shown(str(folder))}"
+            f"targets: must be several models, or the name of a folder, got {shown(str(folder))}"
         )
     files = sorted(
         file for file in path.iterdir() if file.suffix.lower() in _ENDINGS and file.is_file()
@@ -310,15 +315,17 @@ def model_files(folder: str | Path) -> list[Path]:
 
     if not files:
         raise ConfigurationError(
-            f"targets: no model in folder {shown(str(folder))}; files end in {sorted(_ENDINGS)}"
+            f"targets: folder {shown(str(folder))} has no model; the endings of model files are "
+            f"{sorted(_ENDINGS)}"
         )
     return files
 
 
 def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
-    """The candidates on common pixels, with the noise that the best leaves; the likeliest first.
+    """The candidates compared on common pixels, with the noise estimated from the best; the
+    likeliest first.
 
-    Those without evidence come last.
+    Candidates without evidence come last.
     """
     evidences = {
         name: identification.evidence
@@ -331,7 +338,7 @@ def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
         if found[name].decision is not Decision.REFUSE
     ]
 
-    # Pixels of all rivals, with the least noise that any of them leaves
+    # Pixels of all rivals, with the least noise that any of them shows
     common = None
     for evidence in rivals or list(evidences.values()):
         if common is None:
@@ -358,7 +365,7 @@ def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
 
 
 def _doubt(candidates: tuple[Candidate, ...]) -> str:
-    """Why the likeliest of the candidates is not taken for the object; empty if it is."""
+    """Reason why the likeliest candidate is not accepted; empty if it is accepted."""
     first = candidates[0]
 
     if not any(candidate.found.accepted for candidate in candidates):

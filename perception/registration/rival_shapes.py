@@ -1,4 +1,6 @@
-"""Other shapes as rivals of a model: its mirror image and other sizes may fit nearly as well."""
+"""Other shapes as rivals of a model: its mirror image and other sizes, which may fit nearly as
+well.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -16,50 +18,54 @@ from uuv.perception.registration.symmetry import ambiguous_poses
 from uuv.sim.interfaces.remembered import remembered
 from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly
 
-MIN_HAND = 3.0  # [nat] of log likelihood above that of the mirror image: odds of 20
-_NEAR = 7  # other hypotheses from which a model of another size is fitted too
-# of those that look like the pose of the model, from which its mirror image is fitted too
+MIN_HAND = 3.0  # [nat] log likelihood above that of the mirror image: odds of 20
+_NEAR = 7  # number of other hypotheses from which a model of another size is fitted too
+# number of poses similar to the model's pose from which its mirror image is fitted too
 _ALIKE_POSES = 24
-# [nat] over the mirror image, from which on a later scan from the same place need not seek it
+# [nat] margin over the mirror image, from which on a later scan from the same position need not
+# search it
 _BEYOND_DOUBT = 100.0
-# [-] of the range: motion of the sensor about the object, up to which it sees the same of it
+# [-] motion of the sensor around the object, as a share of the range, up to which it sees the same
+# side
 _SAME_PLACE = 0.1
-_LOST = 0.5  # [-] of the margin over the mirror image that a later scan may lose
+_LOST = 0.5  # [-] share of the margin over the mirror image that a later scan may lose
 # [nat] expected difference of log likelihood, below which this view cannot distinguish the two
 _ALIKE = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MirrorImage:
-    """The mirror image of a model where it fits a scan best, beside the model's own pose."""
+    """The mirror image of a model at the pose at which it fits a scan best, compared with the
+    model's own pose.
+    """
 
     X_TM: Array  # (4, 4) pose of the mirror image M in T
-    log_likelihood: float  # [nat] of the scan, with the model itself
-    hand: float  # [nat] by which the scan is less likely with the mirror image
-    p_TS: Array  # (3,) [m] of the sensor, in T
+    log_likelihood: float  # [nat] log likelihood of the scan with the model itself
+    hand: float  # [nat] difference by which the scan is less likely with the mirror image
+    p_TS: Array  # (3,) [m] position of the sensor, in T
 
 
 def best_mirror_image(
     searched: Evidence, evidence: Evidence, surface: ModelSurface, X_ST: Array, expected: Expected
 ) -> MirrorImage | None:
-    """The mirror image of the model, fitted near a pose of the model and sought elsewhere.
+    """The mirror image of the model, fitted near a pose of the model and by a search of its own.
 
     Args:
         searched: Scan of the object with the noise as stated.
-        evidence: The same with the noise by which the pose was weighed at last.
+        evidence: The same scan with the noise with which the pose was ranked last.
         surface: Sampled model.
         X_ST: (4, 4) fitted pose of T in S.
-        expected: Where the object may be.
+        expected: Prior knowledge of the pose.
 
     Returns:
-        Where it fits best; None where the mirror image is the same shape, or looks the same in this
-        view.
+        The mirror image at its best pose; None if it is the same shape, or looks the same in this
+            view.
     """
     rival = mirror_image(surface)
     if rival is None:
         return None
 
-    # Starts: reflections near the pose, and a search of its own
+    # Starts: reflections near the pose, and a separate search
     alike = ambiguous_poses(surface)
     alike = (np.eye(4), *alike[:: -(-len(alike) // _ALIKE_POSES) or 1])
     starts = [X_ST @ G @ turn for G in alike for turn in _turns(surface)]
@@ -85,11 +91,13 @@ def best_mirror_image(
 def is_told_again(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, earlier: MirrorImage
 ) -> bool:
-    """Whether a scan excludes the mirror image as clearly as an earlier one from the same place.
+    """True if a scan excludes the mirror image as clearly as an earlier scan from the same position
+    did.
 
-    The hand of an object does not change between two scans, so its mirror image need not be sought
-    anew. But the object may have been replaced, or something have come before it: the model must
-    explain this scan about as well, and the mirror image as badly where it fitted best.
+    The handedness of an object does not change between two scans, so its mirror image need not be
+    searched for again. But the object may have been replaced, or something may have come before it.
+    Therefore the model must explain this scan about as well as the earlier one, and the mirror
+    image at its best pose as badly.
 
     Args:
         evidence: Scan of the object.
@@ -101,13 +109,13 @@ def is_told_again(
     if rival is None or earlier.hand < _BEYOND_DOUBT:
         return False
 
-    # From the same place
+    # The sensor must be at the same position
     p_TS = inverse(X_ST)[:3, 3]
     moved = float(np.linalg.norm(p_TS - earlier.p_TS))
     if moved > _SAME_PLACE * float(np.linalg.norm(p_TS - surface.center)):
         return False
 
-    # Explained about as well, and the mirror image as badly
+    # The model explains the scan about as well as before, and the mirror image as badly
     likelihood = log_likelihood(evidence, surface, X_ST)
     if likelihood < earlier.log_likelihood - _LOST * earlier.hand:
         return False
@@ -119,12 +127,13 @@ def is_told_again(
 def resized_log_likelihood(
     evidence: Evidence, surface: ModelSurface, size: float, found: Found
 ) -> float:
-    """Log likelihood [nat] of the scan with the model at another size, fitted near its poses.
+    """Log likelihood [nat] of the scan with the model at another size, fitted near the poses of
+    `found`.
 
     Args:
         evidence: Scan of the object.
         surface: Sampled model.
-        size: [-] of the other over that of the model.
+        size: [-] ratio of the other size to that of the model.
         found: Result of the search with the model.
     """
     rival = resized(surface, size)

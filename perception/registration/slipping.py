@@ -1,7 +1,8 @@
-"""Position of a model along the motion in which it slips along itself, by the likelihood.
+"""Position of a model along the motion in which it slips along itself, from the likelihood.
 
-Pairs of nearest points follow a spring that is screwed along itself. What they seem to resist is
-the roughness of their directions. The likelihood compares the same pixels whatever the pose.
+If a coil spring is screwed along itself, the pairs of nearest points move with it, so that they do
+not determine its position. Their apparent resistance comes only from the roughness of their
+normals. The likelihood, in contrast, compares the same pixels at every pose.
 """
 
 from dataclasses import replace
@@ -15,16 +16,18 @@ from uuv.perception.registration.symmetry import slipped, slipping_twist
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import Array, readonly
 
-_FARTHEST = 12  # [spacings] to which other maxima are sought, either way
-_PLACES = 3  # of these, at most
-_COMPARED = 10_000  # pixels that count, about
-_TRIED = np.linspace(-1.0, 1.0, 5)  # [reaches] around a pose, where the likelihood is evaluated
-_REACHES = (1.0, 1.0, 0.5, 0.25)  # [spacings] in one round of a parabola after the other
-_FLAT = 0.1  # [nat/spacing^2] least curvature: what is flatter is not observed
+_FARTHEST = 12  # [spacings] distance up to which other maxima are searched for, in both directions
+_PLACES = 3  # largest number of these
+_COMPARED = 10_000  # approximate number of pixels that are compared
+_TRIED = np.linspace(-1.0, 1.0, 5)  # [reaches] around a pose, at which the likelihood is evaluated
+_REACHES = (1.0, 1.0, 0.5, 0.25)  # [spacings] reach of the successive parabolas
+_FLAT = 0.1  # [nat/spacing^2] least curvature, below which the slip is not observed
 
 
 def resting_places(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> list[Array]:
-    """The best few poses (4, 4) of maximal likelihood along the slipping twist from `X_ST`."""
+    """The best few local maxima of the likelihood along the slipping twist from `X_ST`, as poses
+    (4, 4).
+    """
     if slipping_twist(surface) is None:
         return []
 
@@ -33,7 +36,7 @@ def resting_places(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> li
     poses = [X_ST @ slipped(surface, k * surface.spacing) for k in steps]
     along = np.array([glance(evidence, surface, X) for X in poses])
 
-    # Maxima of it, not where the pose is already
+    # Its maxima, except the present pose
     peak = np.zeros(len(along), dtype=bool)
     peak[1:-1] = (along[1:-1] >= along[:-2]) & (along[1:-1] >= along[2:])
     peak[[0, -1]] = along[[0, -1]] > along[[1, -2]]
@@ -65,18 +68,20 @@ def settled(
 def with_slip(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, covariance: PoseCovariance
 ) -> PoseCovariance:
-    """Covariance of the pose `X_ST` in which that of the slipping twist is by the likelihood."""
+    """Covariance of the pose `X_ST`, in which the variance of the slipping twist comes from the
+    likelihood.
+    """
     twist = slipping_twist(surface)
     if twist is None:
         return covariance
 
-    # Information on the slip as the pairs state it
+    # Information on the slip from the pairs
     R = X_ST[:3, :3]
     u = np.concatenate([R @ twist[:3], R @ twist[3:] * covariance.radius])
     u -= covariance.free.T @ (covariance.free @ u)
     stated = u @ covariance.information @ u  # [1/m^2] of a slip by 1 m
 
-    # Where the likelihood states less, its variance replaces that
+    # If the information from the likelihood is smaller, its variance is used
     curvature, _ = _profile(evidence, surface, X_ST, 1.0)
     square = surface.spacing**2 / (2.0 * max(curvature, _FLAT))
     if stated <= 0.0 or square <= 1.0 / stated:

@@ -1,13 +1,16 @@
-"""Symmetry of a known model: rotations that leave it nearly the same, and parts that break it.
+"""Symmetry of a known model: rotations that leave it nearly unchanged, and parts that break a
+symmetry.
 
-**Near symmetry.** One arm of a starfish further, or a plate turned round. Such rotations are sought
-on the model alone, by rotating it about its principal axes. PoseCheck must then separate the fitted
-pose from them by the scan. Rotations declared as symmetry count as the same pose.
+**Near symmetry.** Examples are a starfish turned by one arm, or a plate turned round. Such
+rotations are found on the model alone, by rotating it about its principal axes. PoseCheck must then
+distinguish the fitted pose from the rotated poses by the scan. Rotations declared as symmetry count
+as the same pose.
 
-**Broken symmetry.** A target declares the symmetry of its body; parts of its mesh that do not share
-it may be in view, such as a bung in a barrel's shell. The model is rendered at many angles: the
-median depth of a pixel over them is that of the featureless body. An angle is accepted if its parts
-explain the scan better than the featureless body does, and better than at every other angle.
+**Broken symmetry.** A target declares the symmetry of its body. Parts of its mesh that do not have
+this symmetry may be in view, such as a bung in a barrel's shell. The model is rendered at many
+angles: the median depth of a pixel over them is that of the featureless body. An angle is accepted
+if its parts explain the scan better than the featureless body does, and better than at every other
+angle.
 """
 
 from dataclasses import dataclass
@@ -25,37 +28,39 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, skew, tran
 
 # Near symmetry
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
-# [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
+# [-] rms distance between the surfaces as a share of the radius, up to which a rotation is tried
 _ALIKE = 0.08
-# [rad] tried where all folds look alike: a flange with its bolts
+# [rad] rotation tried if all folds look alike, as for a flange with its bolts
 _ROUND = np.deg2rad(5.0) * np.arange(1, 72)
-# iterations of ICP of the turned model with itself: a lug moves the centroid off the axis
+# iterations of ICP of the turned model with itself, since a lug moves the centroid off the axis
 _SETTLED = 6
-_TRIMMED = 0.8  # [-] share of the points, the nearest ones, that these pair
+_TRIMMED = 0.8  # [-] share of the points that are paired, the nearest ones
 _PERIODS = (0.05, 0.8)  # [radii] range of the periods sought
-# [-] share of the points that a translation by a period leaves within the model's length, at least
+# [-] least share of the points that a translation by a period leaves within the model's length
 _OVERLAP = 0.4
-_PERIODIC = 0.6  # [-] rms distance after a period over the largest one before it, at most
-_MOST_PERIODS = 3  # along an axis
-_SCREWS = np.arange(1, 7) / 12.0  # [turns] of a screw that are tried, either way
-_SHIFTED = 100  # points compared, about
-_COMPARED = 200  # model points compared, about
-_DIFFERENT = np.deg2rad(8.0)  # [rad] beyond which two attitudes are not the same pose
-_FEW = 10  # shares in which these points are compared, until they exclude the rotation
-_TRIED = 96  # rotations kept, the most similar first
-# [-] rms motion along the normals over that of the surface, below which a motion is hardly resisted
+_PERIODIC = 0.6  # [-] largest ratio of the rms distance after a period to the largest one before it
+_MOST_PERIODS = 3  # number of shifts along an axis
+_SCREWS = np.arange(1, 7) / 12.0  # [turns] of a screw that are tried, in both directions
+_SHIFTED = 100  # approximate number of points compared
+_COMPARED = 200  # approximate number of model points compared
+# [rad] difference of two attitudes, beyond which they are not the same pose
+_DIFFERENT = np.deg2rad(8.0)
+_FEW = 10  # shares of these points that are compared in turn, until they exclude the rotation
+_TRIED = 96  # number of rotations kept, the most similar first
+# [-] ratio of the rms motion along the normals to that of the surface, below which a motion is
+# hardly resisted
 _SLIPPERY = 0.2
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
-# [rad] at which the body must look the same
+# [rad] turn after which the body must look the same
 _PROBES = np.deg2rad([25.0, 60.0, 100.0, 155.0, 205.0, 260.0, 320.0])
 # [m], or 1.2 spacings of the model points: least distance of a part's points from the rotated body
 _OFF = 0.004
-# [-] share of the surface in parts above which the declared symmetry is taken for wrong
+# [-] share of the surface in such parts, above which the declared symmetry is assumed to be wrong
 _MOST = 0.3
-_POINTS = 300  # points on the parts, about
-_PIXELS = 2500  # pixels of the scan that are compared, about
+_POINTS = 300  # approximate number of points on the parts
+_PIXELS = 2500  # approximate number of pixels of the scan that are compared
 _TOLERANCE = 0.002  # [m] error of the model and the fitted pose
 _OUTLIER = 4.5  # [nat] largest cost of one independent error, that of 3 sigma
 _NOISE_AREA = 25.0  # [px] over which the errors of a stereo matcher are correlated
@@ -69,12 +74,13 @@ _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 
 @remembered(16, owners=MODELS)
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
-    """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first.
+    """Poses G (4, 4) in T such that the model at X G looks nearly the same as at X, most similar
+    first.
 
-    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), and where all of these look
-    alike, of 5 deg, about the principal axes and the axes of T. They pass through the centroid of
-    the surface and through the centre of its bounding box. About the declared axis nothing is
-    tried: all such rotations are the same pose.
+    The rotations are by multiples of 360/n deg, with n from `_FOLDS` (2 to 8), and of 5 deg if all
+    of these look alike. The axes are parallel to the principal axes and the axes of T, through the
+    centroid of the surface and through the centre of its bounding box. Rotations about the declared
+    axis are not tried, since they all count as the same pose.
     """
     points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
     tree = cKDTree(surface.points)
@@ -87,7 +93,7 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
             if _is_declared(surface.symmetry, axis):
                 continue
 
-            # Rotations by the folds; those of a round body only where all folds look alike
+            # Rotations by the folds; 5 deg steps of a round body only if all folds look alike
             turns = [
                 pose(R, middle - R @ middle)
                 for R in (exp_so3(angle * axis) for angle in (*folds, *_ROUND))
@@ -101,7 +107,7 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
                     continue
                 alike += 1
 
-                # Settled, and another pose than those so far
+                # Refined, and different from all poses so far
                 G = _settled(tree, points, G)
                 others = [] if k >= len(folds) else [Y for _, Y in rotations]
                 if _is_another(surface.symmetry, G, [np.eye(4), *others]):
@@ -112,10 +118,11 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
 
 
 def _is_declared(symmetry: Symmetry, axis: Array) -> bool:
-    """Whether every rotation about a unit `axis` (3,) is the same pose by the declared symmetry.
+    """True if every rotation about a unit `axis` (3,) is the same pose by the declared symmetry.
 
-    An axis beside the declared one by an angle turns that by twice as much, at most. ICP of the
-    model with itself may add as much again before the pose counts as another one.
+    A rotation about an axis that differs from the declared axis by an angle turns the declared axis
+    by at most twice that angle. ICP of the model with itself may add the same again before the pose
+    counts as another one.
     """
     if symmetry.axis is None:
         return False
@@ -123,12 +130,12 @@ def _is_declared(symmetry: Symmetry, axis: Array) -> bool:
 
 
 def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
-    """Pose (4, 4) near `G` that puts points (n, 3) best on those of the tree: trimmed ICP."""
+    """Pose (4, 4) near `G` that fits points (n, 3) best to those of the tree, by trimmed ICP."""
     for _ in range(_SETTLED):
         moved = transform_points(G, points)
         distance, index = tree.query(moved)
 
-        # Pairs but for the farthest
+        # Pairs, without the farthest ones
         paired = distance <= np.quantile(distance, _TRIMMED)
         a = moved[paired]
         b = tree.data[index[paired]]
@@ -141,7 +148,7 @@ def _settled(tree: cKDTree, points: Array, G: Array) -> Array:
 
 
 def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
-    """Poses G (4, 4) by which a periodic model looks alike: shifts by a period, or screws."""
+    """Poses G (4, 4) after which a periodic model looks the same: shifts by a period, or screws."""
     middle = surface.points.mean(axis=0)
     some = points[:: max(1, len(points) // _SHIFTED)]
     steps = np.arange(*_PERIODS, surface.spacing / surface.radius) * surface.radius
@@ -154,7 +161,7 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
         if not np.isfinite(off).any():
             continue
 
-        # A period brings the surfaces together again, after they have been apart.
+        # After a period the surfaces coincide again, after they have been apart.
         limit = min(_PERIODIC * off[np.isfinite(off)].max(), _ALIKE * surface.radius)
         periods = steps[1:-1][(off[1:-1] <= off[:-2]) & (off[1:-1] < off[2:]) & (off[1:-1] < limit)]
 
@@ -173,11 +180,13 @@ def _shifts(surface: ModelSurface, points: Array, tree: cKDTree) -> list[Array]:
 
 @remembered(16, owners=MODELS)
 def slipping_twist(surface: ModelSurface) -> Array | None:
-    """Twist (6,) [1, 1/m] in T about the model's centre, resisted least [Gelfand 2004].
+    """Twist (6,) [1, 1/m] in T about the model's centre that the surface resists least [Gelfand
+    2004].
 
-    A spring is screwed along itself, a nearly round body turned. Facets and ends leave it several
-    places to rest on the way. It moves the surface by 1 (rms). None where the surface resists every
-    motion, or turns about a declared axis.
+    A coil spring, for instance, is screwed along itself, and a nearly round body is turned. Because
+    of facets and ends there are several local optima along this motion. The twist moves the surface
+    by 1 (rms). It is None if the surface resists every motion, or if the motion is a turn about a
+    declared axis.
     """
     if surface.symmetry.axis is not None:
         return None
@@ -197,7 +206,7 @@ def slipping_twist(surface: ModelSurface) -> Array | None:
 
 @remembered(128, owners=MODELS)
 def slipped(surface: ModelSurface, by: float) -> Array:
-    """Pose G (4, 4) in T by which the model has slipped: `by` [m] along `slipping_twist`."""
+    """Pose G (4, 4) in T of the model after it has slipped by `by` [m] along `slipping_twist`."""
     twist = slipping_twist(surface)
     if twist is None:
         return np.eye(4)
@@ -224,7 +233,7 @@ def _unlikeness(tree: cKDTree, points: Array, G: Array, limit: float) -> float |
     """Rms distance [m] of points (n, 3) moved by `G` from those of the tree; None above `limit`."""
     moved = transform_points(G, points)
     total = 0.0
-    for k in range(_FEW):  # the distances of a few points alone exclude most rotations
+    for k in range(_FEW):  # the distances of a few points suffice to exclude most rotations
         total += float(np.sum(tree.query(moved[k::_FEW])[0] ** 2))
         if total > len(moved) * limit**2:
             return None
@@ -242,7 +251,7 @@ def _is_another(symmetry: Symmetry, G: Array, others: list[Array]) -> bool:
 def asymmetric_parts(surface: ModelSurface) -> Array:
     """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh.
 
-    None without an axis of symmetry.
+    The result is None if the target has no axis of symmetry.
     """
     symmetry = surface.symmetry
     points = surface.points
@@ -303,7 +312,7 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
     bare = np.median(depths, axis=0)
     gain, agree = pixels.gains(depths, bare)
 
-    # Unique: the gain at other angles is far less
+    # Uniqueness: the gain at other angles must be far less
     best = int(gain.argmax())
     group, at = divmod(best, len(angles))
     beside = np.abs(np.angle(np.exp(1j * (angles - angles[at])))) < _OTHER
@@ -315,7 +324,7 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
     G = symmetry.rotations[group : group + 1]
     near = angles[at] + _STEP * _FINE
     gain = pixels.gains(pixels.depths(surface, turned(near, G)), bare)[0]
-    # Centroid of the peak, not its maximum: the top is flat, and noise would move the maximum.
+    # Centroid of the peak, not its maximum, since the top is flat and noise would move the maximum.
     return turned(np.array([np.average(near, weights=gain - gain.min() + 1e-9)]), G)[0]
 
 
@@ -326,7 +335,7 @@ class _Pixels:
     rays: Array  # (p, 3) in S, scaled to a depth of 1 m
     depth: Array  # (p,) [m]
     sigma: Array  # (p,) [m]
-    weight: float  # [-] of a pixel, as a share of an independent error
+    weight: float  # [-] weight of a pixel, as a share of an independent error
 
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, poses: list[Array]) -> "_Pixels | None":
@@ -360,7 +369,7 @@ class _Pixels:
     def gains(self, seen: Array, bare: Array) -> tuple[Array, Array]:
         """Gain (k,) [nat] of `seen` (k, p) [m] over the featureless `bare` (p,) [m].
 
-        And the share (k,) of the changed pixels that agree.
+        The second result is the share (k,) of the changed pixels that agree.
         """
         cost = np.minimum(0.5 * ((seen - self.depth) / self.sigma) ** 2, _OUTLIER)
         gain = np.minimum(0.5 * ((bare - self.depth) / self.sigma) ** 2, _OUTLIER) - cost

@@ -1,4 +1,4 @@
-"""Following of an identified object: ICP from the last pose, on the pixels around it."""
+"""Tracking of an identified object by ICP from the last pose, on the pixels around it."""
 
 from dataclasses import dataclass, replace
 
@@ -17,10 +17,10 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.pose_covariance import PoseCovariance, pose_covariance
 from uuv.sim.interfaces.spatial import Array, transform_points
 
-_PIXELS = 10_000  # of the window around the object, about
-_POINTS = 1500  # of these that ICP compares, about
-_MODEL = 8000  # points of the model that it compares them with, about
-_AROUND = 1.1  # [radii] around its centre, within which scan points take part
+_PIXELS = 10_000  # approximate number of pixels of the window around the object
+_POINTS = 1500  # approximate number of these that ICP compares
+_MODEL = 8000  # approximate number of points of the model with which it compares them
+_AROUND = 1.1  # [radii] around its centre, within which scan points are used
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,10 +34,10 @@ class FrameFit:
 
 
 def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) -> FrameFit | None:
-    """Fit an object in a frame, near where it is expected.
+    """Fit an object in a frame, near its expected pose.
 
-    There is no search and no verification: an object that has moved further than ICP reaches, about
-    a twelfth of its radius, is not followed and must be identified anew.
+    There is no search and no verification. If the object has moved further than ICP can follow,
+    about a twelfth of its radius, it is lost and must be identified again.
 
     Args:
         scan: The frame.
@@ -46,7 +46,7 @@ def follow(scan: Scan, surface: ModelSurface, X_ST: Array, sensor: SensorModel) 
         sensor: Accuracy of the sensor.
 
     Returns:
-        The fit; None if fewer than MIN_POINTS of the frame lie where the object is expected.
+        The fit; None if fewer than MIN_POINTS of the frame are where the object is expected.
     """
     surface = surface.thinned(_MODEL)
     window = scan.window(transform_points(X_ST, surface.hull), 0.1, _PIXELS)

@@ -1,4 +1,4 @@
-"""Relief of the seabed around a work site: slope, roughness and step, judged by limits."""
+"""Relief of the seabed around a work site: slope, roughness and step, compared with limits."""
 
 from dataclasses import dataclass
 
@@ -21,22 +21,23 @@ class ReliefLimits:
     def __post_init__(self) -> None:
         if not (0.0 < self.slope < 0.5 * np.pi and self.roughness > 0.0 and self.step > 0.0):
             raise ConfigurationError(
-                f"relief limits: slope in (0, pi/2), roughness and step > 0, got {self}"
+                "relief limits: slope must be in (0, pi/2) rad, roughness and step > 0 m, got "
+                f"{self}"
             )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relief:
-    """Slope and roughness of the seabed around a place."""
+    """Slope, roughness and step of the seabed around a position."""
 
     slope: float  # [rad]
     roughness: float  # [m]
     step: float  # [m] between the highest and the lowest deviation from the fitted plane
-    reason: str  # why work may not begin; empty if it may
+    reason: str  # reason why work may not begin; empty if it may
 
     @property
     def suitable(self) -> bool:
-        """True if all limits hold."""
+        """True if all limits are kept."""
         return not self.reason
 
 
@@ -47,20 +48,20 @@ def relief(
     limits: ReliefLimits | None = None,
     name: str = "the work site",
 ) -> Relief:
-    """Slope and roughness of the patch around given points, judged by limits.
+    """Slope and roughness of the patch around given points, compared with limits.
 
     Args:
         terrain: Triangulated seabed.
         around: (k, 3) [m] points in S.
-        radius: [m] of the patch around any of the points.
-        limits: Of slope, roughness and step; None: `ReliefLimits()`.
-        name: Of the patch, in messages.
+        radius: [m] radius of the patch around any of the points.
+        limits: Limits of slope, roughness and step; None: `ReliefLimits()`.
+        name: Name of the patch, in messages.
 
     Returns:
         Slope, roughness and step, with the reason if a limit is exceeded.
 
     Raises:
-        PerceptionError: If too little of the patch was measured.
+        PerceptionError: Too little of the patch was measured.
     """
     limits = limits or ReliefLimits()
 
@@ -84,7 +85,7 @@ def relief(
 
     # Limits
     exceeded = [
-        f"{word} {figure * scale:.{digits}f} {unit} over the limit of {limit * scale:.{digits}f}"
+        f"{word} {figure * scale:.{digits}f} {unit} above the limit of {limit * scale:.{digits}f}"
         for word, figure, limit, scale, digits, unit in (
             ("slope", slope, limits.slope, np.degrees(1.0), 0, "deg"),
             ("roughness", rough, limits.roughness, 1e3, 0, "mm"),

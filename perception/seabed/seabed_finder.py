@@ -16,11 +16,11 @@ from uuv.sim.interfaces.spatial import Array, checked, pose, readonly, transform
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeabedFinderState:
-    """State of SeabedFinder: clouds that wait to be merged, and the last plan for the log."""
+    """State of SeabedFinder: clouds collected for merging, and the last plan for the log."""
 
     waiting: tuple[Array, ...] = ()  # clouds (n, 3) [m] in W
     cloud_W: Array | None = None  # (n, 3) [m] last merged cloud
-    plan: SeabedPlan | None = None  # in W; None where the work was refused
+    plan: SeabedPlan | None = None  # last plan, in W; None if the work was refused
 
 
 class SeabedFinder:
@@ -40,26 +40,26 @@ class SeabedFinder:
         cloud_W: ArrayLike | None = None,
         looks: int = 1,
     ) -> None:
-        """Prepare the search for the given points over the seabed.
+        """Prepare the planning for the given points over the seabed.
 
         Args:
             B_W: (s, 3) [m] points over the seabed in W: one for a core, more for a profile between
                 them.
-            up_W: (3,) vertical in W, against which they are projected.
+            up_W: (3,) vertical in W; the points are projected downwards along it.
             core_depth: [m] length of a core's path.
-            width: [m] of the tool.
-            limits: Of the relief; None: `ReliefLimits()`.
-            cloud_W: (n, 3) [m] cloud in W that replaces the scanned one; None: the scanned one is
-                used.
+            width: [m] width of the tool.
+            limits: Limits of the relief; None: `ReliefLimits()`.
+            cloud_W: (n, 3) [m] cloud in W that replaces the scanned cloud; None: the scanned cloud
+                is used.
             looks: Number of scans or frames that are merged, so that their noise averages out.
 
         Raises:
-            ConfigurationError: For malformed points, or `looks` below 1.
+            ConfigurationError: The points are malformed, or `looks` is below 1.
         """
         self._B = np.array(B_W, dtype=np.float64)
         if self._B.ndim != 2 or self._B.shape[1:] != (3,) or not len(self._B):
             raise ConfigurationError(
-                f"targets B: expected (s, 3) numbers, s > 0, got shape {self._B.shape}"
+                f"targets B: must be (s, 3) numbers, s > 0, got shape {self._B.shape}"
             )
 
         if isinstance(looks, bool) or looks < 1:
@@ -82,17 +82,17 @@ class SeabedFinder:
         """Add one scan of the seabed, and plan the work once there are enough.
 
         Args:
-            state: Of the last call, or of `init`.
+            state: State from the last call, or from `init`.
             estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in
                 W.
             measurement: A SonarScan or a DepthImage.
 
         Returns:
-            The new state, and the target in W. The target is None while scans are collected. It is
-            not accepted, and carries a reason, where no work is possible.
+            The new state, and the target in W. The target is None while scans are collected. If no
+                work is possible, the target is not accepted and contains the reason.
 
         Raises:
-            ConfigurationError: If `measurement` is of another type or malformed.
+            ConfigurationError: `measurement` is of another type or malformed.
         """
         # Enough clouds are collected first
         points = (
@@ -136,7 +136,7 @@ class SeabedFinder:
 
 
 def _refused(time: float, center: Array, reach: float, reason: str) -> Target:
-    """Target at `center` (3,) [m] on which no work is possible, `reach` [m] away."""
+    """Target at `center` (3,) [m] on which no work is possible, at a distance of `reach` [m]."""
     return Target(
         time=time,
         X_WT=readonly(pose(p=center)),

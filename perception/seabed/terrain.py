@@ -1,15 +1,16 @@
 """Triangulated surface of an unknown seabed from a sonar cloud, with standard errors of heights.
 
 Seen from a vehicle above it a seabed is a height over the ground plane [Konoplin 2019, section 1].
-The cloud is therefore triangulated by Delaunay in that plane. This needs no parameter and no
-normals, gives one height at each place, and a vertical plane cuts its edges in order. Ball pivoting
-leaves holes wherever the density changes. Poisson reconstruction invents soil where nothing was
-measured, which is where a sampler must not go (`scripts/experiments/seabed/seabed_speed.py` has
-the figures). Overhangs are not represented, because the ground under one cannot be reached from
-above either. Two surfaces one above the other are refused.
+The cloud is therefore triangulated by Delaunay in that plane. Delaunay triangulation needs no
+parameter and no normals, gives one height at each position, and a vertical plane cuts its edges in
+order. Ball pivoting leaves holes wherever the density changes. Poisson reconstruction invents soil
+where nothing was measured, and a sampler must not go there
+(`scripts/experiments/seabed/seabed_speed.py` has the figures). Overhangs are not represented,
+because the ground under one cannot be reached from above either. A cloud of two surfaces, one above
+the other, is refused.
 
-Frame S is that of the cloud (the hull frame Oxyz of [Konoplin 2019]); `up` is its vertical, z
-there.
+Frame S is that of the cloud (the hull frame Oxyz of [Konoplin 2019]); `up` is the vertical in S,
+called z in the paper.
 """
 
 from dataclasses import dataclass, field
@@ -31,18 +32,20 @@ from uuv.sim.interfaces.spatial import (
 )
 
 _FARTHEST = 1e5  # [m] largest accepted distance of ground from the sensor
-MIN_POINTS = 60  # points, fewer show no surface
-# more add time, not shape: denser clouds are averaged in cells of the ground plane
+MIN_POINTS = 60  # least number of points that determine a surface
+# approximate number of vertices: more add time, not shape; denser clouds are averaged in cells of
+# the ground plane
 MAX_VERTICES = 16_000
 _NEIGHBOURS = 24  # points of a local fit, a quadric of 6 terms
 _SWEEPS = 4  # iterations of its robust weights
 _FAR = 4.0  # standard deviations from the neighbours' quadric, beyond which a point is an outlier
-_THIN = 0.02  # [-] ratio of a cloud's sides below which it is a line
-_LAYER_POINTS = 12_000  # points, about, at which two layers are sought
+_THIN = 0.02  # [-] ratio of a cloud's sides, below which it is a line
+_LAYER_POINTS = 12_000  # approximate number of points at which two layers are searched for
 _LAYER_GAP = 0.02  # [m] least gap between two layers, in addition to noise and curvature
-_LAYER_SHARE = 0.12  # [-] of the points with two heights around them; edges of rocks have fewer
-_LAYER_RADIUS = 0.15  # [m] around a target within which layers matter
-_HOLE = 4.0  # [-] mean spacings that an edge may span
+# [-] largest share of the points with two heights around them; edges of rocks have fewer
+_LAYER_SHARE = 0.12
+_LAYER_RADIUS = 0.15  # [m] around a target, within which layers are refused
+_HOLE = 4.0  # [-] largest length of an edge, in mean spacings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +54,7 @@ class Terrain:
 
     vertices: Array  # (v, 3) [m]
     triangles: np.ndarray  # (t, 3) indices, counter-clockwise from above
-    up: Array  # (3,) unit vertical, z in [Konoplin 2019]
+    up: Array  # (3,) unit vertical, called z in [Konoplin 2019]
     sigma: Array  # (v,) [m] standard error of each vertex's height
     noise: float  # [m] standard deviation of one point's height, estimated from the cloud
     spacing: float  # [m] mean distance of neighbouring vertices
@@ -60,9 +63,9 @@ class Terrain:
     outliers: int  # number of them rejected
     scene: RayScene = field(repr=False)  # ray caster of the mesh, relative to `origin`
     origin: Array = field(repr=False)  # (3,) [m]
-    # (k, 2) [m] places on the ground plane with two heights around them
+    # (k, 2) [m] positions on the ground plane with two heights around them
     layered: Array = field(repr=False)
-    looked_at: Array = field(repr=False)  # (m, 2) [m] places examined for two heights
+    looked_at: Array = field(repr=False)  # (m, 2) [m] positions examined for two heights
 
     @property
     def R_ground(self) -> Array:
@@ -70,11 +73,15 @@ class Terrain:
         return _axes(self.up)
 
     def ground(self, points: ArrayLike) -> Array:
-        """Coordinates (n, 3) [m] of `points` (n, 3) [m] in S: two on the ground plane, height."""
+        """Coordinates (n, 3) [m] of `points` (n, 3) [m] in S: two on the ground plane, and the
+        height.
+        """
         return np.asarray(points, dtype=np.float64) @ self.R_ground.T
 
     def under(self, points: ArrayLike) -> tuple[Array, np.ndarray]:
-        """Distance (n,) [m] down from `points` (n, 3) [m] to the surface, or inf; triangles."""
+        """Distance (n,) [m] down from `points` (n, 3) [m] to the surface, or inf; and the triangles
+        hit.
+        """
         p = np.atleast_2d(np.asarray(points, dtype=np.float64))
         hit = self.scene.cast(p - self.origin, np.broadcast_to(-self.up, p.shape))
         return hit["t"].astype(np.float64), hit["triangle"]
@@ -99,9 +106,9 @@ def build_terrain(
         The terrain in S.
 
     Raises:
-        ConfigurationError: For an array that is no cloud.
-        PerceptionError: For a cloud without a surface: too few points, values that are not finite,
-            all on a line, or two layers.
+        ConfigurationError: The array is not a cloud.
+        PerceptionError: The cloud has no single surface: too few points, values that are not
+            finite, all points on a line, or two layers.
     """
     points = _as_cloud(cloud)
     z = unit_vector(up, "up")
@@ -161,14 +168,14 @@ def project(terrain: Terrain, B: ArrayLike) -> Projection:
     The ray caster replaces the loop over all triangles of [Konoplin 2019, eq. 4].
 
     Raises:
-        ConfigurationError: For malformed points.
-        PerceptionError: For a point with a hole under it, one below the surface, or one over two
-            layers; it names the point.
+        ConfigurationError: The points are malformed.
+        PerceptionError: A point has a hole under it, is below the surface, or is over two layers;
+            the message names the point.
     """
     targets = real_array(B, "targets B", "(s, 3) numbers")
     if targets.ndim != 2 or targets.shape[1:] != (3,) or not len(targets):
         raise ConfigurationError(
-            f"targets B: expected (s, 3) numbers, s > 0, got shape {targets.shape}"
+            f"targets B: must be (s, 3) numbers, s > 0, got shape {targets.shape}"
         )
 
     if not np.all(np.isfinite(targets)):
@@ -178,7 +185,7 @@ def project(terrain: Terrain, B: ArrayLike) -> Projection:
         )
     checked_place(targets, targets.shape, "targets B", _FARTHEST)
 
-    # Vertical rays to the surface, which must be there, and in one layer
+    # Vertical rays to the surface, which must exist there and have one layer
     t, triangle = terrain.under(targets)
     for i in np.flatnonzero(~np.isfinite(t)):
         _say_missed(terrain, targets[i], f"B_{i + 1}")
@@ -230,7 +237,7 @@ def _check_spread(local: Array) -> None:
 
 
 def _area(local: Array) -> float:
-    """Area [m^2] covered by the points: occupied cells of a grid, with about 12 points a cell."""
+    """Area [m^2] covered by the points: occupied cells of a grid with about 12 points per cell."""
     low = local[:, :2].min(axis=0)
     size = np.ptp(local[:, :2], axis=0)
     side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
@@ -239,11 +246,11 @@ def _area(local: Array) -> float:
 
 
 def _in_one_layer(local: Array) -> tuple[Array, Array]:
-    """Places as by `_layers`; a cloud of two layers is refused."""
+    """Positions as returned by `_layers`; a cloud of two layers is refused."""
     looked_at, layered = _layers(local)
     if len(layered) > _LAYER_SHARE * len(looked_at):
         raise PerceptionError(
-            "cloud: it shows two surfaces one above the other at "
+            "cloud: there are two surfaces, one above the other, at "
             f"{len(layered) / len(looked_at):.0%} of the checked positions; which of them is the "
             "seabed is ambiguous"
         )
@@ -251,11 +258,11 @@ def _in_one_layer(local: Array) -> tuple[Array, Array]:
 
 
 def _layers(local: Array) -> tuple[Array, Array]:
-    """Places (m, 2) [m] examined, and those (k, 2) with two heights around them.
+    """Positions (m, 2) [m] examined, and those (k, 2) with two heights around them.
 
     The heights of a point's neighbours are compared with the plane through them. At an edge or on a
-    curved surface the points of either side lie apart on the ground too, and the plane follows
-    them. Points of two layers do not.
+    curved surface, the points of the two sides are also apart on the ground, and the plane follows
+    them. Points of two layers are not apart on the ground.
     """
     part = local[:: max(1, -(-len(local) // _LAYER_POINTS))]
     k = 12
@@ -327,12 +334,12 @@ def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
     many = held >= 3
     variance = np.bincount(row[near], rest, len(first))[many] / (held[many] - 1)
     noise = float(np.sqrt(np.median(variance))) if many.any() else np.nan
-    # of two points far from each other neither is used
+    # if two points are far from each other, neither is used
     return mean[held > 0], held[held > 0], noise
 
 
 def _distinct(local: Array) -> Array:
-    """Remove points over the same place (to a micrometre), of which Delaunay would keep one."""
+    """Remove points over the same position (to a micrometre), of which Delaunay would keep one."""
     _, index = np.unique(np.round(local[:, :2] * 1e6), axis=0, return_index=True)
     return local[np.sort(index)]
 
@@ -342,20 +349,20 @@ def _fitted(
 ) -> tuple[Array, Array, float, np.ndarray]:
     """Smoothed heights (v,) [m] of `points`, standard errors, noise of a point, mask of inliers.
 
-    A quadric is fitted robustly around each point. Where it explains the neighbours within their
-    noise it is the better measurement. Where the relief is finer, the point itself is. A Wiener
-    filter weighs the two.
+    A quadric is fitted robustly around each point. If the quadric explains the neighbours within
+    their noise, it is the better measurement. If the relief is finer, the point itself is the
+    better one. A Wiener filter weights the two.
     """
     k = min(_NEIGHBOURS, len(points))
     distance, index = cKDTree(points[:, :2]).query(points[:, :2], k=k)
 
-    # Robust quadrics, and how far each point lies from its own
+    # Robust quadrics, and the distance of each point from its own quadric
     fit, scatter, leverage = np.empty((3, len(points)))
     _fit_quadrics(points, index, distance, count.astype(np.float64), fit, scatter, leverage)
     off = points[:, 2] - fit
 
-    # Each point pulls the quadric towards itself, so its residual is smaller than its noise:
-    # corrected by the leverage.
+    # Each point pulls the quadric towards itself, so its residual is smaller than its noise; the
+    # leverage corrects this.
     per_point = np.sqrt(count / np.maximum(1.0 - leverage, 0.05))
 
     if not np.isfinite(noise):
@@ -366,7 +373,7 @@ def _fitted(
     scale = np.maximum(scatter, np.median(scatter))
     good = np.abs(off) <= _FAR * np.maximum(scale, point_sigma) + 1e-6
 
-    # Wiener filter: the point's share grows with the relief that its quadric leaves
+    # Wiener filter: the weight of the point grows with the relief that its quadric does not explain
     keep = np.maximum(0.0, 1.0 - point_sigma**2 / np.maximum(scatter**2, 1e-18))
     height = fit + keep * off
     sigma = point_sigma * np.sqrt(keep**2 + (1.0 - keep**2) * leverage)
@@ -401,8 +408,8 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
             M[j, 5] = v * v
             off[j] = points[index[i, j], 2]
 
-        # Start from the neighbours' median: least squares would start off the surface where two of
-        # them are outliers.
+        # Start from the neighbours' median, since least squares would start off the surface if two
+        # of them are outliers.
         off -= np.median(off)
         scale = max(1.48 * np.median(np.abs(off)), 1e-9)
 
@@ -476,12 +483,12 @@ def _without_holes(vertices: Array, triangles: np.ndarray, limit: float) -> np.n
 
 
 def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
-    """Raise PerceptionError: why the ray down from `B` (3,) [m] meets no surface."""
+    """Raise a PerceptionError that states why the ray down from `B` (3,) [m] meets no surface."""
     above = terrain.scene.cast((B - terrain.origin)[None], terrain.up[None])["t"][0]
     if np.isfinite(above):
         raise PerceptionError(
-            f"target {name} lies {above:.2f} m under the surface: the ray down "
-            "from it meets nothing"
+            f"target {name} is {above:.2f} m below the surface, so the ray down from it meets "
+            "nothing"
         )
 
     p_ground = terrain.ground(B[None])[0]
@@ -489,13 +496,13 @@ def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
         np.linalg.norm(terrain.ground(terrain.vertices)[:, :2] - p_ground[:2], axis=1).min()
     )
     raise PerceptionError(
-        f"target {name}: a hole in the cloud lies under it, the nearest measured point is "
-        f"{nearest:.2f} m aside"
+        f"target {name}: there is a hole in the cloud under it; the nearest measured point is "
+        f"{nearest:.2f} m away"
     )
 
 
 def _check_layers(terrain: Terrain, A: Array, name: str) -> None:
-    """Refuse a place around which the cloud shows two heights."""
+    """Refuse a position around which the cloud shows two heights."""
     p_ground = terrain.ground(A[None])[0, :2]
     two = int((np.linalg.norm(terrain.layered - p_ground, axis=1) < _LAYER_RADIUS).sum())
     if (
@@ -505,12 +512,14 @@ def _check_layers(terrain: Terrain, A: Array, name: str) -> None:
         * (np.linalg.norm(terrain.looked_at - p_ground, axis=1) < _LAYER_RADIUS).sum()
     ):
         raise PerceptionError(
-            f"target {name}: the cloud shows two surfaces one above the other around it"
+            f"target {name}: the cloud has two surfaces, one above the other, around it"
         )
 
 
 def _axes(up: Array) -> Array:
-    """Rows (3, 3): two axes perpendicular to `up`, the first nearest to x of S, and `up`."""
+    """Rows (3, 3): two axes perpendicular to `up`, the first of them nearest to x of S, and
+    `up`.
+    """
     first = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
     x = first - float(first @ up) * up
     x /= np.linalg.norm(x)

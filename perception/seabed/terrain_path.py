@@ -1,7 +1,7 @@
 """Tool path over an unknown seabed: vertical profiles between targets, tool axes, spline.
 
-The surface is cut by the planes through A_i A_i+1 and z. Where a plane crosses the edges of
-triangles lie the points T_j, each with the unit axes a_j (of the tool, into the ground) and n_j
+The surface is cut by the planes through A_i A_i+1 and z. The points T_j are at the crossings of a
+plane with the edges of triangles. Each has the unit axes a_j (of the tool, into the ground) and n_j
 (along the path) [Konoplin 2019, section 1].
 """
 
@@ -20,10 +20,10 @@ from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, finite_number, readonly, real_array
 
-_DENSE = 0.003  # [m] between the points that the spline is fitted to
-_KNOTS = 0.02  # [m] between the knots of the spline
-_PINNED = 1e3  # [-] weight of the targets, which the spline is to pass through
-_BARE = 1e-6  # [m] without surface that a profile may have
+_DENSE = 0.003  # [m] spacing of the points to which the spline is fitted
+_KNOTS = 0.02  # [m] spacing of the knots of the spline
+_PINNED = 1e3  # [-] weight of the targets, through which the spline must pass
+_BARE = 1e-6  # [m] longest part of a profile without surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,7 +32,7 @@ class Profile:
 
     T: Array  # (m, 3) [m] targets and the points between them, in order
     a: Array  # (m, 3) unit tool axis, into the ground
-    n: Array  # (m, 3) unit, along the path, across a
+    n: Array  # (m, 3) unit, along the path, perpendicular to a
     target: np.ndarray  # (m,) bool: T_j is one of the targets A_i
 
 
@@ -42,14 +42,15 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
     Args:
         terrain: Triangulated seabed.
         A: (s, 3) [m] targets on it, in S.
-        width: [m] of the tool; its axes are the normals of the ground averaged over it.
+        width: [m] width of the tool; the tool axes are the normals of the ground, averaged over
+            this width.
 
     Returns:
         The profile in S.
 
     Raises:
-        ConfigurationError: For less than two targets or two at one place.
-        PerceptionError: Where a hole of the cloud lies between two of them.
+        ConfigurationError: There are fewer than two targets, or two are at the same position.
+        PerceptionError: A hole of the cloud is between two targets.
     """
     targets = real_array(A, "profile: targets", "(s, 3) numbers")
     if (
@@ -59,7 +60,7 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
         or not np.all(np.isfinite(targets))
     ):
         raise ConfigurationError(
-            f"profile: expected two or more finite targets (s, 3), got shape {targets.shape}"
+            f"profile: must be at least two finite targets (s, 3), got shape {targets.shape}"
         )
 
     width = checked_width(width)
@@ -114,18 +115,19 @@ def _cut(
     left = aside >= 0.0
     crossed = triangles[(left[triangles].any(axis=1)) & (~left[triangles]).any(axis=1)]
     edges = np.sort(crossed[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2), axis=2)
-    cuts = left[edges[..., 0]] != left[edges[..., 1]]  # two of three edges of each triangle
+    # the plane crosses two of the three edges of each triangle
+    cuts = left[edges[..., 0]] != left[edges[..., 1]]
     pairs = edges[cuts].reshape(-1, 2, 2)
 
-    # Crossings, as places along the plane
+    # Crossings, as positions along the plane
     a = pairs[..., 0]
     b = pairs[..., 1]
     share = aside[a] / (aside[a] - aside[b])
-    # (k, 2) [m] first and last place of the plane in each triangle
+    # (k, 2) [m] first and last position of the plane in each triangle
     at = u[a] + share * (u[b] - u[a])
     _check_covered(at, length, first, second)
 
-    # In order along the plane, an edge of two triangles once
+    # In order along the plane; an edge of two triangles is used once
     edge, index = np.unique(pairs.reshape(-1, 2), axis=0, return_index=True)
     s = at.reshape(-1)[index]
     p = ground[edge[:, 0]] + share.reshape(-1)[index, None] * (
@@ -140,7 +142,7 @@ def _cut(
 
 def _check_covered(at: Array, length: float, first: str, second: str) -> None:
     """Refuse a plane that leaves the surface between its targets."""
-    # Farthest place reached so far, against the begin of the next
+    # Farthest position covered so far, compared with the beginning of the next triangle
     low, high = at.min(axis=1), at.max(axis=1)
     order = np.argsort(low)
     reached = np.maximum.accumulate(np.concatenate([[0.0], high[order]]))
@@ -171,7 +173,7 @@ def _normals(ground: Array, T: Array, radius: float) -> Array:
 
 def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
     """Cubic B-spline through the targets of a profile, sampled every `spacing` [m] of length."""
-    # Dense polyline through the profile, which the targets pin
+    # Dense polyline through the profile, fixed at the targets
     spacing = finite_number(spacing, "spacing [m]", least=1e-5)
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cut.T, axis=0), axis=1))])
     fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
@@ -226,7 +228,7 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
         The path in S, from the surface downwards.
 
     Raises:
-        ConfigurationError: For a depth outside (0, 10] m.
+        ConfigurationError: The depth is outside (0, 10] m.
     """
     depth = finite_number(depth, "core depth [m]", above=0.0, most=10.0)
     s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
@@ -265,24 +267,24 @@ def plan_seabed_work(
 ) -> SeabedPlan:
     """Plan a tool path on the seabed from a cloud and the points over it.
 
-    The relief is judged within `patch` of the targets and of the profile between them.
+    The relief is checked within `patch` of the targets and of the profile between them.
 
     Args:
         cloud: (n, 3) [m] points in S.
         B: (s, 3) [m] points over the seabed in S, projected down on it.
         z: (3,) vertical in S.
-        width: [m] of the tool.
-        patch: [m] radius of the patch whose relief is judged.
-        limits: Of the relief; None: `ReliefLimits()`.
+        width: [m] width of the tool.
+        patch: [m] radius of the patch whose relief is checked.
+        limits: Limits of the relief; None: `ReliefLimits()`.
 
     Returns:
         Terrain, projected targets, relief, profile and path. The last two are None for a single
         target.
 
     Raises:
-        ConfigurationError: For arguments of a wrong type or shape.
-        PerceptionError: For a bad cloud, a hole under a target or on the way, or a relief beyond
-            `limits`.
+        ConfigurationError: An argument has a wrong type or shape.
+        PerceptionError: The cloud is bad, there is a hole under a target or on the path, or the
+            relief is beyond `limits`.
     """
     began = time.perf_counter()
     width = checked_width(width)

@@ -6,5 +6,5 @@ NARROWEST, WIDEST = 1e-3, 10.0  # [m]
 
 
 def checked_width(width: float, what: str = "the tool's width [m]") -> float:
-    """`width` [m] if it is accepted; ConfigurationError, which begins with `what`, if not."""
+    """`width` [m] if it is accepted; otherwise a ConfigurationError that begins with `what`."""
     return finite_number(width, what, least=NARROWEST, most=WIDEST)

@@ -1,9 +1,10 @@
-"""Map of an object's deformation against its model: growth, silt and dents, by pixel and region.
+"""Map of the deformation of an object relative to its model: growth, silt and dents, by pixel and
+region.
 
 Each pixel that the model covers is compared along its line of sight; the deviation is along the
-model's normal, growth positive. Stereo errs in patches, so pixels are averaged until little of this
-noise remains; the remaining noise is known in closed form. A deformation has also shifted the
-fitted pose, so the pose is fitted again to the undeformed rest.
+model's normal, growth positive. Errors of stereo are correlated over patches, so pixels are
+averaged until little of this noise remains; the remaining noise is known in closed form. A
+deformation also shifts the fitted pose, so the pose is fitted again to the undeformed rest.
 """
 
 from dataclasses import dataclass
@@ -22,23 +23,24 @@ from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.spatial import Array, inverse, readonly, transform_points
 
 _NOISE = 0.0015  # [m] of the sensor's noise that may remain after averaging
-# [m] limits of the Gaussian's width: a wider one blurs the deviations sought
+# [m] limits of the Gaussian's width, since a wider one blurs the deviations
 _WIDTH = (0.006, 0.025)
-_DOUBT = 4.5  # standard deviations of the remaining noise for significance: there are many places
-_RIM = 2  # [px] of the sensor beside an edge of the model, where an error of the pose dominates
+# standard deviations of the remaining noise that are significant, considering the many positions
+_DOUBT = 4.5
+_RIM = 2  # [px] of the sensor next to an edge of the model, where an error of the pose dominates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Region:
     """One connected part of the surface that deviates from the model to one side."""
 
-    p_T: Array  # (3,) [m] model point nearest to its middle, in T
-    p_S: Array  # (3,) [m] the same in S
-    length_m: float  # [m] along its longest axis
-    width_m: float  # [m] across that, along the surface
-    area_m2: float  # [m^2] of the model's surface
+    p_T: Array  # (3,) [m] model point nearest to the region's middle, in T
+    p_S: Array  # (3,) [m] the same point in S
+    length_m: float  # [m] length along its longest axis
+    width_m: float  # [m] width perpendicular to that axis, along the surface
+    area_m2: float  # [m^2] area of the model's surface in the region
     mean_m: float  # [m] mean deviation, growth positive
-    largest_m: float  # [m] deviation largest in size, with its sign
+    largest_m: float  # [m] deviation of the largest magnitude, with its sign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,9 +53,9 @@ class DeformationMap:
     deviation: Array
     # [m] standard deviation of `deviation` from the sensor: median over the compared pixels
     noise_m: float
-    size_m: float  # [m] beyond which a deviation belongs to a region
-    label: np.ndarray  # (h, w) int: k in `regions[k - 1]`, 0 elsewhere
-    # [-] share compared, of the model's surface that an unobstructed sensor should see
+    size_m: float  # [m] deviation, beyond which a pixel belongs to a region
+    label: np.ndarray  # (h, w) int: pixels of `regions[k - 1]` have the value k, all others 0
+    # [-] share of the model's surface visible to an unobstructed sensor that was compared
     compared: float
     regions: tuple[Region, ...]  # largest area first
 
@@ -67,9 +69,9 @@ class DeformationMap:
 def map_deformation(found: Identification, size: float | None = None) -> DeformationMap:
     """Compare the scan of an accepted identification with its model.
 
-    The scan may be fused of several frames (`target_finder.with_fused_frames`). A region counts if
-    noise does not explain its largest deviation. Excluded are edges, surface at more than 60 deg of
-    incidence, growth beyond the model's outline, and deviations of OCCLUDER or more.
+    The scan may be fused from several frames (`target_finder.with_fused_frames`). A region is
+    reported if noise does not explain its largest deviation. Excluded are edges, surface at more
+    than 60 deg of incidence, growth beyond the model's outline, and deviations of OCCLUDER or more.
 
     Args:
         found: Accepted identification.
@@ -77,12 +79,12 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
             pose error and the remaining noise.
 
     Raises:
-        PerceptionError: If `found` was not accepted.
-        ConfigurationError: For a `size` that is not positive.
+        PerceptionError: `found` was not accepted.
+        ConfigurationError: `size` is not positive.
     """
     if not found.accepted or found.evidence is None:
         raise PerceptionError(
-            f"no map of deformation of an object that was not identified: {found.reason}"
+            f"deformation: the object must be identified first, but it was not: {found.reason}"
         )
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"deformation: size must be positive [m], got {size}")
@@ -90,7 +92,7 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
     evidence = found.evidence
     surface = found.surface
 
-    # Pose fitted anew to the undeformed rest, by the regions of a first comparison
+    # The pose is fitted again to the undeformed rest, with the regions of a first comparison
     first = _Comparison.of(evidence, surface, found.X_sensor_target)
     X_ST = _refitted(
         evidence, surface, found.X_sensor_target, first.labelled(0.5 * first.size)[0] > 0
@@ -127,9 +129,9 @@ class _Comparison:
     X_ST: Array
     points_S: Array  # (h, w, 3) [m] of the model
     known: np.ndarray  # pixels where both were compared
-    deviation: Array  # [m] averaged
-    sigma: Array  # [m] standard deviation of it
-    area: Array  # [m^2] of the model's surface in a pixel, 0 where no echo is expected
+    deviation: Array  # [m] averaged deviation
+    sigma: Array  # [m] standard deviation of the averaged deviation
+    area: Array  # [m^2] area of the model's surface in a pixel, 0 where no echo is expected
 
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "_Comparison":
@@ -150,7 +152,8 @@ class _Comparison:
         nearest = ndimage.minimum_filter(np.where(covered, z, np.inf), around, mode="nearest")
         farthest = ndimage.maximum_filter(np.where(covered, z, np.inf), around, mode="nearest")
 
-        # Pixels that are compared: away from edges, seen well, the object and no occluder
+        # Pixels that are compared: away from edges, at moderate incidence, of the object and not of
+        # an occluder
         with np.errstate(invalid="ignore"):  # inf - inf beyond the model
             known = covered & (farthest - nearest < jump(z)) & (np.abs(off) < OCCLUDER)
         known &= (cosine > SEEN_WELL) & without_flying_pixels(scan)
@@ -160,9 +163,9 @@ class _Comparison:
         if not known.any():
             return cls(X_ST, model.points, known, np.zeros_like(z), np.full_like(z, np.inf), area)
 
-        # White noise filtered by a Gaussian of width s, as stereo's is, and then by one of width w,
-        # keeps s^2 / (s^2 + w^2) of its variance. Where part of the window is unknown, the variance
-        # grows by that share.
+        # White noise that is filtered by a Gaussian of width s, as in stereo, and then by one of
+        # width w, keeps s^2 / (s^2 + w^2) of its variance. If part of the window is unknown, the
+        # variance grows by that share.
         middle = float(np.median(z[known]))
         patch = 0.5 * sensor.noise_length / (sensor.focal * scan.pitch)  # [px] of this grid too
         excess = max(0.0, (float(sensor.sigma(middle)) / _NOISE) ** 2 - 1.0)
@@ -221,7 +224,9 @@ class _Comparison:
 def _refitted(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, deformed: np.ndarray
 ) -> Array:
-    """Pose (4, 4) fitted to pixels that are not `deformed` (h, w); `X_ST` if they are too few."""
+    """Pose (4, 4) fitted to pixels that are not `deformed` (h, w); `X_ST` if there are too few of
+    them.
+    """
     rest = evidence.mask & ~deformed
     if not deformed.any() or rest.sum() < MIN_POINTS:
         return X_ST

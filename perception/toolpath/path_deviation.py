@@ -2,11 +2,11 @@
 
 Points of the path are projected along +-o on the triangulations of scan and model. The sensor's
 noise decides which differences are significant. A steep and high bump shows in few pixels. A low
-and wide one, or a small error of the pose, shows only in the mean of many. The difference is
-therefore judged at three widths, the finest first.
+and wide bump, or a small error of the pose, shows only in the mean of many. The difference is
+therefore tested with means of three widths, the finest first.
 
 Short holes in the scan are bridged and long ones refused, because the surface there is unknown. A
-side that the sensor cannot see well is no hole; there the model is kept.
+side of the object that the sensor cannot see well is not a hole; there the path follows the model.
 """
 
 from dataclasses import dataclass
@@ -23,28 +23,31 @@ from uuv.sim.interfaces.errors import PerceptionError
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
 SEEN_WELL = np.cos(np.deg2rad(60.0))  # cosine of incidence above which a scanned point is trusted
-_BEFORE = 0.2  # [m] in front of the path, where projecting rays begin
-# [m] along o between a path point and the first model surface; more is another face
+_BEFORE = 0.2  # [m] distance before the path, at which projecting rays begin
+# [m] along o from a path point to the first model surface; a larger distance means another face
 SAME_FACE = 0.03
 # [m] offsets of rays across the path
 BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])
 _INNER = slice(1, -1)
-_LATERAL = BESIDE[_INNER]  # [m] of the rays whose median is the deviation
+_LATERAL = BESIDE[_INNER]  # [m] offsets of the rays whose median is the deviation
 _MEDIAN = 0.025  # [m] along the path, length of the median
 _SMOOTH = 0.008  # [m] along the path, width of the Gaussian for high and steep deviations
 _SMOOTH_LOW = 0.025  # [m] the same for low ones
 _SMOOTH_POSE = 0.06  # [m] the same for errors of the pose
-NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
+NOISE_PATCH = 2.5  # [px] radius of one patch of correlated stereo error
 POSE_ERROR = 0.0015  # [m] error of the transformed path from the pose alone
 _RESUME = 0.35  # [-] share of the threshold at which a detected deviation begins and ends
-_LEAST_RAYS = 3  # of the rays across the path that must be valid
-# [m] along the path, length of the median for the form of high and steep deviations
+_LEAST_RAYS = 3  # least share of the rays across the path that must be valid
+# [m] along the path, length of the median for the shape of high and steep deviations
 _MEDIAN_FORM = 0.013
-# [-] noise over that of a mean: a parabola of seven lines, and a Gaussian of second order
+# [-] ratio of the noise to that of a mean: a parabola of seven lines, and a Gaussian of second
+# order
 _FORM_NOISE = 1.9
-_MEAN_ERROR = 0.0015  # [m] error of a mean at the middle of such a form
-SPREAD = 1.7  # [-] spread of a median over that of a mean, and of touching patches of noise
-# [m], and multiple of its size: length over which a deviation fades out into unseen surface
+_MEAN_ERROR = 0.0015  # [m] error of a mean at the middle of such a shape
+# [-] ratio of the noise of a median to that of a mean, and of adjacent patches of noise
+SPREAD = 1.7
+# [m], and multiple of its size: length over which a deviation fades out into surface that was not
+# seen
 _FADE = (0.05, 4.0)
 
 
@@ -57,10 +60,10 @@ class Deviation:
     across: Array  # (n,) slope of the deviation across the path, [m]/[m]
     share: Array  # (n,) [-] weight of the scan in the tool axis, 0 to 1, without steps
     on_scan: np.ndarray  # (n,) bool: a significant deviation
-    # (n,) bool: the scan was compared with the model there; elsewhere the path is extrapolated
+    # (n,) bool: True where the scan was compared with the model; elsewhere the path is extrapolated
     seen: np.ndarray
     bridged: np.ndarray  # (n,) bool: in a hole of the scan with surface on both sides
-    threshold: Array  # (n,) [m] that a high and steep deviation must exceed
+    threshold: Array  # (n,) [m] threshold of a high and steep deviation
     # (n, 7) [m] along o from points at BESIDE across the path to the model; inf: missed
     section: Array
     # (n, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m],
@@ -83,7 +86,7 @@ def deviate(
         surface: Sampled model.
         X_ST: (4, 4) pose of T in S.
         path: Dense path in S.
-        max_deviation: [m] beyond which the scan shows another object.
+        max_deviation: [m] largest deviation; beyond it the scan shows another object.
         bridge: [m] longest hole, along the path, over which the deviations on both sides are
             joined.
 
@@ -91,8 +94,8 @@ def deviate(
         The deviation at each point of the path.
 
     Raises:
-        PerceptionError: For a longer hole where the sensor should see the object well; it names the
-            place and the cause.
+        PerceptionError: There is a longer hole where the sensor should see the object well; the
+            message states its position and cause.
     """
     H_D = transform_points(X_ST, surface.center)
     o = H_D / np.linalg.norm(H_D)
@@ -109,7 +112,7 @@ def deviate(
     well = compared.well[:, _INNER]
     difference = compared.difference[:, _INNER]
 
-    # Holes in plain view, which may be bridged, and sides that are not seen
+    # Holes in plain view, which may be bridged, and sides that are out of view
     usable = well.sum(axis=1) >= _LEAST_RAYS
     hole = ~usable & (
         _in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS
@@ -119,10 +122,10 @@ def deviate(
     nearest = _nearest(usable)
     middle = _lateral_median(well, difference, s)
 
-    # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, from
-    # 120 paths on clean barrels. An error of the pose shows as 1/cos along the line of sight. A
-    # path has some fifty independent places, and one false dent tilts the tool: hence 4.5 sigma,
-    # not 3.
+    # The noise of a median is 1.25 times that of a mean, and patches of noise are adjacent: 1.7 in
+    # all, from 120 paths on clean barrels. An error of the pose appears as 1/cos along the line of
+    # sight. A path has some fifty independent positions, and one false dent tilts the tool: hence
+    # 4.5 sigma, not 3.
     doubt = SPREAD * evidence.sensor.sigma(path.p[:, 2])
     pose_error = POSE_ERROR / np.maximum(cosine, SEEN_WELL)
     radius = NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
@@ -137,8 +140,8 @@ def deviate(
     fine, sigma = mean(usable, _SMOOTH)
     threshold = 4.5 * sigma + pose_error
     high = _hysteresis(np.where(usable, np.abs(fine), 0.0), threshold)
-    # Where there is one, the flank of another beside the path tilts the tool before it is high on
-    # the path.
+    # Next to such a deviation, the flank of another one at the side of the path tilts the tool
+    # before it is high on the path.
     patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
     leans = (
         4.5 * doubt / np.sqrt(np.maximum(1.0, patches)) / np.std(BESIDE) + pose_error / BESIDE[-1]
@@ -157,21 +160,21 @@ def deviate(
 
     # Errors of the pose
     widest, sigma = mean(rest, _SMOOTH_POSE)
-    # Fouling or a dent has also shifted the pose. No threshold for that: a step would tilt the tool
-    # more than the error matters. Shrinkage removes what noise explains. On a clean path the model
-    # is the better measurement.
+    # Fouling or a dent also shifts the pose. No threshold is used for this error, because a step
+    # would tilt the tool more than the error matters. Shrinkage removes the part that noise
+    # explains. On a clean path the model is the better measurement.
     along = widest**3 / (widest**2 + (2.0 * sigma) ** 2 + 1e-12) * float(np.any(high | low))
-    # The form is more accurate than a mean, and noisier: it is weighted by its noise.
+    # The fitted shape is less biased than a mean, but noisier, so it is weighted by its noise.
     trust = 1.0 / (1.0 + (_FORM_NOISE * doubt / _MEAN_ERROR) ** 2 / np.maximum(1.0, patches))
     trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
     steep = fine + trust * (form[:, 0] - fine)
 
     for detected, deviation in ((low, wide), (high, steep)):
-        # a gap beside a deviation does not end it
+        # a gap next to a deviation does not end the deviation
         share = _blur(detected[nearest].astype(float), step)
         along += share * (deviation - along)
 
-    # Slope across the path, and all of it over parts that were not seen
+    # Slope across the path; deviation and slope are continued over parts that were not seen
     across = _slope(well, difference, middle)
     along, across, on_scan = _over_gaps(
         along, np.where(usable, across, 0.0), high | low, usable, bridged, s
@@ -199,10 +202,10 @@ class _Compared(NamedTuple):
 
     rays: Array  # (n, l, 3) [m] points beside the path
     behind: Array  # (n, l) [m] model behind these points along o
-    difference: Array  # (n, l) [m] scan behind the model; not finite where either is missed
-    cosine: Array  # (n, l) of the angle between the line of sight and the tool axis
+    difference: Array  # (n, l) [m] scan behind the model; not finite if a ray misses either
+    cosine: Array  # (n, l) cosine of the angle between the line of sight and the tool axis
     face: np.ndarray  # (n, l) bool: the sensor sees this face of the model well
-    well: np.ndarray  # (n, l) bool: and the scan shows it
+    well: np.ndarray  # (n, l) bool: in addition, the scan shows it
 
 
 def _compared(
@@ -213,11 +216,13 @@ def _compared(
     o: Array,
     max_deviation: float,
 ) -> _Compared:
-    """Cast the rays of `deviate` on both surfaces; arguments as for that, `o` (3,) unit."""
+    """Cast the rays of `deviate` on both surfaces; arguments as for `deviate`, and `o` (3,) unit
+    vector.
+    """
     n = len(path.p)
     lateral = np.cross(path.a, path.b)
     rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]
-    # X_j may lie outside or inside the scanned surface: begin in front of both
+    # X_j may be outside or inside the scanned surface, so rays begin in front of both
     starts = rays - _BEFORE * o
 
     model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)
@@ -239,7 +244,7 @@ def _lateral_median(well: np.ndarray, difference: Array, s: Array) -> Array:
     middle = np.zeros(len(s))
     middle[usable] = np.ma.median(np.ma.masked_where(~well, difference)[usable], axis=1)
     if usable.any():
-        # so that a median near a gap takes nothing from it
+        # so that gaps do not enter a median near them
         middle = np.interp(s, s[usable], middle[usable])
 
     step = float(np.diff(s).mean())
@@ -268,7 +273,7 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
 def _in_plain_view(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray
 ) -> np.ndarray:
-    """Mask (n, l) of the points `rays` (n, l, 3) in S that the sensor should see on the model."""
+    """Mask (n, l) of the points `rays` (n, l, 3) in S at which the sensor should see the model."""
     flat = rays.reshape(-1, 3)
     X_TS = inverse(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
@@ -283,7 +288,7 @@ def _bridgeable(
 ) -> np.ndarray:
     """Mask (n,) of the gaps to be bridged.
 
-    Raises PerceptionError for a hole longer than `bridge` [m].
+    Raises PerceptionError if a hole is longer than `bridge` [m].
     """
     # Holes that are too long
     step = float(np.diff(s).mean())
@@ -310,7 +315,7 @@ def _bridgeable(
 
 
 def _cause(evidence: Evidence, p: Array) -> str:
-    """Reason in words for missing surface at the points (n, 3) in S."""
+    """Reason, as text, for missing surface at the points (n, 3) in S."""
     row, column, _ = evidence.scan.pixels(p)
     behind = evidence.scan.depth[row, column] - p[:, 2]
     if np.isfinite(behind).mean() < 0.5:
@@ -332,7 +337,9 @@ def _over_gaps(
     bridged: np.ndarray,
     s: Array,
 ) -> tuple[Array, Array, np.ndarray]:
-    """Deviation, its slope across and the flag, continued over unseen parts of the path."""
+    """Deviation, slope across the path and flag, continued over parts of the path that were not
+    seen.
+    """
     if not usable.any():
         nothing = np.zeros(len(s))
         return nothing, nothing, np.zeros(len(s), dtype=bool)
@@ -370,7 +377,7 @@ def _over_gaps(
 
 
 def _nearest(known: np.ndarray) -> np.ndarray:
-    """Index (n,) of the nearest row that is `known`; its own where none is."""
+    """Index (n,) of the nearest row that is `known`; the row's own index if there is none."""
     if not known.any():
         return np.arange(len(known))
     return ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)[0]
@@ -381,9 +388,9 @@ def _blur(values: Array, step: float) -> Array:
 
 
 def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, Array]:
-    """Gaussian mean of the `known` of `values`, 0 where none is near; their share of the Gaussian.
+    """Gaussian mean of the `known` values, 0 if none is near; and their share of the Gaussian.
 
-    `width` in samples. Beyond the ends nothing is known.
+    `width` is in samples. Values beyond the ends count as unknown.
     """
     weight = ndimage.gaussian_filter1d(known.astype(float), width, mode="constant")
     total = ndimage.gaussian_filter1d(np.where(known, values, 0.0), width, mode="constant")
@@ -391,7 +398,9 @@ def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, 
 
 
 def _hysteresis(size: Array, threshold: Array) -> np.ndarray:
-    """Mask of the runs where `size` stays above a share of `threshold` and exceeds it once."""
+    """Mask of the runs in which `size` stays above a share of `threshold` and exceeds `threshold`
+    at least once.
+    """
     label, _ = ndimage.label(size > _RESUME * threshold)
     return np.isin(label, np.unique(label[(size > threshold) & (label > 0)]))
 
@@ -399,8 +408,8 @@ def _hysteresis(size: Array, threshold: Array) -> np.ndarray:
 def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
     """Polynomial (n, 3) of the deviation across the path, in [m]; the surface may be curved.
 
-    The mean over a curved surface is biased. Parabolas across the path, and a Gaussian without this
-    bias along it, avoid that.
+    The mean over a curved surface is biased. Parabolas across the path, and a Gaussian of second
+    order along the path, avoid this bias.
     """
     step = float(np.diff(s).mean())
     lines = np.zeros(difference.shape)

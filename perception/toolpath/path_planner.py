@@ -1,9 +1,9 @@
-"""Tool path on the real surface from a path on the model [Konoplin 2022, eq. 3 and after].
+"""Tool path on the real surface from a path on the model [Konoplin 2022, eq. 3 and following].
 
 The path is transformed by the identified pose. Where the object is seen well and deviates from its
 model by more than the sensor's noise (fouled, silted, dented), points are moved along +-o onto the
-scanned triangulation. Elsewhere the model is the better measurement and stays. A tool that ends in
-a ball is led along what the ball can reach. A cubic B-spline smooths the whole path.
+scanned triangulation. Elsewhere the model is the better measurement and is kept. A tool that ends
+in a ball is led along the surface that the ball can reach. A cubic B-spline smooths the whole path.
 """
 
 from dataclasses import replace
@@ -26,21 +26,22 @@ from uuv.sim.interfaces.spatial import Array, readonly, transform_points
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-_DENSE = 0.003  # [m] between the points that are projected
-_KNOTS = 0.015  # [m] between the knots of the smoothing spline
-_ACROSS = 0.003  # [m] between the lines of the surface beside a path
-_GONE = 0.1  # [m] behind the path: depth used where there is no surface
-_SLOPE = 0.006  # [m] to both sides, over which the axis's slope is taken
-# [-] curvature of a hollow, over that of the ball, from which on the tool is kept out
+_DENSE = 0.003  # [m] spacing of the points that are projected
+_KNOTS = 0.015  # [m] spacing of the knots of the smoothing spline
+_ACROSS = 0.003  # [m] spacing of the lines of the surface next to a path
+_GONE = 0.1  # [m] depth behind the path that is used where there is no surface
+_SLOPE = 0.006  # [m] to both sides, over which the slope for the axis is computed
+# [-] ratio of the curvature of a hollow to that of the ball, from which on the tool is kept out
 _TIGHT = 0.85
-_MARGIN = 0.012  # [m] beside such a hollow
-_SURE = 0.05  # [rad] between the axes of scan and model at which each counts by half
-# [m] of a stretch that is worked; the tool needs 1 cm to come to speed, and as much to rest
+_MARGIN = 0.012  # [m] margin next to such a hollow
+_SURE = 0.05  # [rad] difference of the axes from scan and model, at which each has half the weight
+# [m] least length of a stretch that is worked; the tool needs 1 cm to accelerate, and as much to
+# stop
 _SHORTEST = 0.03
-# a path that turns less about the tool axis is followed by the tool's x axis
+# [rad] a path that turns less about the tool axis is followed by the tool's x axis
 _TURNS = float(np.cos(np.radians(20.0)))
-# [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the
-# force
+# [-] share of the set speed on a surface that deviates: slopes of 10 deg that were not seen then
+# cost half the force
 PACE = 0.5
 
 
@@ -58,25 +59,27 @@ def plan_path(
     Args:
         found: Accepted identification of the object.
         path: Path on the model, in T.
-        spacing: [m] of the samples along the arc length.
-        max_deviation: [m] along the line of sight; larger deviations are taken for another object.
+        spacing: [m] between the samples along the arc length.
+        max_deviation: [m] along the line of sight; larger deviations are treated as another object.
         bridge: [m] longest hole in the scan, along the path, over which both sides are joined.
-        tool_radius: [m] of the ball at the end of the tool, whose reachable surface the path
-            follows where it deviates; 0: a point.
+        tool_radius: [m] radius of the ball at the end of the tool; where the surface deviates, the
+            path follows the part that the ball can reach. 0: a point.
 
     Returns:
         The tool path in S.
 
     Raises:
-        PerceptionError: If `found` was not accepted, or the scan has a longer hole on the path.
-        ConfigurationError: For a path with coinciding points, or parameters out of bounds.
+        PerceptionError: `found` was not accepted, or the scan has a longer hole on the path.
+        ConfigurationError: The path has coinciding points, or a parameter is out of bounds.
     """
     if not found.accepted or found.evidence is None:
-        raise PerceptionError(f"no tool path on an object that was not identified: {found.reason}")
+        raise PerceptionError(
+            f"tool path: the object must be identified first, but it was not: {found.reason}"
+        )
     if not (spacing > 0.0 and max_deviation > 0.0 and bridge >= 0.0 and tool_radius >= 0.0):
         raise ConfigurationError(
-            "spacing and max_deviation must be positive, bridge and tool_radius not negative "
-            f"[m], got {spacing}, {max_deviation}, {bridge} and {tool_radius}"
+            "tool path: spacing and max_deviation must be > 0 m, bridge and tool_radius >= 0 m, "
+            f"got {spacing}, {max_deviation}, {bridge} and {tool_radius}"
         )
 
     # The path on the model, and the deviation of the scan along it
@@ -93,7 +96,7 @@ def plan_path(
     if not (tool_radius > 0.0 and deviation.on_scan.any()):
         return turning_at_rest(_smoothed(p, z, deviation.on_scan, spacing, b))
 
-    # A ball: contact points, and axes where the scan shows them better
+    # A ball: contact points, and axes from the scan where it shows them better
     p, z = rolled(dense, deviation, tool_radius)
     axes, scanned = scanned_axis(found.evidence, p, z)
     path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing, b)
@@ -109,13 +112,13 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
     Args:
         X_AT: (4, 4) pose of the object.
         path: Path on the model, in T.
-        spacing: [m] of the samples along the arc length.
+        spacing: [m] between the samples along the arc length.
 
     Returns:
         The tool path in A.
 
     Raises:
-        ConfigurationError: For a path with coinciding points.
+        ConfigurationError: The path has coinciding points.
     """
     carried = carry(X_AT, densified(path))
     on_scan = np.zeros(len(carried.p), dtype=bool)
@@ -125,7 +128,9 @@ def path_on_model(X_AT: Array, path: ModelPath, *, spacing: float = 0.0015) -> T
 
 
 def _towards(axes: Array, z: Array, p: Array) -> Array:
-    """Unit axes (n, 3): `z` of model and deviation, or the scan's where they differ for sure."""
+    """Unit axes (n, 3): `z` of model and deviation, or those of the scan where the two differ
+    significantly.
+    """
     apart = np.sum((axes - z) ** 2, axis=1)
     step = float(np.linalg.norm(np.diff(p, axis=0), axis=1).mean())
     share = ndimage.gaussian_filter1d(apart / (apart + _SURE**2), _SLOPE / step, mode="nearest")
@@ -137,24 +142,26 @@ def _towards(axes: Array, z: Array, p: Array) -> Array:
 
 
 def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = None) -> ToolPath:
-    """`path` on a surface that deviates: at half speed, without what this tool cannot work.
+    """`path` on a surface that deviates, at half speed and without the parts that this tool cannot
+    work.
 
-    In a hollow nearly as tight as itself a ball touches two flanks at once: the force jumps from
-    one to the other. Such places are left out with a margin, and those where nothing was scanned,
-    for the model does not hold there. Ends that are left out are cut off.
+    In a hollow nearly as tight as the ball, the ball is in contact with two flanks at once, and the
+    force jumps from one flank to the other. Such parts of the path are left out with a margin.
+    Parts where nothing was scanned are left out too, because the model is not valid there. Parts at
+    the ends are cut off.
 
     Args:
         path: Path of the ball's contact point.
         tool_radius: [m] of the ball.
-        scanned: (n,) mask of the places around which the surface was scanned; None: everywhere.
+        scanned: (n,) mask of the points around which the surface was scanned; None: all points.
 
     Returns:
         The path, with `fits`, `pace` and `note`.
 
     Raises:
-        PerceptionError: If nothing of the path remains.
+        PerceptionError: Nothing of the path remains.
     """
-    # Hollows as tight as the ball, and places that were not seen, with a margin
+    # Hollows as tight as the ball, and parts that were not seen, with a margin
     step = float(path.s[1] - path.s[0])
     bend = np.gradient(np.gradient(path.p, step, axis=0), step, axis=0)
     tight = -np.sum(bend * path.z, axis=1) > _TIGHT / tool_radius
@@ -181,7 +188,7 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
             f"{why}"
         )
 
-    # From the first place that fits to the last, with what is left out between
+    # From the first point that fits to the last, including the parts left out between
     ends = np.flatnonzero(fits)[[0, -1]]
     part = slice(ends[0], ends[1] + 1)
     return replace(
@@ -198,11 +205,11 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
 
 
 def _left_out(tight: np.ndarray, unseen: np.ndarray) -> str:
-    """What is left out of a path, in words; empty for nothing.
+    """Description of the parts left out of a path; empty if none is left out.
 
     Args:
         tight: (n,) mask of the hollows that are too tight.
-        unseen: (n,) mask of the places that were not seen.
+        unseen: (n,) mask of the points that were not seen.
     """
     causes = (("hollows too tight for the tool", tight), ("parts that were not seen", unseen))
     reasons = [
@@ -221,7 +228,7 @@ def carry(X_ST: Array, path: ModelPath) -> ModelPath:
 
 
 def along_itself(path: ModelPath) -> ModelPath:
-    """`path` with b along it; the same path unless the tool keeps another b."""
+    """`path` with b along the path; unchanged unless the tool keeps another b."""
     if not path.keeps_b:
         return path
     b = np.gradient(path.p, axis=0)
@@ -233,7 +240,7 @@ def densified(path: ModelPath) -> ModelPath:
     """Resample the path at a spacing of _DENSE, through all its points.
 
     Raises:
-        ConfigurationError: If two neighbours coincide.
+        ConfigurationError: Two neighbouring points coincide.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -243,7 +250,7 @@ def densified(path: ModelPath) -> ModelPath:
             f"tool path: points {int(chord.argmin())} and {int(chord.argmin()) + 1} coincide"
         )
 
-    # Splines through points and axes; steps of b are taken out, and put back
+    # Splines through points and axes; steps of b are removed and put back
     u = np.concatenate([[0.0], np.cumsum(chord)])
     fine = np.linspace(0.0, u[-1], max(8, 1 + round(u[-1] / _DENSE)))
     steps = Steps.of(path.a, path.b) if path.keeps_b else NO_STEPS
@@ -261,9 +268,9 @@ def _smoothed(
 ) -> ToolPath:
     """Least-squares cubic B-splines through points and axes, sampled evenly over arc length.
 
-    The second axis is `b` (n, 3) where the tool keeps one of its own. Else it is the tangent, or on
-    a path with bends and corners in the surface, about which a round tool need not turn, an axis
-    that never turns about the tool's.
+    If the tool keeps its second axis, that axis is `b` (n, 3). Otherwise it is the tangent. On a
+    path with bends and corners in the surface, about which a round tool need not turn, it is an
+    axis that never turns about the tool axis.
     """
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     curve = _spline(u, p)
@@ -317,14 +324,14 @@ def _spline(u: Array, values: Array) -> "BSpline":
 def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array, Array]:
     """Contact points (n, 3) [m] and axes (n, 3) in S of a ball-ended tool that moves along a path.
 
-    The surface is the model's plus the deviation, as far beside the path as BESIDE extends. Its
+    The surface is that of the model plus the deviation, within the offsets BESIDE of the path. Its
     morphological closing bridges tight hollows: the centre of a ball that rolls on the surface
-    stays at least its radius away from every surface point. The ball then reaches, seen along the
-    tool axis, the surface itself or, over a tight hollow, its own underside.
+    stays at least a ball radius away from every surface point. The contact point, seen along the
+    tool axis, is on the surface, or on the underside of the ball over a tight hollow.
 
     Args:
         path: Dense path in S.
-        deviation: Of the scanned surface along it.
+        deviation: Deviation of the scanned surface along the path.
         radius: [m] of the ball.
 
     Returns:
@@ -338,7 +345,7 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
     lateral = np.cross(path.a, path.b)
     surface = path.p[:, None] + x[:, None] * lateral[:, None] + depth[..., None] * deviation.o
 
-    # The same, with straight ends on which the ball can stand
+    # The same surface, extended by straight ends on which the ball can rest
     step = float(np.linalg.norm(np.diff(path.p, axis=0), axis=1).mean())
     more = int(np.ceil(radius / step))
     slope = max(1, round(_SLOPE / step))
@@ -382,16 +389,17 @@ def _between(row: Array, x: Array) -> Array:
 def lift(surface: Array, outward: Array, radius: float) -> Array:
     """Height (n, l) [m] of the underside of a rolling ball over each surface point.
 
-    The ball's centre stays over the grid, so that it does not reach the outermost points where
+    The ball's centre stays over the grid, so that the ball does not reach the outermost points if
     these slope down.
 
     Args:
-        surface: (n, l, 3) [m] grid, dense against the radius: n places along a path, l across it.
-        outward: (n, 3) unit direction from which the ball comes at each place.
+        surface: (n, l, 3) [m] grid, dense compared with the radius: n points along a path, l across
+            it.
+        outward: (n, 3) unit direction from which the ball approaches at each of the n points.
         radius: [m] of the ball.
 
     Returns:
-        Height (n, l) [m], 0 where the ball touches the point.
+        Height (n, l) [m], 0 where the ball is in contact with the point.
     """
     points = np.ascontiguousarray(surface)
     ways = np.ascontiguousarray(outward)
@@ -400,7 +408,7 @@ def lift(surface: Array, outward: Array, radius: float) -> Array:
 
 @kernel
 def _dilation(points, ways, radius):
-    """Centres (n, l, 3) of the ball over each point, as low as all points near it allow."""
+    """Lowest possible centre (n, l, 3) of the ball over each point, given all points near it."""
     n, m = points.shape[:2]
     centres = np.empty_like(points)
     for i in range(n):

@@ -1,4 +1,4 @@
-"""Tool paths on any model: curves projected on its mesh, cuts by planes, lists of points.
+"""Tool paths on any model: curves projected on the model's mesh, cuts by planes, lists of points.
 
 A curve is points (n, 3) [m] in the model's frame T, near the surface. `laid_on` projects it along a
 direction by ray casting [Moller 1997], [Konoplin 2019, eq. 1 to 4]. `cut` follows the surface in a
@@ -29,11 +29,13 @@ from uuv.sim.interfaces.spatial import (
 
 # least cosine between a ray and the normal, for a well-conditioned projection
 _GRAZING = np.cos(np.deg2rad(70.0))
-# [m]/[m] between neighbours on the surface and on the curve; more is a fall off an edge
+# [m]/[m] ratio of the steps on the surface and on the curve; a larger one means that the path falls
+# off an edge
 _STEEPEST = 4.0
 _FOOTPRINT = 0.01  # [m] around the path, over which normals are averaged
 _NEAR = 1e-9  # [m] below which a length counts as zero
-_FARTHEST = 1e3  # [m] of a path from the middle of its object: more is another unit
+# [m] largest distance of a path from the middle of its object; a larger one means another unit
+_FARTHEST = 1e3
 _MOST_TURN, _MOST_LINES = 1e3, 10_000  # [rad] of a helix; lines of a raster
 
 
@@ -68,7 +70,7 @@ def circle(
         Points (n, 3) [m] in T.
 
     Raises:
-        ConfigurationError: For a start on the axis, or an angle or rise out of bounds.
+        ConfigurationError: The start is on the axis, or the angle or rise is out of bounds.
     """
     c = _place(center, "circle: center")
     p = _place(start, "circle: start")
@@ -79,13 +81,13 @@ def circle(
     arm = (p - c) - w * (w @ (p - c))
     radius = float(np.linalg.norm(arm))
     if not radius > _NEAR:
-        raise ConfigurationError("circle: the start lies on the axis")
+        raise ConfigurationError("circle: start must not be on the axis")
 
     if not (
         abs(angle) < _MOST_TURN and abs(rise) <= _FARTHEST and angle != 0.0 and np.isfinite(rise)
     ):
         raise ConfigurationError(
-            f"circle: angle must not be zero, and below {_MOST_TURN:g} rad, rise below "
+            f"circle: |angle| must be above 0 and below {_MOST_TURN:g} rad, |rise| below "
             f"{_FARTHEST:g} m; got {angle} rad, {rise} m"
         )
 
@@ -97,19 +99,19 @@ def circle(
 def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float) -> Array:
     """Raster over a flat patch: points (n, 3) [m] of parallel lines joined by half circles.
 
-    The half circles lie beyond the ends of the lines.
+    The half circles are beyond the ends of the lines.
 
     Args:
-        center: (3,) [m] of the patch in T.
+        center: (3,) [m] centre of the patch in T.
         along: (3,) [m] edge of the patch along the lines.
         across: (3,) [m] edge perpendicular to `along`.
-        pitch: [m] between lines, at most.
+        pitch: [m] largest distance between lines.
 
     Returns:
         Points (n, 3) [m] in T.
 
     Raises:
-        ConfigurationError: For edges that are zero or not perpendicular, or too many lines.
+        ConfigurationError: The edges are zero or not perpendicular, or there are too many lines.
     """
     c, u, v = (
         _place(vector, f"raster: {name}")
@@ -124,7 +126,8 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
     pitch = finite_number(pitch, "raster: pitch [m]", above=0.0)
     if width / pitch > _MOST_LINES:
         raise ConfigurationError(
-            f"raster: pitch must give at most {_MOST_LINES} lines, got {pitch} m on {width:g} m"
+            f"raster: pitch must give at most {_MOST_LINES} lines, got a pitch of {pitch} m on a "
+            f"width of {width:g} m"
         )
 
     # Lines in turn, each but the last with a half circle to the next
@@ -149,21 +152,21 @@ def laid_on(
 ) -> ModelPath:
     """Project a curve on the mesh of a target along a direction, with normals as tool axes.
 
-    The rays take the first surface that they meet. The tool axis is the inward normal, averaged
+    Each ray stops at the first surface that it meets. The tool axis is the inward normal, averaged
     over a footprint of 1 cm.
 
     Args:
         target: Model with the mesh.
         curve: (n, 3) [m] in T.
         direction: (3,), or (n, 3) one for each point, as towards the axis of a pipe.
-        before: [m] by which the rays start ahead of the curve.
+        before: [m] distance before the curve at which the rays start.
 
     Returns:
         The path in T.
 
     Raises:
-        ConfigurationError: Where a ray misses, meets the surface at more than 70 deg, or the path
-            falls off an edge.
+        ConfigurationError: A ray misses or meets the surface at more than 70 deg, or the path falls
+            off an edge.
     """
     points = _points(curve, "curve")
     before = finite_number(before, "before [m]", least=0.0, most=_FARTHEST)
@@ -179,8 +182,8 @@ def laid_on(
     missed = np.flatnonzero(~np.isfinite(hit["t"]))
     if len(missed):
         raise ConfigurationError(
-            f"path on {target.name!r}: {len(missed)} of {len(points)} rays miss it, the first from "
-            f"{np.round(points[missed[0]], 3).tolist()}"
+            f"path on {target.name!r}: {len(missed)} of {len(points)} rays miss the mesh, the "
+            f"first from {np.round(points[missed[0]], 3).tolist()}"
         )
 
     # No step off an edge
@@ -191,9 +194,8 @@ def laid_on(
     fall = np.flatnonzero(steps > _STEEPEST * expected)
     if len(fall):
         raise ConfigurationError(
-            f"path on {target.name!r}: it falls off an edge after "
-            f"{np.round(p[fall[0]], 3).tolist()}, by "
-            f"{1e3 * steps[fall[0]]:.0f} mm"
+            f"path on {target.name!r}: the path falls off an edge after "
+            f"{np.round(p[fall[0]], 3).tolist()}, by {1e3 * steps[fall[0]]:.0f} mm"
         )
 
     # Normals over the footprint
@@ -222,7 +224,7 @@ def _directions(direction: ArrayLike, points: Array) -> Array:
 
 
 def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayLike) -> ModelPath:
-    """Profile of a target between two points, in the plane through both and `direction`.
+    """Profile of a target between two points, in the plane through both points and `direction`.
 
     The path is where the plane cuts the triangles (T_j) between the projected points (A_i, A_i+1)
     [Konoplin 2019, section 1].
@@ -237,15 +239,17 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
         The path in T.
 
     Raises:
-        ConfigurationError: Where the points miss the mesh, or no unbroken profile that faces
-            against `direction` joins them.
+        ConfigurationError: The points miss the mesh, or no unbroken profile that faces against
+            `direction` joins them.
     """
     way = unit_vector(direction, "direction")
     ends = laid_on(target, line(start, end), way).p[[0, -1]]  # raises where the profile is broken
     chord = ends[1] - ends[0]
     normal = np.cross(chord, way)
     if not np.linalg.norm(normal) > 1e-6:
-        raise ConfigurationError("cut: start and end lie one behind the other along the direction")
+        raise ConfigurationError(
+            "cut: start and end must not be one behind the other along the direction"
+        )
 
     normal /= np.linalg.norm(normal)
     along = np.cross(way, normal)
@@ -254,7 +258,7 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     # Crossings of the plane with the edges of triangles
     corners = np.asarray(target.vertices)[target.triangles]
     side = (corners - ends[0]) @ normal
-    # a corner in the plane counts to one side: no crossing is lost
+    # a corner in the plane belongs to one side, so that no crossing is lost
     side = np.where(np.abs(side) < 1e-9, 1e-9, side)
     t: list[Array] = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -283,15 +287,15 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
     Args:
         points: (n, 3) [m] in T, n >= 4.
         axes: (n, 3) tool axes, into the surface.
-        along: (n, 3) x axes of a tool that is not round, which it keeps; None: the path's own
-            direction, made perpendicular to the tool axis.
+        along: (n, 3) x axes that a tool that is not round keeps; None: the direction of the path,
+            made perpendicular to the tool axis.
 
     Returns:
         The path in T.
 
     Raises:
-        ConfigurationError: For values that are not finite, neighbours that coincide, axes that are
-            zero or, between neighbours, opposite, or an axis along the path.
+        ConfigurationError: A value is not finite, neighbours coincide, an axis is zero or along the
+            path, or the axes of neighbours are opposite.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -306,7 +310,8 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
     turned = np.einsum("ij,ij->i", a[:-1], a[1:])
     if turned.min() < 0.0:
         raise ConfigurationError(
-            f"axes: rows {int(turned.argmin())} and {int(turned.argmin()) + 1} point apart"
+            f"axes: rows {int(turned.argmin())} and {int(turned.argmin()) + 1} are 90 deg or more "
+            "apart"
         )
 
     # Splines through points and axes
@@ -326,14 +331,14 @@ def joined(paths: Sequence[ModelPath]) -> ModelPath:
     """Concatenate successive paths.
 
     Raises:
-        ConfigurationError: Where one does not begin where the last ends.
+        ConfigurationError: A path does not begin where the previous one ends.
     """
     for i, (first, then) in enumerate(pairwise(paths)):
         gap = float(np.linalg.norm(then.p[0] - first.p[-1]))
         if gap > 2.0 * PATH_STEP:
             raise ConfigurationError(f"paths {i} and {i + 1} are {1e3 * gap:.0f} mm apart")
 
-    # Without points that two paths share
+    # Without the points that two paths share
     p = np.vstack([path.p for path in paths])
     keep = np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 0.2 * PATH_STEP])
     a, b = (np.vstack([getattr(path, name) for path in paths])[keep] for name in ("a", "b"))
@@ -364,7 +369,7 @@ def _points(values: ArrayLike, name: str) -> Array:
 
 
 def _chords(points: Array, name: str) -> Array:
-    """Length (n,) [m] along the polyline. Raises ConfigurationError where neighbours coincide."""
+    """Length (n,) [m] along the polyline. Raises ConfigurationError if neighbours coincide."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if steps.min() < _NEAR:
         raise ConfigurationError(
@@ -374,7 +379,7 @@ def _chords(points: Array, name: str) -> Array:
 
 
 def _respaced(points: Array) -> Array:
-    """Points on the polyline, PATH_STEP apart."""
+    """Points on the polyline at a spacing of PATH_STEP."""
     keep = np.concatenate([[True], np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6])
     points = points[keep]
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -398,17 +403,17 @@ def _averaged(normals: Array, p: Array) -> Array:
 
 
 def _path(p: Array, a: Array, name: str, ways: Array) -> ModelPath:
-    """Path with its own direction for b.
+    """Path with its own direction as b.
 
-    Raises ConfigurationError where a ray along `ways` grazes the surface.
+    Raises ConfigurationError if a ray along `ways` grazes the surface.
     """
     cosine = np.einsum("ij,ij->i", a, ways)
     if cosine.min() < _GRAZING:
         i = int(cosine.argmin())
         raise ConfigurationError(
-            f"{name}: at {np.round(p[i], 3).tolist()} the surface lies along the direction of "
-            f"projection ({np.degrees(np.arccos(np.clip(cosine[i], -1.0, 1.0))):.0f} deg off, "
-            "limit 70)"
+            f"{name}: at {np.round(p[i], 3).tolist()} the surface is nearly parallel to the "
+            f"direction of projection ({np.degrees(np.arccos(np.clip(cosine[i], -1.0, 1.0))):.0f} "
+            "deg off, limit 70)"
         )
     return ModelPath(p=p, a=a, b=_across(_tangents(p), a, name))
 
@@ -419,6 +424,6 @@ def _across(b: Array, a: Array, name: str) -> Array:
     size = np.linalg.norm(flat, axis=1)
     if not np.all(size > 0.1 * np.linalg.norm(b, axis=1)):
         raise ConfigurationError(
-            f"{name}: at row {int(size.argmin())} the tool axis lies along the path"
+            f"{name}: at row {int(size.argmin())} the tool axis is parallel to the path"
         )
     return flat / size[:, None]

@@ -1,4 +1,4 @@
-"""Tool axes into a deviating surface: by the deviation's slopes, and by the scan alone."""
+"""Tool axes into a deviating surface, from the deviation's slopes and from the scan alone."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,13 +10,16 @@ from uuv.sim.interfaces.spatial import Array
 
 _SLOPE_NOISE = 0.035  # [rad] noise of an axis from the scan alone
 _WIDTHS = (0.008, 0.03)  # [m] least and largest width of the Gaussian for an axis
-_FITTED = 12  # points that an axis is made of, at least
-# [-] condition of the parabola's normal equations: the points lie on one side, or in a line
+_FITTED = 12  # least number of points for an axis
+# [-] condition of the parabola's normal equations, beyond which the points are on one side or on a
+# line
 _ILL_CONDITIONED = 1e4
 
 
 def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
-    """Tool axes (n, 3) into the deviating surface, from its slopes along and across the path."""
+    """Tool axes (n, 3) into the deviating surface, from the surface's slopes along and across the
+    path.
+    """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     along, across = np.gradient(deviation.along_o, s), deviation.share * deviation.across
     c = np.cross(path.a, path.b)
@@ -28,8 +31,8 @@ def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
 def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndarray]:
     """Axes into the scanned surface at points of a path, by a parabola around each.
 
-    The parabola is weighted by a Gaussian as narrow as the sensor's noise allows: a wide one is
-    biased where the surface bends within it.
+    The parabola is weighted by a Gaussian as narrow as the sensor's noise allows, because a wide
+    one is biased where the surface bends.
 
     Args:
         evidence: Scan of the object.
@@ -37,10 +40,10 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
         z: (n, 3) approximate unit axes into the surface, in S.
 
     Returns:
-        Unit axes (n, 3) in S, and the mask (n,) of those that enough points determine; the others
-        are those of `z`.
+        Unit axes (n, 3) in S, and the mask (n,) of axes that enough points determine; the other
+            axes are those of `z`.
     """
-    # Points of the scan, and the width of the Gaussian at each place
+    # Points of the scan, and the width of the Gaussian at each point of the path
     part = evidence.scan.part(evidence.scan.window(p, 0.1, 10**6))
     points = part.points.reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
@@ -56,7 +59,7 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
         return axes, known
     tree = cKDTree(points)
     for i, near in enumerate(tree.query_ball_point(p, 2.5 * widths)):
-        # Points in the axes of the path, across it in widths
+        # Points in the axes of the path, with distances across it in widths
         u, v = _perpendicular(z[i])
         to = points[near] - p[i]
         x = to @ u / widths[i]

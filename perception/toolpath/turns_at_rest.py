@@ -8,17 +8,19 @@ from uuv.models.objects.axis_steps import Steps, rotated
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import readonly
 
-_LENGTH = 0.02  # [m] by which a path's s grows in a turn of 1 rad, as if the tool moved
+_LENGTH = 0.02  # [m] by which s of a path grows in a turn of 1 rad, as if the tool moved
 _EACH = 0.05  # [rad] between two samples of a turn
 
 
 def turning_at_rest(path: ToolPath) -> ToolPath:
-    """`path`, with a part for each step of its x on which the tool stays in its place and turns."""
+    """`path` with an additional part for each step of its x axis, in which the tool stays in place
+    and turns.
+    """
     steps = Steps.of(path.z, path.x)
     if not len(steps.after):
         return path
 
-    # Rows of the longer path: a sample, and those of the turn behind it
+    # Rows of the longer path: a sample, and the samples of the turn after it
     count = np.ones(len(path.s), dtype=np.int64)
     count[steps.after] += np.ceil(np.abs(steps.angle) / _EACH).astype(np.int64)
     row = np.repeat(np.arange(len(path.s)), count)

@@ -96,7 +96,7 @@ ANOTHER_CLOUD = pytest.mark.long(
 @pytest.mark.parametrize(
     ("cloud", "said"),
     [
-        (layers, "two surfaces one above the other"),
+        (layers, "two surfaces, one above the other"),
         pytest.param(holed, "target B_1: a hole in the cloud lies under it", marks=ANOTHER_CLOUD),
         pytest.param(line, "all 4000 points lie in a line", marks=ANOTHER_CLOUD),
         pytest.param(not_numbers, "80 of 4000 points are not finite numbers", marks=ANOTHER_CLOUD),
@@ -120,7 +120,7 @@ def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
     ("text", "said"),
     [
         ("", "the file is empty"),
-        ("# x y z\n", "there is no point in it"),
+        ("# x y z\n", "the text has no points"),
         ("0 0 -2.5\n1 0 -2.5 7\n", "line 2: expected 3"),
     ],
     ids=["empty", "comments alone", "wrong columns"],

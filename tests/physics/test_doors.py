@@ -120,7 +120,7 @@ def test_attach_names_what_is_wrong():
     with pytest.raises(ConfigurationError, match="ball: expected BodyHydrodynamics, got float"):
         water.attach(spec, {"ball": untyped(1.0)})
     spec.body("ball").userdata = [1.0, 2.0]
-    with pytest.raises(ConfigurationError, match="ball: its user data is already in use"):
+    with pytest.raises(ConfigurationError, match="ball: its user data is holds other data already"):
         water.attach(spec, {"ball": body})
 
 

@@ -361,7 +361,7 @@ def test_other_actuators_and_other_peoples_user_data_are_no_thrusters():
     model = spec.compile()
     assert thrusters.read(model)[0].tolist() == [0]
     assert model.actuator_gear[0, 3] == pytest.approx(0.014)
-    with pytest.raises(ConfigurationError, match=r"'other'.*already in use"):
+    with pytest.raises(ConfigurationError, match=r"'other'.*holds other data already"):
         thrusters.attach(spec, {"other": thrusters.t200()})
 
 
@@ -381,7 +381,7 @@ def test_other_actuators_and_other_peoples_user_data_are_no_thrusters():
         ({"least_thrust": 220.0}, "least_thrust"),
         ({"table": ((-1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))}, "dead_band"),
         ({"table": 3.0}, "table"),
-        ({"polynomial": ((0.0, 300.0), (0.0, 219.0))}, "curve ends at"),
+        ({"polynomial": ((0.0, 300.0), (0.0, 219.0))}, "must be the ends of the curve"),
     ],
 )
 def test_thruster_figures_that_cannot_be(change, named):

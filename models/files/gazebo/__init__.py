@@ -1,1 +1,1 @@
-"""What files of Gazebo carry beside links and joints: water and thrusters of its plugins; SDF."""
+"""Content of Gazebo's files besides links and joints: water and thrusters of its plugins; SDF."""

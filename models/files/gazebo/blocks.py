@@ -1,4 +1,4 @@
-"""Plugins in the <gazebo> blocks of a URDF: its water and thrusters."""
+"""Water and thrusters of a URDF from the plugins in its <gazebo> blocks."""
 
 from xml.etree.ElementTree import Element
 
@@ -9,14 +9,14 @@ from uuv.models.files.urdf_places import axis_of, end_of, figure
 
 
 def content_of_urdf(xml: Element, name: str) -> FileContent:
-    """Water and thrusters of a robot's blocks.
+    """Water and thrusters in the <gazebo> blocks of a robot.
 
     Args:
-        xml: of the robot.
-        name: begins the error messages.
+        xml: XML of the robot.
+        name: first words of error messages.
 
     Raises:
-        ConfigurationError: a number in them that is none.
+        ConfigurationError: an entry of a block must be a number and is not.
     """
     plugins = [plugin for block in xml.findall("gazebo") for plugin in block.iter("plugin")]
     if not plugins:
@@ -27,7 +27,7 @@ def content_of_urdf(xml: Element, name: str) -> FileContent:
         if joint.get("type") in DRIVEN or joint.find("axis") is not None
     }
 
-    # What is fixed to a link Gazebo makes one with it.
+    # Gazebo merges a link with the links that are fixed to it.
     carriers = {
         end_of(joint, "child"): end_of(joint, "parent")
         for joint in xml.findall("joint")

@@ -1,4 +1,4 @@
-"""Water and thrusters that a file carries, and where each of its numbers is from."""
+"""Water and thrusters that a file contains, and the source of each of their numbers."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number, shown
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivenJoint:
-    """A joint that a plugin may drive."""
+    """A joint that a plugin can drive."""
 
     child: str  # link
     axis: Array  # (3,) in the child's frame
@@ -23,25 +23,25 @@ class DrivenJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelFacts:
-    """What the readers of plugins need to know of the model."""
+    """Data of the model that the readers of plugins need."""
 
-    name: str  # with which errors begin
-    masses: Mapping[str, float]  # [kg] of each link, with what is fixed to it
-    weight: float  # [N] of the whole in air
+    name: str  # first words of error messages
+    masses: Mapping[str, float]  # [kg] of each link, including the links fixed to it
+    weight: float  # [N] of the whole model in air
     joints: Mapping[str, DrivenJoint]
-    # [m^3] and centre (3,) [m] of each link's collision shapes; of those that are known
+    # [m^3] and centre (3,) [m] of each link's collision shapes, where they are known
     volumes: Mapping[str, tuple[float, Array]] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls, name: str, stated: Mapping[str, float], carriers: Mapping[str, str], **others: Any
     ) -> Self:
-        """Facts by the mass of each link alone.
+        """Facts of a model from the masses of its single links.
 
         Args:
-            name: of the model.
+            name: name of the model.
             stated: [kg] of each link.
-            carriers: link that each link which is fixed to one is fixed to.
+            carriers: for each link that is fixed to another, that other link.
             **others: joints and volumes.
         """
         masses = dict(stated)
@@ -60,7 +60,8 @@ class FileContent:
     """Water and thrusters of a file, filled by the readers of its plugins."""
 
     water_density: float | None = None  # [kg/m^3]
-    bodies: dict[str, dict[str, Any]] = field(default_factory=dict)  # as of a sidecar
+    # bodies and thrusters as in a sidecar
+    bodies: dict[str, dict[str, Any]] = field(default_factory=dict)
     thrusters: list[MappedThruster] = field(default_factory=list)
     entries: list[ReadEntry] = field(default_factory=list)
 
@@ -70,7 +71,7 @@ class FileContent:
         self.entries.append(entry)
 
     def tree(self) -> dict[str, Any]:
-        """Its water as of a sidecar; empty: it has none."""
+        """The water as a tree of a sidecar; empty if there is none."""
         if not self.bodies:
             return {}
         density = {} if self.water_density is None else {"water_density": self.water_density}
@@ -78,30 +79,30 @@ class FileContent:
 
 
 def number_in(element: Element, tag: str, name: str) -> float | None:
-    """Number of a child element; None: it has none such.
+    """Number of a child element; None: there is no such child.
 
     Raises:
-        ConfigurationError: it is no number.
+        ConfigurationError: the child is not a number.
     """
     text = element.findtext(tag)
     return None if text is None else figure(text.strip(), f"{name}: <{tag}>")
 
 
 def number_or(default: float, element: Element, tag: str, name: str) -> float:
-    """Number of a child element; `default` where it has none such.
+    """Number of a child element, or `default` if there is no such child.
 
     Raises:
-        ConfigurationError: it is no number.
+        ConfigurationError: the child is not a number.
     """
     number = number_in(element, tag, name)
     return default if number is None else number
 
 
 def positive_in(element: Element, tag: str, name: str, default: float) -> float:
-    """Number above zero of a child element; `default` where it is missing.
+    """Number above zero of a child element, or `default` if there is no such child.
 
     Raises:
-        ConfigurationError: it is none, or not above zero.
+        ConfigurationError: the child is not a number, or is not above zero.
     """
     return finite_number(number_or(default, element, tag, name), f"{name}: <{tag}>", above=0.0)
 
@@ -109,16 +110,16 @@ def positive_in(element: Element, tag: str, name: str, default: float) -> float:
 def numbers_in(
     element: Element, tag: str, name: str, counts: Iterable[int] = ()
 ) -> list[float] | None:
-    """Numbers of a child element; None: it is missing.
+    """Numbers of a child element; None: there is no such child.
 
     Args:
-        element: parent.
-        tag: of the child.
-        name: begins the error messages.
-        counts: that are allowed; none: any.
+        element: parent element.
+        tag: tag of the child.
+        name: first words of error messages.
+        counts: allowed numbers of entries; empty: any number.
 
     Raises:
-        ConfigurationError: an entry is not a number, or their count differs.
+        ConfigurationError: an entry is not a number, or the number of entries is not allowed.
     """
     text = element.findtext(tag)
     if text is None:

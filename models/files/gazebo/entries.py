@@ -1,4 +1,4 @@
-"""Entries of the table of what a vehicle's file carries."""
+"""Entries of the table of a vehicle file's content."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ Way = Literal["read", "guessed", "left out"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadEntry:
-    """One thing of a file: what became of it, and where it is from."""
+    """One item of a file, how it was used, and its source."""
 
     part: str  # link, joint or thruster
     quantity: str
@@ -19,12 +19,12 @@ class ReadEntry:
 
     @classmethod
     def of(cls, row: Sequence[str]) -> Self:
-        """Entry of its five columns, as they stand here."""
+        """Entry from its five columns, in the order of the fields."""
         part, quantity, value, way, origin = row
         known = next(word for word in get_args(Way) if word == way)
         return cls(part=part, quantity=quantity, value=value, way=known, origin=origin)
 
     def line(self) -> str:
-        """It in one line."""
+        """The entry in one line."""
         figure = f" {self.value}" if self.value else ""
         return f"{self.part}: {self.quantity}{figure}, {self.way} ({self.origin})"

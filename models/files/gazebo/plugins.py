@@ -1,6 +1,6 @@
 """Readers of Gazebo's plugins by their names: UUV Simulator, gz-sim, ArduPilot, PX4.
 
-Other plugins, sensors for instance, are no matter of a vehicle's body and are passed over.
+Other plugins, for instance sensors, do not describe the vehicle's body and are ignored.
 """
 
 from collections.abc import Callable, Iterable
@@ -25,8 +25,8 @@ from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.models.water.forms import CrossTerms
 from uuv.sim.interfaces.errors import ConfigurationError
 
-_DIAMETER = 0.02  # [m] of a propeller where gz-sim's plugin states none
-_GZ_DENSITY = 1000.0  # [kg/m^3] of its thrusters and its buoyancy, likewise
+_DIAMETER = 0.02  # [m] diameter of a propeller, if gz-sim's plugin states none
+_GZ_DENSITY = 1000.0  # [kg/m^3] for thrusters and buoyancy, if gz-sim's plugin states none
 _NOT_WATER = ("water_density", "default_current", "disable_coriolis", "disable_added_mass")
 
 
@@ -34,11 +34,11 @@ def content_of(plugins: Iterable[Element], facts: ModelFacts) -> FileContent:
     """Water and thrusters of the plugins of a model.
 
     Args:
-        plugins: elements <plugin>.
-        facts: of the model.
+        plugins: the elements <plugin>.
+        facts: data of the model.
 
     Raises:
-        ConfigurationError: a number of a plugin that is none.
+        ConfigurationError: an entry of a plugin must be a number and is not.
     """
     content = FileContent()
     elements = list(plugins)
@@ -59,7 +59,7 @@ def content_of(plugins: Iterable[Element], facts: ModelFacts) -> FileContent:
 
 
 def _gz_hydrodynamics(plugin: Element, facts: ModelFacts, content: FileContent) -> None:
-    """Plugin Hydrodynamics of gz-sim: water of one link, its volume that of its shapes."""
+    """Read plugin Hydrodynamics of gz-sim: water of one link, with the volume of its shapes."""
     link = (plugin.findtext("link_name") or "").strip()
     if link not in facts.masses:
         content.tell(link, "water", "", "left out", "the model has no such link")
@@ -80,7 +80,7 @@ def _gz_hydrodynamics(plugin: Element, facts: ModelFacts, content: FileContent) 
         try:
             parameters[tag] = figure((element.text or "").strip(), f"{facts.name}: <{tag}>")
         except ConfigurationError:
-            continue  # a topic's name, or another word
+            continue  # text, for instance the name of a topic
 
     known = {name: entry for name, entry in parameters.items() if gz_sim.is_known(name)}
     for name in parameters.keys() - known.keys():
@@ -102,7 +102,11 @@ def _signed(parameters: dict[str, float], link: str, content: FileContent) -> di
         if entry > 0.0 and diagonal and ("Dot" in name or len(name) == 2 or "abs" in name):
             signed[name] = -entry
             content.tell(
-                link, name, f"{entry:g}", "guessed", "taken negative, or it feeds energy in"
+                link,
+                name,
+                f"{entry:g}",
+                "guessed",
+                "taken as negative; as stated it would add energy",
             )
 
     return signed
@@ -118,13 +122,19 @@ def _volume_of(
         return volume, center
 
     volume = facts.masses[link] / density
-    content.tell(link, "volume", f"{volume:.6g} m^3", "guessed", "neutral: no shapes that displace")
+    content.tell(
+        link,
+        "volume",
+        f"{volume:.6g} m^3",
+        "guessed",
+        "assumed neutral: no shapes that displace water",
+    )
 
     return volume, np.zeros(3)
 
 
 def _body_tree(water: BodyHydrodynamics) -> dict:
-    """Coefficients as a sidecar has them."""
+    """Coefficients as an entry of a sidecar."""
     tree: dict = {
         "volume": water.volume,
         "center_of_buoyancy": water.center_of_buoyancy.tolist(),
@@ -143,12 +153,12 @@ def _body_tree(water: BodyHydrodynamics) -> dict:
 def _gz_thruster(
     plugin: Element, facts: ModelFacts, content: FileContent, limits: dict[str, tuple[float, float]]
 ) -> None:
-    """Plugin Thruster of gz-sim: thrust k rho D^4 w |w| along its joint."""
+    """Read plugin Thruster of gz-sim, with thrust k rho D^4 w |w| along its joint."""
     name = (plugin.findtext("joint_name") or "").strip()
     joint = facts.joints.get(name)
 
     if joint is None:
-        content.tell(f"thruster {name}", "thruster", "", "left out", "its joint is not there")
+        content.tell(f"thruster {name}", "thruster", "", "left out", "the model has no such joint")
         return
 
     subject = f"{facts.name}: thruster {name}"
@@ -199,7 +209,9 @@ def _ardupilot_limits(
 
 
 def _px4_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None:
-    """Plugin uuv of PX4: diagonal added mass and linear damping, buoyancy by a factor of weight."""
+    """Read plugin uuv of PX4: diagonal added mass, linear damping, and buoyancy as a factor of the
+    weight.
+    """
     link = (plugin.findtext("baseLinkName") or "base_link").strip()
     subject = f"{facts.name}: PX4's uuv plugin"
 
@@ -235,12 +247,12 @@ def _px4_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
 
 
 def _px4_motor(plugin: Element, facts: ModelFacts, content: FileContent) -> None:
-    """Plugin motor_model of PX4: thrust k w^2 along its joint, up to a speed."""
+    """Read plugin motor_model of PX4, with thrust k w^2 along its joint up to a maximum speed."""
     name = (plugin.findtext("jointName") or "").strip()
     joint = facts.joints.get(name)
 
     if joint is None:
-        content.tell(f"thruster {name}", "thruster", "", "left out", "its joint is not there")
+        content.tell(f"thruster {name}", "thruster", "", "left out", "the model has no such joint")
         return
 
     subject = f"{facts.name}: motor {name}"
@@ -263,7 +275,7 @@ def _px4_motor(plugin: Element, facts: ModelFacts, content: FileContent) -> None
 
 
 def _fin(plugin: Element, facts: ModelFacts, content: FileContent) -> None:
-    """Plugin of a fin: it is held, and its lift is not read."""
+    """Record the plugin of a fin: the fin is held, and its lift is not read."""
     del facts
     link = (plugin.findtext("linkName") or plugin.findtext("link_name") or "").strip()
     content.tell(link or "fin", "fin", "", "left out", "fins are held still, without lift")

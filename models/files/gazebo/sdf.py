@@ -3,8 +3,7 @@
     model = parse_sdf("model.sdf")
     spec, notes = spec_of_sdf(model, folder)
 
-Joints obey the rule of `uuv.models.files.urdf_joints`. Models within the model, and includes, are
-left out.
+Joints are settled as in `uuv.models.files.urdf_joints`. Nested models and includes are left out.
 """
 
 from collections.abc import Iterator, Mapping
@@ -30,48 +29,50 @@ WORLD = "world"
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class SdfJoint:
-    """A joint of an SDF, its limits and leader as URDF has them."""
+    """A joint of an SDF, with limits and leader in the form of a URDF."""
 
     name: str
-    parent: str  # link
-    child: str  # link
-    X_CJ: Array  # (4, 4) its frame in the child's
-    axis: Array  # (3,) unit, in the child's frame
-    element: Element  # as of a URDF, settled
+    parent: str  # name of a link
+    child: str  # name of a link
+    X_CJ: Array  # (4, 4) pose of the joint's frame in the child's
+    axis: Array  # (3,) unit vector, in the child's frame
+    element: Element  # the joint as an element of a URDF, settled
     damping: float = 0.0
     friction: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SdfModel:
-    """A parsed SDF: the elements of one model, and where its frames lie."""
+    """A parsed SDF: the elements of one model, and the poses of its frames."""
 
-    name: str  # with which error messages begin
+    name: str  # first words of error messages
     xml: Element  # <model>
     notes: list[str] = field(default_factory=list)
 
     @cached_property
     def links(self) -> dict[str, Element]:
-        """Its links by name."""
+        """The model's links by name."""
         return {link.get("name", ""): link for link in self.xml.findall("link")}
 
     @cached_property
     def root(self) -> str:
-        """Link that floats: the first that no joint carries."""
+        """The link that floats: the first link that is no child of a joint."""
         carried = {joint.child for joint in self.joints.values() if joint.parent != WORLD}
         roots = [link for link in self.links if link not in carried]
         if not roots:
-            raise ConfigurationError(f"{self.name}: its links form no tree: each has a parent")
+            raise ConfigurationError(
+                f"{self.name}: the links must form a tree, but every link is the child of a joint"
+            )
         canonical = self.xml.get("canonical_link", "")
         root = canonical if canonical in roots else roots[0]
         if loose := [link for link in roots if link != root]:
-            self.notes.append(f"links that no joint holds, left out: {', '.join(loose)}")
+            self.notes.append(f"links without a joint to the rest, left out: {', '.join(loose)}")
 
         return root
 
     @cached_property
     def joints(self) -> dict[str, SdfJoint]:
-        """Its joints by name, each child of one of them alone."""
+        """The model's joints by name. Each link is the child of at most one of them."""
         robot = Element("robot")
         joints: dict[str, SdfJoint] = {}
         carried: set[str] = set()
@@ -80,7 +81,8 @@ class SdfModel:
             joint = self._joint(element, robot)
             if joint.child in carried:
                 self.notes.append(
-                    f"closed loop: link {joint.child} has a second joint, {joint.name}, left out"
+                    f"closed loop: joint {joint.name} left out, since its child {joint.child} is "
+                    "the child of another joint"
                 )
                 robot.remove(joint.element)
                 continue
@@ -94,7 +96,7 @@ class SdfModel:
 
     @cached_property
     def driven(self) -> dict[str, DrivenJoint]:
-        """Joints that a plugin may drive."""
+        """Joints that a plugin can drive."""
         return {
             name: DrivenJoint(child=joint.child, axis=joint.axis)
             for name, joint in self.joints.items()
@@ -104,7 +106,7 @@ class SdfModel:
         """Pose (4, 4) of a frame, link or joint in the model.
 
         Raises:
-            ConfigurationError: there is no such frame, or it is relative to itself.
+            ConfigurationError: there is no such frame, or the frame is relative to itself.
         """
         if frame in _OF_MODEL:
             return np.eye(4)
@@ -115,7 +117,8 @@ class SdfModel:
         if element is None:
             raise ConfigurationError(f"{self.name}: there is no link, joint or frame {frame!r}")
 
-        # Relative to what: stated, the child of a joint, or what a frame is attached to.
+        # The frame is relative to a stated frame, to the child of a joint, or to the part that it
+        # is attached to.
         default = ""
         if element.tag == "joint":
             default = (element.findtext("child") or "").strip()
@@ -128,10 +131,11 @@ class SdfModel:
         return self.X_MF(base, passed) @ pose_of(element, self.name)
 
     def X_LP(self, link: str, part: Element) -> Array:
-        """Pose (4, 4) of a link's shape or inertia in the link.
+        """Pose (4, 4) in a link of its shape or inertia.
 
         Raises:
-            ConfigurationError: it is no six numbers, or relative to what the model has not.
+            ConfigurationError: the pose is not six numbers, or is relative to a frame that the
+                model does not have.
         """
         place = part.find("pose")
         base = "" if place is None else place.get("relative_to", "")
@@ -148,7 +152,7 @@ class SdfModel:
         }
 
     def _joint(self, element: Element, robot: Element) -> SdfJoint:
-        """A joint, with an element for the rule of a URDF in `robot`."""
+        """A joint; an element in the form of a URDF is added to `robot`."""
         name = element.get("name", "")
         subject = f"{self.name}: joint {name!r}"
         parent, child = ((element.findtext(end) or "").strip() for end in ("parent", "child"))
@@ -161,7 +165,7 @@ class SdfModel:
         if axis_element is not None:
             axis = self._axis(axis_element, child, X_CJ, subject)
         if kind not in (*_TURNS, "fixed"):
-            self.notes.append(f"joint {name} of type {kind or 'none'}: held")
+            self.notes.append(f"joint {name} is held, since its type is {kind or 'none'}")
 
         as_urdf = SubElement(robot, "joint", name=name, type=_TURNS.get(kind, "fixed"))
         SubElement(as_urdf, "axis", xyz=" ".join(f"{entry!r}" for entry in axis.tolist()))
@@ -181,13 +185,15 @@ class SdfModel:
         )
 
     def _link_of(self, end: str, subject: str) -> str:
-        """Link of a joint's end, which may be a frame on one."""
+        """Link of a joint's end, which may be stated as a frame on the link."""
         passed: list[str] = []
         while end not in self.links and end != WORLD:
             element = self._frames.get(end)
             if element is None or element.tag != "frame" or end in passed:
                 known = ", ".join(self.links)
-                raise ConfigurationError(f"{subject}: the model has the links {known}; got {end!r}")
+                raise ConfigurationError(
+                    f"{subject}: must join two of the links {known}, got {end!r}"
+                )
 
             passed.append(end)
             end = element.get("attached_to", "") or next(iter(self.links))
@@ -201,7 +207,7 @@ class SdfModel:
         axis = _numbers(text, 3, f"{subject}: axis")
         length = float(np.linalg.norm(axis))
         if not length > 0.0:
-            raise ConfigurationError(f"{subject}: its axis has no length")
+            raise ConfigurationError(f"{subject}: the axis must be longer than zero")
 
         base = None if xyz is None else xyz.get("expressed_in")
         of_model = (element.findtext("use_parent_model_frame") or "").strip() in ("1", "true")
@@ -216,16 +222,16 @@ def parse_sdf(file: Path, name: str) -> SdfModel:
     """Read the first model of an SDF.
 
     Args:
-        file: path.
-        name: begins the error messages.
+        file: path of the file.
+        name: first words of error messages.
 
     Raises:
-        ConfigurationError: it is no XML or has no model with links.
+        ConfigurationError: the file is not XML, or has no model with links.
     """
     xml = xml_of(bytes_of(file, name), name)
     model = next((model for model in xml.iter("model") if model.find("link") is not None), None)
     if model is None:
-        raise ConfigurationError(f"{name}: an SDF without a <model> that has links")
+        raise ConfigurationError(f"{name}: must be an SDF with a <model> that has links")
     notes = []
 
     for tag in ("include", "model"):
@@ -237,17 +243,19 @@ def parse_sdf(file: Path, name: str) -> SdfModel:
 
 
 def pose_of(element: Element, name: str) -> Array:
-    """Pose (4, 4) that an element states, whatever it is relative to.
+    """Pose (4, 4) that an element states, in the frame that it is relative to.
 
     Raises:
-        ConfigurationError: it is no six numbers.
+        ConfigurationError: the pose is not six numbers.
     """
     place = element.find("pose")
     if place is None or not (place.text or "").strip():
         return np.eye(4)
     subject = f"{name}: pose of {element.get('name') or element.tag}"
     if place.get("rotation_format") == "quat_xyzw":
-        raise ConfigurationError(f"{subject}: a quaternion is not read; write roll, pitch, yaw")
+        raise ConfigurationError(
+            f"{subject}: must be stated by roll, pitch, yaw, not by a quaternion"
+        )
     numbers = checked_place(_numbers(place.text or "", 6, subject), (6,), subject, LONGEST)
     angles = np.radians(numbers[3:]) if place.get("degrees") == "true" else numbers[3:]
 
@@ -255,7 +263,9 @@ def pose_of(element: Element, name: str) -> Array:
 
 
 def tree_order(model: SdfModel) -> Iterator[tuple[str, SdfJoint | None]]:
-    """Links that the root carries, each with the joint that carries it; parents come first."""
+    """Links of the tree from the root on, each with the joint of which it is the child; parents
+    come first.
+    """
     carried: Mapping[str, list[SdfJoint]] = {}
     for joint in model.joints.values():
         carried.setdefault(joint.parent, []).append(joint)
@@ -268,7 +278,7 @@ def tree_order(model: SdfModel) -> Iterator[tuple[str, SdfJoint | None]]:
 
 
 def _of_axis(axis: Element, as_urdf: Element, subject: str) -> dict[str, float]:
-    """Write limits and leader of an axis into an element of a URDF; damping and friction."""
+    """Write limits and leader of an axis into an element of a URDF; return damping and friction."""
     limit = axis.find("limit")
     if limit is not None:
         stated = {

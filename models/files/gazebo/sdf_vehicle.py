@@ -24,7 +24,7 @@ from uuv.sim.interfaces.spatial import (
     quat_wxyz_from_rotation,
 )
 
-_LENGTHS = {  # numbers of each shape: tag of it, count
+_LENGTHS = {  # tag of each size of a shape, and how many numbers it has
     "box": (("size", 3),),
     "cylinder": (("radius", 1), ("length", 1)),
     "capsule": (("radius", 1), ("length", 1)),
@@ -41,14 +41,15 @@ _GEOMS = {
 
 
 def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str], FileContent]:
-    """The model of a vehicle, its lines, and the water and thrusters of its plugins.
+    """Spec of a vehicle, notes about what was left out, and the water and thrusters of its plugins.
 
     Args:
-        model: as parsed.
-        folder: of its file, from which the paths of its meshes count.
+        model: the parsed SDF.
+        folder: folder of the file; paths of meshes are relative to it.
 
     Raises:
-        ConfigurationError: numbers that are none, or an inertia that no body has.
+        ConfigurationError: an entry must be a number and is not, or an inertia is not that of any
+            body.
     """
     look_anew()
     spec = mujoco.MjSpec()
@@ -77,11 +78,17 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
         notes.append(f"links without mass (SDF itself would take 1 kg): {listed(dry)}")
 
     if others:
-        notes.append(f"shapes left out, not of {', '.join((*_GEOMS, 'mesh'))}: {listed(others)}")
+        notes.append(
+            f"shapes left out, since they are none of {', '.join((*_GEOMS, 'mesh'))}: "
+            f"{listed(others)}"
+        )
 
     if missing:
         endings = ", ".join((*MESHES, *OTHERS))
-        notes.append(f"meshes left out, not found or not of {endings}: {listed(sorted(missing))}")
+        notes.append(
+            f"meshes left out, since they were not found or are none of {endings}: "
+            f"{listed(sorted(missing))}"
+        )
 
     coupled = taken_mimics(_as_robot(model), model.name)
     follow(spec, coupled)
@@ -95,14 +102,14 @@ def spec_of_sdf(model: SdfModel, folder: Path) -> tuple[mujoco.MjSpec, list[str]
 
 
 def _as_robot(model: SdfModel) -> Element:
-    """Its joints as elements of a URDF."""
+    """The joints as elements of a URDF."""
     robot = Element("robot")
     robot.extend(joint.element for joint in model.joints.values())
     return robot
 
 
 def _carriers(model: SdfModel) -> dict[str, str]:
-    """Link that each link which is fixed to one is fixed to."""
+    """For each link that is fixed to another, that other link."""
     return {
         link: joint.parent
         for link, joint in tree_order(model)
@@ -117,7 +124,7 @@ def _add_body(
     if joint is None:
         return bodies[WORLD].add_body(name=link)
     X_PC = inverse(model.X_MF(joint.parent)) @ model.X_MF(link)
-    # Where the rule of joints has fixed it elsewhere than at zero: a motion in the joint's frame.
+    # If the joint was fixed elsewhere than at zero, this is its motion, in the joint's frame.
     X_PC = X_PC @ _about(joint, origin_of(joint.element, model.name))
     body = bodies[joint.parent].add_body(
         name=link, pos=X_PC[:3, 3], quat=quat_wxyz_from_rotation(X_PC[:3, :3])
@@ -150,14 +157,14 @@ def _add_body(
 
 
 def _about(joint: SdfJoint, motion: Array) -> Array:
-    """A motion (4, 4) about the child's axes at the place of a joint, in the child's frame."""
+    """A motion (4, 4) about the child's axes at the position of a joint, in the child's frame."""
     shift = np.eye(4)
     shift[:3, 3] = joint.X_CJ[:3, 3]
     return shift @ motion @ inverse(shift)
 
 
 def _give_inertia(body: mujoco.MjsBody, link: Element, model: SdfModel) -> float:
-    """Give a body the inertia of its link; its mass [kg]."""
+    """Give a body the inertia of its link; returns its mass [kg]."""
     subject = f"{model.name}: link {body.name!r}"
     inertial = link.find("inertial")
     mass = 0.0 if inertial is None else float(_of(inertial, "mass", 1, subject, "1")[0])
@@ -191,10 +198,10 @@ def _give_shapes(
     missing: set[str],
     others: list[str],
 ) -> tuple[float, Array]:
-    """Add the shapes of a link; volume [m^3] and its centre (3,) of those that collide.
+    """Add the shapes of a link; returns volume [m^3] and centre (3,) of its collision shapes.
 
-    Meshes go to a list of their own; names of those that are `missing`, and of shapes of `others`
-    kinds, are collected.
+    Meshes are appended to `meshes`, the names of absent meshes to `missing`, and the names of
+    shapes of other kinds to `others`.
     """
     name = model.name
     total = 0.0
@@ -254,7 +261,7 @@ def _add_geom(
 
 
 def _size_of(kind: Element, subject: str) -> tuple[list[float], float]:
-    """Sizes of a geom [m], as MuJoCo has them, and the volume [m^3] of a shape."""
+    """Sizes of a geom [m] in MuJoCo's order, and the volume [m^3] of the shape."""
     numbers = np.concatenate(
         [_of(kind, tag, count, subject, None) for tag, count in _LENGTHS[kind.tag]]
     )

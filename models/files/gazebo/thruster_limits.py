@@ -1,4 +1,4 @@
-"""A thruster from its curve over the command of a simulator, between limits that may be missing."""
+"""A thruster from its thrust curve over a simulator's command; its limits may be missing."""
 
 from collections.abc import Callable, Mapping
 
@@ -10,17 +10,19 @@ from uuv.models.water.thrusters import Thruster
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-# [N^(1/3)] thrust over the vehicle's weight to 2/3: BlueROV2 50 N at 98 N, RexROV 1600 N at 18 kN
+# [N^(1/3)] thrust over the vehicle's weight to the power 2/3: BlueROV2 50 N at 98 N, RexROV 1600 N
+# at 18 kN
 _PRIOR = 2.35
-_ONE_WAY = 0.01  # share of its thrust that a thruster gets the other way, where the file has none
-_POINTS = 21  # of a curve, each way
-_FARTHEST = 1e6  # command up to which a curve is followed
+# share of the forward thrust that a thruster gets astern, if it is one-way in the file
+_ONE_WAY = 0.01
+_POINTS = 21  # number of points of a curve, for each direction
+_FARTHEST = 1e6  # largest command up to which a curve is evaluated
 
 Limits = Mapping[str, tuple[float | None, float | None]]
 
 
 def prior_thrust(weight: float) -> float:
-    """Thrust [N] of each thruster of a vehicle of a weight [N], where nothing states it."""
+    """Assumed thrust [N] of each thruster of a vehicle of a weight [N], if its file states none."""
     return _PRIOR * weight ** (2.0 / 3.0)
 
 
@@ -37,14 +39,14 @@ def limited_thruster(
     """A thruster at the origin of a link.
 
     Args:
-        name: of it.
-        link: on which it pushes.
-        axis: (3,) of positive thrust, in the link.
+        name: name of the thruster.
+        link: link on which it acts.
+        axis: (3,) direction of positive thrust, in the link.
         curve: thrust [N] by command; None: proportional to the command's square.
-        limits: least and largest "thrust" [N] and "command", None where they are not stated.
+        limits: smallest and largest "thrust" [N] and "command", None where they are not stated.
         time_constant: [s] of the propeller.
-        weight: [N] of the vehicle in air, for a limit where none is stated.
-        content: gets entries about it.
+        weight: [N] of the vehicle in air; a missing limit is assumed from it.
+        content: receives entries about the thruster.
     """
     part = f"thruster {name}"
     astern, ahead = _told_ends(_ends(curve, limits), part, weight, content)
@@ -56,7 +58,9 @@ def limited_thruster(
 
     thruster = _of_curve(curve, ahead, astern, time_constant)
     if thruster is None:
-        content.tell(part, "curve", "", "guessed", "quadratic: that of the file does not rise")
+        content.tell(
+            part, "curve", "", "guessed", "quadratic, since the curve of the file does not rise"
+        )
         thruster = Thruster(forward=ahead, reverse=astern, time_constant=time_constant)
 
     return MappedThruster(
@@ -67,29 +71,34 @@ def limited_thruster(
 def _told_ends(
     ends: tuple[float, float], part: str, weight: float, content: FileContent
 ) -> tuple[float, float]:
-    """Thrust [N] astern and ahead, both positive, by what `_ends` returned; told."""
+    """Thrust [N] astern and ahead, both positive, from the result of `_ends`; entries are added to
+    `content`.
+    """
     astern, ahead = ends
-    pushes = max(ahead, astern) > 0.0  # else its limits and its curve allow none
+    pushes = max(ahead, astern) > 0.0  # otherwise its limits and its curve allow no thrust
     if not pushes:
         astern = ahead = np.inf
     prior = prior_thrust(weight)
     guessed = np.isinf([astern, ahead]).any()
     astern, ahead = (prior if np.isinf(end) else end for end in (astern, ahead))
 
-    # A thruster of ours turns either way.
+    # A thruster of this project acts in both directions.
     one_way = min(astern, ahead) <= 0.0
     if one_way:
         which = "ahead" if ahead > astern else "astern"
         least = _ONE_WAY * max(astern, ahead)
         astern = max(astern, least)
         ahead = max(ahead, least)
-        why = f"the file lets it push {which} only; {_ONE_WAY:.0%} the other way, as good as none"
+        why = f"the file allows thrust {which} only; {_ONE_WAY:.0%} is set for the other direction"
         content.tell(part, "thrust the other way", f"{least:.4g} N", "guessed", why)
 
     why = "its limits"
     if guessed:
-        lacks = "no limit in the file" if pushes else "no thrust within its limits in the file"
-        why = f"{lacks}: {_PRIOR:g} N of weight^(2/3); `thrusters:` in the mapping states it"
+        lacks = "no limit in the file" if pushes else "the file's limits allow no thrust"
+        why = (
+            f"{lacks}; assumed {_PRIOR:g} N times weight^(2/3); `thrusters:` in the mapping states "
+            "it"
+        )
     way = "guessed" if guessed else "read"
     content.tell(part, "thrust", f"{ahead:.4g} and -{astern:.4g} N", way, why)
 
@@ -97,9 +106,9 @@ def _told_ends(
 
 
 def _ends(curve: Callable[[Array], Array] | None, limits: Limits) -> tuple[float, float]:
-    """Thrust [N] astern and ahead at the limits; infinite: none is stated.
+    """Thrust [N] astern and ahead at the limits; infinite if no limit is stated.
 
-    One that is not positive: there is none that way.
+    A value that is not positive means no thrust in that direction.
     """
     least, most = limits["thrust"]
     low, high = limits["command"]
@@ -121,14 +130,14 @@ def _ends(curve: Callable[[Array], Array] | None, limits: Limits) -> tuple[float
 def _of_curve(
     curve: Callable[[Array], Array] | None, ahead: float, astern: float, time_constant: float
 ) -> Thruster | None:
-    """Thruster of a curve up to its ends; None: it does not rise."""
+    """Thruster of a curve up to its ends; None if the curve does not rise."""
     if curve is None:
         return Thruster(forward=ahead, reverse=astern, time_constant=time_constant)
     full = max(_command(curve, ahead), _command(lambda x: -curve(-x), astern))
     if not 0.0 < full < _FARTHEST:
         return None
 
-    # A quadratic one needs no table.
+    # A quadratic curve needs no table.
     share = np.linspace(-1.0, 1.0, 2 * _POINTS - 1)
     thrust = np.clip(curve(full * share), -astern, ahead)
     square = np.where(share > 0.0, ahead, astern) * share * np.abs(share)
@@ -142,7 +151,7 @@ def _of_curve(
 
 
 def _command(curve: Callable[[Array], Array], thrust: float) -> float:
-    """Smallest command at which a rising curve reaches a thrust [N]; infinite: none."""
+    """Smallest command at which a rising curve reaches a thrust [N]; infinite if it never does."""
     low = 0.0
     high = _FARTHEST
     if float(curve(np.array([high]))[0]) < thrust * (1.0 - 1e-12):

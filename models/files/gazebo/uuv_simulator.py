@@ -1,7 +1,8 @@
-"""Water and thrusters in the blocks of UUV Simulator's vehicles, as its plugins take them.
+"""Water and thrusters in the blocks of UUV Simulator's vehicles, read as its plugins read them.
 
-Its coefficients are in axes x ahead, y to starboard, z down, at the link's centre of mass where
-Gazebo applies them, here at the link's origin; the centre of buoyancy is in the link's own axes.
+Coefficients of the plugins are in axes x ahead, y to starboard, z down. Gazebo applies them at the
+link's centre of mass, this project at the link's origin. The centre of buoyancy is in the link's
+own axes.
 """
 
 from collections.abc import Callable
@@ -23,11 +24,12 @@ from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-DENSITY = 1028.0  # [kg/m^3] that the plugin takes where none is stated
-_FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # its axes in ours
-_UNEVEN = 0.05  # share of the largest number by which an added mass may be asymmetric
-_SPHERE_DRAG = 0.5  # drag coefficient of its spheres
-# Drag coefficients of its cylinders by length over diameter: up to this ratio, of ends and side.
+DENSITY = 1028.0  # [kg/m^3] if the plugin states none
+_FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # axes of the plugin in axes of this project
+_UNEVEN = 0.05  # largest accepted asymmetry of an added mass, as a share of its largest number
+_SPHERE_DRAG = 0.5  # drag coefficient of the plugin's spheres
+# Drag coefficients of the plugin's cylinders by length over diameter: upper end of the ratio, of
+# ends, of side.
 _END_DRAG = ((1.0, 0.91), (2.0, 0.85), (4.0, 0.87), (np.inf, 0.99))
 _SIDE_DRAG = ((1.0, 0.63), (2.0, 0.68), (5.0, 0.74), (10.0, 0.82), (np.inf, 0.98))
 
@@ -36,7 +38,7 @@ def read_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
     """Read the plugin of an underwater object: water of each of its links.
 
     Raises:
-        ConfigurationError: a link that the model has not, or numbers that are none.
+        ConfigurationError: the model has no such link, or an entry must be a number and is not.
     """
     density = positive_in(plugin, "fluid_density", facts.name, DENSITY)
     content.water_density = density
@@ -62,10 +64,10 @@ def read_water(plugin: Element, facts: ModelFacts, content: FileContent) -> None
 
 
 def read_thruster(plugin: Element, facts: ModelFacts, content: FileContent) -> None:
-    """Read the plugin of a thruster: where it pushes, its curve and its time constant.
+    """Read the plugin of a thruster: its position, its curve and its time constant.
 
     Raises:
-        ConfigurationError: numbers that are none.
+        ConfigurationError: an entry must be a number and is not.
     """
     number = (plugin.findtext("thrusterID") or plugin.findtext("thruster_id") or "").strip()
     name = number or (plugin.get("name") or "")
@@ -73,7 +75,7 @@ def read_thruster(plugin: Element, facts: ModelFacts, content: FileContent) -> N
     link = (plugin.findtext("linkName") or "").strip()
 
     if joint is None:
-        content.tell(f"thruster {name}", "thruster", "", "left out", "its joint is not there")
+        content.tell(f"thruster {name}", "thruster", "", "left out", "the model has no such joint")
         return
 
     subject = f"{facts.name}: thruster {name}"
@@ -109,7 +111,7 @@ def read_thruster(plugin: Element, facts: ModelFacts, content: FileContent) -> N
 def _between(
     plugin: Element, low: str, high: str, subject: str
 ) -> tuple[float | None, float | None]:
-    """Limits of a plugin, which takes crossed ones for none."""
+    """Limits of a plugin, which ignores limits whose lower one is above the upper."""
     least = number_in(plugin, low, subject)
     most = number_in(plugin, high, subject)
     crossed = least is not None and most is not None and least >= most
@@ -118,14 +120,16 @@ def _between(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """A hydrodynamic model, and the box [m] of its link, of which its shape takes what it lacks."""
+    """A hydrodynamic model, and the box [m] of its link, which supplies missing lengths of the
+    shape.
+    """
 
     model: Element
-    box: list[float]  # x, y, z; none is stated: empty
-    subject: str  # begins error messages
+    box: list[float]  # x, y, z; empty: no box is stated
+    subject: str  # first words of error messages
 
     def number(self, tag: str, of_box: Callable[[list[float]], float]) -> float:
-        """A length [m] of the shape, or that of the box; 0: neither is stated."""
+        """A length [m] of the shape, or that of the box; 0 if neither is stated."""
         stated = number_in(self.model, tag, self.subject)
         if stated is not None:
             return stated
@@ -133,7 +137,7 @@ class _Shape:
 
 
 def _box_of(link: Element, subject: str) -> list[float]:
-    """Extents [m] of a link's box as its plugin lays it: width along x, length along y."""
+    """Extents [m] of a link's box in the plugin's order: width along x, length along y."""
     box = link.find("box")
     if box is None:
         return []
@@ -145,14 +149,14 @@ def _box_of(link: Element, subject: str) -> list[float]:
 def _volume(
     link: Element, name: str, facts: ModelFacts, density: float, content: FileContent
 ) -> float:
-    """Volume [m^3] of a link, of a neutral one from its mass."""
+    """Volume [m^3] of a link; if it is not stated, that of a neutral link of its mass."""
     subject = f"{facts.name}: water of link {name!r}"
     neutral = (link.findtext("neutrally_buoyant") or "").strip().lower() in ("1", "true")
     stated = number_in(link, "volume", subject)
 
     if neutral or stated is None:
         volume = facts.masses[name] / density
-        reason = "neutrally_buoyant" if neutral else "no <volume>: neutral"
+        reason = "neutrally_buoyant" if neutral else "no <volume>: assumed neutral"
         content.tell(name, "volume", f"{volume:.6g} m^3", "read" if neutral else "guessed", reason)
         return volume
 
@@ -164,7 +168,7 @@ def _volume(
 def _coefficients(
     shape: _Shape, name: str, density: float, content: FileContent
 ) -> dict[str, list]:
-    """Added mass and damping of a link, in our axes."""
+    """Added mass and damping of a link, in axes of this project."""
     model = shape.model
     subject = shape.subject
     kind = (model.findtext("type") or "").strip()
@@ -178,7 +182,7 @@ def _coefficients(
         added = added + added_shape
         quadratic = quadratic - np.diag(drag)
     elif kind != "fossen":
-        content.tell(name, f"hydrodynamic model {kind!r}", "", "left out", "of no known form")
+        content.tell(name, f"hydrodynamic model {kind!r}", "", "left out", "unknown form")
 
     flip = np.diag(_FLIP)
     added = _positive(flip @ added @ flip, name, content)
@@ -205,42 +209,58 @@ def _coefficients(
 
 
 def _positive(added: Array, name: str, content: FileContent) -> Array:
-    """Added mass that a body can have: symmetric, and positive semidefinite."""
+    """Added mass in a form that a body can have: symmetric and positive semidefinite."""
     uneven = float(np.abs(added - added.T).max())
     largest = float(np.abs(added).max())
 
     if uneven > 0.0:
         way = "read" if uneven <= _UNEVEN * largest else "guessed"
-        content.tell(name, "added mass", f"uneven by {uneven:.3g}", way, "its mean is taken")
+        content.tell(
+            name,
+            "added mass",
+            f"asymmetric by {uneven:.3g}",
+            way,
+            "the mean with its transpose is taken",
+        )
         added = 0.5 * (added + added.T)
 
     try:
         return np.array(BodyHydrodynamics(volume=0.0, added_mass=added).added_mass)
     except ConfigurationError:
-        content.tell(name, "added mass", "", "guessed", "its diagonal: the whole feeds energy in")
+        content.tell(
+            name,
+            "added mass",
+            "",
+            "guessed",
+            "its diagonal only, since the whole matrix is not positive semidefinite",
+        )
         return np.diag(np.abs(np.diag(added)))
 
 
 def _dissipative(damping: Array, what: str, name: str, content: FileContent) -> Array:
-    """Damping that takes energy: with its signs, or with those of its diagonal turned."""
+    """Damping that removes energy: as signed in the file, or with the sign that makes its diagonal
+    positive.
+    """
     if np.linalg.eigvalsh(0.5 * (damping + damping.T)).min() >= 0.0:
         return damping
-    content.tell(name, what, "", "guessed", "magnitudes: as signed it feeds energy in")
+    content.tell(
+        name, what, "", "guessed", "magnitudes only, since the signs of the file would add energy"
+    )
     return np.diag(np.abs(np.diag(damping)))
 
 
 def _forward_terms(forward: Array) -> list[list[float]]:
-    """Cross terms of a damping (6, 6) that grows with the speed ahead, in our axes."""
+    """Cross terms of a damping (6, 6) that grows with the speed ahead, in axes of this project."""
     terms = []
     for i, j in np.argwhere(forward != 0.0).tolist():
-        # tau_i = +F_ij u nu_j there; here -c nu_0 nu_j, in flipped axes
+        # plugin: tau_i = +F_ij u nu_j; here: -c nu_0 nu_j, in axes with y and z reversed
         terms.append([i, j, 0, 0.0, float(-forward[i, j] * _FLIP[i] * _FLIP[j])])
 
     return terms
 
 
 def _matrix(numbers: list[float] | None) -> Array:
-    """Matrix (6, 6) of 6 numbers on its diagonal, or 36; of none zero."""
+    """Matrix (6, 6) of 6 numbers on its diagonal, or of 36; zero without numbers."""
     if numbers is None:
         return np.zeros((6, 6))
     return np.diag(numbers) if len(numbers) == 6 else np.reshape(numbers, (6, 6))
@@ -251,7 +271,7 @@ def _diagonal(matrix: Array) -> str:
 
 
 def _sphere(shape: _Shape, density: float) -> tuple[Array, Array]:
-    """Added mass (6, 6) and quadratic drag (6,) of its spheres."""
+    """Added mass (6, 6) and quadratic drag (6,) of the plugin's spheres."""
     radius = shape.number("radius", min)
     added = 2.0 / 3.0 * np.pi * density * radius**3
     drag = 0.5 * density * _SPHERE_DRAG * np.pi * radius**2
@@ -261,7 +281,7 @@ def _sphere(shape: _Shape, density: float) -> tuple[Array, Array]:
 
 
 def _cylinder(shape: _Shape, density: float) -> tuple[Array, Array]:
-    """Added mass (6, 6) and quadratic drag (6,) of its cylinders, as its plugin has them."""
+    """Added mass (6, 6) and quadratic drag (6,) of the plugin's cylinders."""
     radius = shape.number("radius", min)
     length = shape.number("length", max)
     stated = (shape.model.findtext("axis") or "").strip()
@@ -270,7 +290,8 @@ def _cylinder(shape: _Shape, density: float) -> tuple[Array, Array]:
     end = next(drag for most, drag in _END_DRAG if ratio <= most)
     side = next(drag for most, drag in _SIDE_DRAG if ratio <= most)
 
-    # Across; along, where the plugin has no length; and turning end over end.
+    # Added mass across the axis; along it, for which the plugin has no length; and of rotation end
+    # over end.
     section = density * np.pi * radius**2
     added = np.array([section * length] * 3 + [section * length**3 / 12.0] * 3)
     added[axis] = section
@@ -282,7 +303,7 @@ def _cylinder(shape: _Shape, density: float) -> tuple[Array, Array]:
 
 
 def _box(shape: _Shape, density: float) -> tuple[Array, Array]:
-    """No added mass (6, 6), and quadratic drag (6,) of its boxes."""
+    """No added mass (6, 6), and the quadratic drag (6,) of the plugin's boxes."""
     x = shape.number("length", lambda box: box[0])
     y = shape.number("width", lambda box: box[1])
     z = shape.number("height", lambda box: box[2])
@@ -296,7 +317,7 @@ _SHAPES = {"sphere": _sphere, "cylinder": _cylinder, "box": _box}
 
 
 def _curve(conversion: Element, subject: str) -> Callable[[Array], Array] | None:
-    """Thrust [N] by command of a conversion; None: of no known form."""
+    """Thrust [N] over the command of a conversion; None if its form is unknown."""
     kind = (conversion.findtext("type") or "").strip()
     if kind == "Basic":
         constant = number_or(0.0, conversion, "rotorConstant", subject)
@@ -315,7 +336,8 @@ def _curve(conversion: Element, subject: str) -> Callable[[Array], Array] | None
         thrust = numbers_in(conversion, "outputValues", subject) or []
         if len(inputs) != len(thrust) or len(inputs) < 2:
             raise ConfigurationError(
-                f"{subject}: inputValues and outputValues: as many of each, at least two"
+                f"{subject}: inputValues and outputValues must have the same number of entries, at "
+                "least two"
             )
 
         order = np.argsort(inputs)
@@ -328,5 +350,5 @@ def _curve(conversion: Element, subject: str) -> Callable[[Array], Array] | None
 def _scaled(
     curve: Callable[[Array], Array] | None, gain: float, efficiency: float
 ) -> Callable[[Array], Array] | None:
-    """A curve with a factor on its command and one on its thrust."""
+    """A curve with one factor on its command and one on its thrust."""
     return None if curve is None else lambda x: efficiency * curve(gain * x)

@@ -1,7 +1,7 @@
-"""Rays of the check: cast on the surfaces of scan and model, and classified [Konoplin 2022, eq. 2].
+"""Rays of the check, cast on the surfaces of scan and model and classified [Konoplin 2022, eq. 2].
 
-On each ray either both surfaces agree, or the scan lies in front of the model, or behind it (the
-scan sees through the model), or an occluder hides the model, which is no evidence.
+On each ray both surfaces agree, or the scan is in front of the model, or the scan is behind the
+model (the scan "sees through" the model), or an occluder hides the model, which is no evidence.
 """
 
 from dataclasses import dataclass
@@ -17,28 +17,31 @@ from uuv.perception.registration.model_surface import ModelSurface
 from uuv.perception.registration.projection.trajectories import across, curves, direction
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 
-SURFACE_PIXELS = 40_000  # pixels at most of the scan that is triangulated: finer than the rays lie
-MIN_RAYS = 40  # rays without which there is no verdict
-_ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edge
-_FEW_RAYS = 120  # parallel rays below which lines of sight replace them
-# [-] share of the rim of a region without depth that an occluder takes, above which it may go on
-# there
+# largest number of pixels of the triangulated scan: finer than the spacing of the rays
+SURFACE_PIXELS = 40_000
+MIN_RAYS = 40  # least number of rays for a verdict
+_ACROSS_EDGES = 1.5  # [px] by which a ray is moved sideways to detect a nearby edge
+_FEW_RAYS = 120  # number of parallel rays, below which lines of sight replace them
+# [-] share of an occluder in the rim of a region without depth, above which the occluder may
+# continue there
 _TURNED_AWAY = 0.3
-# [-] share of the parallel rays that stay clear of edges, below which lines of sight replace them
+# [-] share of the parallel rays that are clear of edges, below which lines of sight replace them
 _THIN = 0.75
-_SIGHTS = 1000  # lines of sight, about
-_STEEP = np.cos(np.deg2rad(65.0))  # cosine of incidence below which a ray does not count
+_SIGHTS = 1000  # approximate number of lines of sight
+_STEEP = np.cos(np.deg2rad(65.0))  # cosine of incidence, below which a ray is not used
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckRays:
-    """Rays along o where the sensor should see the model, and their classes. All (n,) or (n, 3)."""
+    """Rays along o where the sensor should see the model, and their classes, as arrays (n,) or (n,
+    3).
+    """
 
     C_model: Array  # [m] in S
     o: Array  # (3,)
-    E: Array  # [m] scan behind (+) or in front of (-) the model; inf where the ray misses the scan
-    sigma: Array  # [m] of E
-    pitch: Array  # [m] between pixels there
+    E: Array  # [m] scan behind (+) or in front of (-) the model; inf if the ray misses the scan
+    sigma: Array  # [m] standard deviation of E
+    pitch: Array  # [m] distance of neighbouring pixels there
     hidden: np.ndarray  # an occluder lies in front of the model
     near: np.ndarray  # both surfaces agree
     through: np.ndarray  # the scan lies behind the model
@@ -54,7 +57,7 @@ def cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) 
     """Rays over the visible model `points` (m, 3) [m] in S, cast on both surfaces.
 
     Returns a reason if too few rays meet the model. The rays are parallel [Konoplin 2022]. On bars
-    and grids many of them pass near an edge: lines of sight replace them.
+    and grids, where many of them pass near an edge, lines of sight replace them.
     """
     met = _parallel(evidence, surface, X_ST, points)
     if met is None or len(met.C_model) < _FEW_RAYS or met.clear < _THIN:
@@ -75,7 +78,7 @@ def cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) 
     slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
     sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
 
-    # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line
+    # The ray starts in front of the object, and an occluder may be nearer; only the sensor's line
     # of sight shows it.
     row, column, _ = scan.pixels(C_model)
     top = max(0, int(row.min()) - 2)
@@ -90,14 +93,14 @@ def cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) 
     if scan.known is not None:
         hidden |= scan.known.depth[row + top, column + left] < z
 
-    # Where scan and model agree along the line of sight, a ray beside it passed through a gap that
+    # Where scan and model agree along the line of sight, a ray next to it passed through a gap that
     # an occluder leaves.
     behind = scan.depth[top : top + len(first), left : left + first.shape[1]][row, column] - z
     agrees = np.abs(behind) < 3.0 * sigma
     E = np.where(agrees & ~(np.abs(E) < 3.0 * sigma), behind, E)
 
-    # Where the ray meets no triangle the line of sight decides: the scan lies behind, or there is
-    # no depth around.
+    # If the ray meets no triangle the line of sight decides: the scan is behind, or there is no
+    # depth around.
     meets = np.isfinite(E)
     past = ~meets & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
     past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
@@ -112,14 +115,14 @@ def cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) 
 
 
 def _behind_no_depth(first: Array, row: np.ndarray, column: np.ndarray, limit: Array) -> np.ndarray:
-    """Mask (n,) of rays into a region without depth that an occluder at its rim may hide.
+    """Mask (n,) of rays into a region without depth that an occluder at the region's rim may hide.
 
-    Its surface may be turned away there.
+    In such a region the surface of the occluder may be turned away.
 
     Args:
         first: (h, w) [m] depth of the scan, inf where there is none.
-        row: (n,) of the rays' pixels.
-        column: (n,)
+        row: (n,) rows of the rays' pixels.
+        column: (n,) columns of the rays' pixels.
         limit: (n,) [m] depth below which a surface is in front of the model.
     """
     label, count = ndimage.label(~np.isfinite(first))
@@ -128,13 +131,13 @@ def _behind_no_depth(first: Array, row: np.ndarray, column: np.ndarray, limit: A
     beside = ndimage.maximum_filter(label, 3)
     beside[~np.isfinite(first)] = 0
 
-    # Region of each ray, and the depth in front of which it is occluded there
+    # Region of each ray, and the depth in front of which the ray is occluded there
     region = label[row, column]
     within = region > 0
     nearest = np.full(count + 1, np.inf)
     np.minimum.at(nearest, region[within], limit[within])
 
-    # Share of the region's rim that an occluder takes
+    # Share of an occluder in the region's rim
     rim = beside > 0
     occluding = np.bincount(beside[rim], first[rim] < nearest[beside[rim]], count + 1)
     share = occluding / np.maximum(np.bincount(beside[rim], minlength=count + 1), 1)
@@ -145,11 +148,11 @@ class _Met(NamedTuple):
     """Rays that meet the model where the sensor should see it."""
 
     C_model: Array  # (n, 3) [m] in S
-    cosine: Array  # (n,) of the angle of incidence
-    # (n,) [m] scan behind (+) or in front of (-) the model; inf where the ray misses the scan
+    cosine: Array  # (n,) cosine of the angle of incidence
+    # (n,) [m] scan behind (+) or in front of (-) the model; inf if the ray misses the scan
     E: Array
     o: Array  # (3,) unit, their mean direction
-    clear: float  # [-] share of the rays that stay clear of the model's edges
+    clear: float  # [-] share of the rays that are clear of the model's edges
 
 
 def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Met | None:
@@ -177,7 +180,7 @@ def _parallel(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Ar
     starts = starts[hit]
     C_model = starts + t_model[:, None] * o
 
-    # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the
+    # The rays are parallel, unlike the sensor's lines of sight: keep rays whose model point the
     # sensor itself should see.
     line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
     origin_T = X_TS[:3, 3]
@@ -217,7 +220,7 @@ def _lines_of_sight(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _
             for side in (-1, 1):
                 clear &= np.abs(np.roll(z, side, axis=axis) - z) < step
 
-    # An even selection of those that see it at a fair angle
+    # An even selection of those with moderate incidence
     rows, columns = np.nonzero(clear & (cosine > _STEEP))
     every = max(1, len(rows) // _SIGHTS)
     rows = rows[::every]

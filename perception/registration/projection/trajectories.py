@@ -1,4 +1,4 @@
-"""Trajectories of the check: curves in a plane before the object [Konoplin 2022, eq. 2].
+"""Trajectories of the check, which are curves in a plane before the object [Konoplin 2022, eq. 2].
 
 Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on scan and model.
 """
@@ -7,8 +7,8 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 
-_RAY_STEP = 0.006  # [m] between rays along the curves
-_LINES = 8  # straight lines through the centre, evenly distributed over 180 deg
+_RAY_STEP = 0.006  # [m] spacing of rays along the curves
+_LINES = 8  # number of straight lines through the centre, evenly distributed over 180 deg
 _CIRCLES = (0.35, 0.7)  # [-] radii as a share of the object's extent across the line of sight
 
 
@@ -63,6 +63,8 @@ def lateral_reach(H_D: Array, o: Array, points: Array) -> float:
 
 
 def in_plane(H_D: Array, o: Array, points: Array, flat: Array) -> Array:
-    """Points (n, 3) [m] in S of `flat` (n, 2) [m] in a plane across `o`, before all `points`."""
+    """Points (n, 3) [m] in S of `flat` (n, 2) [m] in a plane perpendicular to `o`, before all
+    `points`.
+    """
     before = min(float(((points - H_D) @ o).min()) - 0.3, -0.05)
     return H_D + before * o + flat @ np.stack(across(o))

@@ -1,7 +1,7 @@
-"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], beside our `pose_check`.
+"""Published criterion of a fitted pose [Konoplin 2022, eq. 2], for comparison with `pose_check`.
 
 Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the
-triangulated surfaces of model and scan of the object, which they meet in C_i and C'_i.
+triangulated surfaces of model and scan of the object. The projected points are C_i and C'_i.
 """
 
 from dataclasses import dataclass, replace
@@ -25,10 +25,12 @@ from uuv.sim.interfaces.spatial import Array, inverse, transform_points
 class PublishedCriterion:
     """The published criterion of one trajectory, unchanged [Konoplin 2022, eq. 2]."""
 
-    # [m] sqrt(sum |C_i - C'_i|^2) over rays that meet both surfaces: it grows with their number
+    # [m] sqrt(sum |C_i - C'_i|^2) over rays that meet both surfaces, which grows with the number of
+    # rays
     q_m: float
     rays: int  # rays that meet both surfaces
-    missed: int  # the other rays of the trajectory; the published criterion has no rule for them
+    # number of other rays of the trajectory, for which the published criterion has no rule
+    missed: int
 
 
 def published_criterion(
@@ -44,14 +46,15 @@ def published_criterion(
         n: Number of points of the curve.
 
     Returns:
-        Q [m] and the number of rays that it is made of [Konoplin 2022, eq. 2].
+        Q [m] and the number of rays in it [Konoplin 2022, eq. 2].
 
     Raises:
-        ConfigurationError: For another `curve` or n < 2.
+        ConfigurationError: `curve` has another value, or n < 2.
     """
     if curve not in ("line", "circle") or n < 2:
         raise ConfigurationError(
-            f"check trajectory: expected 'line' or 'circle' of n >= 2 points, got {curve!r}, {n}"
+            f"check trajectory: must be 'line' or 'circle' with n >= 2 points, got {curve!r} with "
+            f"n = {n}"
         )
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if not visible.any():
@@ -72,7 +75,7 @@ def published_criterion(
     X_TS = inverse(X_ST)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
     C_model = surface.scene.distance(transform_points(X_TS, starts), way)
-    # extracted from its surroundings
+    # the object is extracted from its surroundings
     of_object = np.where(evidence.mask[..., None], evidence.scan.points, np.nan)
     scan = replace(evidence.scan, points=of_object)
     part = scan.part(scan.window(points, 0.05, 10**6))

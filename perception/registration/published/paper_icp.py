@@ -1,6 +1,6 @@
 """Point-to-point ICP from model to scan, the published baseline [Konoplin 2022], [Konoplin 2019].
 
-The model's centroid is put on the scan's, then ICP runs a few iterations with all model points.
+The model's centroid is moved to the scan's, then ICP runs a few iterations with all model points.
 Points that the sensor cannot see are removed and ICP runs until its error no longer decreases. If
 the error is then above the required one, a new scan is requested. Point-to-plane ICP from the scan
 to the visible model (`uuv.perception.registration.fine_fit`) is several times as accurate.
@@ -15,9 +15,10 @@ from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.spatial import Array, pose, transform_points
 
-_MODEL_POINTS = 4000  # model points used, at most
-_FALLS = 1e-5  # [-] relative decrease of the error below which ICP stops
-_FIRST, _MOST = 10, 300  # iterations with all model points, and with the visible ones, at most
+_MODEL_POINTS = 4000  # largest number of model points used
+_FALLS = 1e-5  # [-] relative decrease of the error, below which ICP stops
+# largest number of iterations with all model points, and with the visible ones
+_FIRST, _MOST = 10, 300
 _ALLOWED = 2.0  # [-] required rms distance as a multiple of the points' noise and spacing
 
 
@@ -67,13 +68,17 @@ def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFi
 
 
 def required_error(evidence: Evidence, surface: ModelSurface) -> float:
-    """Largest rms distance [m] of a good fit, from noise and spacing; the paper leaves it open."""
+    """Largest rms distance [m] of a good fit, from noise and spacing; the paper does not state
+    it.
+    """
     noise = float(np.sqrt(np.mean(evidence.sigma**2)))
     return _ALLOWED * float(np.hypot(noise, surface.spacing))
 
 
 def _icp(tree: cKDTree, points_T: Array, X_ST: Array, iterations: int) -> tuple[Array, float]:
-    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until its rms distance [m] stays."""
+    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until the rms distance [m] no longer
+    decreases.
+    """
     error = np.inf
     middle = points_T.mean(axis=0)
     for _ in range(iterations):

@@ -84,7 +84,7 @@ WRONG = {
         lambda s: [
             np.vstack([q[:4]] * 4) + 1e-5 * np.sin(np.arange(7 * 16)).reshape(16, 7) for q in s
         ],
-        "the rest repeats them",
+        "the others repeat them",
     ),
     "a column that stands still": (
         lambda s: [np.where(np.arange(7) == 2, q[0], q) for q in s],
@@ -225,7 +225,7 @@ def test_a_prior_that_the_touches_choose_is_bounded(series: Series, nominal: Ser
 
 def test_touches_of_one_posture_tell_nothing(rng: np.random.Generator) -> None:
     arm = SerialArm.from_dh([[0.3, 0.1, 0.5, 0.2]])
-    with pytest.raises(ConfigurationError, match="no joint moves by a degree"):
+    with pytest.raises(ConfigurationError, match="at least one joint must move by a degree"):
         identify([0.7 + 1e-4 * rng.standard_normal((20, 1))], arm)
 
 

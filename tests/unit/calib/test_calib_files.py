@@ -275,7 +275,7 @@ def test_touches_in_all_their_forms(units, tmp_path):
     ("text", "said"),
     [
         ("", "the file is empty"),
-        ("a,b,c\n", "holds no touches"),
+        ("a,b,c\n", "must have at least one touch"),
         ("1,2,3\n1,2\n", "2 joint values, the arm has 3"),
         ("1,2,3,4,5\n", "5 joint values, the arm has 3"),
         ("1,2,3\n1,nan,3\n", ":2: every joint value must be finite"),

@@ -190,23 +190,23 @@ def test_a_gap_divides_a_log():
 T = np.arange(201) / 20.0
 BAD = {
     "time must increase, but 2.05 s follows 3 s": {"time": np.where(T == 2.0, 3.0, T)},
-    "time is in s": {"time": 1000.0 * T * 20},
+    "time must be in s": {"time": 1000.0 * T * 20},
     "it lasts 0.01 s; 4 s are needed": {"time": T / 1000.0},
     "no column|unknown column 'speed'": {"speed": T},
     "unknown column 'thruster.bwo'; this vehicle has thruster.bow, thruster.stern.*did you mean "
     "thruster.bow": {"thruster__bwo": T},
     "unknown column 'joint.knee'; this vehicle has joint.elbow": {"joint__knee": T},
-    "position changes by .* it is in m": {"x": 300.0 * 100.0 * np.sin(T)},
+    "position changes by .* it must be in m": {"x": 300.0 * 100.0 * np.sin(T)},
     "must be a unit quaternion": {"qw": 0.5 + 0.0 * T},
     "rad/s \\(not deg/s\\)": {"wz": np.degrees(0.4 * np.cos(T))},
     "of a pulse in us, \\(pulse - 1500\\) / 400": {"thruster__bow": 1500.0 + 200.0 * np.sin(T)},
     "of percent, a hundredth": {"thruster__bow": 50.0 * np.sin(T)},
     "these look like degrees": {"joint__elbow": np.degrees(np.sin(T))},
-    "has a command and a thrust; give only one of the two": {"thrust__bow": T},
+    "must have a command or a thrust, not both": {"thrust__bow": T},
     "velocity needs vx, vy, vz; 'vy' is missing": {"vx": T, "vz": T},
     "specific force \\[m/s\\^2\\]": {"ax": 0.0 * T, "ay": 0.0 * T, "az": 1.0 + 0.0 * T},
     "only a part of x, y, z is there": {"x": np.where(T == 1.0, np.nan, T)},
-    "upside down; the order is qx qy qz qw": {"qx": 1.0 + 0.0 * T, "qz": 0.0 * T, "qw": 0.0 * T},
+    "upside down; .* in the order qx qy qz qw": {"qx": 1.0 + 0.0 * T, "qz": 0.0 * T, "qw": 0.0 * T},
 }
 
 

@@ -148,7 +148,7 @@ def test_growth_is_felt_where_it_is(within):
         (lambda: dented(block(), np.random.default_rng(0), near=np.zeros((0, 3))), "N > 0"),
         (
             lambda: dented(block(), np.random.default_rng(0), near=[[9.0, 0.0, 0.0]]),
-            "beyond the reach of its patches",
+            "the largest reach of a patch",
         ),
         (
             lambda: fouled(block(), np.random.default_rng(0)).offset_at([[np.nan, 0.0, 0.0]]),

@@ -242,7 +242,7 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
         ("bodies: {hull: {linear_damping: [1, 1, 1, 1, 1, 1]}}", "volume or a shape .* is missing"),
         (
             "bodies: {hull: {box: {size: [1, 1, 1]}, sphere: {radius: 1}}}",
-            "one shape, not box and sphere",
+            "must have one shape, got box and sphere",
         ),
         (
             "bodies: {hull: {cylinder: {radius: 1, start: [0, 0, 0]}}}",
@@ -291,10 +291,10 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
             "thrusters: {bow: {forward: -1, reverse: 1}}",
             "thrusters.bow: thruster forward and reverse",
         ),
-        ("thrusters: {bow: {t200: {}, forward: 1}}", "t200 takes the other fields as its own"),
+        ("thrusters: {bow: {t200: {}, forward: 1}}", "t200 must be the only key"),
         (
             "thrusters: {bow: {of_table: {command: [-1, 0, 1], thrust: [-1, 0, 1], forward: 1}}}",
-            "thrusters.bow.of_table: thruster forward: follows from the curve; leave it out",
+            "thrusters.bow.of_table: thruster forward: must be left out, since the curve determines it",
         ),
         (
             "bodies: {hull: {volume: 1, forms: [{wing: {area: 0.1, span: 1e-320, drag_0: 0.1}}]}}",
@@ -342,7 +342,10 @@ def test_a_wrong_sidecar_is_one_clear_line(text: str, said: str, tmp_path: Path)
         ({"water/hull/volme": "1"}, r"\[water.hull\] has no 'volme'; .*\(did you mean volume\?\)"),
         ({"water/hull/volume": "nan"}, "'water/hull/volume': must not be NaN"),
         ({"water/hull/volume": "1", "water/hull/added_mass": "1 2"}, "added_mass: must be 6, 21"),
-        ({"water/hull/volume": "1", "water/hull/volume/0": "1"}, "'volume' is a number already"),
+        (
+            {"water/hull/volume": "1", "water/hull/volume/0": "1"},
+            "'volume' is a number in another element",
+        ),
         ({"water/hull/volume/0": "1", "water/hull/volume": "1"}, "stated twice"),
         ({"thruster/bou/forward": "1"}, r"no actuator 'bou'"),
     ],
@@ -381,18 +384,16 @@ def test_water_stated_twice_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "rov.xml"
     file.write_text(mjcf(ELEMENTS))
     sidecar.beside(file).write_text("bodies: {hull: {volume: 0.03}}")
-    with pytest.raises(
-        ConfigurationError, match="bodies hull have custom elements in the MJCF too"
-    ):
+    with pytest.raises(ConfigurationError, match="bodies hull are also stated by custom elements"):
         vehicle_spec(file)
     sidecar.beside(file).write_text("water_density: 1000")
     with pytest.raises(
-        ConfigurationError, match="water_density is a custom element of the MJCF too"
+        ConfigurationError, match="water_density is also stated by a custom element"
     ):
         vehicle_spec(file)
     file.write_text(by_python().to_xml())
     sidecar.beside(file).write_text("bodies: {hull: {volume: 0.03}}")
-    with pytest.raises(ConfigurationError, match="'hull' has its water already, in user data"):
+    with pytest.raises(ConfigurationError, match="'hull' has hydrodynamic data already, in user data"):
         vehicle_spec(file)
     sidecar.beside(file).write_text("thrusters: {bow: {forward: 1, reverse: 1}}")
     with pytest.raises(ConfigurationError, match="'bow' has its table already"):

@@ -189,7 +189,7 @@ def test_files_that_are_no_mesh_are_refused(tmp_path):
         (lambda: BARREL.path("diagonal"), "longitudinal"),
         (
             lambda: TargetModel(name="x", vertices=np.eye(3), triangles=np.array([[0, 1, 3]])),
-            "outside its 3",
+            "from 0 to 2, got 0 to 3",
         ),
         (
             lambda: TargetModel(name="x", vertices=np.eye(3), triangles=np.zeros((0, 3))),

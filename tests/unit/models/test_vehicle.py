@@ -62,9 +62,9 @@ def base_on_a_joint(spec: mujoco.MjSpec) -> None:
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (rename("body", "hull"), r"no body named 'hull'; it has .*'other'.*'arm_base'"),
-        (rename("body", "arm_base"), r"no body named 'arm_base'; it has .*'hull'"),
-        (rename("site", "tip"), r"no site named 'tip'; it has .*'camera'"),
+        (rename("body", "hull"), r"no body named 'hull'; the names are .*'other'.*'arm_base'"),
+        (rename("body", "arm_base"), r"no body named 'arm_base'; the names are .*'hull'"),
+        (rename("site", "tip"), r"no site named 'tip'; the names are .*'camera'"),
         (fixed, r"body 'hull' must have exactly one joint, a free joint"),
         (without_actuators, r"no driven joint between body 'arm_base' and site 'tip'"),
         (unlimited_joint, r"joint 'joint3' of the arm must have a range"),
@@ -73,7 +73,7 @@ def base_on_a_joint(spec: mujoco.MjSpec) -> None:
             thruster_on_a_joint,
             r"thruster 'thruster_sway': its actuator must be.*on a site.*trntype",
         ),
-        (tip_on_the_hull, r"site 'tip' is not carried by body 'arm_base'"),
+        (tip_on_the_hull, r"site 'tip' must be on the arm that starts at body 'arm_base'"),
         (base_on_a_joint, r"body 'arm_base' must be fixed to body 'hull'"),
     ],
 )
@@ -88,7 +88,7 @@ def test_what_is_missing_is_named(change, said):
 def test_missing_camera_is_named():
     spec = models.load("uuv_puma")
     rename("site", "camera")(spec)
-    with pytest.raises(ConfigurationError, match=r"no site named 'camera'; it has .*'tip'"):
+    with pytest.raises(ConfigurationError, match=r"no site named 'camera'; the names are .*'tip'"):
         find(spec.compile(), mujoco.mjtObj.mjOBJ_SITE, "camera")
 
 

@@ -142,7 +142,7 @@ def test_it_rides_through_a_file_and_a_plain_frictionloss_is_coulomb_alone():
         ({"coulomb": -1.0}, "coulomb: must be finite and >= 0"),
         ({"stiction": np.nan}, "stiction: must be finite"),
         ({"stiction": 1.0}, "stiction: must be at least coulomb"),
-        ({"stribeck_speed": 0.0}, "wants stribeck_speed > 0"),
+        ({"stribeck_speed": 0.0}, "stribeck_speed and coulomb must be > 0"),
     ],
 )
 def test_figures_that_cannot_be(change, said):
@@ -153,8 +153,11 @@ def test_figures_that_cannot_be(change, said):
 def test_joints_that_cannot_carry_it():
     spec = models.load("uuv_puma")
     gear = GearFriction(coulomb=2.0, stiction=3.0, stribeck_speed=0.03)
-    with pytest.raises(ConfigurationError, match=r"'nowhere': no such joint; there are .*'joint1'"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"'nowhere': there is no joint of that name; the joints are .*'joint1'",
+    ):
         gear_friction.attach(spec, {"nowhere": gear})
     spec.joint(JOINT).userdata = [1.0, 2.0, 3.0, 4.0]
-    with pytest.raises(ConfigurationError, match="already in use"):
+    with pytest.raises(ConfigurationError, match="holds other data already"):
         gear_friction.attach(spec, {JOINT: gear})

@@ -107,7 +107,7 @@ def test_refusals():
         </body></body><site name="near"/></body></worldbody></mujoco>"""
     )
     model = spec.compile()
-    with pytest.raises(ConfigurationError, match="'slide': DH rows here are of hinges only"):
+    with pytest.raises(ConfigurationError, match="'slide': must be a hinge, as DH rows are read"):
         dh_geometry.read(model, "base", "tip")
     with pytest.raises(ConfigurationError, match="no joint between"):
         dh_geometry.read(model, "base", "near")

@@ -56,5 +56,5 @@ def test_hanging_straight_down_costs_nothing() -> None:
 
 def test_slides_are_refused() -> None:
     slide = replace(SERVO_ARM, p=np.zeros(8))
-    with pytest.raises(ConfigurationError, match="proportional drives need hinges"):
+    with pytest.raises(ConfigurationError, match="every joint must be a hinge"):
         servo_model(slide, Servo(), UP)

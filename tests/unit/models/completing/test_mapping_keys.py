@@ -77,7 +77,7 @@ def spec_of(folder: Path, text: str, parts: str, wet: str = "") -> mujoco.MjSpec
 def test_a_hull_with_z_down_is_turned_with_all_that_it_has(tmp_path: Path, within) -> None:
     upright = spec_of(tmp_path / "up", urdf(), mapping(), sidecar())
     down = spec_of(tmp_path / "down", urdf(-1.0), mapping(-1.0, "up: -z"), sidecar(-1.0))
-    assert "axes turned: -z of the file points up" in computed(down).values()
+    assert "axes turned, since -z of the file points up" in computed(down).values()
 
     states = []
     for spec in (upright, down):
@@ -97,7 +97,7 @@ def test_a_hull_with_z_down_is_turned_with_all_that_it_has(tmp_path: Path, withi
 
 def test_a_file_that_seems_upside_down_is_doubted(tmp_path: Path) -> None:
     spec = spec_of(tmp_path, urdf(), mapping(), sidecar().replace("0.04]", "-0.04]"))
-    line = "the hull's centre of buoyancy is 70 mm below that of mass: has its file z down?"
+    line = "the hull's centre of buoyancy is 70 mm below its centre of mass;"
     assert any(text.startswith(line) for text in computed(spec).values())
     upright = spec_of(tmp_path / "up", urdf(), mapping(), sidecar())
     assert not any("z down" in text for text in computed(upright).values())
@@ -113,9 +113,9 @@ def test_postures_of_the_mapping_are_keyframes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("home: [0.1, 0.2]", "home: 1 joint values, of turn; got 2"),
-        ("home: {tun: 0.1}", "home: the arm has turn; got 'tun' .did you mean turn"),
-        ("ready: [1.5]", "ready: joint 'turn' has the range -1 to 1.2, got 1.5"),
+        ("home: [0.1, 0.2]", "home: must have 1 joint values, for turn; got 2"),
+        ("home: {tun: 0.1}", "home: unknown joint 'tun'; the arm has turn .did you mean turn"),
+        ("ready: [1.5]", "ready: joint 'turn' must be within its range -1 to 1.2, got 1.5"),
         ("armature: -1", "armature .*: must be at least 0"),
         ("up: down", "up: "),
         ("masses: {nowhere: 3}", "masses: the model has no body 'nowhere'"),
@@ -131,7 +131,7 @@ def test_a_light_joint_gets_the_rotor_of_its_effort_and_speed(tmp_path: Path) ->
     light = urdf(upper="0.001").replace("1e-3", "1e-6").replace("1e-4", "1e-6")
     spec = spec_of(tmp_path / "prior", light, mapping())
     assert spec.compile().dof_armature[6] == pytest.approx(9.0 * 2e-3 / 3.0)
-    assert any("rotor inertia of light joints, a prior" in s for s in computed(spec).values())
+    assert any("assumed rotor inertia of light joints" in s for s in computed(spec).values())
     stated = spec_of(tmp_path / "stated", light, mapping(more="armature: {turn: 0.02}"))
     assert stated.compile().dof_armature[6] == 0.02
     heavy = spec_of(tmp_path / "heavy", urdf(upper="4"), mapping())
@@ -167,7 +167,7 @@ def test_a_thruster_on_a_turning_link_is_named(tmp_path: Path) -> None:
       <origin xyz="-0.3 0 -0.2"/><parent link="base"/><child link="pod"/></joint></robot>"""
     text = urdf().replace("</robot>", pod)
     across = "  - {name: az, body: pod, pos: [0, 0, 0], direction: [1, 0, 0]}\n"
-    said = "thruster az turns with joint 'azimuth', which is held: it pushes in one direction"
+    said = "thruster az turns with joint 'azimuth', which is held, so its direction is fixed"
     assert said in computed(spec_of(tmp_path, text, mapping(more=across))).values()
     along = across.replace("[1, 0, 0]", "[0, 0, 1]")  # as a propeller turns
     assert said not in computed(spec_of(tmp_path, text, mapping(more=along))).values()

@@ -38,7 +38,7 @@ def test_the_urdf_arm_of_the_page_hovers(
     code = next(block for block in blocks(root, "python") if "mount_arm" in block)
     names: dict[str, Any] = {}
     exec(compile(code, "own_vehicle.md", "exec"), names)
-    assert "keyframe home: none given" in capsys.readouterr().out
+    assert "keyframe home: not in the file" in capsys.readouterr().out
     check = names["check"]
     assert all(verdict.promised for verdict in check.jobs)
     assert not [finding for finding in check.findings if finding.level == "fault"]

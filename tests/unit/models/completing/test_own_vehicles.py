@@ -191,14 +191,14 @@ def test_joints_of_a_second_arm_are_locked_but_for_its_springs(tmp_path: Path) -
 def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigurationError,
-        match=r"no site 'lower'.*a body is called so: tip: "
+        match=r"no site 'lower'.*there is a body of that name: write tip: "
         r"\{body: lower\}",
     ):
         vehicle_spec(written(tmp_path, ".xml", MJCF, re.sub("tip: {.*", "tip: lower", PARTS)))
     filmed = MJCF.replace('<body name="bracket"', '<camera name="front"/><body name="bracket"')
     with pytest.raises(
         ConfigurationError,
-        match=r"no site 'front'.*a <camera> is called so: give "
+        match=r"no site 'front'.*there is a <camera> of that name: write "
         r"its position, camera:",
     ):
         vehicle_spec(
@@ -206,7 +206,7 @@ def test_a_name_of_another_kind_is_told_as_what_it_is(tmp_path: Path) -> None:
         )
     macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
     macro = macro.replace("</robot>", '<xacro:property name="m" value="3"/></robot>')
-    with pytest.raises(ConfigurationError, match="it is xacro, convert it first"):
+    with pytest.raises(ConfigurationError, match="is a xacro text, which must be converted first"):
         parse(macro)
 
 
@@ -225,7 +225,7 @@ def test_a_root_of_ros_floats_with_the_mass_that_is_fixed_to_it(tmp_path: Path, 
     model = spec.compile()
     notes = computed(spec)
     assert notes["note_1"] == "link world left out: base floats"
-    assert "it takes that of 'heavy'" in notes["note_2"]
+    assert "the mass of 'heavy'" in notes["note_2"]
     joint, inertial = (
         Rotation.from_euler("xyz", angles) for angles in ([0.4, -0.3, 1.2], [-0.2, 0.5, 0.3])
     )
@@ -294,7 +294,7 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
         ),
         ("tip:", "tipp:", "the file has no 'tipp'; .*did you mean tip"),
         ("body: lower", "body: lowr", "no body 'lowr'.*did you mean lower"),
-        ("{lift: 9, bend: 5}", "[bend, lift]", "in this order, lift, bend; got bend, lift"),
+        ("{lift: 9, bend: 5}", "[bend, lift]", "in this order: lift, bend; got bend, lift"),
         ("{lift: 9, bend: 5}", "{lift: -9}", r"joints\.lift \[N m\]: must be above 0, got -9"),
         ("{lift: 9, bend: 5}", "5", "must be names, or names with torque limits"),
         (
@@ -304,7 +304,11 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
             r"zero",
         ),
         ("pos: [0, 0.2, 0]", "body: nowhere, pos: [0, 0.2, 0]", "no body 'nowhere'"),
-        (", direction: [2, 0, 0]", "", r"thrusters\[0\]: direction: three numbers are missing"),
+        (
+            ", direction: [2, 0, 0]",
+            "",
+            r"thrusters\[0\]: direction: three numbers each are missing",
+        ),
         (
             "kind: {forward: 30, reverse: 20}",
             "kind: {forwrd: 30}",
@@ -313,7 +317,7 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
         (
             "kind: {forward: 30, reverse: 20}",
             "kind: t500",
-            r"thrusters\[1\]: kind: t200 is the only one by name, got 't500'",
+            r"thrusters\[1\]: kind: t200 is the only name that is allowed, got 't500'",
         ),
         (
             "pos: [-0.2, 0, 0.05]",
@@ -434,7 +438,7 @@ def test_an_arm_of_a_urdf_is_mounted_on_another_hull(tmp_path: Path) -> None:
     mujoco.mj_kinematics(model, data)
     np.testing.assert_allclose(data.site(TIP_SITE).xpos, [0.15, 0.0, -0.16 - 0.39], atol=1e-6)
     assert len(complete(spec)) == 2
-    with pytest.raises(ConfigurationError, match="no 'arm_base'"):
+    with pytest.raises(ConfigurationError, match="no body 'arm_base'"):
         mount_arm(spec, tmp_path / "arm.urdf", p=[0, 0, 0], tip="lower")
     assert mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM) < 0
 

@@ -129,7 +129,9 @@ def test_xacro_is_expanded_with_the_packages_around_it(tmp_path: Path) -> None:
     rov.write_text(MACRO.replace("parts_description", "no_such_package"))
     with pytest.raises(ConfigurationError, match=r"no package 'no_such_package' around.*ROS_PACK"):
         vehicle_spec(rov)
-    with pytest.raises(ConfigurationError, match=r"the robot has no links; a file of xacro macros"):
+    with pytest.raises(
+        ConfigurationError, match=r"the robot has no links; a file with only xacro macros"
+    ):
         parse(parts / "urdf" / "hull.xacro")
 
 

@@ -87,13 +87,14 @@ def test_a_rating_below_zero_or_without_end_is_none(tmp_path: Path, endless: str
 def test_what_is_not_taken_as_it_stands_is_said(tmp_path: Path) -> None:
     spec = vehicle_of(tmp_path, robot(f'type="continuous">{limit("-0.5", "0.7")}'))
     assert (
-        "continuous joints keep the limits that are stated beside: turn" in computed(spec).values()
+        "continuous joints keep the limits that are stated for them: turn"
+        in computed(spec).values()
     )
 
 
 def test_crossed_limits_are_refused_at_every_door(tmp_path: Path) -> None:
     text = robot(f'type="revolute">{limit("1.5", "-1.5")}')
-    said = r"joint 'turn': its lower limit 1\.5 lies above the upper -1\.5"
+    said = r"joint 'turn': its lower limit 1\.5 is above its upper limit -1\.5"
     with pytest.raises(ConfigurationError, match=said):
         Chain.from_urdf(text, "mount", "hand")
     with pytest.raises(ConfigurationError, match=said):
@@ -158,9 +159,9 @@ def test_a_follower_in_the_arm_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("mimic", "said"),
     [
-        ('<mimic joint="nowhere"/>', "there is no joint 'nowhere' to follow"),
+        ('<mimic joint="nowhere"/>', "the robot has no joint 'nowhere'"),
         ('<mimic joint="turn" offset="x"/>', "offset: expected a number, got 'x'"),
-        ('<mimic joint="bend"/>', "joints follow each other: bend"),
+        ('<mimic joint="bend"/>', "joints follow each other in a loop: bend"),
     ],
 )
 def test_a_slip_in_a_mimic_is_named(mimic: str, said: str) -> None:
@@ -181,7 +182,7 @@ def test_an_inertia_that_no_body_has_names_its_link_and_a_way_out(tmp_path: Path
 
     # What rounding alone has made impossible is mended, and said.
     spec = vehicle_of(tmp_path, text.replace('izz="0.7"', 'izz="0.60001"'))
-    assert any("inertias raised by rounding" in line for line in computed(spec).values())
+    assert any("inertias raised slightly" in line for line in computed(spec).values())
     inertia = np.sort(spec.compile().body("hull").inertia)
     assert inertia[0] + inertia[1] >= inertia[2]
 
@@ -191,5 +192,5 @@ def test_what_is_stated_twice_counts_once(tmp_path: Path) -> None:
         '<origin xyz="0.2 0 0"/>', '<origin xyz="0.2 0 0"/><origin xyz="9 9 9"/>'
     )
     spec = vehicle_of(tmp_path, text)
-    assert "stated twice, the first counts: bend <origin>" in computed(spec).values()
+    assert "stated twice, only the first is used: bend <origin>" in computed(spec).values()
     assert spec.compile().body("hand").pos == pytest.approx([0.2, 0.0, 0.0])

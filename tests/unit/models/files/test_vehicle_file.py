@@ -52,7 +52,7 @@ def test_a_file_is_read_under_its_own_names(tmp_path: Path) -> None:
     model = spec.compile()
     # no arm by the contract: the mapping names none, and nothing drives a joint
     assert [model.joint(j).name for j in range(model.njnt)] == ["hull"]
-    assert "joints held at 0, which nothing drives: lift" in computed(spec).values()
+    assert "joints held at 0, which no actuator drives: lift" in computed(spec).values()
     assert model.nu == 0
 
 
@@ -87,7 +87,9 @@ def test_a_function_and_a_spec_go_the_way_of_a_file(tmp_path: Path, monkeypatch)
     for described in (tmp_path / "drone.xml", "my_drone:build", spec):
         vehicle = vehicle_spec(described)
         assert vehicle.bodies[1].name == "hull"
-        assert computed(vehicle) == {"note_1": "body hull: 'drone', the only body on the world"}
+        assert computed(vehicle) == {
+            "note_1": "body hull: 'drone', since it is the only body on the world"
+        }
     assert spec.bodies[1].name == "drone"  # it is left as it is
     assert not spec.texts
 

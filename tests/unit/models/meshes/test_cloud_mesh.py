@@ -133,7 +133,7 @@ def test_what_is_no_model_is_refused_in_a_line(rng: np.random.Generator) -> None
     for arguments, words in (
         ((points[:50],), f"at least {FEWEST} distinct points, got 50"),
         ((np.ones((300, 3)),), "distinct points, got 1"),
-        ((np.linspace(0.0, 1.0, 300)[:, None] * np.ones(3),), "form no surface"),
+        ((np.linspace(0.0, 1.0, 300)[:, None] * np.ones(3),), "must form a surface"),
         ((points, points[:10]), r"normals must be \(300, 3\), one for each point, got \(10, 3\)"),
         ((points[:, :2],), r"points must be \(n, 3\)"),
         ((1e200 * points,), "must lie within"),
@@ -170,7 +170,7 @@ def test_files_of_surfels(tmp_path, rng: np.random.Generator) -> None:
     assert read_surfels(tmp_path / "bare.xyz").normals is None
     assert TargetModel.from_file(tmp_path / "bare.xyz", scale=0.5).radius < 0.14
     (tmp_path / "bad.xyz").write_text("1 2\n3 4\n")
-    with pytest.raises(ConfigurationError, match=r"bad\.xyz, line 1: expected x y z, .*'1 2'"):
+    with pytest.raises(ConfigurationError, match=r"bad\.xyz, line 1: expected x y z and .*'1 2'"):
         TargetModel.from_file(tmp_path / "bad.xyz")
     np.savetxt(tmp_path / "mm.xyz", 1e3 * points[8:])
     with pytest.raises(ConfigurationError, match="millimetres"):

@@ -44,7 +44,7 @@ def test_faces_are_cut_into_fans(head: str) -> None:
         ("OFF\n", "states no"),
         ("OFF 8\n" + CUBE, "states no"),
         ("OFF 8 -6 0\n" + CUBE, "states no"),
-        ("OFF 9 9 0\n" + CUBE, "cut short"),
+        ("OFF 9 9 0\n" + CUBE, "truncated"),
         ("OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "fewer corners"),
     ],
 )
@@ -73,5 +73,7 @@ def test_text_that_is_not_utf_8_is_read(tmp_path, monkeypatch):
     assert vertices.shape == (3, 3)
     assert triangles.shape == (1, 3)
     monkeypatch.setitem(sys.modules, "charset_normalizer", None)
-    with pytest.raises(ConfigurationError, match=r"it cannot be read as STL: .*charset_normalizer"):
+    with pytest.raises(
+        ConfigurationError, match=r"the file cannot be read as STL: .*charset_normalizer"
+    ):
         mesh_files.read_mesh(file)

@@ -72,7 +72,7 @@ def test_what_is_never_hit():
     assert np.isinf(hit["t"]).all()
     assert not hit["normal"].any()
     assert nothing.cast(np.zeros((0, 3)), np.zeros((0, 3)))["t"].shape == (0,)
-    with pytest.raises(IndexError, match="3 of 3"):
+    with pytest.raises(IndexError, match="vertices 0 to 2, got 0 to 3"):
         RayScene(np.zeros((3, 3)), [[0, 1, 3]])
 
 

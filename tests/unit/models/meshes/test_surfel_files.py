@@ -59,8 +59,8 @@ FORMS = {  # head of the file, columns after the point, delimiter, decimal sign,
     "comment": ("# x y z red green blue", "c", " ", ".", "columns left out: red green blue"),
     "PTS": ("900", "ic", " ", ".", "columns left out: 4, 5, 6, 7"),
     "ParaView": ("Points:0,Points:1,Points:2", "", ",", ".", ""),
-    "decimal commas": ("", "", "; ", ",", "commas are taken for decimal signs"),
-    "decimal commas and blanks": ("x y z", "", " ", ",", "commas are taken for decimal signs"),
+    "decimal commas": ("", "", "; ", ",", "commas are read as decimal signs"),
+    "decimal commas and blanks": ("x y z", "", " ", ",", "commas are read as decimal signs"),
 }
 
 
@@ -170,7 +170,7 @@ def test_normals_of_which_none_is_usable_are_taken_as_none(
     plain = TargetModel.from_cloud(points)
     np.testing.assert_array_equal(model.vertices, plain.vertices)
     assert model.cloud is not None
-    assert "its normals are all zero or not finite, and taken as none" in model.cloud.note
+    assert "all normals are zero or not finite, so they are ignored" in model.cloud.note
 
 
 @pytest.mark.parametrize("name", ["model.npy", "model.las", "model.e57"])
@@ -178,7 +178,7 @@ def test_models_of_other_programs_are_refused_with_a_way_on(tmp_path: Path, name
     (tmp_path / name).write_bytes(b"LASF")
     with pytest.raises(
         ConfigurationError,
-        match=r"files are not read; allowed are PLY, PCD, or "
+        match=r"files cannot be read; allowed are PLY, PCD, or "
         r"text .*: ",
     ):
         TargetModel.from_file(tmp_path / name)

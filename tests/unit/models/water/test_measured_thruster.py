@@ -184,7 +184,10 @@ def test_an_esc_has_range_dead_band_and_direction() -> None:
         (lambda: thrusters.t200().thrust(1700.0, 21.0), "voltage [V]: must be 10 to 20"),
         (lambda: thrusters.t200().command(60.0, "N"), "command [N]: must be finite"),
         (lambda: Thruster(forward=1.0, reverse=1.0).thrust(1500.0), "no `esc`"),
-        (lambda: Thruster(forward=1.0, reverse=1.0, voltage=12.0), "needs sheets beside it"),
+        (
+            lambda: Thruster(forward=1.0, reverse=1.0, voltage=12.0),
+            "allowed only together with sheets",
+        ),
         (lambda: Esc(low_us=1600.0), "esc: must have low_us < neutral_us < high_us"),
         (lambda: Esc(direction=0), "esc direction: must be 1 or -1"),
     ],
@@ -281,19 +284,19 @@ def test_a_long_noisy_table_is_reduced(tmp_path: Path, rng: np.random.Generator)
 
 BAD = {
     "pulse,force_N\n1,2": "column pulse_us is missing (did you mean pulse?)",
-    "pulse_us,force_N,force_N\n1,2,3": "column force_N is given twice",
+    "pulse_us,force_N,force_N\n1,2,3": "column force_N occurs twice",
     "pulse_us,force_N\n1100,-3\n1500,x\n1900,4": "line 3: must have finite numbers",
     "pulse_us,force_N\n1100,-3\n1500,nan\n1900,4": "line 3: must have finite numbers",
     "pulse_us,force_N\n1100,-3\n1500": "line 3: must have finite numbers",
-    "pulse_us,force_N\n1100,-3\n1500,0": "needs three or more rows, got 2",
+    "pulse_us,force_N\n1100,-3\n1500,0": "must have three or more rows, got 2",
     "pulse_us,force_N\n1100,-3\n1500,0\n1600,5\n1900,4": "but turns at 1600 us, from 5 to 4",
     "pulse_us,force_N\n1100,3\n1500,4\n1900,5": "must rise from below zero through zero",
-    "pulse_us,force_N\n1100,-3\n1500,0\n1500,1\n1900,5": "pulse 1500 us is given twice",
-    "pulse_us,force_N,current_A\n1100,-3,1\n1500,0,0\n1900,5,3": "need column voltage_V",
+    "pulse_us,force_N\n1100,-3\n1500,0\n1500,1\n1900,5": "pulse 1500 us occurs twice",
+    "pulse_us,force_N,current_A\n1100,-3,1\n1500,0,0\n1900,5,3": "need the column voltage_V",
     "pulse_us,force_N,voltage_V\n1100,-3,0\n1500,0,0\n1900,5,0": "values above zero",
     "pulse_us,force_N,voltage_V,current_A\n1100,-3,9,-1\n1500,0,9,0\n1900,5,9,3": "must be >= 0",
     "pulse_us,force_N,voltage_V,current_A,power_W\n1100,-3,9,1,9\n1500,0,9,0,0\n1900,5,9,3,9": (
-        "power_W is not voltage_V times current_A"
+        "power_W must be voltage_V times current_A"
     ),
 }
 
@@ -309,7 +312,7 @@ def test_a_bad_table_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
 
 def test_sheets_must_belong_together() -> None:
     low = Sheet(voltage=10.0, command=(-1.0, 0.0, 1.0), thrust=(-1.0, 0.0, 1.0))
-    with pytest.raises(ConfigurationError, match="as many points"):
+    with pytest.raises(ConfigurationError, match="the same number of points"):
         between((low, Sheet(voltage=12.0, command=(-1.0, 1.0), thrust=(-1.0, 1.0))), 11.0)
     with pytest.raises(ConfigurationError, match="voltages must"):
         between((low, low), 10.0)

@@ -138,7 +138,7 @@ def test_a_tube_too_thin_for_panels_is_its_hull():
     body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="tube", mass=1.0)
     wetted = wet(spec, panels=FAST)
     origin = next(o for o in wetted.origins if o.quantity == "added mass")
-    assert "on the convex hull: the body is too thin" in origin.origin
+    assert "on the convex hull, since the body is too thin" in origin.origin
     assert origin.uncertainty == "factor 2"
     assert wetted.bodies["a"].volume == pytest.approx(0.5 * area, rel=1e-5)
 
@@ -218,7 +218,7 @@ def test_visual_meshes_are_not_needed_for_collision_geoms(tmp_path: Path):
     with pytest.raises(ConfigurationError, match=r"x.stl': there is no such file"):
         read_model(file)
     spec, notes = read_model(file, visual=False)
-    assert notes[0].startswith("meshes left out, not found or not of .stl")
+    assert notes[0].startswith("meshes left out, since they were not found or are none of .stl")
     assert notes[0].endswith(": x.osg, x.stl")
     assert 1e3 * wet(spec, geoms="collision", panels=FAST).bodies["arm"].volume == pytest.approx(
         4.0, rel=1e-5
@@ -307,7 +307,7 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
         (
             "r.urdf",
             urdf('<collision><geometry><mesh filename="x.osg"/></geometry></collision>'),
-            "link 'arm': mesh 'x.osg': allowed are .stl, .obj, .msh, .dae",
+            "link 'arm': mesh 'x.osg': must be of one of the formats .stl, .obj, .msh, .dae",
         ),
         (
             "r.urdf",
@@ -315,7 +315,7 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
                 '<visual><geometry><mesh filename="capsule.stl" scale="1e3 1e3 '
                 '1e3"/></geometry></visual>'
             ),
-            "460 m across, more than 20 m: is its mesh in millimetres?",
+            "must be at most 20 m across, got 460 m; if its mesh is in millimetres",
         ),
         (
             "r.urdf",
@@ -336,9 +336,9 @@ def test_the_command_writes_a_model_and_its_table(verb, capsule: Path, tmp_path:
         (
             "m.xml",
             '<mujoco><worldbody><geom size="1"/></worldbody></mujoco>',
-            "no body moves, so none feels water",
+            "no body moves, so none can have hydrodynamics",
         ),
-        ("m.xml", "<mujoco", "not an MJCF that MuJoCo reads"),
+        ("m.xml", "<mujoco", "MuJoCo cannot read this MJCF"),
         ("m.stl", "", "is empty"),
         ("none.stl", None, "there is no such file"),
     ],
@@ -387,7 +387,7 @@ def test_bad_options_are_one_line(verb, capsule: Path, options, said):
 def test_bad_arguments_of_the_function():
     with pytest.raises(ConfigurationError, match="panels: expected a whole number"):
         wet(spec_of('<geom size=".1"/>'), panels=untyped(True))
-    with pytest.raises(ConfigurationError, match="geoms: allowed auto, visual"):
+    with pytest.raises(ConfigurationError, match="geoms: must be one of auto, visual"):
         wet(spec_of('<geom size=".1"/>'), geoms=untyped("some"))
     with pytest.raises(
         ConfigurationError, match="neutral: expected one floating body with water, found none"

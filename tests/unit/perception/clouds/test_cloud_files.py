@@ -87,7 +87,7 @@ def test_file_that_is_cut_short(tmp_path):
     whole = tmp_path / "whole.ply"
     save(whole, POINTS)
     (tmp_path / "short.ply").write_bytes(whole.read_bytes()[:5000])
-    with pytest.raises(ConfigurationError, match="cut short"):
+    with pytest.raises(ConfigurationError, match="truncated"):
         load_cloud(tmp_path / "short.ply")
 
 
@@ -126,7 +126,7 @@ def test_faces_of_four_corners(tmp_path):
     (tmp_path / "quads.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
     assert len(TargetModel.from_file(tmp_path / "quads.obj").triangles) == 2
     (tmp_path / "beyond.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
-    with pytest.raises(ConfigurationError, match="not there"):
+    with pytest.raises(ConfigurationError, match="does not exist"):
         TargetModel.from_file(tmp_path / "beyond.obj")
 
 
@@ -169,7 +169,7 @@ def test_ply_of_many_kinds(tmp_path):
         assert len(TargetModel.from_file(file).triangles) == 6
         for left in (20, 40):  # the faces, or some vertices too
             file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + content[:-left])
-            with pytest.raises(ConfigurationError, match="cut short"):
+            with pytest.raises(ConfigurationError, match="truncated"):
                 TargetModel.from_file(file)
 
 
@@ -239,11 +239,11 @@ def test_off_and_what_is_none(tmp_path):
         file.write_text(head + body)
         assert TargetModel.from_file(file).triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
     for text, words in (
-        ("OFF\n4 3 0\n" + body, "cut short"),
+        ("OFF\n4 3 0\n" + body, "truncated"),
         ("OFF\n", "no vertices"),
         ("4 2 0\n" + body, "begin with"),
         ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n4 0 1 2\n", "fewer corners"),
-        ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "not there"),
+        ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "does not exist"),
         ("OFF 3 1 0\n0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", "not finite"),
     ):
         file.write_text(text)

@@ -58,7 +58,7 @@ def test_the_three_kinds_of_pcd(tmp_path):
         file.write_bytes(pcd(kind, data, 500, FIELDS))
         assert np.array_equal(read_cloud(file), points, equal_nan=True), kind
         file.write_bytes(pcd(kind, data, 501, FIELDS))
-        with pytest.raises(ConfigurationError, match="cut short"):
+        with pytest.raises(ConfigurationError, match="truncated"):
             read_cloud(file)
     # four bytes, then 264, 264 and 8 of them
     ones = bytes([3, 0, 0, 0x80, 0x3F, 0xE0, 255, 3, 0xE0, 255, 3, 0xC0, 3])
@@ -71,7 +71,7 @@ def test_the_three_kinds_of_pcd(tmp_path):
         file.write_bytes(
             pcd("binary_compressed", np.array([len(spoilt), 540], "<u4").tobytes() + spoilt, 45)
         )
-        with pytest.raises(ConfigurationError, match="cut short"):
+        with pytest.raises(ConfigurationError, match="truncated"):
             read_cloud(file)
 
 
@@ -112,22 +112,22 @@ def test_targets_and_direction(tmp_path):
     ("name", "content", "words"),
     [
         ("empty.txt", b"", "empty"),
-        ("comments.txt", b"# nothing\n\n", "there is no point"),
+        ("comments.txt", b"# nothing\n\n", "the text has no points"),
         ("columns.txt", b"0 0 0\n1 2\n", "line 2: expected 3 numbers"),
-        ("narrow.txt", b"0 0\n1 2\n", "line 1: expected x y z, and perhaps more columns, got 2"),
+        ("narrow.txt", b"0 0\n1 2\n", "line 1: expected x y z and optional columns, got 2"),
         ("named.txt", b"x y\n1 2\n", "line 1: expected 3 numbers .x y z., or a line that names"),
-        ("fewer.txt", b"x y z\n1 2 3 4\n", "3 columns are named .x y z., line 2 holds 4"),
+        ("fewer.txt", b"x y z\n1 2 3 4\n", "3 columns are named .x y z., but line 2 has 4"),
         ("twice.txt", b"x,y,z\nx,y,z\n1,2,3\n", "line 2: expected 3 numbers"),
-        ("count.pts", b"0\n", "there is no point in it"),
+        ("count.pts", b"0\n", "the text has no points"),
         (
             "a.npy",
             b"\x93NUMPY\x01\x00v\x00",
-            "NumPy files are not read; allowed are PLY, PCD.*numpy.savetxt",
+            "NumPy files cannot be read; allowed are PLY, PCD.*numpy.savetxt",
         ),
-        ("a.las", b"LASF and more", "LAS files are not read; .*pdal translate"),
-        ("a.LAZ", b"LASF and more", "LAS files are not read"),
-        ("a.e57", b"ASTM-E57", "E57 files are not read; .*CloudCompare"),
-        ("renamed.xyz", b"ASTM-E57\x00", "E57 files are not read"),
+        ("a.las", b"LASF and more", "LAS files cannot be read; .*pdal translate"),
+        ("a.LAZ", b"LASF and more", "LAS files cannot be read"),
+        ("a.e57", b"ASTM-E57", "E57 files cannot be read; .*CloudCompare"),
+        ("renamed.xyz", b"ASTM-E57\x00", "E57 files cannot be read"),
         ("words.txt", b"0 0 0\n\n1 two 3\n", "line 3: expected 3 numbers"),
         ("binary.txt", bytes(range(128, 256)), "not text"),
         ("bad.ply", b"ply\nnonsense\n", "no points"),

@@ -110,7 +110,7 @@ def test_the_object_in_another_size_is_not_accepted(
     verdict = check(clear, other, fine_fit(clear, other, VIEW).X_ST)
     assert verdict.decision is not Decision.ACCEPT
     assert (verdict.size - 1.0) * (1.0 - share) > 0.0
-    assert f"at {verdict.size:.2f} times its size it fits better" in verdict.reason
+    assert f"at {verdict.size:.2f} times its size the model fits better" in verdict.reason
     within("size of the right model - 1", check(clear, surface, VIEW).size - 1.0, 0.01)
 
 

@@ -164,12 +164,12 @@ def test_a_known_object_hides_and_explains():
 def test_targets_that_are_none_are_refused_in_a_line(tmp_path):
     cloud = np.zeros((0, 3))
     for targets, words in (
-        ([], "at least one model is needed, got none"),
+        ([], "must have at least one model, got none"),
         ([target_of("valve"), target_of("valve")], "'valve' is there twice"),
         ({"a": 7}, "targets, a: target: expected a TargetModel"),
-        (7, "expected several models, or the name of a folder, got 7"),
-        (np.zeros((5, 3)), "expected several models"),
-        (tmp_path, "no model in folder"),
+        (7, "must be several models, or the name of a folder, got 7"),
+        (np.zeros((5, 3)), "must be several models"),
+        (tmp_path, "has no model"),
         (str(tmp_path / "none"), "or the name of a folder, got"),
     ):
         with pytest.raises(ConfigurationError, match=words):

@@ -106,7 +106,7 @@ def test_a_cloud_that_is_given_is_believed():
     xy = X_WB[:2, 3] + rng.uniform(-1.5, 1.5, (4000, 2))
     layers = np.column_stack([xy, -20.0 + 0.5 * (rng.random(4000) < 0.5)])
     refused = find(SeabedFinder(B_W, cloud_W=layers), ping(ground(), 10))
-    assert "two surfaces one above the other" in refused.reason
+    assert "two surfaces, one above the other" in refused.reason
 
 
 def test_what_cannot_be_is_refused():

@@ -199,7 +199,7 @@ def test_bad_clouds_are_refused_in_one_line():
     refused(good[:20], "20 points")
     refused(np.zeros((0, 3)), "0 points")
     refused(good[:, :2], "(N, 3)", kind=ConfigurationError)
-    refused(good, "B_1", "under the surface", targets=[[0.0, 0.0, -3.0]])
+    refused(good, "B_1", "below the surface", targets=[[0.0, 0.0, -3.0]])
     refused(scattered(lambda xy: 1.5 * xy[:, 0] - 3.0, 3000, rng), "slope")
     refused(scattered(lambda xy: 0.1 * np.sin(30 * xy[:, 0]) - 2.0, 9000, rng), "roughness")
     refused(good, "finite", targets=[[0.0, np.nan, 0.0]], kind=ConfigurationError)

@@ -175,7 +175,7 @@ def test_paths_are_joined_where_they_meet():
         ),
         pytest.param(
             lambda: laid_on(barrel(), line([0, 0, 1], [0, 0.286, 1]), [0, 0, -1]),
-            "along the direction",
+            "nearly parallel to the direction",
             id="grazing",
         ),
         pytest.param(
@@ -195,14 +195,14 @@ def test_paths_are_joined_where_they_meet():
         ),
         pytest.param(
             lambda: through(line([0, 0, 0], [0, 0, 1])[:5], np.tile([0, 0, 1.0], (5, 1))),
-            "along the path",
+            "parallel to the path",
             id="axis",
         ),
         pytest.param(
             lambda: through(
                 transverse().p[:5], transverse().a[:5] * np.array([[1], [1], [-1], [1], [1]])
             ),
-            "point apart",
+            "90 deg or more apart",
             id="axis turned over",
         ),
     ],

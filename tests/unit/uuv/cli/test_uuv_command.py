@@ -115,7 +115,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
             ["run", "clean-object", "--line", "0.1", "0.1", "0.1", "0.1"],
             "--line (site.object.line): must be at least 0.05 m long",
         ),
-        (["run", "clean-object", "--line", "5", "5", "6", "6"], "rays miss it"),
+        (["run", "clean-object", "--line", "5", "5", "6", "6"], "rays miss the mesh"),
         (
             ["run", "clean-object", "--line", "0", "0", "1", "1", "--path", "top"],
             "--path (task.path) 'top' and --line (site.object.line): give only one of the two",

@@ -251,7 +251,7 @@ def test_records_of_episodes(tmp_path):
         (
             ("barrel", "press"),
             {"vehicle": "bluerov2_heavy", "actions": "thrusters"},
-            "lacks what this work needs",
+            "lacks parts that this work needs",
         ),
     ],
 )

@@ -228,14 +228,14 @@ def test_px4s_plugins_are_read(tmp_path: Path) -> None:
     [
         (
             '<joint name="loop" type="revolute"><parent>base</parent><child>hand</child></joint>',
-            "closed loop: link hand has a second joint, loop, left out",
+            "closed loop: joint loop left out, since its child hand is the child of another joint",
         ),
-        ('<link name="alone"/>', "links that no joint holds, left out: alone"),
+        ('<link name="alone"/>', "links without a joint to the rest, left out: alone"),
         (
             '<link name="cone"><collision name="c"><geometry><cone><radius>1</radius></cone>'
             '</geometry></collision></link><joint name="j" type="fixed"><parent>base</parent>'
             "<child>cone</child></joint>",
-            "shapes left out, not of box, cylinder, capsule, sphere, ellipsoid, mesh: cone of cone",
+            "shapes left out, since they are none of box, cylinder, capsule, sphere, ellipsoid, mesh: cone of cone",
         ),
         (
             "<include><uri>model://camera</uri></include>",
@@ -255,9 +255,9 @@ def test_what_is_left_out_is_said(tmp_path: Path, more: str, said: str) -> None:
         ("<parent>mount</parent>", "<parent>mont</parent>", "joint 'turn': .*links base, upper"),
         ('relative_to="upper"', 'relative_to="hand"', "frame 'hand' is relative to itself"),
         ("0.1 0.2 0.3 0 0 0.4", "0.1 0.2 0.3", r"pose of base: expected shape \(6,\)"),
-        ("<xyz>0 0 1</xyz>", "<xyz>0 0 0</xyz>", "joint 'turn': its axis has no length"),
+        ("<xyz>0 0 1</xyz>", "<xyz>0 0 0</xyz>", "joint 'turn': the axis must be longer than zero"),
         ("<size>0.4 0.5 0.1</size>", "<size>0.4 0 0.1</size>", "lengths of a box must be positive"),
-        ("<izz>0.7</izz>", "<izz>1.7</izz>", "link 'base': inertia: no body has"),
+        ("<izz>0.7</izz>", "<izz>1.7</izz>", "link 'base': inertia: the principal moments"),
         ("<model", "<modell", "no XML"),
     ],
 )

@@ -170,27 +170,30 @@ def test_a_curve_of_a_command_becomes_that_of_a_share(
         (  # 0.02 N 50^2 ahead
             "<clampMin>0</clampMin><clampMax>50</clampMax>",
             (50.0, 0.5),
-            ["the other way 0.5 N, guessed (the file lets it push ahead only", "read (its limits)"],
+            [
+                "the other way 0.5 N, guessed (the file allows thrust ahead only",
+                "read (its limits)",
+            ],
         ),
         (
             "<clampMin>-50</clampMin><clampMax>0</clampMax>",
             (0.5, 50.0),
-            ["the file lets it push astern only", "read (its limits)"],
+            ["the file allows thrust astern only", "read (its limits)"],
         ),
         (
             "<thrustMin>0</thrustMin><thrustMax>40</thrustMax>",
             (40.0, 0.4),
-            ["the file lets it push ahead only", "thrust 40 and -0.4 N, read (its limits)"],
+            ["the file allows thrust ahead only", "thrust 40 and -0.4 N, read (its limits)"],
         ),
         (
             "<thrustMin>0</thrustMin>",
             (PRIOR, 0.01 * PRIOR),
-            ["the file lets it push ahead only", "guessed (no limit in the file"],
+            ["the file allows thrust ahead only", "guessed (no limit in the file"],
         ),
         (
             "<thrustMin>-40</thrustMin><thrustMax>40</thrustMax><gain>0</gain>",
             (PRIOR, PRIOR),
-            ["guessed (no thrust within its limits in the file"],
+            ["guessed (the file's limits allow no thrust"],
         ),
     ],
 )
@@ -257,8 +260,14 @@ def test_water_that_would_feed_energy_in_is_reduced_and_said(tmp_path: Path) -> 
     wrong = FOSSEN.replace(row(-LINEAR), row(LINEAR)).replace(row(ADDED), row(ADDED - 60.0))
     (tmp_path / "rov.urdf").write_text(urdf(wrong))
     text = "\n".join(entry.line() for entry in read(tmp_path / "rov.urdf").entries)
-    assert "added mass, guessed (its diagonal: the whole feeds energy in)" in text
-    assert "linear damping, guessed (magnitudes: as signed it feeds energy in)" in text
+    assert (
+        "added mass, guessed (its diagonal only, since the whole matrix is not positive semidefinite)"
+        in text
+    )
+    assert (
+        "linear damping, guessed (magnitudes only, since the signs of the file would add energy)"
+        in text
+    )
     body = hydrodynamics.attached(spec_of(tmp_path, urdf(wrong)))["hull"]
     assert np.diag(body.linear_damping) == pytest.approx(LINEAR)
 

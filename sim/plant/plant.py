@@ -263,7 +263,7 @@ class Plant(WithWater):
         return truth
 
     def check(self) -> None:
-        """Warn or raise an error as `observe` does, where `compiled_step.observe` asked for it."""
+        """Warn or raise an error like `observe`, after `compiled_step.observe` has requested it."""
         if self._watch.failed[0]:
             self._watch.failed[0] = False
             self.hooks.check(RAISED)

@@ -103,9 +103,7 @@ def compared(a: Finished, b: Finished) -> Summary:
     ]
     alone = [len(campaign.rows) - len(cases) for campaign in (a, b)]
     unpaired = (
-        [f"{alone[0]} runs of A and {alone[1]} of B have no case in common with the other"]
-        if any(alone)
-        else []
+        [f"only in one campaign: {alone[0]} runs of A, {alone[1]} of B"] if any(alone) else []
     )
 
     return Summary(

@@ -384,7 +384,7 @@ def set_constants(model: mujoco.MjModel) -> None:
     The damping of position actuators is left unchanged.
 
     Raises:
-        HydrodynamicsError: As `check` does.
+        HydrodynamicsError: As for `check`.
     """
     if carries_hydrodynamics(model):
         _set_constants(model, _checked(model, _bodies(model)), {})

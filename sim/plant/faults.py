@@ -317,21 +317,21 @@ class FaultyPlant:
         self._last = np.zeros(len(names))
 
     def observe(self) -> Truth:
-        """As `Plant.observe`."""
+        """Same as `Plant.observe`."""
         return self.plant.observe()
 
     def spans(self) -> str:
-        """As `Plant.spans`."""
+        """Same as `Plant.spans`."""
         return self.plant.spans()
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
-        """As `Plant.record`, with the active faults."""
+        """Same as `Plant.record`, with the active faults."""
         return self.plant.record(
             replace(hooks, commanded=(*hooks.commanded, self._in_compiled_step))
         )
 
     def step(self, command: Command) -> None:
-        """As `Plant.step`, with the thruster commands changed by the active faults."""
+        """Same as `Plant.step`, with the thruster commands changed by the active faults."""
         self.plant.step(replace(command, thrusters=self._changed(command.thrusters)))
 
     def _in_compiled_step(self) -> None:

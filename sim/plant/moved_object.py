@@ -117,15 +117,15 @@ class MovedObjectPlant:
         return self.plant.observe()
 
     def spans(self) -> str:
-        """As `Plant.spans`."""
+        """Same as `Plant.spans`."""
         return self.plant.spans()
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
-        """As `Plant.record`, with the motion."""
+        """Same as `Plant.record`, with the motion."""
         return self.plant.record(replace(hooks, placed=(*hooks.placed, self._place)))
 
     def step(self, command: Command) -> None:
-        """As `Plant.step`."""
+        """Same as `Plant.step`."""
         self.plant.step(command)
 
     def _place(self) -> None:

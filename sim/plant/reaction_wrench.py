@@ -207,8 +207,8 @@ def wrench(
         Wrench (6,) [N, N m] on the parent.
 
     Raises:
-        ConfigurationError: As `ReactionWrench` does.
-        HydrodynamicsError: As `ReactionWrench` does.
+        ConfigurationError: As for `ReactionWrench`.
+        HydrodynamicsError: As for `ReactionWrench`.
     """
     return ReactionWrench(model, body, frame).wrench(data)
 

@@ -75,10 +75,10 @@ def object_scene(
         sensor: The sensor, or its name in SENSORS.
         ranges: [m] least and largest range.
         start_error: [m], [rad] bounds of the coarse start's error, uniform.
-        gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed.
-            0 means that they lie on it, None neither seabed nor stones.
-        there: The true object; None: `target`.
-        absent: Leave the object out of the scene.
+        gap: [m] Bounds of the distance from the lowest part of object and stand down to the seabed.
+            0: they lie on the seabed. None: there are neither seabed nor stones.
+        there: The object that is truly in the scene; None: `target`.
+        absent: Whether the object is left out of the scene.
         X_CN: (4, 4) pose from which the same scene is seen instead, in the camera frame of the
             seed's view; the result is in N. None: the seed's view.
         look: Number of the look, which draws its noise.
@@ -173,7 +173,7 @@ def _view(
 
 def _lowest(target: TargetModel) -> float:
     """z_T [m] of the lowest point of object and stand."""
-    # stands are made of boxes
+    # stands consist of boxes
     stand = [
         float(solid.X_TS[2, 3] - np.abs(solid.X_TS[2, :3]) @ np.array(solid.size))
         for solid in target.stand

@@ -152,7 +152,7 @@ def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
     aside = float(np.linalg.norm(source.tcp))
     if aside > OWN_TOOL:
         raise ConfigurationError(
-            f"belief.arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from that "
-            f"of the vehicle; the limit is {1e3 * OWN_TOOL:.0f} mm"
+            f"belief.arm {file}: must be calibrated with the vehicle's tool, within "
+            f"{1e3 * OWN_TOOL:.0f} mm of its tip; the tip in the file is {1e3 * aside:.0f} mm away"
         )
     return source.arm.with_tip(source.tcp), f"arm of {file}"

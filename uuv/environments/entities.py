@@ -669,7 +669,7 @@ def _check_each(name: str, objects: Any, *methods: str) -> None:
         if isinstance(candidate, type) or not all(hasattr(candidate, method) for method in methods):
             hint = f"; did you mean {candidate.__name__}()?" if isinstance(candidate, type) else ""
             raise ConfigurationError(
-                f"{name}: must be a list of {name}, got the entry {shown(candidate)}{hint}"
+                f"{name}: every entry must be one of them, got {shown(candidate)}{hint}"
             )
 
 

@@ -70,7 +70,7 @@ def run_episode(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """Episodes of one policy on one task."""
+    """Result of episodes of one policy on one task."""
 
     episodes: tuple[Episode, ...]
 

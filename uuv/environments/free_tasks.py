@@ -45,7 +45,7 @@ class HoldStation(VehicleTask):
     def __init__(
         self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
     ) -> None:
-        """As `VehicleTask`."""
+        """Same as `VehicleTask`."""
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.X_WH = np.eye(4)  # pose to hold
         self._judge = KeptFor(self._at_goal, self.seconds)
@@ -120,7 +120,7 @@ class ReachPose(VehicleTask):
     def __init__(
         self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
     ) -> None:
-        """As `VehicleTask`.
+        """Same as `VehicleTask`.
 
         Raises:
             ConfigurationError: The vehicle has no arm.

@@ -196,7 +196,8 @@ class SensorFailure(Failure):
         finite_number(self.rate, "SensorFailure rate [1/s]")
         if self.rate and self.effect not in ("offset", "turned"):
             raise ConfigurationError(
-                f"SensorFailure rate: an offset or a turn grows, not effect {self.effect!r}"
+                f"SensorFailure rate: only allowed for the effects 'offset' and 'turned', "
+                f"got {self.effect!r}"
             )
 
         if self.effect != "turned":

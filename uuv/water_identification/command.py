@@ -268,7 +268,7 @@ def words(
     logs: Sequence[WaterLog],
     replay: ReplayVehicle,
 ) -> list[str]:
-    """What the logs do not identify, in sentences."""
+    """Sentences about parameters that the logs do not identify."""
     lines = []
 
     for log in logs:

@@ -108,7 +108,7 @@ def _check_limit(scenario: Scenario, longest: float) -> None:
     least = scenario.task.least_seconds(scenario) if scenario.control.operator is None else 0.0
     if longest < least:
         raise ConfigurationError(
-            f"`longest` = {longest:g} s: must be longer than the work, which takes at least "
+            f"longest {longest:g} s: must be longer than the work, which takes at least "
             f"{least:.0f} s"
         )
 

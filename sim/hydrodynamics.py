@@ -13,8 +13,8 @@ The part -A nudot is linear in `qacc`, so it goes into the joint-space inertia: 
 is added to `d.M`, which has exactly this sparsity pattern. The other terms go to `d.qfrc_passive`.
 No acceleration is taken from an earlier step, so any added mass is stable.
 
-The current is that of the simulation, in `data.userdata` (`set_current`, `current`), else that of
-its model: `model.opt.wind` (3,) [m/s] in world axes, with the acceleration and shear in
+The current is read from the simulation's `data.userdata` (`set_current`, `current`) or, without one
+there, from the model: `model.opt.wind` (3,) [m/s] in world axes, with the acceleration and shear in
 `model.body_user[0]` (`uuv.models.hydrodynamics.set_current`). In a flow that varies in space, the
 acceleration of the water is vdot_c + (v_c . grad) v_c, evaluated at the body origin [Auton 1988].
 
@@ -24,9 +24,10 @@ Limits of MuJoCo:
 - `mj_setConst` replaces the contact weights by those of the dry mass; then call `set_constants`.
 - The integrator "implicit" takes velocity terms of bodies implicitly, those of water explicitly.
 
-The callbacks belong to the process. A pickled model installs them where it is unpickled. So does a
-file that `MjModel.from_...` loads after this module was imported; `MjSpec.compile` does not. MuJoCo
-alone refuses our MJCF by this module's name (`uuv.models.water.native_mark`), and moves an MJB dry.
+The callbacks are installed once in each process. Unpickling a model installs them, and so does
+loading a file by `MjModel.from_...` after this module was imported. `MjSpec.compile` does not
+install them. MuJoCo without this module refuses our MJCF, with the module's name in the message
+(`uuv.models.water.native_mark`), but simulates an MJB without water.
 """
 
 import math
@@ -56,13 +57,17 @@ from uuv.models.hydrodynamics import (
 from uuv.models.water.bounds import LARGEST
 from uuv.sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from uuv.sim.interfaces.spatial import Array, shown, skew
-from uuv.sim.native import arriving_models as arriving_models  # imported for what it does
+from uuv.sim.native import arriving_models as arriving_models  # imported for its side effects
 from uuv.sim.native import passive_callback, process_callbacks
 from uuv.sim.water import energy
 from uuv.sim.water.water_motion import FLOW, WaterMotion, current, set_current, take_last
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 
-__all__ = ["WaterMotion", "current", "set_current"]  # of a simulation, from `water_motion`
+__all__ = [
+    "WaterMotion",
+    "current",
+    "set_current",
+]  # from `water_motion`: the current of one simulation
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -83,20 +88,21 @@ _LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 40.0), "quadratic_damp
 
 
 def install() -> None:
-    """Install the process's callbacks of the hydrodynamics. Idempotent; about 10 s the first time
-    ever.
+    """Install the callbacks of the hydrodynamics in this process. Idempotent. The first call ever
+    takes about 10 s.
 
-    If other code replaces one later, a RuntimeWarning follows: wet models then move without it.
+    If other code replaces a callback later, a RuntimeWarning says that wet models then move without
+    it.
 
     Raises:
-        HydrodynamicsError: MuJoCo's memory layout differs from its introspection, or another
-            callback is in the place of one of ours.
+        HydrodynamicsError: MuJoCo's memory layout differs from its introspection data, or other
+            code has set one of these callbacks.
     """
     process_callbacks.install()
 
 
 def uninstall() -> None:
-    """Remove our callbacks; no effect on those of other code."""
+    """Remove our callbacks; callbacks of other code stay."""
     process_callbacks.uninstall()
 
 
@@ -106,11 +112,12 @@ def is_installed() -> bool:
 
 
 def check_installed(model: mujoco.MjModel) -> bool:
-    """Return True if water and gears of `model` act correctly; otherwise warn and return False.
+    """Return True if the water and gear forces of `model` act correctly; otherwise warn and return
+    False.
 
-    RuntimeWarning, in one line: a callback that it needs is not installed, its options are ones
-    that `check` refuses, or its contact weights are those of the dry mass (compiled without
-    `compile`, or reset by `mj_setConst`).
+    The RuntimeWarning has one line and one of these causes: a callback that the model needs is not
+    installed, `check` refuses its options, or its contact weights are those of the dry mass (it was
+    compiled without `compile`, or reset by `mj_setConst`).
     """
     if process_callbacks.needed_by(model) and not is_installed():
         problem = f"this model carries {process_callbacks.left_out(model)}"
@@ -127,8 +134,8 @@ def check_installed(model: mujoco.MjModel) -> bool:
 
 
 def check_constants(model: mujoco.MjModel) -> None:
-    """Raise HydrodynamicsError if `model` carries coefficients but has the contact weights of its
-    dry mass.
+    """Raise HydrodynamicsError if `model` has hydrodynamic coefficients but the contact weights of
+    its dry mass.
     """
     if _carriers(model) and _has_dry_weights(model):
         raise HydrodynamicsError(f"this model carries hydrodynamics but {_DRY_WEIGHTS}")
@@ -138,9 +145,9 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Raise an error if the simulation diverged, and warn once of speeds or heights beyond the
     model's validity.
 
-    MuJoCo resets a diverged simulation and reports that only in a log file and in `data.warning`.
-    PhysicsWarning, once
-    per kind: drag faster than the step can follow, and buoyant bodies above the water.
+    MuJoCo resets a diverged simulation and reports that only in a log file and in `data.warning`. A
+    PhysicsWarning is given once for drag that changes faster than the step can follow, and once for
+    buoyant bodies above the water.
 
     Args:
         model: Model of `data`.
@@ -149,7 +156,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     Raises:
         HydrodynamicsError: MuJoCo met numbers that are not finite or too large, or the inertia with
             the added mass was not positive definite, and the message names the entry and the body;
-            or something else is in the place of the current.
+            or `data.userdata` holds no valid current.
     """
     kinds = mujoco.mjtWarning
     water = model.body_user[0] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
@@ -157,7 +164,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     water[LAYOUT.told] = marks
     new, singular = marks & ~reported, data.warning[kinds.mjWARN_INERTIA]
 
-    # An inertia that is not positive definite, or no current where one is stored.
+    # An inertia that is not positive definite, or a stored current that is missing.
     if singular.number or new & INDEFINITE:
         at = (
             f" (body {model.body(model.dof_bodyid[singular.lastinfo]).name!r})"
@@ -175,7 +182,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
             f"data.userdata has no current from index {first} on; use set_current()"
         )
 
-    # Numbers that MuJoCo itself found to be bad: it has reset the simulation.
+    # Values that MuJoCo itself found to be invalid, after which it has reset the simulation.
     for kind, array_name in (
         (kinds.mjWARN_BADQPOS, "qpos"),
         (kinds.mjWARN_BADQVEL, "qvel"),
@@ -195,7 +202,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
                 "or contact"
             )
 
-    # Limits of validity, each of which warns once.
+    # Limits of validity. Exceeding one gives one warning.
     if new & TOO_FAST:
         limit = (1.0 / model.opt.timestep - water[LAYOUT.drag_rate]) / water[LAYOUT.drag_rate + 1]
         warnings.warn(
@@ -215,7 +222,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Raise an error if the last forward pass left out water or gear friction that `model` carries.
+    """Raise an error if the last forward pass left out hydrodynamics or gear friction of `model`.
 
     Raises:
         HydrodynamicsError: The callback has been removed, replaced, or disabled by MuJoCo's flags.
@@ -225,8 +232,10 @@ def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def leaves_mark(model: mujoco.MjModel) -> bool:
-    """True if the callback marks each forward pass: for water on movable bodies, or for gears."""
-    # MuJoCo's flag turns the gears off.
+    """True if the callback marks each forward pass: it does for water on movable bodies, and for
+    gears.
+    """
+    # MuJoCo's flag disables the gear friction.
     without_loss = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
     return bool(_bodies(model)) or (gear_friction.has_curves(model) and not without_loss)
 
@@ -235,22 +244,23 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     """List implausible properties of a wet model, one line each; empty for a model without
     coefficients.
 
-    Bodies that are fixed to each other count as one: the water of all may be that of one of them.
+    Bodies that are fixed to each other count as one body, since the coefficients of all may be
+    given for one of them.
 
     - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have
       them.
     - A body whose mass over volume is outside DENSITIES.
     - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show
       this.
-    - Cross terms that feed energy in, beside the other damping of their body, at a motion that
-      sampling found.
-    - Force and torque sensors, which do not measure the water.
+    - Cross terms that add energy, more than the other damping of their body dissipates, at a motion
+      found by sampling.
+    - Force and torque sensors, which do not measure the water's forces.
     """
     return _doubts(model, _bodies(model))
 
 
 def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[str]:
-    """As `doubts`, of a model with the coefficients `wet`."""
+    """Implementation of `doubts` for a model with the coefficients `wet`."""
     trees, fixed = model.body_treeid.tolist(), model.body_weldid.tolist()
     wet_trees = {trees[i] for i in wet}
     names = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
@@ -276,7 +286,8 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
             doubts.append(
                 f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} "
-                f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
+                f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3; check mass [kg] and "
+                "volume [m^3]"
             )
 
         gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]
@@ -295,12 +306,12 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         if fed := energy.largest_power(body):
             power, twist = fed[0], ", ".join(f"{x:.2g}" for x in fed[1])
             doubts.append(
-                f"{names[i]}: its cross terms feed in {power:.3g} W at the twist ({twist}) m/s, "
-                "rad/s through the water, more than its other damping takes: a motion may grow "
-                "without bound"
+                f"{names[i]}: at the twist ({twist}) m/s, rad/s relative to the water its cross "
+                f"terms add {power:.3g} W more than its other damping dissipates: a motion may "
+                "grow without bound"
             )
 
-    # Sensors of force on a wet body or on what carries it measure the dry part alone.
+    # Sensors of force on a wet body, or on a body that supports it, measure the dry part alone.
     kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
     holding = _with_ancestors(model, wet)
     blind = [
@@ -318,7 +329,7 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
 
 
 def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
-    """Return True if any body of `model` has coefficients, however the model was compiled."""
+    """Return True if any body of `model` has coefficients, whether or not `compile` compiled it."""
     return is_wet(model)
 
 
@@ -326,18 +337,19 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     """Compile `spec`, recompute MuJoCo's derived constants for the wet inertia, and check the
     result.
 
-    Recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`, `tendon_invweight0`
-    (softness of contacts, limits and equalities), `dof_M0`, `actuator_acc0` and `stat.meaninertia`.
-    So is the damping of position actuators given by `dampratio`.
+    These are recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`,
+    `tendon_invweight0` (softness of contacts, limits and equalities), `dof_M0`, `actuator_acc0`,
+    `stat.meaninertia`, and the damping of position actuators that is given by `dampratio`.
 
-    A spec without coefficients is compiled as it is. If only bodies carry water data (the spec came
-    from MJCF, or was attached to this one), the world body gets its row from them. A model with
-    water, gear friction, thrusters or soil installs the process's callbacks. PhysicsWarning for
-    each of its `doubts`. The cost is linear in the number of kinematic trees.
+    A spec without coefficients is compiled as it is. If only bodies have hydrodynamic data (the
+    spec came from MJCF, or was attached to this one), the world body's row is made from theirs. A
+    model with water, gear friction, thrusters or soil installs the callbacks in the process. Each
+    of the model's `doubts` gives a PhysicsWarning. The cost is linear in the number of kinematic
+    trees.
 
     Raises:
-        ConfigurationError: `spec` is no MjSpec, its bodies carry waters of different density, or it
-            has custom elements with water that was not attached.
+        ConfigurationError: `spec` is no MjSpec, its bodies have different water densities, or it
+            has custom elements with hydrodynamic data that was not attached.
         HydrodynamicsError: As `install` and `check` do.
     """
     if not isinstance(spec, mujoco.MjSpec):
@@ -346,7 +358,8 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     if any(carries(body.userdata) for body in spec.bodies):
         install()
         attach(spec, {})
-        spec.nuserdata += FLOW.size  # behind the user's numbers; the spec keeps his alone
+        # behind the user's entries; the spec keeps those of the user only
+        spec.nuserdata += FLOW.size
     try:
         model = spec.compile()
     finally:
@@ -367,11 +380,11 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
 def set_constants(model: mujoco.MjModel) -> None:
     """Recompute the constants of `compile` after `mj_setConst` or a change of mass or coefficients.
 
-    Also for a model that MuJoCo has loaded itself; the world body gets its row. The damping of
-    position actuators is left unchanged.
+    This also works for a model that MuJoCo itself has loaded; the world body's row is then made.
+    The damping of position actuators is left unchanged.
 
     Raises:
-        HydrodynamicsError: As `check` does.
+        HydrodynamicsError: As for `check`.
     """
     if carries_hydrodynamics(model):
         _set_constants(model, _checked(model, _bodies(model)), {})
@@ -386,8 +399,8 @@ def check(model: mujoco.MjModel) -> None:
 
     Raises:
         HydrodynamicsError: A setting is refused, or the callback is not installed.
-        ConfigurationError: A body's row is one that `BodyHydrodynamics` would refuse, or the model
-            has custom elements with water that was not attached.
+        ConfigurationError: `BodyHydrodynamics` would refuse the row of a body, or the model has
+            custom elements with hydrodynamic data that was not attached.
     """
     _refuse_unread_elements(model)
     if carries_hydrodynamics(model):
@@ -402,8 +415,8 @@ def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Array:
-    """Derivative of drag with respect to joint velocity (nv, nv), symmetric, at `speed` in every
-    direction.
+    """Derivative of drag with respect to joint velocity (nv, nv), symmetric, with every component
+    of the body twists at `speed`.
 
     Args:
         model: Compiled model.
@@ -417,7 +430,7 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
 
 
 def _with_ancestors(model: mujoco.MjModel, bodies: Iterable[int]) -> set[int]:
-    """`bodies` and all bodies that they hang on, without the world."""
+    """`bodies` and all their parents, except the world."""
     parents, reached = model.body_parentid.tolist(), {0}
     for body in bodies:
         while body not in reached:
@@ -438,7 +451,7 @@ def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
 
 
 def _body_drag_slope(body: BodyHydrodynamics, speed: float) -> Array:
-    """As `drag_slope`, of one body with respect to its twist (6, 6), in body axes at its origin."""
+    """Drag slope of one body with respect to its twist (6, 6), in body axes at its origin."""
     slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(
         2.0 * speed * body.quadratic_damping
     )
@@ -458,7 +471,7 @@ def _body_drag_slope(body: BodyHydrodynamics, speed: float) -> Array:
 
 
 def _carriers(model: mujoco.MjModel) -> list[int]:
-    """Indices of the bodies that carry coefficients, movable or not."""
+    """Indices of the bodies that have coefficients, movable or not."""
     return [i for i in range(1, model.nbody) if carries(model.body_user[i])]
 
 
@@ -508,7 +521,7 @@ def _refused(model: mujoco.MjModel) -> list[str]:
 
 
 def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:
-    """Coefficients by body index, of the movable bodies."""
+    """Coefficients of the movable bodies, by body index."""
     return {
         i: unpack(model.body_user[i])
         for i in range(1, model.nbody)
@@ -531,15 +544,15 @@ def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _AtRest:
-    """What `check` finds out about a model with degrees of freedom, at qpos0."""
+    """Quantities that `check` computes for a model with degrees of freedom, at qpos0."""
 
     inertia: WetInertia
     drag_rate: float  # [1/s] at DRAG_SPEED
 
 
 def _refuse_unread_elements(model: mujoco.MjModel) -> None:
-    """Refuse a model that MuJoCo read from a file whose custom elements hold water: it would move
-    dry.
+    """Refuse a model that MuJoCo read from a file with hydrodynamic data in custom elements, since
+    it would move without water.
 
     Raises:
         ConfigurationError: There is such an element.
@@ -554,7 +567,7 @@ def _refuse_unread_elements(model: mujoco.MjModel) -> None:
 
 
 def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _AtRest | None:
-    """Does the work of `check` for a model with the coefficients `bodies`; None without degrees of
+    """Implementation of `check` for a model with the coefficients `bodies`; None without degrees of
     freedom.
     """
     if not is_installed():
@@ -570,8 +583,8 @@ def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _At
     if model.nv == 0:
         return None
     data = mujoco.MjData(model)
-    # As MuJoCo does for its own constants: without contacts, of which a heap of bodies has many at
-    # qpos0.
+    # As MuJoCo does for its own constants: without contacts, since a heap of bodies has many of
+    # them at qpos0.
     for stage in (
         mujoco.mj_kinematics,
         mujoco.mj_comPos,
@@ -610,7 +623,7 @@ def _checked(model: mujoco.MjModel, bodies: dict[int, BodyHydrodynamics]) -> _At
 def _set_constants(
     model: mujoco.MjModel, at_rest: _AtRest | None, damping_ratios: dict[int, float]
 ) -> None:
-    """The computation of MuJoCo's engine_setconst.c, with M + A in place of M."""
+    """Computation of MuJoCo's engine_setconst.c, with M + A in place of M."""
     water = world_row(model)
     if at_rest is None:
         return
@@ -629,7 +642,8 @@ def _set_constants(
     model.dof_M0 = inertia.diagonal
     model.stat.meaninertia = inertia.diagonal.mean()
 
-    # The world's row: stamp of these weights, drag over inertia, and no warnings given.
+    # The world's row: stamp of these weights, ratio of drag to inertia, and no warnings given so
+    # far.
     water[LAYOUT.compiled] = model.dof_invweight0.sum()
     still = inertia.drag_rate(lambda body: _body_drag_slope(body, 0.0))
     water[LAYOUT.drag_rate :][:2] = still, (at_rest.drag_rate - still) / DRAG_SPEED

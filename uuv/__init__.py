@@ -6,18 +6,19 @@
     print(r.assessment.failed)
     show(r, "my_run")
 
-Names are imported on first use, so that `uuv.start` can look at the Python that runs it before
-anything else.
+Names are imported on first use, so that `uuv.start` can check the version of Python before anything
+else.
 """
 
 import os
 from pathlib import Path
 
-# Matrices are small: a second thread of BLAS burns a core. Read when numpy is first imported.
+# Matrices are small, and a second thread of BLAS would only waste a core. Read when numpy is first
+# imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _HERE = Path(__file__).resolve().parent
-# unpacked without its links to the rooms, which then stand beside it
+# unpacked without its links to the rooms, which are then in the folder next to it
 if not (_HERE / "models").is_dir():
     __path__.append(str(_HERE.parent))
 

@@ -1,4 +1,4 @@
-"""Assembly of a scenario: the one place where plant, parts and evaluation of a run are made."""
+"""Assembly of a scenario: makes plant, components and evaluation of a run, for every caller."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -26,58 +26,61 @@ from uuv.sim.sensors.arm_camera import beside_tool
 from uuv.sim.water.current import Current, Profile, Wave
 from uuv.tasks.start_place import check_start
 
-# loop steps between measurements of the arm's reaction wrench on the hull, for the report
+# number of loop steps between measurements of the arm's reaction wrench on the hull, for the report
 REACTION_TICKS = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assembly:
-    """An assembled scenario at its start, to be run once: parts may hold state."""
+    """An assembled scenario at its start, to be run once, since components may hold state."""
 
     scenario: Scenario
     placed: PlacedTask
     own: OwnVehicle  # the vehicle's model of itself
-    plant: Plant  # that of the loop, without its wrappers
-    loop: Loop  # plant and parts as perturbed
+    plant: Plant  # plant of the loop, without its wrappers
+    loop: Loop  # plant and components, with perturbations
     X_WB: Array  # (4, 4) initial pose of the hull
-    gusts: np.random.Generator  # as it was before the plant's current drew from a copy
-    noise: np.random.Generator  # of the sensors
-    full: bool  # record what the report needs
-    said: str  # lines about computed parts and the arm for the terminal, or empty
-    drawn: Mapping[str, float]  # means of the factors that perturbations drew
+    # current before the plant's current, which is a copy, has drawn from it
+    gusts: np.random.Generator
+    noise: np.random.Generator  # random generator of the sensors
+    full: bool  # whether the series that the report needs are recorded
+    said: str  # lines for the terminal about computed components and the arm, or empty
+    drawn: Mapping[str, float]  # mean values of the factors that perturbations drew
 
     @property
     def parts(self) -> Parts:
-        """Parts of the loop."""
+        """Components of the loop."""
         return self.loop.parts
 
     def current(self, profile: Profile | None = None) -> Current:
-        """The current from its beginning, as the plant has it; `profile` changes it in time."""
+        """The current of the plant from its beginning, with the additional `profile` over time."""
         current = current_of(self.scenario, self.plant.timestep, self.gusts)
         return current if profile is None else current.with_profile(profile)
 
     def check_start(self) -> None:
-        """Refuse a run that would not begin at the start.
+        """Refuse a run that would not begin at time 0.
 
         Raises:
-            ConfigurationError: The plant has moved on, as after a run.
+            ConfigurationError: The plant has been stepped, as by an earlier run.
         """
         if (time := float(self.plant.truth.time)) > 0.0:
             raise ConfigurationError(
-                f"run: this assembly is at {time:.3f} s already; assemble a new one for each run"
+                f"run: an assembly can be run only once, and this one is at {time:.3f} s; assemble "
+                "a new one for each run"
             )
 
 
 def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) -> Current:
-    """The water of a scenario: current, wave, gusts and flow, and what perturbations make of them.
+    """The current of a scenario: current, wave, gusts and flow fields, changed by perturbations.
 
     Args:
         scenario: The description.
-        timestep: [s] of the plant.
-        gusts: Its state is left as it is.
+        timestep: [s] Step of the plant.
+        gusts: Random generator of the gusts; its state is not changed.
 
     Raises:
-        ConfigurationError: A perturbation's `on_water` returns no current, or loses a flow field.
+        ConfigurationError: `on_water` of a perturbation does not return a current, or drops a flow
+            field.
     """
     site = scenario.site
     wave = Wave(amplitude_W=site.wave, frequency=site.wave_frequency)
@@ -93,19 +96,19 @@ def current_of(scenario: Scenario, timestep: float, gusts: np.random.Generator) 
             needs = "must return a uuv.sim.water.current.Current"
             raise ConfigurationError(f"{hook}: {needs}, got {shown(changed)}")
 
-        # Fields that were there go on, or it is said that they do not.
+        # Flow fields of the argument must be in the result, or an error names the missing one.
         for flow in current.flows:
             if all(flow is not remaining for remaining in changed.flows):
                 hook = f"{type(perturbation).__name__}.on_water"
                 field = type(flow).__name__
                 lost = f"returns a current without the flow field {field} of its argument"
-                raise ConfigurationError(f"{hook}: {lost}; `with_flow` keeps it")
+                raise ConfigurationError(f"{hook}: {lost}; use `with_flow`, which keeps all fields")
         current = changed
     return current
 
 
 def innermost(plant: Any) -> Plant | None:
-    """The `Plant` in wrappers that keep it in an attribute `plant`; None: there is none."""
+    """The `Plant` inside wrappers that hold it in an attribute `plant`; None if there is none."""
     while not isinstance(plant, Plant):
         if not hasattr(plant, "plant"):
             return None
@@ -114,14 +117,14 @@ def innermost(plant: Any) -> Plant | None:
 
 
 def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
-    """Assembles a scenario without any output.
+    """Assemble a scenario without any output.
 
     Args:
         scenario: The description.
-        full: Record what the report needs.
+        full: Whether to record the series that the report needs.
 
     Returns:
-        Plant, parts and evaluation, ready to run.
+        Plant, components and evaluation, ready to run.
 
     Raises:
         UuvError: The vehicle lacks a part, or a value of the scenario is out of range.
@@ -130,13 +133,13 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     task = scenario.task
     believed, built, message = believed_and_built(scenario.vehicle, scenario.belief, task)
 
-    # The loop's timestep; a stiff surface needs a shorter one of the physics.
+    # Timestep of the loop; the physics of a stiff surface needs a shorter one.
     timestep = float(built.option.timestep)
     drawn = perturb(built, scenario.perturbations, scenario.perturbation_seed)
     believed_vehicle = OwnVehicle.of(believed, task.spares)
     placed = _placed(scenario, believed_vehicle, rng)
 
-    # The true world, and a start that deviates from the task's unless that is exact.
+    # The true world, with a start pose that deviates from the task's unless the start is exact.
     gusts, noise, start, sampling = rng.spawn(4)
     model = _compiled(placed.scene(built), scenario)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
@@ -173,7 +176,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
 
 
 def _placed(scenario: Scenario, vehicle: OwnVehicle, rng: np.random.Generator) -> PlacedTask:
-    """The task at its site; one of a user's own may give anything."""
+    """The task at its site; the result of a user's own task is checked."""
     placed: Any = scenario.task.place(scenario, vehicle, rng)
     if not isinstance(placed, PlacedTask):
         kind = type(scenario.task).__name__
@@ -183,14 +186,17 @@ def _placed(scenario: Scenario, vehicle: OwnVehicle, rng: np.random.Generator) -
 
 
 def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:
-    """The perturbed scene, compiled; refused with water of its own, which a run would overwrite."""
+    """The perturbed scene, compiled. A scene with its own current is refused, since a run would
+    overwrite it.
+    """
     for perturbation in scenario.perturbations:
         perturbation.on_scene(scene)
     model = hydrodynamics.compile(scene)
     if np.any(model.opt.wind):
         raise ConfigurationError(
-            f"opt.wind of vehicle or scene is {shown(model.opt.wind)} m/s; a run overwrites it; "
-            "the water is set by site.current, site.flow and `on_water` of a perturbation"
+            "opt.wind of vehicle or scene: must be 0, since a run overwrites it, got "
+            f"{shown(model.opt.wind)} m/s; set the current by site.current, site.flow or "
+            "`on_water` of a perturbation"
         )
     return model
 
@@ -198,21 +204,22 @@ def _compiled(scene: mujoco.MjSpec, scenario: Scenario) -> mujoco.MjModel:
 def _parts(
     scenario: Scenario, placed: PlacedTask, vehicle: OwnVehicle, model: mujoco.MjModel, seed: int
 ) -> Parts:
-    """Parts of the loop.
+    """Components of the loop.
 
     Args:
         scenario: The description.
-        placed: Its task at the site.
+        placed: Task of the scenario at the site.
         vehicle: The vehicle's model of itself.
         model: The true world, compiled.
-        seed: Of the finder's random sampling.
+        seed: Seed of the finder's random sampling.
     """
     seeing, sensor_model = placed.sensors(model)
     without = frozenset(scenario.control.without)
     on_arm = scenario.sensing.arm_camera
     checked = "gyro-check" not in without
 
-    # The camera on the arm comes last, so that the other sensors draw as without it.
+    # The camera on the arm comes last, so that the other sensors draw the same numbers as without
+    # it.
     if on_arm is not None:
         seeing = [*seeing, arm_camera(on_arm, model)]
         fused = Navigation(arm_camera=believed_mount(vehicle, beside_tool()), check_gyro=checked)

@@ -1,7 +1,7 @@
-"""What there is: names of things, and one line about each.
+"""Catalogue of jobs, vehicles and other named things, with one line about each.
 
-Nothing of it is imported, which takes seconds: names and first lines of docstrings are read from
-the sources.
+The modules are not imported, which would take seconds. Names and first lines of docstrings are read
+from the sources.
 """
 
 import ast
@@ -12,17 +12,17 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-HOME = Path(__file__).resolve().parent  # the package `uuv`, with the rooms in it
-CHECKOUT = HOME.parent  # the folder around it: the checkout, where there is one
-EXPERIMENTS = CHECKOUT / "scripts" / "experiments"  # in a checkout
-# what ends the file of an experiment that is a command
+HOME = Path(__file__).resolve().parent  # folder of the package `uuv`, with the rooms in it
+CHECKOUT = HOME.parent  # folder that contains the package: the checkout, if there is one
+EXPERIMENTS = CHECKOUT / "scripts" / "experiments"  # folder of experiments in a checkout
+# end of the file of an experiment that is a command
 _COMMAND = re.compile(r"^    run_scenario\((\w+\.)?main\)$", re.M)
-_GROUP = "uuv_arm"  # of entry points, as in `uuv.models.registry`
+_GROUP = "uuv_arm"  # group of entry points, as in `uuv.models.registry`
 
 
 @dataclass(frozen=True, slots=True)
 class Shelf:
-    """One kind of thing, and how it is used."""
+    """One kind of named things, and the command that uses it."""
 
     kind: str
     use: str
@@ -45,7 +45,7 @@ SHELVES = (
 
 
 def things(kind: str) -> Iterator[tuple[str, str]]:
-    """Name and one line about each thing of a kind, those of other packages last."""
+    """Name and one line about each thing of a kind; those of other packages come last."""
     match kind:
         case "job":
             yield from _jobs(HOME / "jobs" / "__init__.py")
@@ -53,7 +53,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             for file in sorted(EXPERIMENTS.rglob("[!_]*.py")):
                 source = file.read_text(encoding="utf-8")
                 if _COMMAND.search(source):
-                    # Its first line; to parse it would take half of the time.
+                    # The first line only, since parsing the file would take half of the time.
                     headline = source.partition("\n")[0].strip('"')
                     name = file.relative_to(EXPERIMENTS).with_suffix("").as_posix()
                     yield name, headline.removeprefix("Study: ").removeprefix("Benchmark: ")
@@ -101,7 +101,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
 
 
 def _jobs(file: Path) -> Iterator[tuple[str, str]]:
-    """Functions under `@job`, by their names with dashes."""
+    """Functions with the decorator `@job`, by their names with dashes."""
     for node in _tree(file).body:
         if isinstance(node, ast.FunctionDef):
             marks = [mark.id for mark in node.decorator_list if isinstance(mark, ast.Name)]
@@ -123,7 +123,7 @@ def _vehicles() -> Iterator[tuple[str, str]]:
 
 
 def _arms(file: Path) -> Iterator[tuple[str, str]]:
-    """Arms with their titles: entries of a dictionary, and some that are added to it one by one."""
+    """Arms with their titles: entries of a dictionary, and some that are added to it later."""
     table = _assigned(file, "_ARMS")
     entries = (
         list(zip(table.keys, table.values, strict=True)) if isinstance(table, ast.Dict) else []
@@ -150,7 +150,9 @@ def _tree(file: Path) -> ast.Module:
 
 
 def _definitions(file: Path) -> dict[str, str]:
-    """Summary of each class and function of a module: the first paragraph of its docstring."""
+    """Summary of each class and function of a module, which is the first paragraph of its
+    docstring.
+    """
     kinds = (ast.ClassDef, ast.FunctionDef)
     return {node.name: _summary(node) for node in _tree(file).body if isinstance(node, kinds)}
 
@@ -160,7 +162,9 @@ def _summary(node: ast.Module | ast.ClassDef | ast.FunctionDef) -> str:
 
 
 def _keys(file: Path, variable: str) -> list[str]:
-    """Keys of the dictionary that a module-level variable is, or is made of."""
+    """Keys of the dictionary that is assigned to a module-level variable, or that it is made
+    from.
+    """
     for inner in ast.walk(_assigned(file, variable)):
         if isinstance(inner, ast.Dict):
             named = [
@@ -195,5 +199,5 @@ def _kinds(file: Path) -> list[tuple[str, str]]:
 
 
 def _word(node: ast.expr | None) -> str:
-    """Value of a text in the source; empty for anything else."""
+    """Content of a string in the source; empty for anything else."""
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""

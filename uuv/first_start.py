@@ -1,8 +1,9 @@
-"""First start: compiles the loop's kernels on all cores, not one by one in one process.
+"""First start: compiles the loop's kernels on all cores instead of one by one in one process.
 
-The list (first_start.json, by `scripts/experiments/runtime/list_kernels.py`) says which kernels a
-contact job needs, what they take, and which of them call which. It only saves time: a kernel that
-is missing, or that takes something else by now, is compiled where it is first called.
+The list (first_start.json, written by `scripts/experiments/runtime/list_kernels.py`) contains the
+kernels that a contact job needs, their argument types, and their callees. The list only saves time.
+A kernel that is not in the list, or whose argument types have changed, is compiled when it is first
+called.
 """
 
 import contextlib
@@ -36,7 +37,7 @@ from uuv.sim.interfaces.kernels.stored import counts
 from uuv.sim.interfaces.tables import TableReader
 
 LIST = Path(__file__).with_suffix(".json")
-# Functions that compile something: argument, seconds (roughly), kernels that come first.
+# Functions that compile kernels: argument, time [s] (roughly), kernels to compile before.
 CALLS = (
     ("uuv.sim.hydrodynamics:install", (), 8.0, "uuv.sim.native."),
     ("uuv.controllers.ik.entries:entry", ("kinematics",), 0.5, "uuv.controllers.ik."),
@@ -44,35 +45,37 @@ CALLS = (
     ("uuv.controllers.ik.entries:entry", ("hybrid",), 4.0, "uuv.controllers.ik."),
 )
 PACKAGE = "uuv"
-_config: Any = importlib.import_module("numba.core.config")  # its names are made at run time
-MOST = 8  # processes; more would wait for each other
+# the names of this module are made at run time
+_config: Any = importlib.import_module("numba.core.config")
+MOST = 8  # largest number of processes; more would wait for each other
 
 
-WORTH_IT = 4.0  # [s] of compilation from which processes of their own pay
-SILENCE = 10.0  # [s] between two lines where there is no terminal
+WORTH_IT = 4.0  # [s] of compilation above which separate processes save time
+SILENCE = 10.0  # [s] between two lines if the output is not a terminal
 _READER = TableReader("a row of the list")
-_complete = False  # `build` has found all in the store, once in a process
+_complete = False  # `build` has found all kernels in the store; set once in a process
 
 
 @dataclass(frozen=True, slots=True)
 class KernelJob:
-    """One kernel to compile, or a function to call that compiles some."""
+    """One kernel to compile, or a function to call that compiles some kernels."""
 
     kernel: str  # module:name
-    takes: list[Any] | None  # encoded types of its arguments; None: a function to call
-    given: tuple[str, ...]  # to the function
-    after: tuple[int, ...]  # rows of the list that it calls
-    seconds: float  # [s] of one core, without those; where the list was made
+    takes: list[Any] | None  # encoded types of its arguments; None for a function to call
+    given: tuple[str, ...]  # argument of the function
+    after: tuple[int, ...]  # rows of the list with its callees
+    # [s] time on one core, without the callees, on the machine where the list was made
+    seconds: float
 
     def do(self) -> None:
-        """Compile it into the store."""
+        """Compile the kernel into the store."""
         if self.takes is None:
             self._named()(*self.given)
         else:
             self._named().compile(self._types())
 
     def is_stored(self) -> bool:
-        """True if the store has its machine code; never of a function to call."""
+        """True if the store has its machine code; always False for a function to call."""
         return self.takes is not None and is_stored(self._named(), self._types())
 
     def _named(self) -> Any:
@@ -80,8 +83,8 @@ class KernelJob:
         try:
             return getattr(importlib.import_module(module), name)
         except (ImportError, AttributeError) as error:
-            anew = "scripts/experiments/runtime/list_kernels.py lists them anew"
-            raise UuvError(f"list of kernels: {self.kernel} is not there; {anew}") from error
+            anew = "scripts/experiments/runtime/list_kernels.py makes a new list"
+            raise UuvError(f"list of kernels: {self.kernel} does not exist; {anew}") from error
 
     def _types(self) -> tuple[Any, ...]:
         return tuple(decoded(described) for described in self.takes or ())
@@ -89,7 +92,7 @@ class KernelJob:
 
 @cache
 def jobs() -> list[KernelJob]:
-    """The list; those that a job calls stand before it."""
+    """The list, in which the callees of a job come before the job."""
     return [_READER.made(KernelJob, row) for row in json_of(LIST, "list of kernels")]
 
 
@@ -97,7 +100,7 @@ def encoded(kind: Any) -> Any:
     """Numba's type `kind` as values of JSON.
 
     Raises:
-        UuvError: There is no word for such a type.
+        UuvError: There is no encoding for such a type.
     """
     types = numba.types
     if isinstance(kind, types.Array):
@@ -106,7 +109,7 @@ def encoded(kind: Any) -> Any:
     if isinstance(kind, types.Record):
         return {"record": np.lib.format.dtype_to_descr(numpy_support.as_dtype(kind))}
 
-    # A named tuple is a tuple too: it comes first.
+    # A named tuple is also a tuple, so it is tested first.
     if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
         of = kind.instance_class
         return {f"{of.__module__}:{of.__qualname__}": [encoded(inner) for inner in kind.types]}
@@ -120,11 +123,11 @@ def encoded(kind: Any) -> Any:
     if isinstance(kind, (types.Number, types.Boolean, types.NoneType)):
         return str(kind)
 
-    raise UuvError(f"no word for numba's type {kind}")
+    raise UuvError(f"list of kernels: there is no encoding for numba's type {kind}")
 
 
 def decoded(value: Any) -> Any:
-    """Numba's type, from what `encoded` made of it."""
+    """Numba's type, from a result of `encoded`."""
     types = numba.types
     if isinstance(value, str):
         return getattr(types, {"bool": "boolean"}.get(value, value))
@@ -156,7 +159,7 @@ def decoded(value: Any) -> Any:
 
 
 def _as_descr(rows: Any) -> Any:
-    """Description of a numpy dtype after JSON, which knows no tuples."""
+    """Description of a numpy dtype after a round trip through JSON, which has no tuples."""
     if not isinstance(rows, list):
         return rows
     return [
@@ -178,7 +181,7 @@ class _Worker:
         )
 
     def compile(self, row: int) -> bool:
-        """Compile one; False if that failed, or the process has died."""
+        """Compile the kernel of a row; False if that failed, or if the process has died."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
@@ -189,18 +192,19 @@ class _Worker:
             return False
 
     def end(self) -> None:
-        """Stop the process, whatever it is doing."""
+        """Stop the process, also during a compilation."""
         self._process.kill()
         self._process.communicate()
 
 
 def build() -> int:
-    """Compile what the loop needs and the store lacks, on all cores; shows its progress on stderr.
+    """Compile the kernels that the loop needs and the store lacks, on all cores, with progress on
+    stderr.
 
-    A kernel that cannot be compiled here is left to its first call, which tells why.
+    A kernel that cannot be compiled here is left to its first call, which raises the error.
 
     Returns:
-        How many kernels were compiled.
+        Number of kernels compiled.
     """
     global _complete
     if _config.DISABLE_JIT or _complete:
@@ -216,11 +220,12 @@ def build() -> int:
         _complete = True
         return 0
 
-    # What the calls compile is not listed; each takes a moment where the store has it.
+    # The kernels that the calls compile are not listed; each call takes a moment if the store has
+    # them.
     lacking |= {row: job.seconds for row, job in enumerate(rows) if job.takes is None}
     if store.folder() is None:
         _say(
-            "there is no store of compiled kernels, so every start compiles, about "
+            "there is no store of compiled kernels, so every start compiles them, in about "
             f"{sum(lacking.values()):.0f} s"
         )
         return 0
@@ -228,14 +233,16 @@ def build() -> int:
 
 
 def noted(built: int) -> StartMetrics:
-    """Kernels of this start until now, with those that `build` compiled; the store remembers it."""
+    """Numbers of kernels of this start so far, including those that `build` compiled; recorded in
+    the store.
+    """
     start = StartMetrics(kernels_loaded=counts.loaded, kernels_compiled=counts.compiled + built)
     store.note_start(start.kernels_loaded, start.kernels_compiled)
     return start
 
 
 def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
-    """Compile these rows in processes of their own; returns how many could be."""
+    """Compile these rows in separate processes, and return how many succeeded."""
     cores = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
@@ -270,7 +277,9 @@ def _compiled_by_workers(lacking: Mapping[int, float]) -> int:
 
 @contextlib.contextmanager
 def _progress(seconds: Mapping[int, float], workers: int) -> Iterator[Callable[[int], None]]:
-    """Shows the progress over rows with these seconds: a bar on a terminal, else some lines."""
+    """Show the progress over rows that take these seconds: a bar on a terminal, otherwise some
+    lines.
+    """
     whole = sum(seconds.values())
     if sys.stderr.isatty():
         columns = (
@@ -313,7 +322,7 @@ def _in_order(
     submit: Callable[[int], Future[bool]],
     most: int,
 ) -> Iterator[tuple[int, bool]]:
-    """Submit the wanted rows, at most `most` at once, each after its callees, longest way first.
+    """Submit the chosen rows, at most `most` at once, each after its callees, longest chains first.
 
     Yields:
         Row, and the result of its future.
@@ -340,7 +349,7 @@ def _in_order(
 
 
 def kernels() -> Iterator[tuple[str, Any]]:
-    """All kernels of the project that are imported, with their names module:name."""
+    """All imported kernels of the project, with their names module:name."""
     for module in list(sys.modules.values()):
         if getattr(module, "__name__", "").partition(".")[0] == PACKAGE:
             for name, member in list(vars(module).items()):
@@ -352,7 +361,7 @@ def kernels() -> Iterator[tuple[str, Any]]:
 
 
 def _work() -> None:
-    """Compile the rows of the list that come on stdin."""
+    """Compile the rows of the list that are read from stdin."""
     answers, sys.stdout = sys.stdout, sys.stderr
 
     todo = jobs()
@@ -360,7 +369,7 @@ def _work() -> None:
         try:
             todo[int(line)].do()
             answers.write("done\n")
-        except Exception as error:  # whatever it is, the kernel's first call says it
+        except Exception as error:  # the kernel's first call raises the error, whatever it is
             answers.write(f"{type(error).__name__}\n")
         answers.flush()
 

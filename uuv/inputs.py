@@ -1,8 +1,8 @@
-"""Inputs of a run, checked before compiling: names by the registries, files by their readers.
+"""Inputs of a run, checked before compilation: names by the registries, files by their readers.
 
-A door calls `check_inputs` before it imports what runs a scenario, and before `first_start.build`.
-Nothing compiled is called here, so that what is refused is refused at once, also in a clone without
-compiled kernels.
+Every command calls `check_inputs` before it imports the code that runs a scenario, and before
+`first_start.build`. Nothing compiled is called here, so that an invalid input is refused at once,
+also in a clone without compiled kernels.
 """
 
 from collections.abc import Collection
@@ -19,23 +19,25 @@ from uuv.scenario import KEYBOARD, Operator, Scenario, VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
 
-_MOST_SECONDS = 1e6  # [s] simulated in one run
+_MOST_SECONDS = 1e6  # [s] largest simulated time of one run
 
 
 def check_inputs(
     scenario: Scenario, longest: float | None = None, *, keyboard: bool = False
 ) -> None:
-    """Refuses a scenario with unknown names, or files that are unreadable or lack what it needs.
+    """Refuse a scenario with unknown names, or with files that cannot be read or lack required
+    content.
 
     Args:
         scenario: The description.
         longest: [s] limit of the simulated time; None: that of the task.
-        keyboard: An operator's inputs may come while the run goes on.
+        keyboard: Whether an operator's inputs may come during the run.
 
     Raises:
-        ConfigurationError: Which name or file, what is allowed, and what was given.
+        ConfigurationError: The message names the name or file, the allowed values and the given
+            one.
     """
-    # Names cost nothing: they come first.
+    # Names come first, because their check is fast.
     CONTROLLERS.resolve(scenario.control.controller)
     SENSORS.resolve(scenario.sensing.sensor)
     _check_names(scenario.vehicle)
@@ -50,13 +52,13 @@ def check_inputs(
 
         read_arm(Path(scenario.belief.arm))
 
-    # A user's own classes.
+    # User-defined classes.
     if ":" in scenario.control.controller:
         class_of(scenario.control.controller, CONTROLLER)
     if ":" in scenario.sensing.sensor:
         SENSORS.maker(scenario.sensing.sensor)
 
-    # Last the vehicle: its thrusters bring numba, though they call nothing compiled.
+    # The vehicle comes last: its thrusters import numba, although nothing compiled is called.
     spec = check_vehicle(scenario.vehicle, scenario.task.tool, scenario.task.spares)
     for perturbation in scenario.perturbations:
         perturbation.check_inputs(spec)
@@ -65,18 +67,18 @@ def check_inputs(
 def check_vehicle(
     setup: VehicleSetup, needs: str | None = None, spares: Collection[str] | None = None
 ) -> mujoco.MjSpec:
-    """Refuses a vehicle that there is not, whose files cannot be read, or that lacks parts.
+    """Refuse a vehicle that does not exist, whose files cannot be read, or that lacks parts.
 
     Args:
         setup: The vehicle.
-        needs: Tool of a task, as for `uuv.own_vehicle.vehicle_spec`.
-        spares: Named parts that it can do without; None: it is not asked for any.
+        needs: Tool that a task needs, as for `uuv.own_vehicle.vehicle_spec`.
+        spares: Named parts that the work does not need; None: no part is required.
 
     Returns:
-        Its spec, without the parts that are computed.
+        Spec of the vehicle, without computed parts.
 
     Raises:
-        ConfigurationError: Which vehicle, file or part.
+        ConfigurationError: The message names the vehicle, file or part.
     """
     _check_names(setup)
     spec = vehicle_spec(
@@ -96,8 +98,8 @@ def _check_operator(operator: Operator | None, *, keyboard: bool) -> None:
         OperatorInputs.read(operator.inputs)
     elif not keyboard:
         raise ConfigurationError(
-            f"control.operator.inputs: only `uuv drive` has a {KEYBOARD}; elsewhere the name of a "
-            "file"
+            f"control.operator.inputs: must be the name of a file; {KEYBOARD} is only allowed in "
+            "`uuv drive`"
         )
 
 
@@ -105,7 +107,10 @@ def _check_limit(scenario: Scenario, longest: float) -> None:
     finite_number(longest, "longest [s]", above=0.0, most=_MOST_SECONDS)
     least = scenario.task.least_seconds(scenario) if scenario.control.operator is None else 0.0
     if longest < least:
-        raise ConfigurationError(f"longest {longest:g} s: the work alone takes {least:.0f} s")
+        raise ConfigurationError(
+            f"longest {longest:g} s: must be longer than the work, which takes at least "
+            f"{least:.0f} s"
+        )
 
 
 def _check_names(setup: VehicleSetup) -> None:

@@ -1,4 +1,4 @@
-"""Sensors and controllers of a scenario by name; what makes one is imported when it is made."""
+"""Sensors and controllers of a scenario by name; the code of each is imported when it is made."""
 
 import importlib.util
 import traceback
@@ -16,14 +16,15 @@ from uuv.sim.runs.command_line import ROOMS
 if TYPE_CHECKING:
     from uuv.perception.clouds.scan import SensorModel
 
-TRUST = "--trust"  # option of every command that reads a scenario: run the code that it names
-CONTROLLER = "control.controller"  # begins the messages about one
+# option of every command that reads a scenario, which allows the code that the scenario names
+TRUST = "--trust"
+CONTROLLER = "control.controller"  # begins the messages about a sensor or controller
 _HOME = Path(__file__).resolve().parent
 _SCENARIOS = "scenarios"
-# packages that stood beside each other, before they were parts of `uuv`
+# packages that were separate before they became parts of `uuv`
 _EARLIER = (_SCENARIOS, *ROOMS)
-_FOREIGN = 100  # characters kept of the message of a foreign error
-SURVEY = "survey"  # sensor: the object's pose is known, and nothing looks for it
+_FOREIGN = 100  # number of characters kept of the message of a foreign error
+SURVEY = "survey"  # sensor: the object's pose is known, and no sensor is needed
 SENSORS: "Registry[tuple[Sensor, SensorModel | None]]" = Registry(
     "sensor",
     {
@@ -42,10 +43,11 @@ CONTROLLERS: Registry[Controller] = Registry(
 
 
 def class_of(name: str, option: str) -> Callable[..., Any]:
-    """The class named MODULE:CLASS, by an option with which errors begin.
+    """The class MODULE:CLASS; error messages begin with `option`.
 
     Raises:
-        ConfigurationError: It cannot be imported; the message has the line that raised.
+        ConfigurationError: The class cannot be imported; the message contains the line that raised
+            the error.
     """
     module, _, word = name.partition(":")
     if not (module and word):
@@ -60,9 +62,10 @@ def class_of(name: str, option: str) -> Callable[..., Any]:
 
 
 def where_moved(name: str) -> str:
-    """Where the module of MODULE:ATTRIBUTE is now, if it was once outside `uuv`; or "".
+    """Sentence about the present name of the module in MODULE:ATTRIBUTE, if it was once outside
+    `uuv`; otherwise "".
 
-    A module of the user's own may have the name of one of those packages: it is the user's.
+    A user's own module may have the name of one of those packages, and is then not reported.
     """
     first, _, rest = name.partition(":")[0].partition(".")
     if first not in _EARLIER:
@@ -78,7 +81,7 @@ def where_moved(name: str) -> str:
     file = _HOME.joinpath(*module.split("."))
     if file.with_suffix(".py").is_file() or (file / "__init__.py").is_file():
         return f"that module is now uuv.{module}".rstrip(".")
-    return f"{first} is now a part of uuv, which has no {module}"
+    return f"{first} is now part of uuv, which has no module {module}"
 
 
 def _places(spec: ModuleSpec) -> list[str]:
@@ -87,7 +90,7 @@ def _places(spec: ModuleSpec) -> list[str]:
 
 
 def cause_of(error: BaseException, *ours: str) -> str:
-    """Type and message of a foreign error, and the line that raised it outside files `ours`."""
+    """Type and message of a foreign error, and the line that raised it outside the files `ours`."""
     if isinstance(error, SyntaxError) and error.filename:
         where = f" ({error.filename}:{error.lineno})"
     else:

@@ -1,8 +1,10 @@
-"""Methods of control and perception by name: those that a run can leave out, and published ones."""
+"""Methods of control and perception by name: methods that a run can leave out, and published
+methods.
+"""
 
 from typing import Literal, get_args
 
-# that a controller can do without
+# methods that a controller can leave out
 Method = Literal[
     "compensation",
     "hydrodynamic-term",
@@ -11,7 +13,7 @@ Method = Literal[
     "drift-correction",
     "force-control",
 ]
-# that navigation can do without
+# methods that navigation can leave out
 NavigationMethod = Literal["fusion", "gyro-check"]
 AblatedMethod = Literal[Method, NavigationMethod]
 NAVIGATION: frozenset[NavigationMethod] = frozenset(get_args(NavigationMethod))

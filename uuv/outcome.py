@@ -1,4 +1,6 @@
-"""What a run leaves for its assessment: `RunResult`, its pictures, and clouds seen on the way."""
+"""Results of a run for its assessment: `RunResult`, pictures, and point clouds seen during the
+run.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +13,7 @@ if TYPE_CHECKING:
 
     from uuv.sim.loop.recording import Recorder, Recording
 
-Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption, figure
+Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption and figure of a picture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,14 +23,14 @@ class RunResult:
     recording: "Recording"
     last: Moment
     wall_s: float
-    # why every tick was taken part by part; empty: compiled ticks where nothing slow was due
+    # why every tick ran in Python; empty if ticks without slow components ran compiled
     part_by_part: str = ""
-    slow_parts: tuple[str, ...] = ()  # in plain Python, called by every compiled tick
+    slow_parts: tuple[str, ...] = ()  # components in plain Python that every compiled tick calls
 
 
 @dataclass(frozen=True, slots=True)
 class NoFigures:
-    """Metrics of a task that adds none to those of every run."""
+    """Metrics of a task that adds no metrics to those of every run."""
 
 
 class CloudRecorder:
@@ -40,7 +42,7 @@ class CloudRecorder:
         self._recorder, self._log = recorder, log
 
     def observe(self, moment: Moment) -> None:
-        """Adds the clouds, in W, if the moment has an identification."""
+        """Add the clouds, in W, if the moment has an identification."""
         if moment.frame is None:
             return
         from uuv.perception.finding.target_finder import FinderState

@@ -1,4 +1,6 @@
-"""A vehicle's way to work: read, mapped, completed, checked; and its model of itself."""
+"""Preparation of a vehicle for work: read, mapped, completed, and checked; and its model of
+itself.
+"""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from uuv.controllers.mkps import Chain
     from uuv.controllers.planning.work_vehicle import WorkVehicle
 
-# Shape of the tool that a task needs; a vehicle whose own tool has it keeps its own.
+# Shape of the tool that a task needs. A vehicle keeps its own tool if it has this shape.
 _SHAPES = {
     "sampler": mujoco.mjtGeom.mjGEOM_CAPSULE,
     "corer": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -31,16 +33,17 @@ _SHAPES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OwnVehicle:
-    """The vehicle as its controller and planner know it."""
+    """The vehicle in the models of its controller and planner."""
 
     model: mujoco.MjModel
     vehicle: Vehicle
-    # (2, 3) [m] corners in B of the box around the hull's geoms and those fixed to it
+    # (2, 3) [m] corners in B of the box around the geoms of the hull and of bodies fixed to it
     hull_box: Array
 
     @classmethod
     def of(cls, spec: mujoco.MjSpec, but: Collection[str] = ()) -> Self:
-        """Compiles `spec` and checks it for every part of work with the arm, except those in `but`.
+        """Compile `spec`, and check that it has every part for work with the arm, except those in
+        `but`.
 
         Raises:
             ConfigurationError: Parts are missing; the message names them all and their purpose.
@@ -54,7 +57,7 @@ class OwnVehicle:
 
     def chain(self) -> "Chain":
         """Kinematics of the arm from its base to the tip; springs and pads are left out."""
-        # brings compiled kernels, which reading a vehicle does without
+        # imports compiled kernels, which the reading of a vehicle does not need
         from uuv.controllers.mkps import Chain
 
         return Chain.from_mjcf(self.model, ARM_BASE_BODY, TIP_SITE, exclude=self.passive_joints)
@@ -78,7 +81,7 @@ class OwnVehicle:
         )
 
     def at_work(self) -> "WorkVehicle":
-        """The vehicle as the planners of its work know it, with a forward camera if it has none."""
+        """The vehicle for the planners of its work, with a forward camera if it has none."""
         from uuv.controllers.planning.work_vehicle import WorkVehicle
 
         known = WorkVehicle(vehicle=self.vehicle, chain=self.chain(), hull_box=self.hull_box)
@@ -87,7 +90,7 @@ class OwnVehicle:
 
     @property
     def tool_radius(self) -> float:
-        """Radius [m] of a spherical tool pad; 0 (a point) for a pad of another shape."""
+        """Radius [m] of a spherical tool pad; 0, that is a point, for a pad of another shape."""
         pad = self.model.geom(TOOL_GEOM)
         return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
 
@@ -104,24 +107,27 @@ def vehicle_spec(
 ) -> mujoco.MjSpec:
     """A vehicle ready for work: read, mapped to the contract, completed, and checked.
 
-    Every door takes this way: jobs, `uuv check`, the environments.
+    Jobs, `uuv check` and the environments all call this function.
 
     Args:
-        vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF, URDF, xacro or
-            SDF, or a spec, which is left as it is.
-        tool: of `uuv.models.tools.tools.TOOLS`, in place of its own; None: its own.
-        parts: file that maps its names to those of the contract; None: the one beside its file.
-        needs: tool of a task, put on if none is asked for and its own has another shape.
-        water: sidecar of its file; None: the one beside its file.
-        spares: named parts that the work does without; None: no part is asked for.
-        computed: False leaves out what is computed, which takes a search of postures.
+        vehicle: A name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF, URDF, xacro or
+            SDF, or a spec, which is not changed.
+        tool: Tool of `uuv.models.tools.tools.TOOLS` in place of the vehicle's own; None: its own.
+        parts: File that maps names of the model to those of the contract; None: the one next to the
+            vehicle's file.
+        needs: Tool that a task needs, attached if `tool` is None and the vehicle's own tool has
+            another shape.
+        water: File with hydrodynamic data; None: the one next to the vehicle's file.
+        spares: Named parts that the work does not need; None: no part is required.
+        computed: False leaves out computed parts, which need a search of postures.
 
     Returns:
-        Its spec with its water; `uuv.models.files.notes.computed` tells what was added.
+        Spec of the vehicle with hydrodynamics; `uuv.models.files.notes.computed` lists the added
+        parts.
 
     Raises:
-        ConfigurationError: there is no such vehicle or tool, its file cannot be read or compiled,
-            or it lacks a part.
+        ConfigurationError: There is no such vehicle or tool, the vehicle's file cannot be read or
+            compiled, or the vehicle lacks a part.
     """
     file = read(vehicle, parts=parts, water=water, tool=tool or needs)
     spec = mapped(file)
@@ -136,25 +142,26 @@ def vehicle_spec(
 
 
 def check(spec: mujoco.MjSpec, spares: Collection[str], *, computed: bool = True) -> None:
-    """Refuses a vehicle that lacks a part which work with the arm needs.
+    """Refuse a vehicle that lacks a part needed for work with the arm.
 
     Args:
-        spec: of the vehicle.
-        spares: named parts that the work does without.
-        computed: False: what can be computed is not asked for.
+        spec: Spec of the vehicle.
+        spares: Named parts that the work does not need.
+        computed: False: parts that can be computed are not required.
 
     Raises:
-        ConfigurationError: parts are missing; the message names them all and their purpose.
+        ConfigurationError: Parts are missing; the message names them all and their purpose.
     """
     computable = () if computed or not is_armed(spec) else COMPUTABLE
     check_parts(spec.compile(), {*spares, *computable})
 
 
 def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -> mujoco.MjSpec:
-    """`spec` itself with a tool on its tip: `tool`, or what a task needs if its own differs.
+    """`spec` itself with a tool at its tip: `tool`, or the tool that a task needs if the vehicle's
+    own differs.
 
     Raises:
-        ConfigurationError: There is no such tool, or no tip for it.
+        ConfigurationError: There is no such tool, or the vehicle has no tip for it.
     """
     if tool is not None:
         attachment.attach(spec, TOOLS.load(tool))

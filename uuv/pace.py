@@ -1,8 +1,8 @@
 """Real-time pacing: keeps a run at a factor of real time and measures its lateness.
 
-Nothing is skipped: a run that is late goes on as fast as it can. Work that stops the vehicle's
-clock (a scan, the identification after it, the placement of the hull) is a pause and no lateness;
-what a run was late by before a pause it still is after it.
+Nothing is skipped: a run that is late continues as fast as possible. Work during which the vehicle
+waits (a scan, the identification after it, the placement of the hull) counts as a pause, not as
+lateness. A run that was late before a pause is equally late after it.
 """
 
 import time
@@ -15,21 +15,22 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.rollout import Moment
 
-SLOWEST = 0.01  # factor of real time
-FASTEST = 100.0  # factor of real time
-_PAUSE = 0.05  # [s] on the wall, at least
+SLOWEST = 0.01  # smallest factor of real time
+FASTEST = 100.0  # largest factor of real time
+_PAUSE = 0.05  # [s] wall time of a pause, at least
 
 
 @dataclass(slots=True)
 class WallClock:
     """Real-time pacing of a run; an observer of `uuv.sim.loop.rollout`."""
 
-    factor: float  # simulated seconds a second
+    factor: float  # factor: simulated seconds per second
     clock: Callable[[], float] = time.perf_counter
-    late: list[float] = field(default_factory=list)  # [s] by which a run came late to each wait
-    pauses: list[tuple[float, float]] = field(default_factory=list)  # [s] when, and how long
-    slow_ticks: tuple[int, ...] = (5,)  # of the loop, between two waits
-    _origin: float | None = None  # [s] on the wall of simulated time 0
+    late: list[float] = field(default_factory=list)  # [s] lateness of the run at each wait
+    # [s] time and duration of each pause
+    pauses: list[tuple[float, float]] = field(default_factory=list)
+    slow_ticks: tuple[int, ...] = (5,)  # computing times of the loop between two waits
+    _origin: float | None = None  # [s] wall time that corresponds to simulated time 0
     _state: WorkState | None = None
 
     def __post_init__(self) -> None:
@@ -39,23 +40,23 @@ class WallClock:
             )
 
     def observe(self, moment: Moment) -> None:
-        """Wait until the moment is due."""
+        """Wait until the time of the moment."""
         self.arrive(float(moment.truth.time), moment.reference.state)
         while (wait := self.due(float(moment.truth.time)) - self.clock()) > 0.0:
             time.sleep(wait)
 
     def arrive(self, simulated: float, state: WorkState) -> None:
-        """Note that a tick is ready to wait: its lateness, and the pause before it.
+        """Record that a tick is ready to wait, with its lateness and the pause before it.
 
         Args:
             simulated: [s] time of the tick.
-            state: Of the work; a scan, and the tick after it, may stop the clock.
+            state: State of the work; a scan and the tick after it may be a pause.
         """
         arrived = self.clock()
         if self._origin is None:
             self._origin = arrived - simulated / self.factor
 
-        # Since the last wait, beyond the time that was due
+        # Time since the last wait, beyond the scheduled time
         late = max(0.0, arrived - self.due(simulated))
         pause = late - (self.late[-1] if self.late else 0.0)
         may_pause = state is WorkState.SCAN or state is not self._state
@@ -68,7 +69,7 @@ class WallClock:
         self._state = state
 
     def due(self, simulated: float) -> float:
-        """Time [s] on the wall at which a simulated time [s] is due."""
+        """Wall time [s] at which a simulated time [s] is scheduled."""
         assert self._origin is not None
         return self._origin + simulated / self.factor
 

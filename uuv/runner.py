@@ -1,4 +1,4 @@
-"""Runner: an assembled scenario to its end without any output, and its assessment."""
+"""Runner: runs an assembled scenario to its end without any output, and assesses it."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -21,12 +21,12 @@ from uuv.sim.loop.rollout import Moment, Observer, Rollout, Stage, Ticks, rollou
 from uuv.sim.runs.command_line import Interrupted
 from uuv.ticks.compiled_ticks import CompiledTicks, reason
 
-REHEARSAL = 0.1  # [s] simulated; loads all compiled code
+REHEARSAL = 0.1  # [s] simulated time that loads all compiled code
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Run:
-    """A run that has ended, and its assessment against the truth."""
+    """A run that has ended, and its assessment by the true state."""
 
     assembly: Assembly
     result: RunResult
@@ -43,7 +43,7 @@ class Run:
         return self.result.recording
 
     def _repr_html_(self) -> str:
-        """Card for a notebook."""
+        """Summary for a notebook."""
         from uuv.sim.reporting.series_tables import card_of
 
         return card_of(self.assembly.placed.title, self.assessment)
@@ -56,11 +56,11 @@ def run(
     observers: Sequence[Observer] = (),
     longest: float | None = None,
 ) -> Run:
-    """Runs a scenario to its end without any output.
+    """Run a scenario to its end without any output.
 
     Args:
-        scenario: A description, recorded with all that a report needs; a saved run, which goes on;
-            or what `assemble` made of a description.
+        scenario: A scenario, which is recorded with everything that a report needs; a saved run,
+            which is continued; or a result of `assemble`.
         recorder: Recorder of the run; None: a new one. A saved run has its own.
         observers: Further observers of the loop.
         longest: [s] limit of the simulated time, from the start of the run; None: that of the task.
@@ -78,7 +78,7 @@ def run(
     start = scenario if isinstance(scenario, SavedRun) else None
     if start is not None and recorder is not None:
         raise ConfigurationError(
-            "run: a saved run goes on with its own recorder; leave `recorder` out"
+            "run: `recorder` must be left out for a saved run, which has its own"
         )
 
     assembly = scenario if isinstance(scenario, Assembly) else _assembled(scenario, full=True)
@@ -87,18 +87,19 @@ def run(
 
 
 def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool = True) -> SavedRun:
-    """Runs a scenario up to the first step of a phase, from which `run` continues, repeatedly.
+    """Run a scenario up to the first step of a phase, from which `run` can continue any number of
+    times.
 
     Args:
-        scenario: A description, or a run that was saved in an earlier phase.
-        phase: Of the task, such as "approach", "press" or "work".
-        full: Record what the report needs; a saved run goes on as it began.
+        scenario: A scenario, or a run that was saved in an earlier phase.
+        phase: Phase of the task, such as "approach", "press" or "work".
+        full: Whether to record everything that the report needs; ignored for a saved run.
 
     Returns:
-        The run up to there.
+        The run up to that step.
 
     Raises:
-        UuvError: There is no such phase, the run ended before it, or as `run` does.
+        UuvError: There is no such phase, the run ended before it, or as for `run`.
     """
     checked_phase(phase)
     if isinstance(scenario, Scenario):
@@ -140,33 +141,35 @@ def saved(scenario: Scenario | SavedRun, phase: str = "approach", *, full: bool 
 
 
 def _assembled(scenario: Scenario | SavedRun, *, full: bool) -> Assembly:
-    """A description assembled; that of a saved run is recorded as that began."""
+    """The assembly of a scenario; a saved run is recorded in the same way as before."""
     if isinstance(scenario, SavedRun):
         return assemble(scenario.scenario, full=scenario.full)
     return assemble(scenario, full=full)
 
 
 def assessed(assembly: Assembly, ran: RunResult) -> Assessment:
-    """Assessment of a run against the truth about its site."""
+    """Assessment of a run by the truth about its site."""
     return assembly.placed.assess(ran, assembly.scenario.seed)
 
 
 def to_rehearse(scenario: Scenario) -> Scenario:
-    """The scenario for the rehearsal: its object is clean, for nothing touches it so soon."""
+    """The scenario for the rehearsal, with a clean object, since nothing touches it so early."""
     site = scenario.site
     return replace(scenario, site=replace(site, object=site.object.clean()))
 
 
 def rehearse(assembly: Assembly) -> None:
-    """Runs the loop for REHEARSAL: loads all compiled code, and lets an invalid plug-in fail early.
+    """Run the loop for REHEARSAL, which loads all compiled code and lets an invalid plug-in fail
+    early.
 
     Args:
-        assembly: Made of `to_rehearse` for this alone, and thrown away: its parts may hold state.
+        assembly: Assembly of `to_rehearse`, not to be used afterwards, since its components may
+            hold state.
     """
     rng = np.random.default_rng(assembly.scenario.seed)
     plant, loop = assembly.plant, assembly.loop
 
-    # Part by part, and compiled where that can be.
+    # First in Python, then compiled if that is possible.
     rollout(loop.plant, loop.parts, duration=REHEARSAL, rng=rng)
     if not reason(loop.plant, loop.parts):
         recorder = Recorder(plant.model, timestep=plant.timestep, full=False)
@@ -185,29 +188,30 @@ def run_through(
     part_by_part: bool = False,
     start: SavedRun | None = None,
 ) -> RunResult:
-    """Runs without any output.
+    """Run an assembly without any output.
 
     Args:
         assembly: The assembled scenario.
         recorder: Recorder of the run; None: a new one.
         observers: Further observers of the loop.
         longest: [s] limit of the simulated time; None: that of the task.
-        stop: Observer that ends the run on a signal; None: one that no signal reaches.
-        part_by_part: Take every tick part by part, also where ticks can be compiled; slower, and
-            the same to the bit.
-        start: Saved run of the scenario, to go on from; None: from the start.
+        stop: Observer that ends the run on a signal; None: signals do not end the run.
+        part_by_part: Whether to run every tick in Python, even if ticks can be compiled; slower,
+            with the same bits.
+        start: Saved run of the scenario to continue from; None: from the start.
 
     Returns:
         Recording, last moment and wall time.
 
     Raises:
-        UuvError: The motion diverges, or the parts are incompatible.
+        UuvError: The motion diverges, or the components are incompatible.
         Interrupted: A second signal ended the run within a step.
     """
     longest = assembly.placed.longest if longest is None else longest
     if start is not None and longest <= start.time:
         raise ConfigurationError(
-            f"longest [s]: the saved run is at {start.time:.3f} s already, got {longest:g}"
+            f"longest [s]: must be later than the saved run, which is at {start.time:.3f} s, got "
+            f"{longest:g}"
         )
 
     stop = stop or SignalStop()
@@ -233,16 +237,16 @@ def run_through(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Begun:
-    """A run that is ready to go, or to go on."""
+    """A run that is ready to start or to continue."""
 
     rollout: Rollout
     recorder: Recorder
-    ticks: CompiledTicks | None  # its compiled ticks
-    part_by_part: str  # why it has none
+    ticks: CompiledTicks | None  # the compiled ticks of the run
+    part_by_part: str  # reason why there are none
 
     @property
     def compiled(self) -> Callable[[Rollout], Ticks] | None:
-        """What binds the compiled ticks to the run."""
+        """Function that binds the compiled ticks to the run."""
         return None if self.ticks is None else self.ticks.bind
 
 
@@ -254,7 +258,7 @@ def _begin(
     part_by_part: bool = False,
     start: SavedRun | None = None,
 ) -> _Begun:
-    """A run at its start, or where `start` stands; the arguments are those of `run_through`."""
+    """A run at its start or, if given, at `start`; the arguments are those of `run_through`."""
     plant, loop = assembly.plant, assembly.loop
     recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=assembly.full)
     watching = [*loop.observers, *observers]
@@ -270,9 +274,11 @@ def _begin(
 
 
 class SignalStop:
-    """Last of the observers: ends a run after a whole step once a signal has asked for it."""
+    """Last of the observers, which ends a run after a complete step once a signal has requested
+    it.
+    """
 
-    slow_ticks = (250,)  # half a second: a signal is noticed after a tenth of that in wall time
+    slow_ticks = (250,)  # half a second: a signal is noticed after a tenth of this in wall time
 
     def __init__(self) -> None:
         self.asked: Interrupted | None = None
@@ -285,7 +291,7 @@ class SignalStop:
         self.asked = Interrupted(number)
 
     def observe(self, moment: Moment) -> None:
-        """Raises Interrupted once a signal has asked for the end."""
+        """Raise Interrupted once a signal has requested the end."""
         if self.asked is not None:
             self.last = moment
             raise self.asked

@@ -1,4 +1,6 @@
-"""A saved run: a scenario up to the first step of a phase, to go on from as often as one likes."""
+"""A saved run: a scenario up to the first step of a phase, which can be continued any number of
+times.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,26 +23,28 @@ _ENDS = (WorkState.DONE, WorkState.ABORT)
 class SavedRun:
     """State of a run at the first step of a phase, made by `uuv.saved`; `uuv.run` continues it.
 
-    That step is decided and not yet taken. Each run that goes on from here has the same bits as the
-    run that never stopped. It is a value of this process: nothing later changes it, and there is no
-    file of it.
+    The command of that step is decided, but not yet applied. Each continued run has the same bits
+    as an uninterrupted run. A saved run exists in this process only: it does not change later, and
+    is not a file.
     """
 
-    scenario: Scenario  # with the failures that were added
+    scenario: Scenario  # including the failures that were added
     phase: WorkState
     time: float  # [s] simulated so far
-    full: bool  # what the report needs is recorded
-    snapshot: Snapshot = field(repr=False)  # as made by `snapshot_of`
-    past: tuple[tuple[float, WorkState, float], ...] = field(repr=False)  # `Recorder.references`
+    full: bool  # whether everything that the report needs is recorded
+    snapshot: Snapshot = field(repr=False)  # result of `snapshot_of`
+    # result of `Recorder.references`
+    past: tuple[tuple[float, WorkState, float], ...] = field(repr=False)
 
     def with_failures(self, *failures: Failure) -> "SavedRun":
-        """The same run with failures to come, as if its scenario had had them from the start.
+        """The same run with later failures, as if they had been part of its scenario from the
+        start.
 
         Args:
             failures: SensorFailure or ThrusterFailure, after the scenario's own perturbations.
 
         Raises:
-            ConfigurationError: One is another perturbation, or would have begun by now.
+            ConfigurationError: A failure is another perturbation, or would already have begun.
         """
         for failure in failures:
             self._check(failure)
@@ -48,12 +52,12 @@ class SavedRun:
         return replace(self, scenario=replace(self.scenario, perturbations=perturbations))
 
     def _check(self, failure: Failure) -> None:
-        """Refuse what would have acted by now."""
+        """Refuse a failure that would already have acted."""
         kind = type(failure).__name__
         if not (isinstance(failure, Failure) and failure.joins):
             raise ConfigurationError(
-                f"saved run: {kind} changes a run from its start; allowed SensorFailure, "
-                "ThrusterFailure"
+                f"saved run: must get SensorFailure or ThrusterFailure, got {kind}, which changes "
+                "a run from its start"
             )
 
         onset = failure.onset()
@@ -62,31 +66,31 @@ class SavedRun:
 
         if onset.began <= self.time:
             raise ConfigurationError(
-                f"saved run: {kind} would have begun at {onset.began:.3f} s, and {self.phase} is "
-                f"saved at {self.time:.3f} s; let it begin later, or save an earlier phase"
+                f"saved run: {kind} would have begun at {onset.began:.3f} s, before {self.phase} "
+                f"was saved at {self.time:.3f} s; let it begin later, or save an earlier phase"
             )
 
     def check_before(self, phase: WorkState) -> None:
-        """Refuse to go on to a phase that has begun.
+        """Refuse to continue to a phase that has begun.
 
         Raises:
-            ConfigurationError: It is the one in which the run was saved, or was before.
+            ConfigurationError: The phase is the one in which the run was saved, or an earlier one.
         """
         if phase in (self.phase, *(state for _, state, _ in self.past)):
             raise ConfigurationError(
-                f"phase: {phase} has begun, for the run was saved in {self.phase}, at "
-                f"{self.time:.3f} s"
+                f"phase: must be later than {self.phase}, in which the run was saved at "
+                f"{self.time:.3f} s, got {phase}, which has begun"
             )
 
     def resume(
         self, run: Rollout, recorder: Recorder | None, observers: Sequence[Observer]
     ) -> None:
-        """Bring a new run of the scenario to where this one stands.
+        """Bring a new run of the scenario to the state of this saved run.
 
         Args:
             run: The new run, not begun.
-            recorder: Of that run, new; None: it has none.
-            observers: Of its loop; those of added failures come last.
+            recorder: New recorder of that run; None: the run has none.
+            observers: Observers of the new run; those of added failures come last.
         """
         saved = self.snapshot.copy()
         run.resume(saved["run"])
@@ -99,22 +103,22 @@ class SavedRun:
             if state is not None:
                 keeper.resume(state)
 
-        # Added failures have not begun; they notice the events so far.
+        # Added failures have not begun; they are informed of the events so far.
         for onset in keepers[len(states) :]:
             for event in self.past:
                 onset.notice(*event)
 
 
 def snapshot_of(run: Rollout, recorder: Recorder, observers: Iterable[Observer]) -> Snapshot:
-    """Copy of all that a run needs to go on.
+    """Copy of everything that a run needs to continue.
 
     Args:
-        run: It stands still (`uuv.sim.loop.rollout.run_on`).
-        recorder: Of the run.
-        observers: Of its loop; `check_observers` has passed them.
+        run: A paused run (`uuv.sim.loop.rollout.run_on`).
+        recorder: Recorder of the run.
+        observers: Observers of the run, checked by `check_observers`.
 
     Raises:
-        ConfigurationError: The state of a part holds what cannot be copied.
+        ConfigurationError: The state of a component contains an object that cannot be copied.
     """
     keepers: Iterable[Any] = observers
     states = [keeper.save() if hasattr(keeper, "save") else None for keeper in keepers]
@@ -123,28 +127,28 @@ def snapshot_of(run: Rollout, recorder: Recorder, observers: Iterable[Observer])
 
 
 def check_observers(observers: Iterable[Observer]) -> None:
-    """Refuse observers, of a task or a perturbation, that keep something and cannot be saved.
+    """Refuse observers, of a task or a perturbation, that have a state and cannot be saved.
 
     Raises:
-        ConfigurationError: One has attributes, but no `save` and `resume`.
+        ConfigurationError: An observer has attributes, but no `save` and `resume`.
     """
     for observer in observers:
         if not hasattr(observer, "save") and getattr(observer, "__dict__", True):
             raise ConfigurationError(
-                f"saved run: observer {type(observer).__name__} has a state: it needs `save()`, "
-                "which returns the state, and `resume(saved)`, which restores it"
+                f"saved run: observer {type(observer).__name__} has a state, so it must have "
+                "`save()`, which returns the state, and `resume(saved)`, which restores it"
             )
 
 
 def checked_phase(name: str, planner: Planner | None = None) -> WorkState:
-    """The phase of that name.
+    """The phase with a name.
 
     Args:
-        name: Such as "approach".
-        planner: Of the task; None, or one that names no phases: any will do.
+        name: Name such as "approach".
+        planner: Planner of the task; if it is None, or lists no phases, any name is accepted.
 
     Raises:
-        ConfigurationError: There is no such phase, or it is the end of the run.
+        ConfigurationError: There is no such phase, or the phase is the end of the run.
     """
     works = getattr(planner, "works", WorkState)
     phases = [str(phase) for phase in works if phase not in _ENDS]
@@ -152,7 +156,7 @@ def checked_phase(name: str, planner: Planner | None = None) -> WorkState:
     if name not in phases:
         owner = "a run" if planner is None else "this task"
         raise ConfigurationError(
-            f"phase: {owner} has no phase {shown(name)}{did_you_mean(name, phases)}; allowed "
-            f"{', '.join(phases)}"
+            f"phase: must be one of {', '.join(phases)} of {owner}, got "
+            f"{shown(name)}{did_you_mean(name, phases)}"
         )
     return WorkState(name)

@@ -1,6 +1,6 @@
-"""Scenario: everything a run needs, as a value and (`scenario_file`) as a TOML file.
+"""Scenario: description of a run, as a Python value and, in `scenario_file`, as a TOML file.
 
-A `Task` says what is to be done; placed at a site that was drawn from the seed it is a
+A `Task` describes the work to be done. Placed at a site that was drawn from the seed, it becomes a
 `PlacedTask`.
 """
 
@@ -35,7 +35,8 @@ from uuv.sim.interfaces.spatial import Array, finite_number, whole_number
 from uuv.sim.loop.rollout import Observer
 from uuv.site import Site
 
-if TYPE_CHECKING:  # a task is described, and refused, without the kernels of what carries it out
+# a task is described, and refused, without loading the kernels of the code that carries it out
+if TYPE_CHECKING:
     import mujoco
     from rich.table import Table
 
@@ -46,16 +47,16 @@ if TYPE_CHECKING:  # a task is described, and refused, without the kernels of wh
 
 P = TypeVar("P", bound=Perturbation)
 T = TypeVar("T", bound="Task")
-INPUTS_FILE = "inputs.csv"  # in the folder of a run that an operator drove
-KEYBOARD = "keyboard"  # inputs of an operator that come while the run goes on
-LONGEST = 400.0  # [s] simulated, default limit of a run
-_MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
+INPUTS_FILE = "inputs.csv"  # file in the folder of a run that an operator drove
+KEYBOARD = "keyboard"  # inputs of an operator that are given during the run
+LONGEST = 400.0  # [s] default limit of the simulated time of a run
+_MOST_LOOKS = 40  # number of frame intervals after which the wait for a scan times out
 _NOT_FOLLOWED = "sensing.follow: this task has no object that it could follow"
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleSetup:
-    """The vehicle as it is."""
+    """The real vehicle."""
 
     vehicle: str = option(
         "uuv_puma",
@@ -82,7 +83,8 @@ class VehicleSetup:
         group="vehicle",
     )
 
-    battery: Battery | None = None  # of the thrusters; None: each has its constant voltage
+    # battery of the thrusters; None: each thruster has its own constant voltage
+    battery: Battery | None = None
 
     def __post_init__(self) -> None:
         if self.arm_errors is not None:
@@ -91,9 +93,10 @@ class VehicleSetup:
 
 @dataclass(frozen=True, kw_only=True)
 class Belief:
-    """What the vehicle believes of itself beside its nominal model."""
+    """Differences of the vehicle's model of itself from the nominal model."""
 
-    water_error: float = 0.15  # share by which all its added masses and drags are wrong, alike
+    # relative error that all its added masses and drag coefficients have in common
+    water_error: float = 0.15
     calibrated: bool = option(
         False,
         "Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known "
@@ -146,7 +149,7 @@ class Sensing:
     vision_delay: float = 0.1  # [s]
     vision_noise: float = 2e-3  # [m]
     torque_noise: float = 0.01  # share of the reading
-    torque_bias: float = 0.5  # [N m] uniform in +-
+    torque_bias: float = 0.5  # [N m] uniform between minus and plus this value
     arm_camera: ArmCameraSetup | None = option(
         None,
         "A small stereo camera beside the tool, which measures the motion of the tool over the "
@@ -171,7 +174,7 @@ class Sensing:
         """Encoders, torque sensors, IMU, DVL and vision of a drifting hull."""
         from uuv.sim.sensors import proprioception
 
-        # Vision is the only one whose period and delay a scenario sets.
+        # Vision is the only sensor whose period and delay a scenario sets.
         return [
             proprioception.Encoders(),
             proprioception.JointTorqueSensors(noise=self.torque_noise, bias=self.torque_bias),
@@ -188,7 +191,7 @@ class Operator:
     """An operator in place of the planner (`uuv drive`)."""
 
     inputs: str  # file of inputs (docs/your_tools.md), or KEYBOARD
-    delay: float = 0.0  # [s] between operator and vehicle
+    delay: float = 0.0  # [s] delay between operator and vehicle
 
     def __post_init__(self) -> None:
         finite_number(self.delay, "control.operator.delay [s]", least=0.0, most=1.0)
@@ -219,7 +222,7 @@ class Control:
         everywhere=False,
     )
     elastic_gears: bool = False  # the softer joint servo for gears that twist under load
-    operator: Operator | None = None  # drives the vehicle; None: the task's planner
+    operator: Operator | None = None  # operator who drives the vehicle; None: the task's planner
 
     def __post_init__(self) -> None:
         laws = {"force-law", "normal-force-law"} & {*self.published}
@@ -232,31 +235,36 @@ class Control:
 
 @dataclass(frozen=True, kw_only=True)
 class Task(ABC):
-    """Base of tasks: their parameters, which are keys of a scenario file."""
+    """Base of tasks. The parameters of a task are keys of a scenario file."""
 
-    spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that it does without
-    schema: ClassVar[str] = "metrics"  # of metrics.json, in sim/schemas
-    looks: ClassVar[bool] = False  # a camera or a sonar looks at the site, which takes a ray caster
-    heeds: ClassVar[Collection[str]] = ()  # words of a scenario's further options that it uses
+    spares: ClassVar[Collection[str]] = ()  # named parts of the vehicle that the task does not need
+    schema: ClassVar[str] = "metrics"  # JSON Schema of metrics.json, in sim/schemas
+    # True if a camera or a sonar looks at the site, which needs a ray caster
+    looks: ClassVar[bool] = False
+    # keywords of a scenario's further options that the task uses
+    heeds: ClassVar[Collection[str]] = ()
 
     @property
     def tool(self) -> str | None:
-        """Tool that the task needs, in place of one of another shape; None: the vehicle's own."""
+        """Tool that the task needs, which replaces a tool of another shape; None: the vehicle's
+        own.
+        """
         return None
 
     def check_inputs(self, scenario: "Scenario") -> None:
-        """Refuses an unfit object, and unknown names and files, before anything is compiled.
+        """Refuse an unsuitable object, and unknown names and files, before anything is compiled.
 
-        Calls nothing compiled. A task that follows an object overrides it, others add to it.
+        The method calls nothing compiled. A task that follows an object overrides it; other tasks
+        extend it.
 
         Raises:
-            ConfigurationError: Which one, what is allowed, and what was given.
+            ConfigurationError: The message names the input, the allowed values and the given one.
         """
         if scenario.sensing.follow:
             raise ConfigurationError(_NOT_FOLLOWED)
 
     def least_seconds(self, scenario: "Scenario") -> float:
-        """Least time [s] of the work as it is asked for; 0 where nothing states it."""
+        """Shortest time [s] of the requested work; 0 if it is unknown."""
         del scenario
         return 0.0
 
@@ -267,24 +275,24 @@ class Task(ABC):
         """The task at its site.
 
         Args:
-            scenario: The whole description.
+            scenario: The whole scenario.
             own: The vehicle's model of itself.
             rng: Draws the site and its coarse detection.
 
         Raises:
-            UuvError: A number is out of range, or the vehicle is not fit for the task.
+            UuvError: A number is out of range, or the vehicle is not suitable for the task.
         """
 
 
 class PlacedTask(ABC):
     """Base of tasks at a drawn site: scene, planner, assessment.
 
-    The truth about the site goes to plant and evaluation only.
+    Only plant and evaluation get the truth about the site.
     """
 
-    # a run in none of these states counts as refused
+    # states of the work; a run that reaches none of these counts as refused
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)
-    # True: the hull starts at `X_WB`, without an error of place and heading
+    # True: the hull starts at `X_WB`, without an error of position and heading
     exact_start: ClassVar[bool] = False
 
     @property
@@ -305,19 +313,19 @@ class PlacedTask(ABC):
     @property
     @abstractmethod
     def X_WB(self) -> Array:
-        """Pose (4, 4) of the hull at which the work begins, but for the start's error."""
+        """Pose (4, 4) of the hull at the beginning of the work, without the error of the start."""
 
     @property
     def bounds(self) -> Bounds | None:
-        """Bounds of force and path, drawn in log and report; None: it has none."""
+        """Bounds of force and path, drawn in log and report; None if there are none."""
         return None
 
     @abstractmethod
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
-        """Adds the site to the spec of the true vehicle, in place, and returns it."""
+        """Add the site to the spec of the true vehicle, in place, and return it."""
 
     def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
-        """Sensors that see the site, and perception's model of them; None: its default."""
+        """Sensors that see the site, and perception's model of them; None: the default model."""
         return [], None
 
     def estimator(self, navigation: Estimator) -> Estimator:
@@ -325,14 +333,14 @@ class PlacedTask(ABC):
         return navigation
 
     def finder(self, sensor: "SensorModel | None", seed: int) -> TargetFinder | None:
-        """Finder of the object; `seed` is that of its random sampling."""
+        """Finder of the object; `seed` is the seed of its random sampling."""
         return None
 
     def follower(self, sensor: "SensorModel | None") -> TargetFollower:
-        """Follower of the object while the vehicle looks at it.
+        """Tracker of the object while the vehicle looks at it.
 
         Raises:
-            ConfigurationError: This task follows nothing.
+            ConfigurationError: This task has no object to follow.
         """
         del sensor
         raise ConfigurationError(_NOT_FOLLOWED)
@@ -342,11 +350,15 @@ class PlacedTask(ABC):
         """Planner of the task."""
 
     def controller(self) -> Controller | None:
-        """Controller of a test rig, in place of the scenario's; None: that of the scenario."""
+        """Controller of a test rig, which replaces the scenario's; None: the controller of the
+        scenario.
+        """
         return None
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
-        """Assessment of a run against the truth; here, that it ended well."""
+        """Assessment of a run by the truth; by default, that the run ended in DONE without
+        collision.
+        """
         from uuv.sim.evaluation.metrics import Assessment
 
         return Assessment.of(ran.recording, NoFigures(), [], seed=seed, wall_s=ran.wall_s)
@@ -356,7 +368,7 @@ class PlacedTask(ABC):
         return ()
 
     def tables(self) -> "Iterable[Table]":
-        """Tables for the terminal beside that of the metrics, once the run is assessed."""
+        """Tables for the terminal in addition to that of the metrics, after the assessment."""
         return ()
 
     def observers(self) -> tuple[Observer, ...]:
@@ -364,7 +376,9 @@ class PlacedTask(ABC):
         return ()
 
     def write_files(self, folder: Path) -> tuple[Path, ...]:
-        """Write what the task leaves beside report and metrics to `folder`; returns the files."""
+        """Write further files of the task, besides report and metrics, to `folder`, and return
+        them.
+        """
         return ()
 
     def story(self, recorder: "Recorder", log: Any) -> Observer:
@@ -376,9 +390,9 @@ class PlacedTask(ABC):
 class Scenario:
     """Description of a run: site, task, vehicle, belief, sensing, control, perturbations, seeds."""
 
-    name: str  # of the folder of results
+    name: str  # name of the folder of results
     task: Task
-    # of everything but the perturbations
+    # seed of everything except the perturbations
     seed: int = option(
         0, "Seed of everything random: where the object lies, the noise of the sensors, the gusts."
     )
@@ -396,10 +410,10 @@ class Scenario:
         whole_number(self.perturbation_seed, "perturbation_seed")
 
     def task_of(self, kind: type[T]) -> T:
-        """The task, which has to be of that kind.
+        """The task, which must be of this kind.
 
         Raises:
-            ConfigurationError: It is of another kind.
+            ConfigurationError: The task is of another kind.
         """
         if isinstance(self.task, kind):
             return self.task
@@ -411,10 +425,12 @@ class Scenario:
         """The first perturbation of that kind.
 
         Raises:
-            ConfigurationError: There is none.
+            ConfigurationError: There is no such perturbation.
         """
         for perturbation in self.perturbations:
             if isinstance(perturbation, kind):
                 return perturbation
 
-        raise ConfigurationError(f"scenario {self.name!r} has no perturbation {kind.__name__}")
+        raise ConfigurationError(
+            f"scenario {self.name!r}: must have a perturbation {kind.__name__}"
+        )

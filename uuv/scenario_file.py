@@ -18,7 +18,7 @@
     kind = "Water"
     spread = 0.3
 
-Tables with a `kind` are of one of several classes. A key that is left out has its default.
+A table with a key `kind` is read as the class of that name. A key that is left out has its default.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -44,14 +44,14 @@ from uuv.tasks import registry as tasks
 
 PERTURBATIONS = "perturbations"
 KIND = "kind"
-SCENARIO_FILE = "scenario.toml"  # in the folder of every run
-_MOST = 1_000_000  # [bytes] of a file
+SCENARIO_FILE = "scenario.toml"  # name of the file in the folder of every run
+_MOST = 1_000_000  # [bytes] largest size of a file
 _HEADING = "SI units and radians; keys and their meaning: uuv/scenario.py, site.py, tasks/"
 
 
 @cache
 def registries() -> Mapping[type, Registry[Any]]:
-    """Registry of each base class of which a file names the kind."""
+    """Registry for each base class whose kinds a file names."""
     kinds: dict[type, Registry[Any]] = {SiteObject: SITE_OBJECTS, Task: tasks.registry()}
     return {**kinds, Perturbation: perturbation.registry(), FlowField: FLOWS}
 
@@ -61,12 +61,11 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
 
     Args:
         file: The file.
-        trust: Import the classes MODULE:CLASS that it names, which runs their code.
+        trust: Whether to import classes MODULE:CLASS that the file names, which runs their code.
 
     Raises:
-        ConfigurationError: The file cannot be read, is of a later format, names code without
-            `trust` or code that has moved, or a key or value is none of those allowed; the message
-            names them.
+        ConfigurationError: The file cannot be read, has a later format, names code without `trust`
+            or code that has moved, or has a key or value that is not allowed; the message names it.
     """
     document = toml_of(file, "scenario", _MOST)
     what = named(file, "scenario")
@@ -81,18 +80,18 @@ def read_scenario(file: str | Path, *, trust: bool = False) -> Scenario:
 
 
 def refuse_code(document: Any, what: str, *, trust: bool) -> None:
-    """Refuses a document that names code, MODULE:ATTRIBUTE, before any of it is imported.
+    """Refuse a document that names code, MODULE:ATTRIBUTE, before any of the code is imported.
 
-    What is typed on the command line needs no such leave: only what stands in a file, which may be
-    another's.
+    Code named on the command line needs no permission. Code named in a file does, since the file
+    may come from someone else.
 
     Args:
         document: Tables of the file.
-        what: The file; the message begins with it.
-        trust: The user has given leave; nothing is refused.
+        what: Name of the file, with which the message begins.
+        trust: Whether the user has given permission; then nothing is refused.
 
     Raises:
-        ConfigurationError: It names code, or code of an earlier version that is now elsewhere.
+        ConfigurationError: The document names code, or code of an earlier version that has moved.
     """
     for name in names_of_code(document):
         if moved := where_moved(name):
@@ -101,12 +100,14 @@ def refuse_code(document: Any, what: str, *, trust: bool) -> None:
         if trust:
             continue
         raise ConfigurationError(
-            f"{what}: names code, {shown(name)}, which is not run unless you say {TRUST}"
+            f"{what}: names code, {shown(name)}, which is only run with {TRUST}"
         )
 
 
 def names_of_code(value: Any) -> Iterator[str]:
-    """Texts of a document with a colon; a path with one is none: no module's name has a slash."""
+    """Texts of a document with a colon, except paths, since the name of a module contains no
+    slash.
+    """
     if isinstance(value, str):
         if ":" in value and "/" not in value:
             yield value
@@ -116,7 +117,7 @@ def names_of_code(value: Any) -> Iterator[str]:
 
 
 def write_scenario(scenario: Scenario, file: str | Path) -> None:
-    """Writes `scenario` as TOML, with every default."""
+    """Write `scenario` as TOML, with all defaults."""
     write_whole(Path(file), f"{FORMAT_KEY} = {FORMAT}\n{to_toml(scenario)}")
 
 
@@ -124,7 +125,7 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
     """The scenario in nested tables.
 
     Raises:
-        ConfigurationError: A key or value is none of those allowed.
+        ConfigurationError: A key or value is not allowed.
     """
     return _READER.made(Scenario, nested)
 
@@ -135,10 +136,10 @@ def with_values(scenario: Scenario, assignments: Iterable[str], option: str = "-
     Args:
         scenario: The base.
         assignments: As for `assigned`.
-        option: Where they were given; messages begin with it.
+        option: Option with the assignments; messages begin with it.
 
     Raises:
-        ConfigurationError: A key or value is none of those allowed.
+        ConfigurationError: A key or value is not allowed.
     """
     nested = as_dict(scenario)
 
@@ -154,11 +155,11 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
     """Values by dotted key.
 
     Args:
-        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is
-            none is text.
+        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; any other
+            text is a string.
 
     Raises:
-        ConfigurationError: One has no =, or a value that `documents.checked` refuses.
+        ConfigurationError: An assignment has no =, or a value that `documents.checked` refuses.
     """
     settings: dict[str, Any] = {}
     for assignment in assignments:
@@ -166,17 +167,17 @@ def assigned(assignments: Iterable[str]) -> dict[str, Any]:
 
         if not equals:
             raise ConfigurationError(
-                f"allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}"
+                f"must be KEY=VALUE with a key of a scenario file, got {shown(assignment)}"
             )
         settings[key.strip()] = checked(toml_value(text), key.strip())
     return settings
 
 
 def put(nested: dict[str, Any], key: str, value: Any) -> None:
-    """Sets the value at a dotted key of a scenario's tables.
+    """Set the value at a dotted key of a scenario's tables.
 
-    A perturbation that is missing is appended. Another `kind` empties its table: what it had were
-    keys of the old kind.
+    A missing perturbation is appended. A new value of `kind` removes the other keys of its table,
+    which belonged to the old kind.
 
     Raises:
         ConfigurationError: The key is in no table of a scenario.
@@ -199,7 +200,9 @@ def put(nested: dict[str, Any], key: str, value: Any) -> None:
             table = table.setdefault(name, {}) if isinstance(table, dict) else None
 
     if not isinstance(table, dict):
-        raise ConfigurationError(f"no parameter {shown(key)}: it is in no table of a scenario")
+        raise ConfigurationError(
+            f"unknown parameter {shown(key)}: no table of a scenario has this key"
+        )
 
     if last == KIND and table.get(KIND) != value:
         table.clear()  # another kind has other keys
@@ -209,7 +212,7 @@ def put(nested: dict[str, Any], key: str, value: Any) -> None:
 def as_dict(scenario: Scenario) -> dict[str, Any]:
     """Nested tables of a scenario; None and an empty list of perturbations are left out.
 
-    `kind` is the name of a class that is one of several.
+    `kind` is the name of a class that was selected among several.
     """
     return _table(scenario)
 
@@ -237,19 +240,21 @@ def _table(value: Any) -> Any:
 
 
 def _left_out(name: str, value: Any) -> bool:
-    """True for None, which TOML lacks, and for no perturbations, so that tables can be appended."""
+    """True for None, which TOML lacks, and for an empty list of perturbations, so that tables can
+    be appended.
+    """
     return value is None or (name == "perturbations" and not value)
 
 
 def _kind_of(value: Any) -> str:
-    """Name under which a registry makes the class of `value`; else MODULE:CLASS."""
+    """Name under which a registry makes the class of `value`; without a registry, MODULE:CLASS."""
     registry = next(known for base, known in registries().items() if isinstance(value, base))
     import_name = f"{type(value).__module__}:{type(value).__qualname__}"
     return registry.name_of(type(value)) or import_name
 
 
 def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
-    """Values of nested tables by their keys, joined by dots."""
+    """Values of nested tables by their keys, which are joined by dots."""
     flattened: dict[str, Any] = {}
     for key, value in nested.items():
         flattened |= (
@@ -259,7 +264,7 @@ def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
-    """The class for an annotation: that of the table's `kind`, where it is a base of several."""
+    """Class for an annotation; for a base class, the class that the table's `kind` names."""
     registry = registries().get(kind)
     if registry is None:
         return kind, table, where
@@ -268,7 +273,7 @@ def _class_of(kind: type, table: Table, where: str) -> tuple[type, Table, str]:
     where_in_file = _READER.place(where)
     if name is None:
         raise ConfigurationError(
-            f"{where_in_file}: needs a {KIND}; there are {', '.join(registry.names())}"
+            f"{where_in_file}: must have a {KIND}, one of {', '.join(registry.names())}"
         )
 
     entries = {key: value for key, value in table.items() if key != KIND}

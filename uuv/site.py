@@ -1,4 +1,4 @@
-"""The site: the work object with pose, growth and dents, or the seabed; current and gusts."""
+"""The site: the work object with pose, fouling and dents, or the seabed; and current and gusts."""
 
 import math
 from abc import ABC, abstractmethod
@@ -29,17 +29,17 @@ HALF = 3.0  # [m] half the side of the terrain
 TILT = float(np.radians(5.0))
 LEAN = float(np.radians(0.5))  # [rad] standard deviation of the pile's tilt about x and about y
 SHORTEST_LINE = 0.05  # [m]
-BESIDE = 41  # places across an object at which a path over it is tried
-OVER = "over"  # path that is laid over an object
-_HIGHEST = 1.0  # [m] largest growth or dents
-_FLOW_TIMES = (0.0, 3.0, 10.0, 30.0, 100.0)  # [s] at which a flow field is asked
-_PATCHES = 3  # patches of growth or dents on an object
+BESIDE = 41  # number of positions across an object at which a path over the object is tried
+OVER = "over"  # name of a path that is projected onto an object
+_HIGHEST = 1.0  # [m] largest height of growth, or depth of dents
+_FLOW_TIMES = (0.0, 3.0, 10.0, 30.0, 100.0)  # [s] times at which a flow field is evaluated
+_PATCHES = 3  # number of patches of growth or dents on an object
 Pose = tuple[tuple[float, float, float, float], ...]  # 4 rows
 
 
 @dataclass(frozen=True, kw_only=True)
 class SiteObject:
-    """What there is to work on; the base of all kinds."""
+    """Work object of a site; the base of all kinds."""
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
         """True pose X_WT (4, 4): on the seabed 1.5 m below the origin, up to 0.6 rad about z."""
@@ -48,18 +48,20 @@ class SiteObject:
         )
 
     def clean(self) -> Self:
-        """The same without growth and dents, which take seconds to draw."""
+        """The same object without growth and dents, whose drawing takes seconds."""
         return self
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenWater(SiteObject):
-    """Nothing: the vehicle is alone."""
+    """No object: the vehicle is alone in the water."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Workpiece(SiteObject, ABC):
-    """Object with tool paths, growth and dents along them; the vehicle knows it clean."""
+    """Object with tool paths, and growth and dents along them; the vehicle's model of it is
+    clean.
+    """
 
     fouled: float = option(
         0.0,
@@ -75,11 +77,11 @@ class Workpiece(SiteObject, ABC):
     )
 
     def clean(self) -> Self:
-        """The object as the vehicle knows it."""
+        """The object in the vehicle's model."""
         return replace(self, fouled=0.0, dented=0.0)
 
     def model(self) -> "TargetModel":
-        """Clean model, where no path is needed.
+        """Clean model, for tasks that need no path.
 
         Raises ConfigurationError if there is no such object.
         """
@@ -87,7 +89,7 @@ class Workpiece(SiteObject, ABC):
 
     @abstractmethod
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
-        """Clean model and name of the path; None: the object's first.
+        """Clean model and name of the path; None: the object's first path.
 
         Raises:
             ConfigurationError: There is no such object or path.
@@ -96,7 +98,8 @@ class Workpiece(SiteObject, ABC):
     def as_it_is(
         self, target: "TargetModel", path: str | None, rng: np.random.Generator
     ) -> "TargetModel":
-        """The true object: `target` with growth and dents near `path`; None: all over it.
+        """The true object: `target` with growth and dents near `path`, or all over the object if
+        `path` is None.
 
         Raises:
             ConfigurationError: A height is out of range.
@@ -110,7 +113,7 @@ class Barrel(Workpiece):
     """Barrel on its stand, with the paths "longitudinal", "transverse" and "corner"."""
 
     length: float = option(0.6, "Length of the longitudinal path [m].", group="object")
-    arc: float = float(np.pi)  # [rad] of the transverse path
+    arc: float = float(np.pi)  # [rad] angle of the transverse path
     azimuth: float = option(
         0.0,
         "Azimuth of the path around the barrel [deg], from the top; a large one is out of reach.",
@@ -125,7 +128,7 @@ class Barrel(Workpiece):
     )
 
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
-        """The barrel, and the path's name; default longitudinal."""
+        """The barrel, and the path's name; the default is longitudinal."""
         from uuv.models.objects import targets
 
         barrel = targets.barrel(
@@ -144,11 +147,11 @@ class Barrel(Workpiece):
 class Block(Workpiece):
     """Block with rounded edges, with the paths "edge" and "corner"."""
 
-    radius: float = BLOCK_RADIUS  # [m] of its edges
+    radius: float = BLOCK_RADIUS  # [m] radius of the edges
     corner: float = float(0.5 * np.pi)  # [rad] by which the path "corner" turns on the top
 
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
-        """The block, and the path's name; default edge."""
+        """The block, and the path's name; the default is edge."""
         from uuv.models.objects import targets
 
         block = targets.block(radius=self.radius, corner=self.corner)
@@ -161,8 +164,8 @@ class Pile(Workpiece):
     """Vertical pile with a flange, and one path on it: "vertical", "ring" or "helix"."""
 
     length: float = option(0.5, "Length of the vertical path [m].", group="object")
-    arc: float = float(np.radians(100.0))  # [rad] of ring and helix
-    rise: float = 0.3  # [m] of the helix
+    arc: float = float(np.radians(100.0))  # [rad] angle of ring and helix
+    rise: float = 0.3  # [m] pitch of the helix
     azimuth: float = option(
         0.0,
         "Azimuth of the path's middle [deg], from the side that the vehicle approaches.",
@@ -176,7 +179,7 @@ class Pile(Workpiece):
     )
 
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
-        """The pile with that path alone, default vertical."""
+        """The pile with only that path; the default is vertical."""
         from uuv.models.objects.targets import helix, pile, ring, vertical
 
         name = path or "vertical"
@@ -191,7 +194,7 @@ class Pile(Workpiece):
         return pile({name: shapes[name]()}), name
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
-        """True pose: nearly upright; approached from -x, within 0.6 rad of azimuth 0."""
+        """True pose: nearly upright, approached from -x with an azimuth within 0.6 rad of 0."""
         lean = LEAN * rng.standard_normal(3) * [1.0, 1.0, 0.0]
         return pose(
             exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]),
@@ -232,13 +235,15 @@ class KnownObject(Workpiece):
             )
 
     def model(self) -> "TargetModel":
-        """Clean model as the library or the file has it."""
+        """Clean model from the library or the file."""
         from uuv.models.objects import targets
 
         return targets.of(self.object, self.scale)
 
     def target(self, path: str | None) -> "tuple[TargetModel, str]":
-        """The object and the path's name; "over" is `line`, or along x on a mesh without paths."""
+        """The object and the path's name; the path "over" is `line`, or a line along x on a mesh
+        without paths.
+        """
         if self.line is not None and path not in (None, OVER):
             raise ConfigurationError(
                 f"task.path {shown(path)} and site.object.line: give only one of the two"
@@ -252,11 +257,11 @@ class KnownObject(Workpiece):
             model = model.with_path(OVER, _first_laid(model, lines, above))
 
         name = path or next(iter(model.paths), "none")
-        model.path(name)  # raises for an unknown name, and lists the known ones
+        model.path(name)  # raises an error for an unknown name, with the known ones
         return model, name
 
     def _lines_over(self, model: "TargetModel") -> Iterator[tuple[float, float, float, float]]:
-        """Lines along x over the middle, and beside it where the object may have a hole there."""
+        """Lines along x over the middle, and next to it in case the object has a hole there."""
         x, y = model.center[:2]
         half = 0.5 * self.length
         for aside in sorted(np.linspace(-model.radius, model.radius, BESIDE), key=abs):
@@ -266,8 +271,10 @@ class KnownObject(Workpiece):
 def _first_laid(
     model: "TargetModel", lines: Iterable[tuple[float, float, float, float]], above: float
 ) -> "ModelPath":
-    """The first of the lines (x, y of both ends) that lies wholly on the object, from above."""
-    from uuv.perception.toolpath.path_shapes import laid_on, line  # casts rays
+    """The first of the lines (x, y of both ends) that is completely on the object, as seen from
+    above.
+    """
+    from uuv.perception.toolpath.path_shapes import laid_on, line  # imports the ray caster
 
     refused: ConfigurationError | None = None
     for x0, y0, x1, y1 in lines:
@@ -278,7 +285,7 @@ def _first_laid(
 
     assert refused is not None
     raise ConfigurationError(
-        f"{refused}; site.object.line, x0 y0 x1 y1 [m], lays the path elsewhere"
+        f"{refused}; set site.object.line = x0 y0 x1 y1 [m] for another path"
     ) from refused
 
 
@@ -289,14 +296,14 @@ class HoleManifold(SiteObject):
     clearance: float = option(
         2e-3, "Radial clearance between sampler and hole [mm].", unit=MILLIMETRE
     )
-    depth: float = 0.08  # [m] of the holes
+    depth: float = 0.08  # [m] depth of the holes
     chamfer: float = option(2e-3, "Chamfer of the hole's mouth [mm].", unit=MILLIMETRE)
 
     def __post_init__(self) -> None:
         finite_number(self.clearance, "site.object.clearance [m]", above=0.0)
 
     def block(self, tool_radius: float) -> "ManifoldBlock":
-        """The manifold for a tool of that radius [m]."""
+        """The manifold for a tool of the radius `tool_radius` [m]."""
         from uuv.models.objects.manifold import manifold
 
         return manifold(tool_radius + self.clearance, self.depth, self.chamfer)
@@ -312,7 +319,7 @@ class HoleManifold(SiteObject):
 
 @dataclass(frozen=True, kw_only=True)
 class Ground(SiteObject):
-    """Terrain of the seabed, drawn anew by each seed, and its soil."""
+    """Terrain of the seabed, drawn from the seed, and its soil."""
 
     terrain: Kind | Literal["any"] = option(
         "ripples", "Kind of terrain, drawn from the seed; any: the kinds in turn."
@@ -347,15 +354,16 @@ FLOWS: Registry[FlowField] = Registry("flow", {"CylinderWake": _WAKE})
 
 
 def flow_of(name: str) -> FlowField:
-    """The flow field of a kind, a registered name or MODULE:CLASS, with the defaults of its keys.
+    """The flow field of a kind, given as a registered name or MODULE:CLASS, with the defaults of
+    its keys.
 
     Raises:
-        ConfigurationError: There is none, or a key has no default.
+        ConfigurationError: There is no such kind, or one of its keys has no default.
     """
     where = "site.flow"
     kind: Any = FLOWS.class_of(name, FlowField, f"[{where}]")
 
-    # Keys without a default can only be given beside the kind.
+    # Keys without a default can only be set together with the kind.
     free = {MISSING}
     keys = [key for key in fields(kind) if key.init]
     needs = [key.name for key in keys if {key.default, key.default_factory} == free]
@@ -363,14 +371,17 @@ def flow_of(name: str) -> FlowField:
         lacks = ", ".join(needs)
         first = f"{where}.kind={name}, {where}.{needs[0]}=..."
         raise ConfigurationError(
-            f"{where}: {name} needs {lacks}; set kind and keys one by one: {first}"
+            f"{where}: {name} has keys without a default, {lacks}; set the kind and these keys one "
+            f"by one: {first}"
         )
     return TableReader().made(kind, {}, where)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """Work site: object, pose, and water as the sum of current, field, wave and gusts."""
+    """Work site: object, pose, and the current as the sum of steady current, flow field, wave and
+    gusts.
+    """
 
     object: SiteObject = field(default_factory=Barrel)
     X_WT: Pose | None = None  # true pose of the object; None: drawn from the seed
@@ -404,9 +415,10 @@ class Site:
                 raise ConfigurationError(f"site.flow: {needs}, got {shown(self.flow)}")
 
     def strongest_water(self, p_W: Array) -> Array:
-        """Velocity (3,) [m/s] of current and flow field at a place (3,) [m], when it is largest.
+        """Velocity (3,) [m/s] of steady current and flow field at a point (3,) [m], at the time
+        when it is largest.
 
-        Waves and gusts are left out, and a field is asked at a few times of a run.
+        Waves and gusts are left out, and a flow field is evaluated at a few times of a run.
         """
         current = np.array(self.current, dtype=np.float64)
         if self.flow is None:
@@ -415,7 +427,9 @@ class Site:
         return max(velocities, key=lambda velocity: float(np.linalg.norm(velocity)))
 
     def pose(self, rng: np.random.Generator) -> Array:
-        """True pose X_WT (4, 4) of the object; drawn even if set, to keep later draws the same."""
+        """True pose X_WT (4, 4) of the object; drawn even if it is set, so that later draws do not
+        change.
+        """
         drawn = self.object.draw_pose(rng)
         return drawn if self.X_WT is None else np.array(self.X_WT)
 
@@ -434,10 +448,10 @@ def with_growth_and_dents(
         fouled: [m] largest height of the growth.
         dented: [m] largest depth of the dents.
         rng: Draws the patches.
-        near: (N, 3) [m] points in T around which the patches lie; None: all over the object.
+        near: (N, 3) [m] points in T around which the patches are drawn; None: all over the object.
 
     Returns:
-        The deformed object; None, and nothing drawn, if both heights are 0.
+        The deformed object; None, without any draw, if both heights are 0.
 
     Raises:
         ConfigurationError: A height is out of range.
@@ -446,7 +460,7 @@ def with_growth_and_dents(
     for name, height in (("fouled", fouled), ("dented", dented)):
         finite_number(height, f"site.object.{name} [m]", least=0.0, most=_HIGHEST)
         if height > 0.0:
-            from uuv.models.objects import deformed  # brings compiled kernels
+            from uuv.models.objects import deformed  # imports compiled kernels
 
             shown = getattr(deformed, name)(
                 shown, rng, _PATCHES, (0.4 * height, height), near=near

@@ -1,4 +1,4 @@
-"""First import of every command: refuses unfit systems, and makes one line of each error."""
+"""First import of every command: refuses unsuitable systems, and prints errors in one line."""
 
 import sys
 from types import TracebackType
@@ -11,7 +11,7 @@ from uuv.sim.runs.run_folder import new_folder
 def _in_one_line(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
-    """What the imports of a command refuse, such as a missing library, is one line as well."""
+    """Print an error of a command's imports in one line, such as a missing library."""
     from uuv.sim.interfaces.errors import UuvError
 
     if isinstance(error, UuvError):

@@ -1,4 +1,4 @@
-"""Energy that the thrusters of a run drew, where their current was measured over the voltage."""
+"""Electrical energy that the thrusters of a run drew, if tables of their current exist."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,28 +17,31 @@ if TYPE_CHECKING:
 class BatteryMetrics:
     """Battery at the end of a run."""
 
-    voltage_v: float = metric("At the thrusters, at the end.", minimum=0)
-    voltage_least_v: float = metric("At the thrusters.", minimum=0)
+    voltage_v: float = metric("Voltage at the thrusters at the end of the run.", minimum=0)
+    voltage_least_v: float = metric("Least voltage at the thrusters during the run.", minimum=0)
     below_tables_s: float = metric(
-        "Time in which it was below that of the thrusters' tables, whose lowest was used.",
+        "Time in which the voltage was below the lowest of the thrusters' tables; that table was "
+        "used then.",
         minimum=0,
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnergyMetrics:
-    """Energy drawn by all thrusters; arm and electronics draw nothing."""
+    """Energy drawn by all thrusters. Arm and electronics are not counted."""
 
     thrusters_j: float = metric("Electrical energy.", minimum=0)
     thrusters_wh: float = metric("The same.", minimum=0)
     charge_ah: float = metric("Electrical charge.", minimum=0)
-    mean_power_w: float | None = metric("Over the whole run.", minimum=0)
-    battery: BatteryMetrics | None = metric("Null without one: the voltage was constant.")
+    mean_power_w: float | None = metric("Mean electrical power over the whole run.", minimum=0)
+    battery: BatteryMetrics | None = metric(
+        "Battery at the end; null for a supply of constant voltage."
+    )
 
 
 def energy_figures(recording: "Recording") -> EnergyMetrics | None:
-    """Energy of a run; None where the thrusters have no tables of their current."""
-    # imports the simulation, which the help of a command does without
+    """Energy of a run; None if the thrusters have no tables of their current."""
+    # this imports the simulation, which the help text of a command does not need
     from uuv.sim.plant.supply import BELOW, CHARGE, ENERGY, LEAST, VOLTAGE
 
     supply = recording.supply
@@ -63,7 +66,7 @@ def energy_figures(recording: "Recording") -> EnergyMetrics | None:
 
 
 def energy_checks(energy: EnergyMetrics | None) -> Iterable[Requirement]:
-    """What the thrusters drew, where it is known; reported only."""
+    """Energy and voltages of the thrusters as figures without bounds; none if they are unknown."""
     if energy is None:
         return
     yield Requirement("energy of the thrusters", energy.thrusters_wh, None, "W h")

@@ -1,4 +1,4 @@
-"""Error of the true contact force from the set one; whether each commanded level was judged."""
+"""Error of the true contact force from the set force, and whether each set force was judged."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,24 +15,26 @@ if TYPE_CHECKING:
     from uuv.sim.loop.recording import RecordedSeries, Recording
 
 SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
-AFTER_RAMP = 0.5  # [s] from its end, excluded too
-JUDGED = 0.5  # [s] of settled work for which a level of force must last to have a figure
+AFTER_RAMP = 0.5  # [s] from the end of that change, excluded too
+JUDGED = 0.5  # [s] of settled work that a set force needs for a figure
 LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
 RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a new segment
 
 
 def unsettled(ramp: float) -> float:
-    """Time [s] from the start of a change of the set force of `ramp` [s] until its error counts."""
+    """Time [s] from the start of a change of the set force, which lasts `ramp` [s], until its error
+    counts.
+    """
     return max(SETTLING, ramp + AFTER_RAMP)
 
 
 def force_peak(least: Any, most: Any, set_force: Any) -> Any:
-    """Largest error [N] within a step, of the smallest and the largest force in it; (N,) or one."""
+    """Largest error [N] in a step, from its smallest and largest force; arrays (N,) or numbers."""
     return np.maximum(abs(most - set_force), abs(least - set_force))
 
 
 def is_lost(least: Any) -> Any:
-    """True where contact was lost within a step, by the smallest normal force [N] in it."""
+    """True where contact was lost in a step, by the smallest normal force [N] of the step."""
     return least < LOST_BELOW
 
 
@@ -40,9 +42,9 @@ def is_lost(least: Any) -> Any:
 class ForceSteps:
     """Set force over a run as steps: a ramp, then a constant force."""
 
-    part: np.ndarray  # (N,) number of the step that a row belongs to
-    force: Array  # (N,) [N] of that step, after its ramp
-    settled: np.ndarray  # (N,) True where the error counts
+    part: np.ndarray  # (N,) number of the step of set force that a row belongs to
+    force: Array  # (N,) [N] set force of that step, after its ramp
+    settled: np.ndarray  # (N,) True in rows whose error counts
 
     @classmethod
     def of(cls, recording: "Recording") -> Self:
@@ -68,9 +70,9 @@ class ForceSteps:
 def contact_figures(recording: "Recording") -> ContactMetrics:
     """Error of the true normal force from the set force in the work state, overall and per segment.
 
-    A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact
-    are of the physics steps within them. If the reference ramps to a new set force, the error is
-    relative to the end of the ramp, and counts from `unsettled` on.
+    A segment has one set force. The RMS is taken of the means over the loop's steps. Peaks and lost
+    contact are evaluated at the physics steps within them. If the reference ramps to a new set
+    force, the error is relative to the end of the ramp, and counts from `unsettled` on.
     """
     work = recording.within(WorkState.WORK)
     set_force = recording["set_force"].scalar
@@ -117,14 +119,14 @@ def contact_figures(recording: "Recording") -> ContactMetrics:
 
 
 def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[str, ...]:
-    """Commanded levels of force that have no figure, one line each.
+    """Set forces that have no figure, one line for each.
 
     Args:
         recording: The run.
         forces: [N] set forces on consecutive, equally long parts of the path.
 
     Returns:
-        The lines; none where every level lasted for JUDGED.
+        The lines; empty if every set force lasted for JUDGED.
     """
     s = recording["path_s"].scalar
     work = recording.within(WorkState.WORK)
@@ -152,7 +154,7 @@ def unjudged_levels(recording: "Recording", forces: Sequence[float]) -> tuple[st
 
 
 class ForceLevel(NamedTuple):
-    """Set force on neighbouring parts of a path."""
+    """One set force on consecutive parts of a path."""
 
     force: float  # [N]
     first: int  # number of the first of these parts
@@ -160,7 +162,7 @@ class ForceLevel(NamedTuple):
 
 
 def levels(forces: Sequence[float]) -> list[ForceLevel]:
-    """Set forces on consecutive parts of a path as levels; equal neighbours are one."""
+    """Set forces on consecutive parts of a path as levels; equal neighbours form one level."""
     starts = [k for k, force in enumerate(forces) if k == 0 or force != forces[k - 1]]
     return [
         ForceLevel(forces[k], k, end)
@@ -169,12 +171,12 @@ def levels(forces: Sequence[float]) -> list[ForceLevel]:
 
 
 def tangential(recording: "RecordedSeries", name: str) -> Array:
-    """Part (N, 3) [N] of `name`, "contact_force" or "felt_force", across the tool axis; W."""
+    """Component (N, 3) [N] of "contact_force" or "felt_force" across the tool axis, in W."""
     force = recording[name].value
     axis = recording["tool_axis"].value
     return force - np.sum(force * axis, axis=1, keepdims=True) * axis
 
 
 def long_enough(judged_s: float) -> bool:
-    """True if a level of force that was judged for so long [s] has a figure."""
+    """True if a set force that was judged for `judged_s` [s] has a figure."""
     return judged_s >= JUDGED - 1e-9

@@ -11,10 +11,10 @@ from uuv.sim.evaluation.schemas import metric
 class FrictionParameter:
     """One parameter of a joint's friction."""
 
-    believed: float = metric("By the controller's model.")
+    believed: float = metric("Value in the controller's model.")
     identified: float
     sigma: float | None = metric(
-        "Standard deviation; null: not determined by the motion.", minimum=0
+        "Standard deviation; null if the motion does not determine the parameter.", minimum=0
     )
     true: float
 
@@ -37,14 +37,14 @@ class FrictionMetrics:
     """Errors of the worst joint, and the parameters of all."""
 
     coulomb_error: float | None = metric(
-        "Of the worst joint, share of the true value; of 4 % of the torque limit where a gear has "
-        "no such friction.",
+        "Error of the worst joint as a share of the true value, or of 4 % of the torque limit if "
+        "its gear has no such friction.",
         minimum=0,
     )
-    stiction_error: float | None = metric("Likewise.", minimum=0)
-    viscous_error: float | None = metric("Likewise; at the joint's highest speed.", minimum=0)
+    stiction_error: float | None = metric("The same for stiction.", minimum=0)
+    viscous_error: float | None = metric("The same, at the joint's highest speed.", minimum=0)
     error_sigmas: float | None = metric(
-        "Largest of these errors over its standard deviation.", minimum=0
+        "Largest ratio of one of these errors to its standard deviation.", minimum=0
     )
     joints: list[JointFriction]
 

@@ -1,8 +1,8 @@
 """Metrics of an insertion, from its recording and the true pose of the hole.
 
-Side force is the true contact force on the tool across the hole's axis, axial force that against
-the advance. Both are means over the loop's steps, from departure from the stand-off until return to
-it.
+Side force is the component of the true contact force on the tool across the hole's axis. Axial
+force is its component along the axis, against the advance. Both are means over the loop's steps,
+from the departure from the stand-off until the return to it.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class InsertionBounds:
 class TrueHole:
     """True hole and tool, and the commanded depth."""
 
-    X_WH: Array  # (4, 4) origin in its mouth, z into it
+    X_WH: Array  # (4, 4) origin in the mouth of the hole, z into the hole
     radius: float  # [m]
     tool_radius: float  # [m]
     depth: float  # [m] commanded
@@ -51,7 +51,7 @@ class TrueHole:
         object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
 
     def forces(self, force_W: Array) -> tuple[Array, Array]:
-        """Force (N,) [N] across the axis, and along it against the advance, of contacts (N, 3)."""
+        """Forces (N,) [N] of contacts (N, 3) across the axis, and along it against the advance."""
         force_H = self._in_hole(force_W)
         return np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
 
@@ -63,11 +63,13 @@ class TrueHole:
         """Vectors (N, 3) in axes of the hole."""
         rows = self.X_WH[:3, :3]
 
-        # No product of matrices: its rounding depends on the number of rows.
+        # Not a product of matrices, because its rounding depends on the number of rows.
         return v_W[:, :1] * rows[0] + v_W[:, 1:2] * rows[1] + v_W[:, 2:] * rows[2]
 
     def within_wall(self, tip_H: Array) -> np.ndarray:
-        """Mask (N,) of positions (N, 3) [m], in axes of the hole, that lie within its wall."""
+        """Mask (N,) of the positions (N, 3) [m], in axes of the hole, that are inside its
+        radius.
+        """
         return np.linalg.norm(tip_H[:, :2], axis=1) < self.radius
 
 
@@ -88,20 +90,27 @@ class HoleMetrics:
 class InsertionMetrics:
     """Forces, depth and times at the hole."""
 
-    clearance_m: float | None = metric("Radial, between tool and hole.", minimum=0)
+    clearance_m: float | None = metric("Radial clearance between tool and hole.", minimum=0)
     depth_asked_m: float | None = metric(minimum=0)
     depth_m: float | None = metric("Largest true depth of the tip in the bore.", minimum=0)
     side_force_max_n: float | None = metric(
-        "True contact force across the axis of the hole, from the stand-off to the stand-off.",
+        "Peak of the true contact force across the axis of the hole, from leaving the stand-off "
+        "until the return to it.",
         minimum=0,
     )
-    side_force_rms_n: float | None = metric("The same while the tip is in the bore.", minimum=0)
-    axial_force_max_n: float | None = metric(
-        "True contact force along the axis, either way.", minimum=0
+    side_force_rms_n: float | None = metric(
+        "RMS of this force while the tip is in the bore.", minimum=0
     )
-    time_s: float | None = metric("From the stand-off to the stand-off.", minimum=0)
-    searched_s: float | None = metric("Of it on the spiral.", minimum=0)
-    tip_at_end_m: float | None = metric("True depth at the end; negative is before the mouth.")
+    axial_force_max_n: float | None = metric(
+        "Peak of the true contact force along the axis, in either direction.", minimum=0
+    )
+    time_s: float | None = metric(
+        "Time from leaving the stand-off until the return to it.", minimum=0
+    )
+    searched_s: float | None = metric("Share of this time on the search spiral.", minimum=0)
+    tip_at_end_m: float | None = metric(
+        "True depth at the end; negative if the tip is outside the hole."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

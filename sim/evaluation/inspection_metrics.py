@@ -1,11 +1,12 @@
 """Metrics of an inspection flight, from its recording and the true pose of the object.
 
-Distance is from the true camera to the outline of the true object as seen from above, at half the
-object's height. The view angle is between the camera's horizontal direction and that to the nearest
-point of the outline. A surface sample is seen if from some pose of the flight it was in the image,
-facing the camera, and not occluded by the object. With several levels, distance and view are those
-of the first. Coverage refers to what is visible at all from places where hull and arm keep their
-clearance: undersides, and what lies on the seabed, do not count.
+The distance is measured from the true camera to the outline of the true object as seen from above,
+at half the object's height. The view angle is the angle between the camera's horizontal direction
+and the direction to the nearest point of the outline. A surface sample is seen if, from some pose
+of the flight, it was in the image, faced the camera, and was not occluded by the object. In a
+flight of several levels, distance and view angle are evaluated on the first level. Coverage is the
+share of the surface that is visible at all from places where hull and arm keep their clearance.
+Undersides, and surfaces that lie on the seabed, do not count.
 """
 
 from dataclasses import dataclass, field
@@ -37,7 +38,7 @@ _EVERY = 1.0  # [s] between poses at which visibility is evaluated
 
 
 class MeasuredSurface(Protocol):
-    """Mesh of what was seen, in the object's frame as the vehicle found it."""
+    """Mesh of the surface that was seen, in the object's frame as the vehicle identified it."""
 
     @property
     def vertices(self) -> Array:
@@ -46,20 +47,21 @@ class MeasuredSurface(Protocol):
 
     @property
     def deviation(self) -> Array:
-        """Signed distance (V,) [m] of each from the model."""
+        """Signed distance (V,) [m] of each vertex from the model."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectionBounds:
-    """Acceptance bounds of the flight."""
+    """Acceptance bounds of an inspection flight."""
 
     distance: float = 0.05  # [m] peak error from the set distance
     distance_rms: float = 0.03  # [m]
     view: float = float(np.radians(10.0))  # [rad]
     ends: float = 0.05  # [m] between first and last position of the camera
     coverage: float = 0.0  # share of what can be seen
-    mesh: float = 0.005  # [m] 95th percentile of the measured surface off the true one
+    # [m] 95th percentile of the measured surface's distance from the true surface
+    mesh: float = 0.005
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,7 +74,7 @@ class TrueInspection:
     half_view: tuple[float, float]  # tangents of half the fields of view, horizontal and vertical
     far: float  # [m] range limit of the camera
     distance: float  # [m] set distance
-    # (n, 4, 4) places X_WC the camera may take
+    # (n, 4, 4) allowed camera poses X_WC
     allowed: Array = field(default_factory=lambda: np.empty((0, 4, 4)))
 
     def __post_init__(self) -> None:
@@ -84,7 +86,7 @@ class TrueInspection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectionMetrics:
-    """Distance from the object, view of it, and what was seen."""
+    """Distance from the object, view angle, and share of the surface that was seen."""
 
     distance_set_m: float | None = metric(minimum=0)
     distance_rms_m: float | None = metric(
@@ -93,36 +95,45 @@ class InspectionMetrics:
     )
     distance_max_m: float | None = metric(minimum=0)
     view_max_rad: float | None = metric(
-        "Between the camera's level direction and that to the nearest point of the outline.",
+        "Angle between the camera's level direction and the direction to the nearest point of the "
+        "outline.",
         minimum=0,
     )
-    ends_m: float | None = metric("Between the camera's first position and its last.", minimum=0)
-    seen_share: float | None = metric("Of the object's surface.", maximum=1, minimum=0)
+    ends_m: float | None = metric(
+        "Distance between the camera's first and last positions.", minimum=0
+    )
+    seen_share: float | None = metric(
+        "Share of the object's surface that was seen.", maximum=1, minimum=0
+    )
     coverage: float | None = metric(
-        "Seen share of the surface that is visible from any position where the vehicle keeps its "
+        "Share that was seen of the surface visible from any position where the vehicle keeps its "
         "clearance.",
         maximum=1,
         minimum=0,
     )
     levels: int | None = metric(
-        "Orbits flown; distance, view and ends are those of the first.", minimum=0
+        "Number of orbits flown; distance, view angle and gap between the ends are those of the "
+        "first orbit.",
+        minimum=0,
     )
     flown_s: float | None = metric(minimum=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshMetrics:
-    """Measured surface against the true object at the pose that was found, and against its
+    """Distances of the measured surface from the true object at the identified pose, and from the
     model.
     """
 
     vertices: int = metric(minimum=0)
     true_p50_m: float | None = metric(
-        "Of the distances of its vertices from the true surface.", minimum=0
+        "Median of the distances of the measured vertices from the true surface.", minimum=0
     )
     true_p95_m: float | None = metric(minimum=0)
     model_p95_m: float | None = metric(
-        "From the model: error and true deviation together.", minimum=0
+        "95th percentile of the distances from the model, which include measurement error and "
+        "true deviation.",
+        minimum=0,
     )
 
 
@@ -131,7 +142,7 @@ class InspectionRunMetrics:
     """Metrics of an inspection flight."""
 
     inspection: InspectionMetrics
-    mesh: MeshMetrics | None = metric("Surface that was measured; null where none was.")
+    mesh: MeshMetrics | None = metric("Surface that was measured; null if none was.")
 
 
 def schema() -> dict[str, Any]:
@@ -149,7 +160,7 @@ def assess_inspection(
     bounds: InspectionBounds | None = None,
     measured: MeasuredSurface | None = None,
 ) -> Assessment:
-    """All metrics of a flight; one that could not be measured is None and counts as missed.
+    """All metrics of a flight. A metric that could not be measured is None and counts as missed.
 
     Args:
         recording: The run.
@@ -157,7 +168,7 @@ def assess_inspection(
         seed: Seed of the run.
         wall_s: Wall time of the loop [s].
         bounds: Acceptance bounds; default: `InspectionBounds()`.
-        measured: Surface that was measured; None: none was wanted.
+        measured: Surface that was measured; None if none was requested.
 
     Returns:
         The assessment.
@@ -201,7 +212,7 @@ def assess_inspection(
 def _flight_figures(
     recording: "Recording", truth: TrueInspection, flown: NDArray[np.intp]
 ) -> InspectionMetrics:
-    """Figures of the samples `flown`; without any, none but the set distance."""
+    """Figures of the samples `flown`; without samples, only the set distance."""
     if not len(flown):
         return unmeasured(InspectionMetrics, distance_set_m=truth.distance)
 
@@ -226,7 +237,7 @@ def _flight_figures(
 
 
 def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetrics:
-    """Figures of a measured surface, which is in the object's frame as the vehicle found it."""
+    """Figures of a measured surface, given in the object's frame as the vehicle identified it."""
     if not len(measured.vertices):
         return unmeasured(MeshMetrics, vertices=0)
 
@@ -264,14 +275,8 @@ def camera_poses(recording: "Recording", truth: TrueInspection, rows: np.ndarray
 
 
 def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
-    """Error of the cameras' distance from the outline, and view angle off its nearest point.
-
-    Args:
-        X_WC: Camera poses (n, 4, 4).
-        truth: True object and set distance.
-
-    Returns:
-        Distance errors (n,) [m] and angles (n,) [rad].
+    """Error of the cameras' distance from the outline, and the angle between view and nearest
+    point.
     """
     vertices = transform_points(truth.X_WT, truth.target.vertices)
     from scipy.spatial import ConvexHull
@@ -298,14 +303,16 @@ def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
 
 
 def seen_share(X_WC: Array, truth: TrueInspection) -> float:
-    """Share of the object's surface seen by at least one of the cameras at `X_WC` (n, 4, 4)."""
+    """Share of the object's surface that is seen by at least one of the cameras at `X_WC` (n, 4,
+    4).
+    """
     return float(_seen(X_WC, truth).mean())
 
 
 def coverage(X_WC: Array, truth: TrueInspection) -> float | None:
-    """Share that cameras (n, 4, 4) saw of what is visible from allowed poses; None if none is.
+    """Share that cameras (n, 4, 4) saw of the surface visible from allowed poses; None if none is.
 
-    What they saw counts as visible, since the allowed places are a grid.
+    The surface that they saw counts as visible, since the allowed poses are samples on a grid.
     """
     covered = _seen(X_WC, truth)
     visible = covered | _seen(truth.allowed, truth)

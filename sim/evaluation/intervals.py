@@ -1,7 +1,7 @@
-"""Intervals of 95 % of shares, medians and other statistics, all by SciPy.
+"""Confidence intervals (95 %) of shares, medians and other statistics, computed by SciPy.
 
-SciPy's statistics cost a second to import: the functions do so when they are called, since every
-job's metrics come by this module.
+The import of SciPy's statistics takes a second. The functions import it when they are called, since
+the metrics of every job import this module.
 """
 
 from collections.abc import Callable
@@ -13,23 +13,24 @@ import numpy as np
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
-LEVEL = 0.95  # of every interval
+LEVEL = 0.95  # confidence level of every interval
 TAILS = (0.5 * (1.0 - LEVEL), 0.5 * (1.0 + LEVEL))
 SIGMAS = 1.959963984540054  # standard deviations to either side of a normal interval
 RESAMPLES = 9999  # of a bootstrap
-_AT_ONCE = 1_000_000  # values drawn at a time: bounds the memory
+_AT_ONCE = 1_000_000  # values drawn at a time, which bounds the memory
 
 
 def share_interval(
     good: int, of: int, method: Literal["wilson", "exact"] = "wilson"
 ) -> tuple[float, float]:
-    """Interval of a share: the score interval [Wilson 1927], or the exact one by Clopper and
-    Pearson.
+    """Confidence interval of a share, by the score method [Wilson 1927] or the exact one of Clopper
+    and Pearson.
 
     Args:
         good: Number of successes.
         of: Number of trials.
-        method: The score interval holds its level on average, the exact one at every share.
+        method: Which interval. The score interval has its confidence level on average over all
+            shares, the exact one at every share.
 
     Returns:
         Lower and upper limit.
@@ -47,8 +48,9 @@ def share_interval(
 
 
 def median_interval(values: Array) -> tuple[float, float] | None:
-    """Interval of the median by order statistics, whatever the distribution; None: too few
-    values (n,), fewer than six.
+    """Confidence interval of the median of `values` (n,) by order statistics, for any distribution.
+
+    None for fewer than six values.
     """
     from scipy.stats import quantile_test
 
@@ -60,7 +62,7 @@ def median_interval(values: Array) -> tuple[float, float] | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bootstrap:
-    """Percentile interval of a statistic, and the values (resamples,) that it had."""
+    """Percentile interval of a statistic, and the values (resamples,) of the statistic."""
 
     low: float
     high: float
@@ -76,10 +78,10 @@ def bootstrap_interval(
     """Bootstrap of a statistic.
 
     Args:
-        statistic: Of one array for each sample, and of their `axis`.
-        samples: (n,) values of each; several are paired, and drawn together.
+        statistic: Function of one array for each sample, and of the `axis` of the resamples.
+        samples: Values (n,) of each sample. Several samples are paired, and drawn together.
         rng: Draws the resamples.
-        resamples: Their number.
+        resamples: Number of resamples.
 
     Raises:
         ConfigurationError: There are no values.
@@ -87,7 +89,7 @@ def bootstrap_interval(
     count = len(samples[0])
     if not count:
         raise ConfigurationError("bootstrap: expected at least one value, got none")
-    if count == 1:  # every resample is the sample, which SciPy refuses
+    if count == 1:  # every resample equals the sample, a case that SciPy refuses
         estimate = float(statistic(*samples, axis=0))
         return Bootstrap(estimate, estimate, np.full(resamples, estimate))
 
@@ -111,7 +113,9 @@ def bootstrap_interval(
 def ratio_interval(
     values: Array, base: Array, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Bootstrap:
-    """Bootstrap of the median of `values` over that of `base`, both (n,) and of the same trials."""
+    """Bootstrap of the ratio of the medians of `values` and `base`, both (n,) and of the same
+    trials.
+    """
 
     def ratio(a: Array, b: Array, axis: int) -> Array:
         return np.median(a, axis=axis) / np.median(b, axis=axis)
@@ -120,6 +124,6 @@ def ratio_interval(
 
 
 def middle(resampled: Array) -> tuple[Array, Array]:
-    """Ends of the percentile interval of values (resamples, ...) that a statistic had."""
+    """Ends of the percentile interval of the resampled values (resamples, ...) of a statistic."""
     low, high = np.quantile(resampled, TAILS, axis=0)
     return low, high

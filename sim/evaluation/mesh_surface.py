@@ -75,7 +75,7 @@ class Surface:
         best = 0
 
         for i, point in enumerate(points):
-            # The last triangle bounds the distance: only boxes that are nearer need be tested.
+            # The last triangle bounds the distance, so that only nearer boxes need be tested.
             held = self.corners[best]
             reach = np.linalg.norm(_closest_barycentric(held[None], point)[0] @ held - point)
             gap = np.maximum(np.maximum(low - point, point - high), 0.0)
@@ -128,7 +128,9 @@ def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
 
 
 def _closest_barycentric(corners: Array, point: Array) -> Array:
-    """Barycentric weights (T, 3) of the points of triangles (T, 3, 3) closest to `point` (3,)."""
+    """Barycentric weights (T, 3) of the point of each triangle (T, 3, 3) that is closest to `point`
+    (3,).
+    """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab = b - a
     ac = c - a

@@ -1,8 +1,9 @@
 """Metrics of work along a path on an object, from the recording and the true object
 (docs/results_earlier.md).
 
-`assess` gives all content of `metrics.json`, and the metrics that missed their bounds. A metric is
-None (null in JSON), and counts as missed, if the run ended before it could be measured.
+`assess` returns the whole content of `metrics.json`, and lists the metrics that missed their
+bounds. If the run ended before a metric could be measured, the metric is None (null in JSON) and
+counts as missed.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -50,11 +51,12 @@ from uuv.sim.runs.saving import write_json
 if TYPE_CHECKING:
     from uuv.sim.loop.recording import RecordedSeries, Recording
 
-REVERSAL = 0.005  # [rad] of a joint; less is the arm's answer to the hull's wander
+# [rad] of a joint; smaller reversals are the arm's reaction to the motion of the hull
+REVERSAL = 0.005
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
-# [m] along a path to either side of its corners: nearer its points do not tell how it turns
+# [m] along a path to either side of a corner; path points nearer to it do not define the turn
 CORNER = PATH_STEP
-INTERRUPTED = "interrupted"  # state of a run ended by a signal
+INTERRUPTED = "interrupted"  # state of a run that was ended by a signal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,26 +67,26 @@ class TrueObject:
     path: str  # name of the tool path on it
     X_WT: Array  # (4, 4)
     contactless: float | None = None  # [m] commanded distance from its surface; None: contact work
-    # growth and dents lie between its surface and the paths, which are those of the clean one
+    # fouling and dents lie between the surface and the paths, which are those of the clean surface
     deformed: bool = False
 
     def __post_init__(self) -> None:
-        self.model.path(self.path)  # raises ConfigurationError for an unknown name
+        self.model.path(self.path)  # raises ConfigurationError if the name is unknown
         object.__setattr__(self, "X_WT", checked(self.X_WT, (4, 4), "X_WT"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AskedWork:
-    """What was asked of the tool, all of which must have its figures."""
+    """Requested work of the tool. A run is accepted only if there are figures for all of it."""
 
-    # [N] set forces on consecutive, equally long parts of the path; none: no contact
+    # [N] set forces on consecutive, equally long parts of the path; empty without contact
     forces: tuple[float, ...] = ()
-    speed: float | None = None  # [m/s] along the path; None: it is not judged
+    speed: float | None = None  # [m/s] along the path; None: the speed is not judged
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessment:
-    """Metrics of a run against the truth, and whether it is accepted."""
+    """Metrics of a run compared with the truth, and whether the run is accepted."""
 
     metrics: Mapping[str, Any]  # as written to metrics.json
     checks: tuple[Requirement, ...]
@@ -102,10 +104,10 @@ class Assessment:
         identification_s: float | None = None,
         others: Iterable[str] = (),
     ) -> "Assessment":
-        """Assess a run by its checks; every run must also be free of collision and end in DONE.
+        """Assess a run by its checks. Every run must also be free of collision and end in DONE.
 
-        The metrics are `figures`, those common to all kinds of run, and the verdict. Everything
-        that differs between repetitions is in "timings".
+        The metrics consist of `figures`, the metrics that all kinds of run have, and the verdict.
+        All values that differ between repetitions are under "timings".
 
         Args:
             recording: The run.
@@ -145,7 +147,7 @@ class Assessment:
             identification_s=identification_s,
         )
 
-        # What failed, the cause of the end first.
+        # All failures; the cause of the end comes first.
         collision = Requirement("collision", run.collision_s, 0.0, "s")
         failed = [check.failure for check in checks if check.failure]
         if collision.failure:
@@ -172,7 +174,7 @@ class Assessment:
             run=run, accepted=not failed, failed=failed, timings=timings, energy=energy
         )
         entries = {**asdict(figures), **asdict(ended)}
-        # for two of these see `made_by`, `started`
+        # for two of these fields see `made_by` and `started`
         metrics = {name: e for name, e in entries.items() if e is not None or name not in OPTIONAL}
         return cls(metrics=metrics, checks=checks, failed=tuple(failed))
 
@@ -222,8 +224,8 @@ def assess(
         wall_s: Wall time of the loop [s].
         identification_s: Wall time of the last identification [s].
         bounds: Acceptance bounds; default: `Bounds()`.
-        asked: Forces and speed that were asked for; default: what was commanded is judged as far as
-            it went.
+        asked: Requested forces and speed. By default the commanded motion is judged as far as it
+            went.
 
     Returns:
         The assessment.
@@ -255,7 +257,8 @@ def assess(
         ),
     )
 
-    # Bounds: of the position also as a share of the range; of the tool by the kind of work.
+    # Bounds. The position also has one as a share of the range; those of the tool depend on the
+    # kind of work.
     range_m = identification.range_m
     position_bound = bounds.position_error
     if range_m is not None:
@@ -277,8 +280,8 @@ def assess(
             Requirement("touched", gap.touched_s, 0.0, "s"),
         )
 
-    # The commanded path stands still: on an object that can move the path is judged on the object.
-    # On one that stands the identification adds its own error.
+    # The commanded path is fixed in W. For an object that can move, the path is judged on the
+    # object. For an object at rest, the identification adds its own error.
     on_object = bounds.path_deviation + (0.0 if "p_WT" in recording else position_bound)
 
     checks = (
@@ -350,13 +353,13 @@ def _of_speed(speed: SpeedMetrics, bounds: Bounds, *, judged: bool) -> tuple[Req
 
 
 def _judged(bound: float) -> float | None:
-    """The bound, or None for one that is not judged."""
+    """The bound; None if it is infinite, which means that the figure is not judged."""
     return bound if np.isfinite(bound) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathError:
-    """Error of the true tip from the timed commanded path, by components, in the work state."""
+    """Components of the true tip's error from the timed commanded path, in the work state."""
 
     time: Array  # (N,) [s]
     along: Array  # (N,) [m] signed, along the tangent
@@ -366,12 +369,14 @@ class PathError:
 
     @property
     def cross(self) -> Array:
-        """Distance (N,) [m] from the path within the surface; along the normal force decides."""
+        """Distance (N,) [m] from the path within the surface. Along the normal the force controller
+        decides.
+        """
         return np.abs(self.lateral)
 
 
 def path_error(recording: "RecordedSeries") -> PathError | None:
-    """Error of the tip on its path; None if it never moved along one in the work state."""
+    """Error of the tip on its path; None if the tip never moved along a path in the work state."""
     work = recording.within(WorkState.WORK)
     velocity = recording["v_command"].value[work]
     speed = np.linalg.norm(velocity, axis=1)
@@ -379,7 +384,7 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
     if not moving.size:
         return None
 
-    # While the commanded point is at rest, at both ends, the tangent is that of the nearest motion.
+    # At both ends, where the commanded point is at rest, the tangent is that of the nearest motion.
     rows = np.arange(len(speed))
     after = np.clip(np.searchsorted(moving, rows), 0, moving.size - 1)
     before = np.maximum(after - 1, 0)
@@ -387,7 +392,7 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
     nearest = np.where(speed > STANDSTILL, rows, nearest)
     tangent = velocity[nearest] / speed[nearest, None]
 
-    # Error along the tangent, along the tool axis orthogonal to it, and across.
+    # Error along the tangent, along the tool axis orthogonal to it, and across both.
     error = recording["p_pad"].value[work] - recording["p_command"].value[work]
     axis = recording["tool_axis"].value[work]
     axis = axis - np.sum(axis * tangent, axis=1, keepdims=True) * tangent
@@ -405,9 +410,11 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
 
 
 def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
-    """Errors of the true tip from the commanded path, of the tool from the true surface normal."""
+    """Errors of the true tip from the commanded path, and of the tool axis from the true surface
+    normal.
+    """
     error = path_error(recording)
-    if error is None:  # a tool that rests on the surface has no path, but an attitude
+    if error is None:  # a tool that rests on the surface has an attitude but no path
         tilt = tool_tilt(recording, truth)[1]
         return unmeasured(ToolMetrics, tilt_max_rad=float(tilt.max()) if tilt.size else None)
 
@@ -416,7 +423,7 @@ def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
     whole = np.asarray(path.p)
     arc = _on_ideal_path(recording, truth)[1]
 
-    # the tool was moved to another stretch
+    # the tool was moved to the start of another stretch
     lifted = np.flatnonzero(np.diff(np.flatnonzero(work)) > 1) + 1
     worked = sum(float(np.ptp(stretch)) for stretch in np.split(arc, lifted))
     moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
@@ -439,18 +446,21 @@ def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
 
 
 def true_path_deviation(recording: "Recording", truth: TrueObject) -> float | None:
-    """Largest distance [m] of the true tip at work from the ideal path; None without a path."""
+    """Largest distance [m] of the true tip at work from the ideal path; None if there is no
+    path.
+    """
     if path_error(recording) is None:
         return None
     return float(_on_ideal_path(recording, truth)[0].max())
 
 
 def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Distance (N,) [m] of the true tip at work from the ideal path, and arc length there (N,) [m].
+    """Distances (N,) [m] of the true tip at work from the ideal path, and arc lengths (N,) [m]
+    there.
 
-    On a deformed object the ideal path is that of the clean one, laid on the true surface along its
-    tool axes. The distance then is that from the path across these axes, and that from the true
-    surface.
+    On a deformed object the ideal path is the path of the clean object, projected onto the true
+    surface along its tool axes. The distance then combines the distance from the path across these
+    axes and the distance from the true surface.
     """
     rows = np.flatnonzero(recording.within(WorkState.WORK))
     tip_T = _in_object(recording, truth, rows, _path_pose(recording, truth))[0]
@@ -464,13 +474,13 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
     if not truth.deformed:
         return np.linalg.norm(away, axis=1), arc
 
-    # Across the axis of the path's point nearest.
+    # Distance across the tool axis of the nearest point of the path.
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     axis = np.column_stack([np.interp(arc, way, column) for column in a.T])
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     across = np.linalg.norm(away - np.sum(away * axis, axis=1, keepdims=True) * axis, axis=1)
 
-    # From the surface, at fewer rows.
+    # Distance from the surface, evaluated at fewer rows.
     time, tip_on_T, _ = _at_work(recording, truth)
     surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
     above = np.linalg.norm(tip_on_T - surface.closest(tip_on_T)[0], axis=1) - off
@@ -478,7 +488,8 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:
-    """True pose X_WT (4, 4), of those equal by symmetry the one nearest to the identified pose.
+    """True pose X_WT (4, 4): among the poses equal by symmetry, the one nearest to the identified
+    pose.
 
     A rotation of symmetry leaves the object unchanged but moves the path.
     """
@@ -490,7 +501,7 @@ def _path_pose(recording: "Recording", truth: TrueObject) -> Array:
 
 
 def tool_tilt(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Angle between the tool axis and the true inward normal, in the work state.
+    """Angle between the tool axis and the true inward surface normal, in the work state.
 
     Args:
         recording: The run.
@@ -511,7 +522,7 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
 
     Args:
         recording: The run.
-        truth: True object; its path tells b at the point of the path nearest to the tip.
+        truth: True object, whose path gives the axis b at the point of the path nearest to the tip.
 
     Returns:
         Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis; the smallest of
@@ -538,12 +549,12 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
         np.concatenate(near).astype(np.int64),
     )
 
-    # Angle from b, by every point of the path near the tip's.
+    # Angle from the axis b of every point of the path near the tip's point.
     b, axis, x = b_at[point], axis[row], x[row]
     flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
     angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
 
-    # The smallest of these; 0 where they lie on both sides.
+    # The smallest of these angles; 0 if they have both signs.
     least, most = np.minimum.reduceat(angle, first), np.maximum.reduceat(angle, first)
     angle = np.where(
         (least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most)
@@ -553,11 +564,11 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
 
 
 def _finely(path: ModelPath) -> tuple[Array, Array]:
-    """Points and second axes of a path at a tenth of its points' distance."""
+    """Points and second axes of a path, at a tenth of the spacing of its points."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     fine = np.linspace(0.0, s[-1], 1 + 10 * (len(s) - 1))
 
-    # Interpolated without the steps of the axes, which are put back.
+    # Interpolated with the jumps of the axes removed; the jumps are then added again.
     steps = Steps.of(path.a, path.b)
     smooth = steps.taken_out(path.a, path.b)
     p, a, b = (
@@ -569,7 +580,9 @@ def _finely(path: ModelPath) -> tuple[Array, Array]:
 
 
 def joint_figures(recording: "Recording") -> JointMetrics:
-    """Changes of direction of the arm's joints in the work state; known of a full recording."""
+    """Direction reversals of the arm's joints in the work state; None unless the recording is
+    full.
+    """
     if "q" not in recording:
         return unmeasured(JointMetrics)
 
@@ -581,7 +594,9 @@ def joint_figures(recording: "Recording") -> JointMetrics:
 
 
 def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
-    """Number of direction changes of a joint's motion q (N,) [rad] beyond a `hysteresis`."""
+    """Number of direction reversals of a joint's motion q (N,) [rad] beyond a `hysteresis`
+    [rad].
+    """
     count, way, extreme = 0, 0, q[0] if len(q) else 0.0
     for angle in q:
         if way * (angle - extreme) > 0.0 or (way == 0 and abs(angle - extreme) > hysteresis):
@@ -615,15 +630,7 @@ def gap_figures(recording: "Recording", truth: TrueObject) -> GapMetrics | None:
 
 
 def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Distance of the pad's face from the true surface in the work state, 0 inside it.
-
-    Args:
-        recording: The run.
-        truth: True object.
-
-    Returns:
-        Times (N,) [s] and distances (N,) [m].
-    """
+    """Distance of the pad's face from the true surface in the work state; 0 inside the object."""
     time, tip_T, _ = _at_work(recording, truth)
     surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
     p_surface, normal = surface.closest(tip_T)
@@ -632,7 +639,9 @@ def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
 
 
 def _at_work(recording: "Recording", truth: TrueObject) -> tuple[Array, Array, Array]:
-    """At work at TILT_RATE: times (N,) [s], the pad's face (N, 3) [m], tool axis (N, 3), in T."""
+    """Times (N,) [s], face of the pad (N, 3) [m] and tool axis (N, 3) in T, at work and at
+    TILT_RATE.
+    """
     rows = _rows_at_work(recording)
     tip_T, R = _in_object(recording, truth, rows, truth.X_WT)
     return recording["p_pad"].time[rows], tip_T, _turned_back(R, recording["tool_axis"].value[rows])
@@ -641,14 +650,13 @@ def _at_work(recording: "Recording", truth: TrueObject) -> tuple[Array, Array, A
 def _in_object(
     recording: "Recording", truth: TrueObject, rows: np.ndarray, X_WT: Array
 ) -> tuple[Array, Array]:
-    """True tip relative to the object, where the object is at that time.
+    """True tip relative to the object, at the object's pose at that time.
 
     Args:
         recording: The run.
         truth: True object.
         rows: (N,) rows of the series.
-        X_WT: (4, 4) pose of the object, or one equal to it by symmetry, while it stands as `truth`
-            has it.
+        X_WT: (4, 4) pose of the object in `truth`, or one equal to it by symmetry.
 
     Returns:
         The pad's face (N, 3) [m] in T, and the object's rotation R_WT (N, 3, 3).
@@ -667,7 +675,7 @@ def _in_object(
 
 
 def _turned_back(R: Array, vectors: Array) -> Array:
-    """R^T v of each row: R (N, 3, 3), vectors (N, 3)."""
+    """R^T v for each row, with R (N, 3, 3) and vectors v (N, 3)."""
     return np.einsum("nji,nj->ni", R, vectors)
 
 
@@ -678,14 +686,16 @@ def _rows_at_work(recording: "Recording") -> np.ndarray:
 
 
 def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
-    """Error of the tool force by the joints: as a vector, along and across the tool, at work."""
+    """Error of the tool force estimated from the joints, as a vector, along and across the tool, at
+    work.
+    """
     work = recording.within(WorkState.WORK)
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
     normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
     across = (tangential(recording, "felt_force") - tangential(recording, "contact_force"))[work]
 
     if not work.any() or not (np.isfinite(vector).all() and np.isfinite(normal).all()):
-        return unmeasured(ForceEstimateMetrics)  # a controller need not estimate forces
+        return unmeasured(ForceEstimateMetrics)  # a controller may have no estimate of the force
 
     return ForceEstimateMetrics(
         error_rms_n=float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))),
@@ -695,7 +705,8 @@ def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
 
 
 def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | None:
-    """Motion of the hull at work since first contact; without a set force, since the work began.
+    """Motion of the hull at work since first contact or, without a set force, since the start of
+    work.
 
     A commanded motion of the hull is subtracted. The turn is the whole rotation, yaw included.
 
@@ -717,7 +728,7 @@ def hull_motion(recording: "RecordedSeries") -> tuple[Array, Array, Array] | Non
     if "p_WB_reference" in recording:
         p = p - recording["p_WB_reference"].value
 
-    # Turn by the chord between the quaternions.
+    # Rotation angle from the chord between the quaternions.
     ahead, behind = quat[work] - quat[first], quat[work] + quat[first]  # q and -q are one rotation
     chord = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1))
     turn = 4.0 * np.arcsin(0.5 * chord)  # exact for small angles, unlike the arc cosine
@@ -738,10 +749,11 @@ def hull_figures(recording: "Recording") -> HullMetrics:
 
 
 def _identification(recording: "Recording", truth: TrueObject) -> IdentificationMetrics:
-    """Error of the pose that the work went by, up to symmetry; of the last find without any work.
+    """Error, up to symmetry, of the pose that the work used, or of the last find if there was no
+    work.
 
-    So is the verdict: a single look may be refused after the mean was decided on. Range and check
-    are those of the last find.
+    The verdict refers to the same pose, since a single look may be refused after the mean was
+    accepted. Range and check are those of the last find.
     """
     if not recording.targets:
         return unmeasured(IdentificationMetrics, accepted=False, views=0)
@@ -760,7 +772,7 @@ def _identification(recording: "Recording", truth: TrueObject) -> Identification
 
 
 def uncertainty_figures(recording: "Recording", truth: TrueObject) -> UncertaintyMetrics:
-    """Covariance of the mean of the finds, and what it means for the path; None if unknown."""
+    """Covariance of the mean of the finds, and its effect on the path; None if it is unknown."""
     target, promise = recording.goes_by, recording.promise
     if target is None or target.covariance is None:
         return unmeasured(UncertaintyMetrics)
@@ -790,7 +802,7 @@ def uncertainty_figures(recording: "Recording", truth: TrueObject) -> Uncertaint
 
 
 def motion_figures(recording: "Recording") -> MotionMetrics | None:
-    """What the follower saw of the object's motion; None if it saw nothing, or there was none."""
+    """Motion of the object as the follower measured it; None if it measured none."""
     motions = recording.motions
     if not motions:
         return None

@@ -1,4 +1,4 @@
-"""Metrics of every run beside those of its kind of work: end, timings, and provenance."""
+"""Metrics of every run, besides those of its kind of work: end, timings, and provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,58 +14,72 @@ OPTIONAL = ("energy", "provenance", "start")  # entries of a file that are left 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunMetrics:
-    """How a run went and ended; bit for bit the same for two runs of a command on one machine."""
+    """How a run went and ended. Two runs of one command on one machine agree in every bit."""
 
     simulated_s: float | None = metric(minimum=0)
     seed: int = metric()
     state: str = metric(
-        "In which the run ended: done, abort or another of the work's; interrupted, from outside; "
-        "crashed, of a trial."
+        "State in which the run ended: done, abort or another state of the work; interrupted if "
+        "ended from outside; crashed for a trial that failed with an error."
     )
     note: str = metric("Reason of an abort.")
     abort: str | None = metric(
-        "The same as a code of uuv.sim.interfaces.messages.AbortCode; null without an abort."
+        "Name of the abort code (uuv.sim.interfaces.messages.AbortCode); null without an abort."
     )
     collision_s: float | None = metric(
-        "Time in which another part than the tool touched something.", minimum=0
+        "Time in which a part other than the tool was in contact.", minimum=0
     )
     trajectory_sha256: str | None = metric(
-        "Of times and values of every series recorded at each step (Recording.digest).",
+        "Hash of the times and values of every series that is recorded at each step "
+        "(Recording.digest).",
         pattern=SHA256,
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timings:
-    """Computing times of one run: all that two runs of one command may differ in."""
+    """Computing times of one run, the only values in which two runs of one command may differ."""
 
-    wall_s: float | None = metric("Of the loop.", minimum=0)
-    real_time_factor: float | None = metric("Simulated time over it.", minimum=0)
-    identification_s: float | None = metric("Of it, of the last identification.", minimum=0)
+    wall_s: float | None = metric("Wall time of the loop.", minimum=0)
+    real_time_factor: float | None = metric(
+        "Simulated time over the wall time of the loop.", minimum=0
+    )
+    identification_s: float | None = metric(
+        "Wall time of the last identification, which is part of the loop's.", minimum=0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartMetrics:
-    """Compiled kernels until the run was ready; `uuv.sim.interfaces.kernels.store` keeps them."""
+    """Numbers of kernels loaded and compiled until the run began
+    (`uuv.sim.interfaces.kernels.store`).
+    """
 
-    kernels_loaded: int = metric("By the process of the run, from the store.", minimum=0)
-    kernels_compiled: int = metric("Anew, by it and by those of the first start.", minimum=0)
+    kernels_loaded: int = metric(
+        "Kernels that the process of the run loaded from the store.", minimum=0
+    )
+    kernels_compiled: int = metric(
+        "Kernels that were compiled by this process and by the processes of the first start.",
+        minimum=0,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What the figures were made by (`uuv.sim.runs.provenance`)."""
+    """Origin of the figures: scenario, options, versions and code (`uuv.sim.runs.provenance`)."""
 
     scenario: str
     options: Mapping[str, Any] = metric(
-        "As given, without those that change no figure, such as --out."
+        "Options as given, without those that change no figure, such as --out."
     )
     versions: Mapping[str, str]
     machine: str
-    commit: str = metric("Of the project's git checkout; absent where there is none.", default="")
-    dirty: bool = metric("The code there is not that of the commit.", default=False)
+    commit: str = metric(
+        "Commit of the project's git checkout; absent if there is none.", default=""
+    )
+    dirty: bool = metric("True if the code in the checkout differs from the commit.", default=False)
     model_sha256: str = metric(
-        "Of the compiled MuJoCo model as it is saved by this version of MuJoCo.",
+        "Hash of the compiled MuJoCo model as this version of MuJoCo saves it.",
         default="",
         pattern=SHA256,
     )
@@ -73,24 +87,27 @@ class Provenance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EveryRun:
-    """Entries of every metrics.json beside those of the kind of work."""
+    """Entries of every metrics.json, besides those of the kind of work."""
 
     format: int = metric(
-        "Of the files in a run's folder; absent from those of the first.",
+        "Format number of the files in a run's folder; absent in files of the first format.",
         default=FORMAT,
         minimum=1,
         maximum=FORMAT,
     )
     run: RunMetrics
-    accepted: bool = metric("All of the scenario's bounds hold.")
+    accepted: bool = metric("True if all of the scenario's bounds hold.")
     failed: list[str] = metric("Missed bounds, one line each.")
-    timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
+    timings: Timings = metric(
+        "Computing times of this run, the only values in which two runs of one command may differ."
+    )
     energy: EnergyMetrics | None = metric(
-        "Energy drawn by the thrusters; absent where their current was not measured.", default=None
+        "Energy drawn by the thrusters; absent if their current was not measured.", default=None
     )
     provenance: Provenance = metric("Origin of the figures.", default=None)
     start: StartMetrics = metric(
-        "What the command compiled before it; absent for a run from Python.", default=None
+        "Kernels loaded and compiled before the run; absent for a run started from Python.",
+        default=None,
     )
 
 
@@ -100,7 +117,7 @@ def run_schema(kind: type, title: str, description: str) -> dict[str, Any]:
     Args:
         kind: Dataclass of the metrics of its kind of work.
         title: Title of the schema.
-        description: What the file is.
+        description: Description of the file.
 
     Returns:
         The schema.

@@ -1,4 +1,4 @@
-"""Judgement of work that goes on, step by step, by the rules and limits of a run's figures."""
+"""Judgement of work in progress, step by step, by the rules and bounds of a run's figures."""
 
 import math
 
@@ -12,13 +12,13 @@ from uuv.sim.interfaces.spatial import Array
 
 
 class RunningForce:
-    """Error of the true normal force from one set force, as `contact_figures` has it for a run.
+    """Error of the true normal force from one set force, by the definition of `contact_figures`.
 
-    It counts once the force is settled, since `start`.
+    The error counts once the force has settled after `start`.
     """
 
     def __init__(self, set_force: float, bounds: Bounds) -> None:
-        """Take the set force [N] and the bounds of its error."""
+        """Take the set force [N] and the bounds of the force error."""
         self.set_force = set_force
         self.bounds = bounds
         self.start()
@@ -31,14 +31,14 @@ class RunningForce:
 
     @property
     def rms(self) -> float:
-        """Root mean square error [N] of the settled steps; 0 before."""
+        """Root mean square error [N] of the settled steps; 0 before the first of them."""
         return math.sqrt(self._squares / self._judged) if self._judged else 0.0
 
     def add(self, normal: float, least: float, most: float, dt: float) -> str:
         """A step of `dt` [s], with the mean, smallest and largest normal force [N] in it.
 
         Returns:
-            What of it is out of bounds, once settled; empty: nothing.
+        Message of an error out of bounds in a settled step; empty if there is none.
         """
         self.since += dt
         if self.since < unsettled(0.0):
@@ -48,7 +48,7 @@ class RunningForce:
         self._judged += dt
         self._squares += dt * error * error
 
-        # As `force_peak`, which takes arrays.
+        # Same as `force_peak`, which takes arrays.
         peak = max(abs(most - self.set_force), abs(least - self.set_force))
         self.peak = max(self.peak, peak)
 
@@ -57,22 +57,26 @@ class RunningForce:
         return f"force error {peak:.1f} N" if peak > self.bounds.force_error_max else ""
 
     def missed(self) -> str:
-        """What of the whole is out of bounds: the root mean square; empty: nothing."""
+        """Message of a root mean square error out of bounds over all settled steps; empty if there
+        is none.
+        """
         rms = self.rms
         return f"force error {rms:.1f} N RMS" if rms > self.bounds.force_error_rms else ""
 
 
 def place_on_path(path: ToolPath, p_W: Array) -> tuple[float, float]:
-    """Arc length [m] of the place of a path nearest to a tip (3,) [m], and its distance [m].
+    """Arc length [m] of the point of a path nearest to a tip (3,) [m], and the distance [m] between
+    them.
 
-    The distance is that across the path's tool axes: how deep the tool is does not count.
+    The distance is measured across the path's tool axes, so that the depth of the tool does not
+    count.
     """
     ((s, distance),) = places_on_path(path, p_W[None]).tolist()
     return s, distance
 
 
 def places_on_path(path: ToolPath, p_W: Array) -> Array:
-    """Arc lengths and distances (N, 2) [m] as `place_on_path`, of tips (N, 3) [m]."""
+    """Arc lengths and distances (N, 2) [m] of tips (N, 3) [m], as defined in `place_on_path`."""
     places = np.empty((len(p_W), 2))
     _find_nearest(path.s, path.p, path.z, np.ascontiguousarray(p_W), places)
     return places
@@ -86,7 +90,9 @@ def _find_nearest(s, p, z, p_W, places):
 
 @kernel
 def _nearest(s, p, z, p_W):
-    """Arc length [m] and distance [m], for samples `s` (N,), `p` (N, 3), `z` (N, 3) of a path."""
+    """Arc length [m] and distance [m] for a path sampled at `s` (N,), with points `p` and axes `z`
+    (N, 3).
+    """
     at = 0
     least = np.inf
     for i in range(s.shape[0]):
@@ -115,7 +121,7 @@ def _nearest(s, p, z, p_W):
 
 @kernel
 def _across(p, z, p_W, i):
-    """Way [m] from sample `i` to a tip, across the tool axis there."""
+    """Displacement [m] (3,) from sample `i` to a tip, across the tool axis there."""
     gap = p_W[0] - p[i, 0], p_W[1] - p[i, 1], p_W[2] - p[i, 2]
     depth = _dot(gap, z[i])
     return gap[0] - depth * z[i, 0], gap[1] - depth * z[i, 1], gap[2] - depth * z[i, 2]

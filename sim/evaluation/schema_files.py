@@ -1,4 +1,4 @@
-"""Writes sim/schemas from the dataclasses of metrics, by `./uvw run python -m
+"""Writes sim/schemas from the dataclasses of metrics: `./uvw run python -m
 uuv.sim.evaluation.schema_files`.
 """
 
@@ -26,7 +26,7 @@ GENERATED: Mapping[str, Callable[[], dict[str, Any]]] = {
 
 
 def contents() -> dict[Path, str]:
-    """Content of each generated file."""
+    """Content of each generated file, by its path."""
     return {
         FOLDER / f"{name}.schema.json": json.dumps(make(), indent=2, ensure_ascii=False) + "\n"
         for name, make in GENERATED.items()

@@ -1,4 +1,6 @@
-"""JSON Schema of a metrics dataclass: types by annotations, units by names, notes of `metric`."""
+"""JSON Schema of a metrics dataclass: types from annotations, units from names, notes from
+`metric`.
+"""
 
 import types
 from collections.abc import Iterable, Mapping
@@ -6,7 +8,7 @@ from dataclasses import MISSING, field, fields, is_dataclass
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-# Unit by the end of a name, the longest first.
+# Unit by the suffix of a name; the longest suffix comes first.
 UNITS = {
     "_m_s": "m/s",
     "_rad": "rad",
@@ -32,8 +34,8 @@ def metric(description: str = "", *, default: Any = MISSING, **keywords: Any) ->
     """Dataclass field of metrics.
 
     Args:
-        description: What it is, for the schema.
-        default: Stands for an entry that may be absent from the file; none: it is always there.
+        description: Description of the metric, for the schema.
+        default: Value for a file without the entry. Without a default the entry must be present.
         **keywords: Further keywords of JSON Schema, such as `minimum=0`.
 
     Returns:
@@ -49,7 +51,7 @@ def schema_of(kinds: Iterable[type], title: str, description: str) -> dict[str, 
     Args:
         kinds: Dataclasses whose fields together are the entries of the file.
         title: Title of the schema.
-        description: What the file is.
+        description: Description of the file.
 
     Returns:
         The schema, complete in itself.
@@ -66,13 +68,13 @@ def schema_of(kinds: Iterable[type], title: str, description: str) -> dict[str, 
 
 
 def unmeasured(kind: type[Metrics], **known: Any) -> Metrics:
-    """Metrics of a run that ended before they were measured: None in all fields but `known`."""
+    """Metrics of a run that ended before they were measured: None in all fields except `known`."""
     names = [entry.name for entry in fields(cast(Any, kind))]
     return kind(**{name: known.get(name) for name in names})
 
 
 def unit_of(name: str) -> str | None:
-    """Unit by the end of a metric's name; None if it has none."""
+    """Unit by the suffix of a metric's name; None if the name has none."""
     return next((unit for end, unit in UNITS.items() if name.endswith(end)), None)
 
 

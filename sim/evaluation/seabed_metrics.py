@@ -1,9 +1,10 @@
 """Metrics of work in the seabed, from its recording and the true ground.
 
-Push is the true force of the soil against the tool along its axis, including peaks of the physics
-steps. Rise and excursion of the hull are relative to its position when the tool first met the soil,
-until it is out again. For a dragged tool, depth and side errors are relative to the commanded path.
-Its depth under the true surface, which includes the error of the scan, is reported separately.
+Push is the true force of the soil against the tool along the tool's axis, including peaks of the
+physics steps. Rise and excursion of the hull are relative to its position when the tool first met
+the soil, and count until the tool has left the soil. For a dragged tool, depth and side errors are
+relative to the commanded path. The depth of the tool below the true surface, which includes the
+error of the scan, is reported separately.
 """
 
 from dataclasses import dataclass
@@ -30,11 +31,13 @@ _PERCENT = 100.0  # [%]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeabedBounds:
-    """Acceptance bounds of the work."""
+    """Acceptance bounds of work in the seabed."""
 
-    target: float = 0.01  # [m] error of a target's height; in addition to it
-    target_share: float = 0.005  # this share of its range
-    push: float = 0.05  # error as a share of the set push, while it is held
+    # [m] error of a target's height, in addition to the share of its range below
+    target: float = 0.01
+    # share of a target's range, by which the bound of its height error grows
+    target_share: float = 0.005
+    push: float = 0.05  # error of the push while it is held, as a share of the set push
     rise: float = 0.02  # [m] of the hull
     depth: float = 0.005  # [m] depth error of a dragged tool
     side: float = 0.003  # [m] lateral error of a dragged tool
@@ -46,8 +49,8 @@ class TrueGround:
 
     ground: Seabed
     hull_box: Array  # (2, 3) [m] corners of the hull in B
-    push: float | None  # [N] set push of a core sampler; None: dragged tool
-    depth: float  # [m] set depth of a dragged tool; depth at which a core sampler is full
+    push: float | None  # [N] set push of a core sampler; None for a dragged tool
+    depth: float  # [m] set depth of a dragged tool, or depth at which a core sampler is full
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hull_box", checked(self.hull_box, (2, 3), "hull_box"))
@@ -61,8 +64,10 @@ class TargetMetrics:
     target_error_max_m: float | None = metric(
         "Height error of the identified targets against the true surface."
     )
-    target_error_share: float | None = metric("The same over 1 cm + 0.5 % of the range.")
-    range_m: float | None = metric("Hull to the farthest target.")
+    target_error_share: float | None = metric(
+        "Largest height error of a target, divided by its bound, 1 cm + 0.5 % of the range."
+    )
+    range_m: float | None = metric("Distance from the hull to the farthest target.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,11 +77,11 @@ class CoreMetrics:
     push_set_n: float | None
     push_mean_n: float | None
     push_error_share: float | None = metric(
-        "Worst of the true push while it is held, as a share of the set one."
+        "Largest error of the true push while it is held, as a share of the set push."
     )
     push_max_n: float | None
-    pull_max_n: float | None = metric("On the way out.")
-    depth_m: float | None = metric("Largest, of the tip below the true surface.")
+    pull_max_n: float | None = metric("Largest pull on the way out of the soil.")
+    depth_m: float | None = metric("Largest depth of the tip below the true surface.")
     held_s: float | None
 
 
@@ -85,11 +90,14 @@ class DragMetrics:
     """Depth and side errors of a dragged tool."""
 
     depth_set_m: float | None
-    depth_error_max_m: float | None = metric("Against the commanded path, along the tool.")
+    depth_error_max_m: float | None = metric(
+        "Largest error from the commanded path, along the tool axis."
+    )
     depth_error_rms_m: float | None
-    side_max_m: float | None = metric("Across the commanded path, in the surface.")
+    side_max_m: float | None = metric("Largest distance across the commanded path, in the surface.")
     true_depth_error_max_m: float | None = metric(
-        "Below the true surface, against the set depth: the scan's error is in it."
+        "Largest error of the depth below the true surface from the set depth, including the "
+        "error of the scan."
     )
     true_depth_error_rms_m: float | None
     force_max_n: float | None
@@ -100,7 +108,9 @@ class DragMetrics:
 class SoilHullMetrics:
     """Motion of the hull since the tool first met the soil, and its distance from the ground."""
 
-    rise_max_m: float | None = metric("From its position when the tool first met the soil.")
+    rise_max_m: float | None = metric(
+        "Largest rise above its position when the tool first met the soil."
+    )
     sink_max_m: float | None
     excursion_max_m: float | None
     ground_gap_m: float | None = metric(
@@ -135,7 +145,7 @@ def assess_seabed_work(
     wall_s: float,
     bounds: SeabedBounds | None = None,
 ) -> Assessment:
-    """All metrics of a run; one that could not be measured is None and counts as missed.
+    """All metrics of a run. A metric that could not be measured is None and counts as missed.
 
     Args:
         recording: The run.
@@ -173,7 +183,7 @@ def assess_seabed_work(
 
 
 def _core_checks(core: CoreMetrics | None, bounds: SeabedBounds) -> tuple[Requirement, ...]:
-    """Requirements of a core; None: it was not measured."""
+    """Requirements of a core sample; none if `core` is None."""
     core = core or unmeasured(CoreMetrics)
     return (
         Requirement("push while held, worst", core.push_error_share, bounds.push, "%", _PERCENT),
@@ -183,7 +193,7 @@ def _core_checks(core: CoreMetrics | None, bounds: SeabedBounds) -> tuple[Requir
 
 
 def _drag_checks(drag: DragMetrics | None, bounds: SeabedBounds) -> tuple[Requirement, ...]:
-    """Requirements of a drag; None: it was not measured."""
+    """Requirements of a dragged tool; none if `drag` is None."""
     drag = drag or unmeasured(DragMetrics)
     true_error = drag.true_depth_error_max_m
     return (
@@ -195,7 +205,7 @@ def _drag_checks(drag: DragMetrics | None, bounds: SeabedBounds) -> tuple[Requir
 
 
 def _surface(target: Target | None, truth: TrueGround, bounds: SeabedBounds) -> TargetMetrics:
-    """Error of the target heights from the true ground, at the ends of the path."""
+    """Error of the identified target heights from the true ground, at the ends of the path."""
     if target is None or target.path is None:
         return unmeasured(TargetMetrics, accepted=target is not None and target.accepted)
     ends = target.path.p[[0, -1]] if truth.push is None else target.path.p[:1]
@@ -275,7 +285,9 @@ def hull_in_the_soil(recording: "Recording") -> dict[str, float | None]:
 
 
 def hull_gap(recording: "Recording", truth: TrueGround) -> float:
-    """Smallest distance [m] of the hull's box from the true ground in the run; 0: they meet."""
+    """Smallest distance [m] of the hull's box from the true ground during the run; 0 if they
+    meet.
+    """
     every = max(1, round(_GAP_EVERY / recording.timestep))
     ground = truth.ground.mesh()[0]
     box = truth.hull_box

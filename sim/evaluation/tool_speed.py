@@ -1,4 +1,4 @@
-"""Speed of the true tip along its path, where the tool was to move at the set speed."""
+"""Mean speed of the true tip along its path, at the times for which the set speed is commanded."""
 
 from typing import TYPE_CHECKING
 
@@ -11,20 +11,20 @@ from uuv.sim.interfaces.messages import WorkState
 if TYPE_CHECKING:
     from uuv.sim.loop.recording import Recording
 
-STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
-AT_SPEED = 0.9  # of the set speed: slower is a ramp, a bend or a stop
+STANDSTILL = 1e-6  # [m/s] commanded speed below which the point counts as at rest
+AT_SPEED = 0.9  # share of the set speed; slower motion is a ramp, a bend or a stop
 
 
 def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
-    """Mean speed of the tip against the set one, ramps, slow bends and stops left out.
+    """Mean speed of the tip and the set speed, without ramps, slow bends and stops.
 
     Args:
         recording: The run.
-        asked: [m/s] commanded speed along the path; a surface that allows a share of it only
-            (`ToolPath.pace`) sets that share. None: the fastest that was commanded.
+        asked: [m/s] requested speed along the path, multiplied by `ToolPath.pace` if the surface
+            allows a share of it only. None: the fastest commanded speed.
 
     Returns:
-        The figures; no mean where the tool never was to move so fast.
+        The figures, without a mean if that speed was never commanded.
     """
     work = recording.within(WorkState.WORK)
     velocity = recording["v_command"].value[work]
@@ -35,7 +35,7 @@ def speed_figures(recording: "Recording", asked: float | None) -> SpeedMetrics:
     paces = [target.path.pace for target in recording.targets if target.path is not None]
     set_speed = float(commanded.max()) if asked is None else asked * (paces[-1] if paces else 1.0)
 
-    # Way of the tip along the commanded motion, between neighbouring rows of one stretch.
+    # Displacement of the tip along the commanded motion, between neighbouring rows of one stretch.
     time = recording["p_pad"].time[work]
     tip = recording["p_pad"].value[work]
     tangent = velocity[1:] / np.maximum(commanded[1:], STANDSTILL)[:, None]

@@ -1,5 +1,6 @@
 """Shared base of all packages: spatial algebra, messages, protocols, documents, pages, errors.
 Imports numpy only.
 
-`kernels` imports numba too, and `documents` the package of a format when a file is read or written.
+`kernels` also imports numba. `documents` imports the package of a format when it reads or writes a
+file.
 """

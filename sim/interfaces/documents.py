@@ -3,9 +3,9 @@
     table = toml_of(file, "campaign")             # of a file; parsed_toml: of a text
     write_whole(file, toml_text(table))
 
-What is returned can be printed, computed with and walked through:
+Documents that are returned can be printed, computed with and traversed:
 
-- Keys are text, and none stands twice in a table.
+- Keys are text, and no key occurs twice in a table.
 - Texts hold no control characters.
 - A whole number fits 64 bits with its sign. No number is NaN, and in JSON none is infinite.
 - Nothing is nested deeper than DEEPEST.
@@ -25,11 +25,12 @@ from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal
 from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import shown
 
-MOST_BYTES = 8_000_000  # of a document; its values take some thirty times as much memory
-DEEPEST = 32  # tables and lists within each other
+MOST_BYTES = 8_000_000  # largest document; its values take some thirty times as much memory
+DEEPEST = 32  # most tables and lists within each other
 _LONGEST_KEY = 200  # [characters]
-_LARGEST_WHOLE = 2**63  # whole numbers beyond fit no array and no other language's integer
-_MOST_UNFOLDED = 1_000_000  # values of a YAML document, those of aliases counted at each
+_LARGEST_WHOLE = 2**63  # larger whole numbers fit no array, and no integer type of another language
+# most values of a YAML document; the values of an alias count at each use
+_MOST_UNFOLDED = 1_000_000
 _YAML = "tag:yaml.org,2002:"
 _PLAIN_TAGS = frozenset(_YAML + word for word in ("null", "bool", "int", "float", "str"))
 _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")  # as YAML 1.2 has it
@@ -39,7 +40,7 @@ _EXPONENT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)[eE][-+]?[0-9]+")  # a
 
 
 def named(file: str | Path, what: str) -> str:
-    """What messages call a file: `what` it is, and its name."""
+    """Name of a file in messages: `what` it is, and its file name."""
     return f"{what} {shown(str(file))}"
 
 
@@ -47,7 +48,7 @@ def json_of(file: str | Path, what: str, most: int = MOST_BYTES) -> Any:
     """The checked document of a JSON file, at most `most` bytes; `what` begins the error message.
 
     Raises:
-        ConfigurationError: The file cannot be read, or as `parsed_json` says.
+        ConfigurationError: The file cannot be read, or `parsed_json` refuses its text.
     """
     return parsed_json(text_of(file, what, most), named(file, what))
 
@@ -56,7 +57,7 @@ def toml_of(file: str | Path, what: str, most: int = MOST_BYTES) -> dict[str, An
     """The checked document of a TOML file, at most `most` bytes; `what` begins the error message.
 
     Raises:
-        ConfigurationError: The file cannot be read, or as `parsed_toml` says.
+        ConfigurationError: The file cannot be read, or `parsed_toml` refuses its text.
     """
     return parsed_toml(text_of(file, what, most), named(file, what))
 
@@ -65,7 +66,7 @@ def yaml_of(file: str | Path, what: str, most: int = MOST_BYTES) -> Any:
     """The checked document of a YAML file, at most `most` bytes; `what` begins the error message.
 
     Raises:
-        ConfigurationError: The file cannot be read, or as `parsed_yaml` says.
+        ConfigurationError: The file cannot be read, or `parsed_yaml` refuses its text.
     """
     return parsed_yaml(text_of(file, what, most), named(file, what))
 
@@ -74,7 +75,8 @@ def parsed_json(text: str, what: str) -> Any:
     """The checked document of a JSON text; `what` begins the error message.
 
     Raises:
-        ConfigurationError: It is no JSON, or as `checked` says; a number is not finite.
+        ConfigurationError: The text is no JSON, a number is not finite, or `checked` refuses a
+            value.
     """
 
     def document(text: str) -> Any:
@@ -87,7 +89,7 @@ def parsed_toml(text: str, what: str) -> dict[str, Any]:
     """The checked document of a TOML text; `what` begins the error message.
 
     Raises:
-        ConfigurationError: It is no TOML, or as `checked` says.
+        ConfigurationError: The text is no TOML, or `checked` refuses a value.
     """
     return _document(text, what, tomllib.loads)
 
@@ -95,18 +97,20 @@ def parsed_toml(text: str, what: str) -> dict[str, Any]:
 def parsed_yaml(text: str, what: str) -> Any:
     """The checked document of a YAML text; `what` begins the error message.
 
-    Keys are read as they are written, and dates are text. A number may have an exponent without a
-    point, as in YAML 1.2: 1e-3. A text of comments alone is None.
+    Keys are read as text, as they are written, and so are dates. A number may have an exponent
+    without a decimal point, such as 1e-3, as in YAML 1.2. A text that has only comments gives None.
 
     Raises:
-        ConfigurationError: It is no YAML, has tags of its own or aliases that unfold to too much,
-            or as `checked` says.
+        ConfigurationError: The text is no YAML, has user-defined tags or aliases that unfold to too
+            many values, or `checked` refuses a value.
     """
     return _document(text, what, _yaml_document)
 
 
 def toml_value(text: str) -> Any:
-    """The TOML value that stands in `text`, as behind `key =`; what is none is itself the value."""
+    """The TOML value that `text` holds, as written behind `key =`; a text that is no TOML value is
+    returned itself.
+    """
     try:
         table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):
@@ -129,12 +133,12 @@ def _document(text: str, what: str, parse: Callable[[str], Any], *, finite: bool
 
 
 def checked(value: Any, where: str = "", *, finite: bool = False) -> Any:
-    """`value` of a document, if all that is in it can be printed, computed with and drawn.
+    """Return `value` if everything in it can be printed, computed with and plotted.
 
     Args:
-        value: Of a document, or of what else was read.
-        where: Its place in the document.
-        finite: Infinite numbers are refused too.
+        value: Value of a document or of another input.
+        where: Place of the value in the document.
+        finite: Whether infinite numbers are refused too.
 
     Raises:
         ConfigurationError: A text holds a control character, a number is out of range, or it is
@@ -150,12 +154,14 @@ def checked(value: Any, where: str = "", *, finite: bool = False) -> Any:
 
 
 class _FaultError(Exception):
-    """What is wrong with a value; its place is put together on the way out, innermost key first."""
+    """Fault of a value. Its place is put together while the error propagates, innermost key
+    first.
+    """
 
     def __init__(self, fault: str) -> None:
         super().__init__(fault)
         self.path: list[str | int] = []
-        self.is_deep = False  # of its place only the outermost key is told
+        self.is_deep = False  # only the outermost key of a deep place is reported
 
 
 def _check(value: Any, depth: int, finite: bool) -> None:
@@ -180,7 +186,7 @@ def _check(value: Any, depth: int, finite: bool) -> None:
 
 
 def _fault_of(value: Any, finite: bool) -> str:
-    """What is wrong with one value, without those in it; empty: nothing."""
+    """Fault of one value, without the values in it; empty if there is none."""
     if isinstance(value, str):
         if not value.isprintable() and commands_a_terminal(value):
             return f"a control character in the text {shown(value)}"
@@ -214,12 +220,14 @@ def inside(where: str, key: str | int) -> str:
 
 
 def _table_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object; a key that stands in it twice would hide a value."""
+    """A JSON object as a dict. A key that occurs twice in it would hide a value, so it is
+    refused.
+    """
     table: dict[str, Any] = {}
 
     for key, entry in pairs:
         if key in table:
-            raise ValueError(f"the key {shown(key)} stands twice in one table")
+            raise ValueError(f"the key {shown(key)} occurs twice in one table")
         table[key] = entry
     return table
 
@@ -240,12 +248,14 @@ def _yaml_document(text: str) -> Any:
         mark = error.problem_mark or error.context_mark
         line = f" (at line {mark.line + 1}, column {mark.column + 1})" if mark else ""
         raise ValueError(f"{error.problem or error.context}{line}") from error
-    except yaml.YAMLError as error:  # of its reader: bytes that no text has
+    except yaml.YAMLError as error:  # error of PyYAML's reader: bytes that no text can contain
         raise ValueError(" ".join(str(error).split())) from error
 
 
 class _YamlEvents:
-    """Values of a YAML text by the parser's events; PyYAML's own bound no aliases and no depth."""
+    """Values of a YAML text, built from the parser's events. PyYAML's own loader limits neither
+    aliases nor depth.
+    """
 
     def __init__(self, text: str) -> None:
         import yaml
@@ -254,7 +264,7 @@ class _YamlEvents:
         loader = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
         self._events: Any = loader(text)
         self._anchored: dict[str, tuple[Any, int]] = {}  # value of an anchor, and its count
-        self._count = 0  # of values so far, aliases unfolded
+        self._count = 0  # number of values so far, with aliases unfolded
 
     def document(self) -> Any:
         """The one document; None if there is none."""
@@ -266,7 +276,7 @@ class _YamlEvents:
         document = self._value(self._events.get_event(), DEEPEST)
         self._events.get_event()  # end of the document
         if not self._events.check_event(self._kinds.StreamEndEvent):
-            raise ValueError("more than one document, parted by ---")
+            raise ValueError("more than one document, separated by ---")
         return document
 
     def _value(self, event: Any, depth: int) -> Any:
@@ -293,12 +303,14 @@ class _YamlEvents:
     def _alias(self, event: Any) -> Any:
         if event.anchor not in self._anchored:
             name = shown(event.anchor)
-            raise self._fault(event, f"no anchor {name} before it, or it is within its own")
+            raise self._fault(
+                event, f"the alias {name} has no anchor before it, or is inside its own anchor"
+            )
 
         node, count = self._anchored[event.anchor]
         self._count += count
         if self._count > _MOST_UNFOLDED:
-            raise self._fault(event, f"its aliases unfold to more than {_MOST_UNFOLDED} values")
+            raise self._fault(event, f"the aliases unfold to more than {_MOST_UNFOLDED} values")
         return node
 
     def _list(self, depth: int) -> list[Any]:
@@ -309,22 +321,26 @@ class _YamlEvents:
 
     def _table(self, depth: int) -> dict[str, Any]:
         table: dict[str, Any] = {}
-        merged: dict[str, Any] = {}  # by the key <<; entries of the table itself have precedence
+        merged: dict[
+            str, Any
+        ] = {}  # entries merged by the key <<; entries of the table itself have precedence
 
         while not isinstance(event := self._events.get_event(), self._kinds.MappingEndEvent):
             if not isinstance(event, self._kinds.ScalarEvent):
-                raise self._fault(event, "a key must be one word")
+                raise self._fault(event, "a key must be a scalar, not a list or table")
             node = self._value(self._events.get_event(), depth)
             if event.value == "<<" and event.implicit[0]:
                 merged |= self._merged(event, node)
             elif event.value in table:
-                raise self._fault(event, f"the key {shown(event.value)} stands twice in one table")
+                raise self._fault(event, f"the key {shown(event.value)} occurs twice in one table")
             else:
                 table[event.value] = node
         return merged | table
 
     def _merged(self, event: Any, value: Any) -> dict[str, Any]:
-        """What a key `<<` brings: entries of a table, or of several, the first with precedence."""
+        """Entries merged by a key `<<`: from one table, or from several, where the first has
+        precedence.
+        """
         tables = value if isinstance(value, list) else [value]
         if not all(isinstance(table, dict) for table in tables):
             raise self._fault(event, f"<< takes a table, or several, got {shown(value)}")
@@ -345,11 +361,13 @@ class _YamlEvents:
         try:
             return make(self._kinds.ScalarNode(tag, event.value))
         except (ValueError, KeyError) as error:  # !!int of a word
-            raise self._fault(event, f"{shown(event.value)} is no value of its tag") from error
+            raise self._fault(
+                event, f"{shown(event.value)} is not a valid value of its tag"
+            ) from error
 
     @staticmethod
     def _foreign(tag: str) -> str:
-        return f"the tag {shown(tag.replace(_YAML, '!!'))} is not read"
+        return f"the tag {shown(tag.replace(_YAML, '!!'))} is not supported"
 
     @staticmethod
     def _fault(event: Any, problem: str) -> ValueError:
@@ -361,11 +379,11 @@ class _YamlEvents:
 
 
 def toml_text(table: Mapping[str, Any], heading: str = "") -> str:
-    """Text of a TOML document; reading it gives every float bit by bit.
+    """Text of a TOML document. Reading it returns every float with the same bits.
 
     Args:
         table: Tables, lists, text and numbers; numpy's are allowed.
-        heading: Lines of a comment above it.
+        heading: Lines of a comment above the document.
     """
     import tomlkit
 
@@ -374,16 +392,16 @@ def toml_text(table: Mapping[str, Any], heading: str = "") -> str:
 
 
 def yaml_text(document: Any, *, width: int = 160) -> str:
-    """Text of a YAML document; reading it gives every float bit by bit.
+    """Text of a YAML document. Reading it returns every float with the same bits.
 
     Args:
         document: Tables, lists, text and numbers; numpy's are allowed.
-        width: [characters] of a line.
+        width: [characters] Largest length of a line.
     """
     import yaml
 
     class Dumper(yaml.SafeDumper):
-        """Quotes a text such as 1e3, which `parsed_yaml` would read as a number."""
+        """Dumper that quotes a text such as 1e3, which `parsed_yaml` would read as a number."""
 
     number = re.compile(rf"^(?:{_EXPONENT.pattern})$")
     Dumper.add_implicit_resolver(f"{_YAML}float", number, list("-+.0123456789"))
@@ -392,7 +410,7 @@ def yaml_text(document: Any, *, width: int = 160) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """`value` of Python's own kinds: arrays as lists, their numbers as int and float."""
+    """`value` in Python's own types: arrays as lists, numbers of numpy as int and float."""
     if isinstance(value, Mapping):
         return {str(key): _plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

@@ -7,11 +7,13 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 LONGEST = 300  # [characters] longest message
-# [characters] kept from the end of a message that is too long: there it says what was given
+# [characters] kept from the end of a message that is too long, since the given value is named there
 _TAIL = 90
-_COLOUR = re.compile(r"\x1b\[[0-9;]*m")  # of other packages' messages, where colorama is installed
-# Control characters, separators of lines, marks that reverse the direction of text, and halves of
-# characters.
+_COLOUR = re.compile(
+    r"\x1b\[[0-9;]*m"
+)  # colour codes in other packages' messages, where colorama is installed
+# Control characters, line separators, marks that reverse the direction of text, and halves of
+# surrogate pairs.
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
 _UNPRINTABLE = re.compile(rf"\s*[{_CONTROL}]+\s*")
 _COMMANDING = re.compile(rf"(?![\n\t])[{_CONTROL}]")
@@ -23,7 +25,7 @@ def plain(text: str) -> str:
 
 
 def one_line(text: str, most: int = LONGEST) -> str:
-    """`text` on one line of at most `most` characters; a longer one loses its middle."""
+    """`text` on one line of at most `most` characters; the middle of a longer text is cut out."""
     line = _UNPRINTABLE.sub(" ", plain(text)).strip()
     if len(line) <= most:
         return line
@@ -32,27 +34,29 @@ def one_line(text: str, most: int = LONGEST) -> str:
 
 
 def harmless(text: str) -> str:
-    """`text` with a replacement character for each that `commands_a_terminal`."""
+    """`text` with a replacement character for every character that `commands_a_terminal`
+    matches.
+    """
     return _COMMANDING.sub("\ufffd", text)
 
 
 def commands_a_terminal(text: str) -> bool:
-    """Whether `text` holds a character that no terminal shows as itself, other than a new line or a
-    tab.
+    """Whether `text` has a control character that a terminal does not display, other than a new
+    line or a tab.
     """
     return _COMMANDING.search(text) is not None
 
 
 def did_you_mean(given: object, known: Iterable[str]) -> str:
-    """Question for the most similar of the `known` words, to end a message with; empty if none is
-    similar.
+    """Question at the end of a message that offers the most similar of the `known` words; empty if
+    none is similar.
     """
     near = get_close_matches(given, list(known), 1) if isinstance(given, str) else []
     return f" (did you mean {near[0]}?)" if near else ""
 
 
 class UuvError(Exception):
-    """Base of all errors of the project; scripts turn it into one line and exit code 2."""
+    """Base of all errors of the project. Scripts print it in one line and exit with code 2."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(str(message)))
@@ -69,11 +73,11 @@ class HydrodynamicsError(UuvError):
 
 
 class MissingLibraryError(UuvError, ImportError):
-    """An optional package, or a system library that one needs, is not installed."""
+    """An optional package, or a system library that it needs, is not installed."""
 
 
 class PerceptionError(UuvError):
-    """The measurements do not contain what was sought (nothing visible, object not found)."""
+    """The measurements do not contain the object or feature that was sought."""
 
 
 class ReachError(UuvError):
@@ -81,7 +85,9 @@ class ReachError(UuvError):
 
 
 class StrongCurrentError(ReachError):
-    """A path is within reach, but from no hull pose that the thrusters hold in the current."""
+    """A path is within reach, but there is no hull pose for it that the thrusters can hold in the
+    current.
+    """
 
 
 class PhysicsWarning(UserWarning):

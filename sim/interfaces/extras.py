@@ -1,4 +1,4 @@
-"""Optional packages, and the extra of `uuv-arm` that brings each."""
+"""Optional packages, and the extra of `uuv-arm` that installs each."""
 
 import contextlib
 import sys
@@ -7,8 +7,8 @@ from importlib.util import find_spec
 
 from uuv.sim.interfaces.errors import MissingLibraryError
 
-LOG = "log"  # the extra that log and report need
-BRIDGE = "bridge"  # the extra of files and doors of other programs
+LOG = "log"  # the extra for logs and reports
+BRIDGE = "bridge"  # the extra for files and interfaces of other programs
 EXTRAS = {  # module: extra, as in pyproject.toml
     "embreex": "perception",
     "trimesh": "perception",
@@ -29,13 +29,14 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "ray": "cluster",
     "open3d": "open3d",
 }
-# newest major version of MuJoCo on which its physics runs; as in pyproject.toml's extra "rl"
+# newest major version of MuJoCo that dm_control's physics supports; see the extra "rl" in
+# pyproject.toml
 DM_CONTROL_RUNS = 3
 _OLDER = ("rl", "open3d")  # extras without packages for Python 3.13
 
 
 def missing(error: ImportError) -> MissingLibraryError | None:
-    """What to say where `error` is for want of an optional package; None: it is not."""
+    """Message if `error` is caused by a missing optional package; None if it is not."""
     module = (error.name or "").partition(".")[0]
     if not isinstance(error, ModuleNotFoundError) or module not in EXTRAS:
         return None
@@ -43,7 +44,7 @@ def missing(error: ImportError) -> MissingLibraryError | None:
 
 
 def without_dm_control(error: Exception) -> MissingLibraryError:
-    """What to say where dm_control cannot be imported."""
+    """Message for a dm_control that cannot be imported."""
     from importlib.metadata import version
 
     return MissingLibraryError(
@@ -53,7 +54,8 @@ def without_dm_control(error: Exception) -> MissingLibraryError:
 
 
 def check_dm_control_physics() -> None:
-    """Refuse a MuJoCo on which dm_control's physics does not run; its other parts may.
+    """Refuse a MuJoCo on which dm_control's physics does not run. Other parts of dm_control may run
+    on it.
 
     Raises:
         MissingLibraryError: MuJoCo is newer than `DM_CONTROL_RUNS`.
@@ -69,7 +71,9 @@ def check_dm_control_physics() -> None:
 
 
 def to_install(extra: str) -> str:
-    """Command that installs an extra; what else it takes, where this Python is too new for it."""
+    """Command that installs an extra, or the Python version that the extra needs if this Python is
+    too new.
+    """
     if extra in _OLDER and sys.version_info >= (3, 13):
         return f"the extra {extra} needs Python 3.11 or 3.12"
     return f"pip install 'uuv-arm[{extra}]'"
@@ -84,10 +88,11 @@ def absent(extra: str) -> tuple[str, ...]:
 
 @contextlib.contextmanager
 def wanted() -> Iterator[None]:
-    """Around imports: a missing optional package is told with the extra that brings it.
+    """Context manager for imports: the error for a missing optional package names the extra that
+    installs it.
 
     Raises:
-        MissingLibraryError: One is missing.
+        MissingLibraryError: An optional package is missing.
     """
     try:
         yield

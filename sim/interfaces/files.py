@@ -1,4 +1,6 @@
-"""Input files and folder names: existence, content, encoding; ConfigurationError for failures."""
+"""Input files and folder names: checks of existence, content and encoding; failures are
+ConfigurationErrors.
+"""
 
 import os
 import stat
@@ -11,24 +13,27 @@ from typing import Any
 from uuv.sim.interfaces.errors import ConfigurationError, commands_a_terminal
 from uuv.sim.interfaces.spatial import shown
 
-# [bytes] of a folder's name; file systems take 255, and some names get an ending
+# [bytes] of a folder's name; file systems allow 255, and suffixes are added to some names
 _LONGEST_NAME = 200
 
 
 def folder_name(name: Any, what: str) -> str:
-    """`name`, if a new folder below another one can have it, such as that of a scenario.
+    """Return `name` if it is valid for a new folder below another one, such as the folder of a
+    scenario.
 
     Args:
         name: Letters, digits, - and _; several such names may be joined by slashes.
         what: Begins the error message.
 
     Raises:
-        ConfigurationError: It is another text, which could lead out of the folder or reach a
-            terminal, or too long.
+        ConfigurationError: The name is too long, or has other characters, which could lead out of
+            the folder or control a terminal.
     """
     parts = name.split("/") if isinstance(name, str) else [""]
     if not all(part.replace("_", "").replace("-", "").isalnum() for part in parts):
-        raise ConfigurationError(f"{what}: must be letters, digits, - and _, got {shown(name)}")
+        raise ConfigurationError(
+            f"{what}: must consist of letters, digits, - and _, got {shown(name)}"
+        )
     if max(len(part.encode()) for part in parts) > _LONGEST_NAME:
         raise ConfigurationError(
             f"{what}: must be at most {_LONGEST_NAME} bytes long, got {shown(name)}"
@@ -37,13 +42,13 @@ def folder_name(name: Any, what: str) -> str:
 
 
 def folder_given(folder: Path, what: str) -> Path:
-    """A folder that a user has named, of any name that can be printed.
+    """Path of a folder that a user has named; the name must be printable.
 
     Raises:
-        ConfigurationError: It holds a control character; the message begins with `what`.
+        ConfigurationError: The name has a control character; the message begins with `what`.
     """
     if commands_a_terminal(str(folder)) or not str(folder).isprintable():
-        raise ConfigurationError(f"{what}: a name that can be printed, got {shown(str(folder))}")
+        raise ConfigurationError(f"{what}: must be a printable name, got {shown(str(folder))}")
     return folder
 
 
@@ -74,9 +79,9 @@ def bytes_of(file: Any, what: str, most: int | None = None) -> bytes:
     """Content of a file; `what` begins the error message.
 
     Args:
-        file: Name of a regular file: a device or a pipe, also one that a link leads to, is refused
-            unread.
-        what: What the file is.
+        file: Name of a regular file. A device or a pipe, also at the end of a link, is refused
+            before reading.
+        what: Description of the file.
         most: [bytes] largest content; None: any.
 
     Raises:
@@ -99,11 +104,11 @@ def regular(file: Path, what: str) -> Iterator[BufferedReader]:
     """Context manager: an existing file, open for reading. `what` begins the error message.
 
     Raises:
-        ConfigurationError: It is no regular file but a device or a pipe, or cannot be read.
+        ConfigurationError: The file is a device or a pipe, or cannot be read.
     """
     try:
-        # Opened first and looked at afterwards, so that no other file can take its place in
-        # between.
+        # The file is opened first and examined afterwards, so that no other file can take its place
+        # in between.
         with open(os.open(file, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as stream:
             if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
                 raise ConfigurationError(f"{what} {shown(str(file))}: it is no regular file")
@@ -118,7 +123,7 @@ def text_of(file: Any, what: str, most: int | None = None) -> str:
     """Text of a UTF-8 file, with or without byte order mark; the arguments are those of `bytes_of`.
 
     Raises:
-        ConfigurationError: As `bytes_of` does, or the file is not UTF-8.
+        ConfigurationError: `bytes_of` refuses the file, or it is not UTF-8.
     """
     raw = bytes_of(file, what, most)
     try:

@@ -1,9 +1,9 @@
-"""Names that a package hands out on first use, from the imports of its stub `__init__.pyi`.
+"""Names that a package imports on first use, listed by the imports in its stub `__init__.pyi`.
 
     __getattr__, __dir__, __all__ = names_of_stub(__name__, __file__)
 
-Type checkers read the stub itself. In it `from uuv.runner import run as run` hands out `run`, and
-an assignment `Arm = SerialArm` hands out an imported name under another one.
+Type checkers read the stub itself. In the stub, `from uuv.runner import run as run` provides `run`,
+and an assignment such as `Arm = SerialArm` provides an imported name under another name.
 """
 
 import ast
@@ -16,7 +16,7 @@ from typing import Any
 def names_of_stub(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """What makes a package hand out the names of its stub.
+    """Functions by which a package provides the names of its stub.
 
     Args:
         package: `__name__` of the package.
@@ -41,7 +41,7 @@ def names_of_stub(
 
 
 def _homes(stub: Path) -> dict[str, tuple[str, str]]:
-    """Of each name of a stub: the module, and the name there."""
+    """Module of each name of a stub, and the name in that module."""
     imported: dict[str, tuple[str, str]] = {}
     exports: dict[str, tuple[str, str]] = {}
 

@@ -29,12 +29,12 @@ class WorkState(StrEnum):
     """
 
     SETTLE = "settle"  # station keeping until the hull is at rest
-    SCAN = "scan"  # a depth frame is requested, identification runs
+    SCAN = "scan"  # a depth frame is requested, and the identification runs
     CLOSE_IN = "close-in"  # the hull moves to the work pose, the arm to the pose before contact
     TARE = "tare"  # torque bias is estimated and removed, free of contact
     APPROACH = "approach"  # guarded move along the tool axis until contact
-    PRESS = "press"  # force grows to its first set value; no motion along the path yet
-    WORK = "work"  # motion along the path under force control; for a sampler, its stay in the hole
+    PRESS = "press"  # force grows to the first set force; no motion along the path yet
+    WORK = "work"  # motion along the path under force control, or the stay of a sampler in the hole
     SEARCH = "search"  # spiral search for the hole with a sampler in contact
     INSERT = "insert"  # insertion of a sampler, compliant to side forces
     WITHDRAW = "withdraw"  # the sampler is pulled out
@@ -44,43 +44,48 @@ class WorkState(StrEnum):
 
 
 class AbortCode(StrEnum):
-    """Cause of an abort; `Reference.note` gives the same in a sentence, with figures."""
+    """Cause of an abort; `Reference.note` states it in a sentence, with figures."""
 
     NO_FRAME = "no frame"  # no depth frame or ping arrived
     NOT_IDENTIFIED = "not identified"  # neither the object nor a place on the seabed was accepted
     NO_GROUND = "no ground"  # the ground under the hull does not allow the descent
-    PLACE_UNCERTAIN = "place uncertain"  # the chance to keep the path's tolerance is too small
-    OBJECT_MOVES = "object moves"  # finds of it, some seconds apart, are not of one pose
-    OUT_OF_REACH = "out of reach"  # from no hull pose does the tool reach its path
-    CURRENT = "current too strong"  # the thrusters cannot hold the hull in it while the tool works
+    # the probability of keeping the path's tolerance is too small
+    PLACE_UNCERTAIN = "place uncertain"
+    # finds of the object, some seconds apart, do not agree on one pose
+    OBJECT_MOVES = "object moves"
+    OUT_OF_REACH = "out of reach"  # the tool reaches its path from no hull pose
+    # the thrusters cannot hold the hull in the current while the tool works
+    CURRENT = "current too strong"
     NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
-    HULL_NOT_AT_REST = "hull not at rest"  # within its time
-    HULL_LATE = "hull late"  # it lags behind its move
+    HULL_NOT_AT_REST = "hull not at rest"  # the hull did not come to rest in time
+    HULL_LATE = "hull late"  # the hull lags behind its commanded motion
     HULL_ADRIFT = (
-        # it is further off its place than `lost_place` of the limits in `uuv.controllers.tasks`
+        # the hull is farther from its reference than the limit `lost_place` in
+        # `uuv.controllers.tasks`
         "hull adrift"
     )
     NO_CONTACT = "no contact"  # there is no surface where one is expected
     OBSTACLE = "obstacle"  # contact where none is expected
-    GIVES_WAY = "surface gives way"  # the tool follows it farther than any work allows for
-    FORCE_NOT_REACHED = "force not reached"  # the estimated force stays below the first set one
-    FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set one
+    GIVES_WAY = "surface gives way"  # the surface yields farther than any work allows for
+    FORCE_NOT_REACHED = "force not reached"  # the estimated force stays below the first set force
+    FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set force
     FORCE_LIMIT = "force limit"  # the estimated force is above its limit
     # the estimated force is too uncertain in this posture of the arm
     FORCE_NOT_FELT = "force not felt"
-    CONTACT_LOST = "contact lost"  # the estimated force falls to nothing at work
-    HOLE_NOT_FOUND = "hole not found"  # by the spiral search
-    JAMMED = "jammed"  # on the way in
-    STUCK = "stuck"  # on the way out
-    TUBE_FULL = "tube full"  # the sampler takes no more
-    TIME_LIMIT = "time limit"  # of a phase
-    VISION = "vision lost"  # for longer than the work may wait
-    TORQUE_SENSORS = "torque sensors wrong"  # two or more; with one the work goes on
-    ENCODER = "encoder wrong"  # of one joint
-    ATTITUDE = "attitude wrong"  # of the reference
-    THRUSTER = "thruster lost"  # it gives less than was asked for
-    ESTIMATE = "estimate lost"  # not finite, or too old
-    CONTROLLER = "controller failed"  # its commands are not finite
+    CONTACT_LOST = "contact lost"  # the estimated force falls to zero at work
+    HOLE_NOT_FOUND = "hole not found"  # the spiral search did not find the hole
+    JAMMED = "jammed"  # the sampler got stuck on the way in
+    STUCK = "stuck"  # the sampler got stuck on the way out
+    TUBE_FULL = "tube full"  # the sampler can take no more material
+    TIME_LIMIT = "time limit"  # a phase took too long
+    VISION = "vision lost"  # no position from vision for longer than the work may wait
+    # two or more torque sensors; with one wrong sensor the work goes on
+    TORQUE_SENSORS = "torque sensors wrong"
+    ENCODER = "encoder wrong"  # encoder of one joint
+    ATTITUDE = "attitude wrong"  # attitude reference
+    THRUSTER = "thruster lost"  # a thruster gives less thrust than commanded
+    ESTIMATE = "estimate lost"  # the estimate is not finite, or too old
+    CONTROLLER = "controller failed"  # the controller's commands are not finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,8 +175,8 @@ class VisionNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisionMeasurement:
-    """Position of the hull relative to the scene, from vision; `time` is that of exposure, not of
-    arrival.
+    """Position of the hull relative to the scene, from vision. `time` is the time of exposure, not
+    of arrival.
     """
 
     time: float  # [s]
@@ -200,17 +205,17 @@ class SonarScan:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurfaceMotionMeasurement:
-    """Motion of a camera on the arm's last link over the object before it, since a key picture.
+    """Motion of a camera on the arm's last link relative to the object in view, since a key image.
 
-    The first message about a key that was not itself measured against an earlier one begins a
-    track: the motion before it is not known. A key whose time is that of the preceding message
-    continues the track.
+    A key image that was not itself measured against an earlier one begins a new track, since the
+    motion before it is unknown. A key image whose time is that of the preceding message continues
+    the track.
     """
 
     time: float  # [s] of exposure
-    key_time: float  # [s] of exposure of the key picture K
+    key_time: float  # [s] of exposure of the key image K
     p_KC: Array  # (3,) [m] position of the camera in key axes
-    R_KC: Array  # (3, 3) its rotation, from attitude reference and encoders
+    R_KC: Array  # (3, 3) rotation of the camera, from attitude reference and encoders
     # (3, 3) [1/m^2] inverse covariance of `p_KC`; zero in directions that were not observed
     information_K: Array
     q: Array  # (n,) [rad] joint angles at exposure
@@ -218,11 +223,11 @@ class SurfaceMotionMeasurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolAtRest:
-    """The pressed tool has stood on the object since a moment, held by friction; said by the
-    planner, not by a sensor.
+    """The pressed tool has been at rest on the object since a given time, held by friction. This is
+    sent by the planner, not by a sensor.
 
-    Of two messages with the same `since`, the later one says that the tool has not moved over the
-    surface between them.
+    Two messages with the same `since` mean that the tool has not moved over the surface between
+    them.
     """
 
     time: float  # [s]
@@ -261,8 +266,8 @@ class GroundPlane:
 
     time: float  # [s] of the newest ranges used
     p_W: Array  # (3,) [m] a point of the plane; NaN with too few beams
-    normal_W: Array  # (3,) unit, upwards; NaN likewise
-    scatter: float  # [m] RMS distance of the beams' ground points from it; 0 with three
+    normal_W: Array  # (3,) unit normal, upwards; NaN with too few beams
+    scatter: float  # [m] RMS distance of the beams' ground points from the plane; 0 for three beams
     beams: int  # number of beams with an echo
     silent: tuple[int, ...]  # beams without an echo, counted from 1
 
@@ -279,53 +284,55 @@ class StateEstimate:
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m] measured at the gear outputs
-    # (n,) [N m] standard deviation beyond the sensors' noise; None: none
+    # (n,) [N m] standard deviation in addition to the sensors' noise; None if there is none
     tau_doubt: Array | None = None
-    # (3,) [m] of the hull position, W; NaN: not known
+    # (3,) [m] standard deviation of the hull position, W; NaN if unknown
     position_sigma: Array = field(default_factory=lambda: _UNKNOWN)
-    attitude_sigma: float = math.nan  # [rad] of the hull's attitude, about any axis; NaN: not known
-    # [s] since exposure of the newest image that was used; NaN: not known
+    # [rad] standard deviation of the hull's attitude about any axis; NaN if unknown
+    attitude_sigma: float = math.nan
+    # [s] since exposure of the newest image that was used; NaN if unknown
     vision_age: float = math.nan
-    dvl_age: float = math.nan  # [s] the same for the DVL; inf: none was ever used
+    dvl_age: float = math.nan  # [s] the same for the DVL; inf if it was never used
     imu_age: float = math.nan  # [s] the same for the IMU
-    # [s] since the accelerometer's bias was found to jump; inf: never, NaN: not known
+    # [s] since a jump of the accelerometer's bias was detected; inf: never, NaN: unknown
     imu_jump_age: float = math.nan
-    # (3,) [m] by which the object that the arm's camera tracks has moved; zero: not beyond doubt
+    # (3,) [m] significant displacement of the object that the arm's camera tracks; else zero
     object_moved_W: Array = field(default_factory=lambda: _STILL)
-    # (3,) [rad/s] by which the gyro was found to be off; zero about an axis that is not
+    # (3,) [rad/s] detected error of the gyro; zero about the other axes
     gyro_off_B: Array = field(default_factory=lambda: _STILL)
-    # (3,) [rad] the same for the attitude reference; about an axis of a gyro that is off: either of
-    # the two; NaN: it is no rotation
+    # (3,) [rad] the same for the attitude reference. About an axis with a gyro error, either of the
+    # two may be wrong; the values are no rotation then if NaN
     attitude_off_B: Array = field(default_factory=lambda: _STILL)
-    ground: GroundPlane | None = None  # under the hull; None: not known
+    ground: GroundPlane | None = None  # ground plane under the hull; None if unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolPath:
     """Tool path on the real surface, sampled densely over its arc length."""
 
-    # (N,) [m] arc length, from 0, increasing; it goes on where the tool turns at rest: 2 cm for 1
-    # rad
+    # (N,) [m] arc length from 0, increasing. A turn of the tool at rest adds 2 cm for 1 rad
     s: Array
     p: Array  # (N, 3) [m] points of the tool tip
     z: Array  # (N, 3) unit tool axis, into the surface
     x: Array  # (N, 3) unit axis across the tool axis, along the path unless `keeps_x`
-    on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else taken from the model alone)
-    # (N,) bool: the tool can press there, at both ends too; None: everywhere
+    on_scan: (
+        np.ndarray
+    )  # (N,) bool: the point is on the scanned surface (else taken from the model alone)
+    # (N,) bool: the tool can press there, at both ends too; None: at all points
     fits: np.ndarray | None = None
     pace: float = 1.0  # share of the set speed that the surface allows
-    # the tool keeps its x axis on x: it is not round; False: it may turn about z
+    # the tool is not round and keeps its x axis on x; False: it may turn about z
     keeps_x: bool = False
-    note: str = ""  # what is left out, and why
+    note: str = ""  # parts of the path that are left out, and why
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Target:
     """Identified target, a known object or a place on the seabed: its pose and tool path in W.
 
-    `covariance` is that of registration and of the estimated hull pose together. Finds within some
-    seconds share the
-    error of the hull pose: it does not shrink in their mean.
+    `covariance` includes the errors of the registration and of the estimated hull pose. Finds
+    within some seconds share the error of the hull pose, which therefore does not shrink in their
+    mean.
     """
 
     time: float  # [s] of the frame that it was found in
@@ -333,14 +340,14 @@ class Target:
     accepted: bool  # passed the pose check
     check_m: float  # [m] error measure of the pose check; inf if it could not be computed
     range_m: float  # [m] camera to the target's centre
-    reason: str  # why it was not accepted; empty if it was
+    reason: str  # reason why it was not accepted; empty if it was
     path: ToolPath | None  # in W; None if not accepted
     ground: Array | None = None  # (V, 3) [m] points of the seabed around it, W; None: not measured
     # of X_WT in W, about the object's centre; None: not known
     covariance: PoseCovariance | None = None
-    # (6, 6) [m^2] the hull pose's share of it
+    # (6, 6) [m^2] part of this covariance that comes from the hull pose
     hull_covariance: Array = field(default_factory=lambda: _NONE)
-    # (4, 4) hull pose of the look that would tell most; None: no other look is wanted
+    # (4, 4) hull pose of the most informative next look; None: no other look is wanted
     next_X_WB: Array | None = None
 
     @property
@@ -349,7 +356,8 @@ class Target:
         covariance.
 
         The columns are along the surface's normal, along the path and across it. A turn about the
-        object's axis of symmetry does not count; inf where another free twist moves the surface so.
+        object's axis of symmetry does not count. The value is inf where another free twist moves
+        the surface in that direction.
         """
         if self.path is None or self.covariance is None or len(self.path.p) < _LINE:
             return None
@@ -367,13 +375,15 @@ class Target:
 class Promise:
     """What the vehicle expects of its work before it touches the object."""
 
-    chance: float  # that the tool stays within the tolerance of its path on the true object
+    chance: (
+        float  # probability that the tool stays within the tolerance of its path on the true object
+    )
     tolerance: float  # [m] along the path and across it
     navigation_sigma: float  # [m] standard deviation per axis of the estimated hull position
     object_sigma: float  # [m] of the found surface, along or across the path, whichever is larger
 
     def __str__(self) -> str:
-        """In words, with figures."""
+        """The promise in words, with figures."""
         return (
             f"path error < {1e3 * self.tolerance:.3g} mm: probability {self.chance:.1%} "
             f"(sigma: hull {1e3 * self.navigation_sigma:.1f} mm, object "
@@ -383,15 +393,16 @@ class Promise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObjectMotion:
-    """Where a followed object is, and how far it has moved since it was first followed."""
+    """Pose of a followed object, and its motion since it was first followed."""
 
     time: float  # [s] of the frame
     X_WT: Array  # (4, 4) pose of the model frame
-    # (6,) motion since the start: of the centre [m], and rotation vector x radius [m]; 0 where free
+    # (6,) motion since the start: of the centre [m], and rotation vector x radius [m]; 0 along free
+    # twists
     twist_W: Array
     covariance_W: Array  # (6, 6) [m^2] of `twist_W`
     radius: float  # [m] of the object
-    moved: bool  # beyond doubt, in two frames one after the other
+    moved: bool  # motion is significant in two consecutive frames
 
     @property
     def distance(self) -> float:
@@ -406,7 +417,7 @@ class ObjectMotion:
 
     @property
     def turn(self) -> float:
-        """Angle [rad] by which it has turned, but for what is free."""
+        """Angle [rad] by which the object has turned, without free rotations."""
         return float(np.linalg.norm(self.twist_W[3:])) / self.radius
 
 
@@ -418,10 +429,11 @@ class FaultKind(StrEnum):
     VISION = "vision"  # too old to follow a path by
     TORQUE_SENSOR = "torque sensor"  # of one joint
     ENCODER = "encoder"  # of one joint
-    THRUSTER = "thruster"  # one gives another thrust than commanded
-    IMU = "IMU"  # the accelerometer's bias jumped, and is estimated anew
-    GYRO = "gyro"  # about one axis of the hull; its rate comes from the attitude instead
-    ATTITUDE = "attitude"  # of the reference; it comes from the gyro instead
+    THRUSTER = "thruster"  # a thruster gives another thrust than commanded
+    IMU = "IMU"  # the accelerometer's bias jumped, and is estimated again
+    GYRO = "gyro"  # gyro error about one axis of the hull; the rate comes from the attitude instead
+    # error of the attitude reference; the attitude comes from the gyro instead
+    ATTITUDE = "attitude"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -430,10 +442,10 @@ class Fault:
 
     kind: FaultKind
     part: str  # name of the joint or thruster; empty if there is only one
-    index: int  # of the part; -1 if there is only one
+    index: int  # index of the joint or thruster; -1 if there is only one
     time: float  # [s] of detection
-    figures: str = ""  # evidence in words: "gave 3 N where 11 N were asked for"
-    thrust: float = 0.0  # [N] that a failed thruster gives whatever is commanded
+    figures: str = ""  # evidence in words: "gave 3 N where 11 N were commanded"
+    thrust: float = 0.0  # [N] thrust of a failed thruster at any command
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -447,27 +459,30 @@ class Reference:
     X_WG: Array | None  # (4, 4) tool pose to follow, or None: hold `q`
     v_WG_W: Array  # (3,) [m/s] velocity of the tool point
     w_WG_W: Array  # (3,) [rad/s] angular velocity of the tool frame
-    q: Array  # (n,) [rad] joint angles to hold when X_WG is None; else the initial posture of IK
+    # (n,) [rad] joint angles to hold when X_WG is None; otherwise the initial posture of IK
+    q: Array
     qd: Array  # (n,) [rad/s] velocity of `q`
     set_force: float  # [N] normal force to press with; 0 when free of contact
     force_control: bool  # close the force loop
     tare: bool  # average the joint torques now, to remove their bias
     scan: bool  # take a depth frame now
     path_s: float  # [m] arc length reached on the tool path
-    abort: AbortCode | None = None  # cause of an abort, from the moment that the work is broken off
-    note: str = ""  # the same in a sentence, or another message
+    # cause of an abort, set from the time when the work is broken off
+    abort: AbortCode | None = None
+    note: str = ""  # this cause in a sentence, or another message
     touch: int | None = None  # index of the touch whose reading is taken now
     compliant: bool = False  # yield to forces across the tool axis
     standing: bool = False  # the pressed tool stands on the surface: yield gently
-    lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
-    # [N] that each of those gives whatever is commanded; empty: none
+    lost_thrusters: tuple[int, ...] = ()  # thrusters that have failed and are not to be used
+    # [N] thrust of each of these at any command; empty if there are none
     lost_thrust: tuple[float, ...] = ()
-    # of the work, from the tare on; None: none yet, or nothing to base it on
+    # promise of the work, from the tare on; None: none yet, or there is no basis for one
     promise: Promise | None = None
     # (3,) [rad/s] angular velocity of the hull pose to hold
     w_WB_W: Array = field(default_factory=lambda: _STILL)
-    target: Target | None = None  # that the work goes by: the mean of several finds; None: none yet
-    # for navigation; None: the tool moves, or nothing new is to be said
+    # target that the work uses, the mean of several finds; None: none yet
+    target: Target | None = None
+    # for navigation; None: the tool moves, or nothing has changed
     at_rest: ToolAtRest | None = None
 
     @classmethod
@@ -480,7 +495,7 @@ class Reference:
             q: Joint angles.
             **others: Fields that differ, such as `qd` or `state`, which is SETTLE.
         """
-        # All that a planner says of motion and contact: nothing.
+        # Nothing is commanded about motion and contact.
         at_rest = {
             "state": WorkState.SETTLE,
             "v_WB_W": _STILL,
@@ -499,13 +514,13 @@ class Reference:
 
     @property
     def in_contact(self) -> bool:
-        """True while the tool is to touch something."""
+        """True while the tool is supposed to be in contact."""
         return self.set_force > 0.0 or self.force_control
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactEstimate:
-    """Force of the world on the tip as estimated on board; the default is an unknown one."""
+    """Force of the world on the tip as estimated on board. The default is an unknown force."""
 
     force_W: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [N] in W; NaN: not known
     # [N] along the tool axis, positive when the tool presses; NaN: not known
@@ -521,8 +536,8 @@ class ContactEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HullLoad:
-    """Loads on the hull that station keeping used in its last step; a new object for each of its
-    steps.
+    """Loads on the hull that station keeping used in its last step. Each step makes a new
+    object.
     """
 
     # (6,) [N, N m] of the arm on the hull, contact included, hull axes at the hull's origin

@@ -1,8 +1,9 @@
-"""Options: values of a description that a command line and a call of a job take by a word.
+"""Options: values of a scenario that a command line and a call of a job can set by a keyword.
 
     speed: float = option(0.02, "Speed of the tool along the path [m/s].", group="work")
 
-The word, its unit and what it means stand beside the value; `uuv.jobs` finds them in a scenario.
+The keyword, its unit and its meaning are declared with the value; `uuv.jobs` reads them from a
+scenario.
 """
 
 import math
@@ -14,20 +15,21 @@ Value = TypeVar("Value")
 DEGREE = math.pi / 180.0  # [rad]
 MILLIMETRE = 1e-3  # [m]
 _METADATA = "option"  # key of a field's metadata
-KEPT: Any = object()  # an option with this `closed` neither makes nor removes its table
+KEPT: Any = object()  # value of `closed` for an option that neither makes nor removes its table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
-    """How a field of a description is set from outside."""
+    """How a field of a scenario is set from outside."""
 
-    about: str  # what it is, with its unit
+    about: str  # description, with the unit
     group: str = "job"  # title under which a help text lists it
-    word: str = ""  # as a keyword argument; empty: the field's name
-    unit: float = 1.0  # value, in the field's unit, of 1 of the option's unit
-    everywhere: bool = True  # of every job; False: of those alone whose task heeds it
-    closed: Any = KEPT  # value at which its table is absent; another one makes the table
-    named: Callable[[str], Any] | None = None  # makes the field's value of a name
+    word: str = ""  # keyword; empty: the field's name
+    unit: float = 1.0  # value in the field's unit that corresponds to 1 in the option's unit
+    everywhere: bool = True  # True: an option of every job; False: only of jobs whose task uses it
+    # value at which the field's table is absent; another value creates the table
+    closed: Any = KEPT
+    named: Callable[[str], Any] | None = None  # function that makes the field's value from a name
 
 
 def option(
@@ -43,17 +45,17 @@ def option(
 ) -> Value:
     """Dataclass field that is also an option of the command.
 
-    A field that is a table or None is true or false as an option: the usual table, or none.
+    The option of a field that is a table or None is true or false: the default table, or None.
 
     Args:
         default: Default of the field.
-        about: What it is, with the option's unit.
-        group: As in `Option`, like the others.
-        word: Its keyword.
-        unit: Value of 1 of the option's unit.
-        everywhere: Whether every job takes it.
-        closed: Value at which its table is absent.
-        named: Makes the field's value of a name.
+        about: Description, with the option's unit.
+        group: Title in a help text; see `Option`, also for the following arguments.
+        word: Keyword of the option.
+        unit: Value in the field's unit of 1 in the option's unit.
+        everywhere: Whether every job has the option.
+        closed: Value at which the field's table is absent.
+        named: Function that makes the field's value from a name.
     """
     words = {"about": about, "group": group, "word": word}
     declared = Option(**words, unit=unit, everywhere=everywhere, closed=closed, named=named)
@@ -61,11 +63,11 @@ def option(
 
 
 def option_of(of: "Field[Any]") -> Option | None:
-    """The option that a field is; None: it is none."""
+    """The option that a field declares; None if it declares none."""
     return of.metadata.get(_METADATA)
 
 
 def about_of(of: "Field[Any]") -> str:
-    """What a field is, where it is an option; or empty."""
+    """Description of a field that is an option; empty for other fields."""
     declared = option_of(of)
     return declared.about if declared is not None else ""

@@ -1,8 +1,8 @@
 """Pages of results in HTML: title with verdict and reasons, sections, tables, figures, provenance.
 
-The reports of a run, an experiment, a calibration, an identification of the water and a comparison
-are made of these parts. A page is one file that fetches nothing. Only the standard library is
-used, so that every room can show its results; figures are those of Matplotlib.
+The reports of runs, experiments, calibrations, water identifications and comparisons are made of
+these parts. A page is one file that loads nothing from elsewhere. This module uses only the
+standard library, so that every package can show its results. Figures come from Matplotlib.
 """
 
 import base64
@@ -13,13 +13,13 @@ from typing import Any, Protocol
 
 
 class Html(str):
-    """Text that is HTML already; every other text is escaped where it is put into a page."""
+    """Text that is HTML already; any other text is escaped when it is put into a page."""
 
     __slots__ = ()
 
 
 class Drawing(Protocol):
-    """Figure that writes itself to a file, as Matplotlib's do."""
+    """Figure that writes itself to a file, as figures of Matplotlib do."""
 
     def savefig(self, fname: Any, /, **kwargs: Any) -> None:
         """Write the figure to a file, in a format named `format`."""
@@ -48,11 +48,11 @@ def heading(
     notes: Iterable[str] = (),
     about: str = "",
 ) -> Html:
-    """Title of a page with its verdict, and what a reader has to know first.
+    """Head of a page: title, verdict, reasons, warnings and remarks.
 
     Args:
         title: Title.
-        accepted: Verdict beside it; None: none.
+        accepted: Verdict next to the title; None for no verdict.
         reasons: Why the result was not accepted.
         notes: Warnings.
         about: Small print below.
@@ -75,7 +75,8 @@ def verdict(accepted: bool, words: tuple[str, str] = ("accepted", "not accepted"
 def card(
     title: str, accepted: bool, reasons: Iterable[Any], rows: Iterable[tuple[str, str, str]]
 ) -> str:
-    """Result as a notebook shows it, without a style sheet; readable on light and dark ground.
+    """Result for display in a notebook, without a style sheet; readable on light and dark
+    backgrounds.
 
     Args:
         title: Title.
@@ -86,7 +87,7 @@ def card(
     word = "accepted" if accepted else f"not accepted: {'; '.join(map(str, reasons))}"
     colour = "#2e9e5b" if accepted else "#d1495b"
 
-    # Without a style sheet each cell has to say how it is aligned.
+    # Without a style sheet each cell must state its alignment.
     right = ' style="text-align:right"'
     cells = "".join(_row("td", row, (0, 2), right) for row in rows)
 
@@ -97,13 +98,13 @@ def card(
 
 
 def section(title: str, *parts: Html) -> Html:
-    """Section under a heading of its own; none without content."""
+    """Section under its own heading; empty if it has no content."""
     body = "".join(parts)
     return Html(f"<section><h2>{text(title)}</h2>{body}</section>" if body else "")
 
 
 def folded(title: str, *parts: Html) -> Html:
-    """Section that opens when its title is clicked; none without content."""
+    """Section that opens when its title is clicked; empty if it has no content."""
     body = "".join(parts)
     return Html(
         f"<section><details><summary>{text(title)}</summary>{body}</details></section>"
@@ -118,7 +119,7 @@ def figure(title: str, about: str, drawing: Drawing) -> Html:
     The SVG is embedded as an image, since the element ids of inline SVGs would clash.
     """
     svg = io.BytesIO()
-    # The page says when a result was made, where that matters; its figures do not.
+    # A page states the time of a result where that matters, so its figures do not.
     drawing.savefig(svg, format="svg", dpi=160, metadata={"Date": None})
     encoded = base64.b64encode(svg.getvalue()).decode("ascii")
 
@@ -129,7 +130,7 @@ def figure(title: str, about: str, drawing: Drawing) -> Html:
 def table(
     columns: Sequence[Any], rows: Iterable[Sequence[Any]], *, texts: Collection[int] = (0,)
 ) -> Html:
-    """Table of cells, numbers aligned right; none without heads and rows.
+    """Table of cells, with numbers aligned right; empty if there are no heads and no rows.
 
     Args:
         columns: Heads of the columns; empty: a table without heads.
@@ -142,7 +143,7 @@ def table(
 
 
 def provenance(rows: Mapping[str, Any]) -> Html:
-    """Section of settings and versions that a result follows from."""
+    """Section with the settings and versions of a result."""
     return section("Settings and versions", table((), rows.items(), texts=(0, 1)))
 
 
@@ -152,16 +153,16 @@ def paragraph(content: Any) -> Html:
 
 
 def caption(content: Any) -> Html:
-    """Paragraph in small print, below what it explains; none without text."""
+    """Paragraph in small print below the part that it explains; empty if there is no text."""
     return Html(f"<p class=caption>{text(content)}</p>" if content else "")
 
 
 def items(lines: Iterable[Any], kind: str = "") -> Html:
-    """List of lines; none without lines.
+    """List of lines; empty if there are no lines.
 
     Args:
-        lines: Text of each.
-        kind: "reasons" or "caption" for their colour and size.
+        lines: Text of each line.
+        kind: Style of the lines, "reasons" or "caption".
     """
     body = "".join(f"<li>{text(line)}</li>" for line in lines)
     opening = f"<ul class={kind}>" if kind else "<ul>"
@@ -179,7 +180,7 @@ def text(content: Any) -> Html:
 
 
 def _row(tag: str, cells: Sequence[Any], texts: Collection[int], number: str = " class=n") -> str:
-    """Row of a table; `number` is the attribute of the columns that hold no text."""
+    """Row of a table; `number` is the HTML attribute of the columns that hold numbers."""
     inner = (
         f"<{tag}{'' if i in texts else number}>{text(cell)}</{tag}>" for i, cell in enumerate(cells)
     )

@@ -24,11 +24,11 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def plain_axes(axes: Any, labels: float | None = None) -> None:
-    """Take the frame off Matplotlib's `axes`, and lay a pale grid behind their content.
+    """Remove the frame of Matplotlib's `axes`, and draw a pale grid behind their content.
 
     Args:
         axes: The axes.
-        labels: [pt] size of the numbers; None: as it is.
+        labels: [pt] Size of the numbers; None leaves it unchanged.
     """
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(visible=True, color=GRID, linewidth=0.6)

@@ -1,4 +1,6 @@
-"""Covariance of a pose: of a small twist about a point, with directions of infinite variance."""
+"""Covariance of a pose, expressed as a small twist about a point; some directions may have infinite
+variance.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,30 +25,31 @@ from uuv.sim.interfaces.spatial import (
     unit_vector,
 )
 
-_RESISTED = 0.02  # [-] share of a free twist in a motion, below which the motion counts as resisted
+# [-] share of a free twist in a motion below which the motion counts as constrained
+_RESISTED = 0.02
 _CHI_95 = 2.7955  # [-] radius of the ball that holds 95 % of a standard normal in three dimensions
-_NULL = 1e-10  # [-] of the largest variance, below which a variance is that of a free twist
-# [-] of a free direction that lies in another find's free ones, if it is the same direction
+_NULL = 1e-10  # [-] share of the largest variance below which a variance is that of a free twist
+# [-] share of a free direction inside another find's free directions for them to count as the same
 _ONE = 0.98
-_DRAWS = 4096  # by which chances are computed, to half a percent
+_DRAWS = 4096  # number of draws for probabilities, which are accurate to half a percent
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseCovariance:
     """Uncertainty of a pose: covariance of the small twist from the estimate to the truth.
 
-    The twist (linear; angular x radius) [m] is about the object's centre, in the frame A in which
-    the pose X_AT is: S where an object is found in a scan, W in a `Target`.
+    The twist (linear; angular x radius) [m] is about the object's centre, in the frame A of the
+    pose X_AT: S for an object found in a scan, W in a `Target`.
     """
 
     matrix: Array  # (6, 6) [m^2], 0 along the free twists
-    # (k, 6) orthonormal twists that nothing in the scan resists: their variance is infinite
+    # (k, 6) orthonormal twists that the scan does not constrain; their variance is infinite
     free: Array
-    # (j, 6) those that map it onto itself
+    # (j, 6) twists that map the object onto itself
     same: Array = field(default_factory=lambda: readonly(np.zeros((0, 6))))
     center: Array  # (3,) [m] of the object, in A
     radius: float  # [m] of the object
-    # [-] standard deviation of the object's scale, if it were solved for; inf if it is free
+    # [-] standard deviation of the object's scale, if the scale were solved for; inf if it is free
     size_sigma: float
 
     @property
@@ -63,13 +66,17 @@ class PoseCovariance:
 
     @property
     def held_sigmas(self) -> tuple[float, float]:
-        """Largest standard deviations of position [m] and rotation [rad] among the held twists."""
+        """Largest standard deviations of position [m] and rotation [rad] among the constrained
+        twists.
+        """
         parts = (self.matrix[:3, :3], self.matrix[3:, 3:])
         position, turn = (float(np.sqrt(max(0.0, np.linalg.eigvalsh(part)[-1]))) for part in parts)
         return position, turn / self.radius
 
     def chance_within(self, position: float, angle: float) -> float:
-        """Probability of a held error within `position` [m] and `angle` [rad], by Monte Carlo."""
+        """Probability that the constrained error is within `position` [m] and `angle` [rad], by
+        Monte Carlo.
+        """
         eigenvalues, vectors = np.linalg.eigh(self.matrix)
         drawn = _normal_draws() @ (vectors * np.sqrt(np.maximum(eigenvalues, 0.0))).T
         near = np.sum(drawn[:, :3] ** 2, axis=1) < position**2
@@ -90,7 +97,9 @@ class PoseCovariance:
 
     @property
     def free_in_words(self) -> str:
-        """The free twists, such as "a turn about (0.00, 0.00, 1.00)"; "none" if there are none."""
+        """The free twists in words, such as "a turn about (0.00, 0.00, 1.00)"; "none" if there are
+        none.
+        """
         if not len(self.free):
             return "none"
 
@@ -108,7 +117,8 @@ class PoseCovariance:
         return ", ".join(phrases)
 
     def sigma(self, p_A: ArrayLike, direction_A: ArrayLike) -> float:
-        """Standard deviation [m] of a point of the object along a direction; inf if it is free.
+        """Standard deviation [m] of a point of the object along a direction; inf if the point is
+        free there.
 
         Args:
             p_A: (3,) [m] the point.
@@ -125,14 +135,15 @@ class PoseCovariance:
         return float(np.sqrt(max(0.0, row @ self.matrix @ row)))
 
     def surface_sigma(self, points_A: ArrayLike, directions_A: ArrayLike) -> Array:
-        """Standard deviations (n,) [m] of places on the surface, without turns that change nothing.
+        """Standard deviations (n,) [m] of surface points, without twists that map the object onto
+        itself.
 
         Args:
-            points_A: (n, 3) [m] the places.
+            points_A: (n, 3) [m] the points.
             directions_A: (n, 3) unit directions.
 
         Returns:
-            As `sigma`, but the twists of `same` count as none: they leave the surface where it is.
+            The same as `sigma`, without the twists of `same`, which leave the surface unchanged.
 
         Raises:
             ConfigurationError: For arrays of another shape.
@@ -146,11 +157,12 @@ class PoseCovariance:
         return np.where(loose, np.inf, np.sqrt(np.maximum(square, 0.0)))
 
     def normalised_error(self, X_AT: ArrayLike, X_AT_true: ArrayLike) -> float:
-        """Squared error over the covariance (NEES): chi-square with `degrees` if all is right.
+        """Squared error over the covariance (NEES): chi-square with `degrees` if the covariance is
+        correct.
 
         Args:
-            X_AT: (4, 4) the estimate, to which this covariance belongs.
-            X_AT_true: (4, 4) the true pose, of all that look the same the one next to the estimate.
+            X_AT: (4, 4) the estimate with this covariance.
+            X_AT_true: (4, 4) the true pose; of symmetric poses the one nearest to the estimate.
         """
         twist = self.twist(X_AT, X_AT_true)
         twist -= self.free.T @ (self.free @ twist)
@@ -166,16 +178,17 @@ class PoseCovariance:
         return np.concatenate([off, self.radius * log_so3(other[:3, :3] @ estimate[:3, :3].T)])
 
     def distance(self, X_AT: ArrayLike, other: "PoseCovariance", X_AT_other: ArrayLike) -> float:
-        """Distance of two estimates over its standard deviation [-], RMS over twists held by both.
+        """Distance of two estimates over its standard deviation [-], RMS over twists that both
+        constrain.
 
         Args:
-            X_AT: (4, 4) the estimate to which this covariance belongs.
+            X_AT: (4, 4) the estimate with this covariance.
             other: covariance of the other estimate, independent of this one.
-            X_AT_other: (4, 4) the other estimate, of all that look the same the one next to this.
+            X_AT_other: (4, 4) the other estimate; of symmetric poses the one nearest to this.
         """
         twist = self.twist(X_AT, X_AT_other)
 
-        # Twists that either leaves free are left out.
+        # Twists that are free in either estimate are left out.
         aligned = other.in_frame(pose(np.asarray(X_AT)[:3, :3] @ np.asarray(X_AT_other)[:3, :3].T))
         free = np.linalg.svd(
             np.vstack([self.free, aligned.free, np.zeros((1, 6))]), full_matrices=True
@@ -191,10 +204,10 @@ class PoseCovariance:
         )
 
     def ellipsoid(self) -> tuple[Array, Array]:
-        """Where the centre is with 95 %: half axes (3,) [m], and their directions (3, 3) as
-        columns, right-handed.
+        """Region that contains the centre with a probability of 95 %: half axes (3,) [m], and their
+        directions (3, 3) as columns, right-handed.
 
-        Slides that are free have half axes of 0, for they cannot be drawn.
+        Free translations have half axes of 0, since they cannot be drawn.
         """
         square, axes = np.linalg.eigh(self.matrix[:3, :3])
         if np.linalg.det(axes) < 0.0:
@@ -203,7 +216,7 @@ class PoseCovariance:
         return _CHI_95 * np.sqrt(np.maximum(square, 0.0)), np.asarray(axes, dtype=np.float64)
 
     def in_frame(self, X_CA: ArrayLike) -> "PoseCovariance":
-        """The same uncertainty of X_CT = X_CA X_AT, with X_CA (4, 4) taken as exact."""
+        """The same uncertainty for X_CT = X_CA X_AT, with X_CA (4, 4) taken as exact."""
         X = checked_pose(X_CA, "X_CA")
         turn = np.kron(np.eye(2), X[:3, :3])
         return replace(
@@ -215,12 +228,13 @@ class PoseCovariance:
         )
 
     def of_carrier(self, p_A: ArrayLike, position_sigma: ArrayLike, angle_sigma: float) -> Array:
-        """Covariance (6, 6) [m^2] of the object's twist by an error of the sensor's carrier.
+        """Covariance (6, 6) [m^2] of the object's twist caused by a pose error of the body with the
+        sensor.
 
         Args:
-            p_A: (3,) [m] position of the carrier.
+            p_A: (3,) [m] position of this body.
             position_sigma: (3,) [m] standard deviation of that position, along the axes of A.
-            angle_sigma: [rad] of its attitude, about any axis.
+            angle_sigma: [rad] standard deviation of its attitude, about any axis.
 
         Returns:
             The covariance, to be added by `plus`.
@@ -235,13 +249,17 @@ class PoseCovariance:
         return moved + angle_sigma**2 * turn @ turn.T
 
     def plus(self, covariance: ArrayLike) -> "PoseCovariance":
-        """With an independent error: a twist about the centre, of `covariance` (6, 6) [m^2]."""
+        """Covariance with an independent error added: a twist about the centre, of `covariance` (6,
+        6) [m^2].
+        """
         held = np.eye(6) - self.free.T @ self.free
         added = held @ checked(covariance, (6, 6), "covariance") @ held
         return replace(self, matrix=readonly(self.matrix + added))
 
     def _rows(self, points: Array, directions: Array) -> Array:
-        """Motions (n, 6) of points (n, 3) along unit directions (n, 3), by a unit of the twist."""
+        """Motions (n, 6) of points (n, 3) along unit directions (n, 3), for unit components of the
+        twist.
+        """
         return np.column_stack(
             [directions, np.cross((points - self.center) / self.radius, directions)]
         )
@@ -253,7 +271,9 @@ class PoseCovariance:
 
 
 def common_free(frees: Sequence[Array]) -> Array:
-    """Orthonormal twists (k, 6) free in each of several sets (k_i, 6), up to direction noise."""
+    """Orthonormal twists (k, 6) that are free in each of several sets (k_i, 6), up to noise in
+    direction.
+    """
     resisted = sum((np.eye(6) - free.T @ free for free in frees), np.zeros((6, 6))) / len(frees)
     eigenvalues, vectors = np.linalg.eigh(resisted)
     return np.asarray(vectors[:, eigenvalues < 1.0 - _ONE].T, dtype=np.float64)
@@ -264,14 +284,14 @@ def mean_pose(
 ) -> tuple[Array, PoseCovariance, float]:
     """Mean of several estimates of one pose, weighted by information, and its covariance.
 
-    A free twist has no information. One that is free in all of them stays as it is in the last.
-    Twists are taken with the object's own axes, so that a turn about its axis is the same twist in
-    every estimate.
+    A free twist has no information. A twist that is free in all estimates keeps its value in the
+    last estimate. Twists are expressed in the object's own axes, so that a turn about its axis is
+    the same twist in every estimate.
 
     Args:
-        poses: (4, 4) X_AT, all of one object and next to each other.
-        covariances: those of the poses.
-        common: (6, 6) [m^2] covariance of a twist that all are wrong by; `covariances` include it.
+        poses: (4, 4) X_AT, all of one object and close to each other.
+        covariances: Covariances of the poses.
+        common: (6, 6) [m^2] covariance of an error that all poses share, included in `covariances`.
             0: none.
 
     Returns:
@@ -286,13 +306,13 @@ def mean_pose(
             f"mean_pose: got {len(poses)} poses with {len(covariances)} covariances"
         )
 
-    # All in the axes of the last pose.
+    # All expressed in the axes of the last pose.
     last, X = covariances[-1], poses[-1]
     aligned = []
     for X_AT, covariance in zip(poses, covariances, strict=True):
         aligned.append(covariance.in_frame(pose(X[:3, :3] @ X_AT[:3, :3].T)))
 
-    # Mean over the twists that not all leave free.
+    # Mean over the twists that are constrained in at least one estimate.
     free = common_free([covariance.free for covariance in aligned])
     held = np.eye(6) - free.T @ free
     weights = [held @ covariance.information @ held for covariance in aligned]
@@ -302,14 +322,15 @@ def mean_pose(
         (weight @ twist for weight, twist in zip(weights, twists, strict=True)), np.zeros(6)
     )
 
-    # Scatter about the mean, over what is stated.
+    # Scatter about the mean, relative to the stated covariance.
     off = [twist - mean for twist in twists]
     degrees = sum(covariance.degrees for covariance in aligned) - (6 - len(free))
     square = sum(float(twist @ weight @ twist) for twist, weight in zip(off, weights, strict=True))
     scatter = square / degrees if degrees > 0 else 0.0
 
     shared = held @ checked(common, (6, 6), "common") @ held
-    # The error that all share does not shrink. Scatter beyond what is stated widens the rest.
+    # The error that all estimates share does not shrink. Scatter beyond the stated one widens the
+    # rest.
     unshared = sum(
         (
             spread @ weight @ (covariance.matrix - shared) @ weight @ spread
@@ -343,5 +364,5 @@ def _moved(X_AT: Array, covariance: PoseCovariance, twist: Array) -> Array:
 
 @cache
 def _normal_draws() -> Array:
-    """Standard normal draws (_DRAWS, 6), always the same."""
+    """Standard normal draws (_DRAWS, 6), the same at every call."""
     return readonly(np.random.default_rng(0).standard_normal((_DRAWS, 6)))

@@ -1,4 +1,5 @@
-"""Protocols of the pluggable parts; their state is explicit, so a run can be replayed and shared.
+"""Protocols of the exchangeable components. Their state is explicit, so that a run can be saved and
+repeated.
 
 `period` [s] is a whole multiple of the plant's step; `uuv.sim.loop.rollout` checks it and calls
 `step` at that rate.
@@ -65,7 +66,9 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class TargetFinder(Protocol):
-    """Target identification: maps depth frames, one a call, to a target and its tool path."""
+    """Target identification: maps depth frames, one for each call, to a target and its tool
+    path.
+    """
 
     def init(self) -> Any:
         """Initial state, before any frame."""
@@ -89,7 +92,7 @@ class TargetFinder(Protocol):
 
 @runtime_checkable
 class TargetFollower(Protocol):
-    """Tracker of an identified target: maps depth frames to its motion during the scan."""
+    """Tracker of an identified target: maps depth frames to the target's motion during the scan."""
 
     @property
     def period(self) -> float:
@@ -97,7 +100,7 @@ class TargetFollower(Protocol):
         ...
 
     def init(self) -> Any:
-        """Initial state, before anything was found."""
+        """Initial state, before any target was identified."""
         ...
 
     def step(
@@ -112,7 +115,7 @@ class TargetFollower(Protocol):
             measurement: Depth frame or sonar scan.
 
         Returns:
-            Next state, and the motion; None while it is not known.
+            Next state, and the motion; None as long as the motion is unknown.
         """
         ...
 

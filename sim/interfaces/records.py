@@ -1,6 +1,7 @@
-"""Records of arrays that the loop writes at the rate of the drives; messages are made of copies.
+"""Records of arrays that the loop writes at the rate of the drives; messages contain copies of
+them.
 
-Compiled functions take these records as they are. The arrays stay the same over a run, only their
+Compiled functions take these records directly. The arrays stay the same during a run; only their
 contents change.
 """
 
@@ -46,7 +47,7 @@ class EstimateRecord(NamedTuple):
     position_sigma: Array  # (3,) [m]
     attitude_sigma: Array  # (1,) [rad]
     # (4,) [s] since the newest vision, DVL and IMU measurement that was used, and since a jump of
-    # the IMU
+    # the IMU's bias
     ages: Array
     object_moved_W: Array  # (3,) [m]
     gyro_off_B: Array  # (3,) [rad/s]
@@ -67,10 +68,10 @@ class ReferenceRecord(NamedTuple):
     q: Array  # (n,) [rad] joint angles to hold
     qd: Array  # (n,) [rad/s]
     set_force: Array  # (1,) [N] normal force to press with
-    flags: np.ndarray  # (6,) bool, entries FOLLOWS to IN_CONTACT
+    flags: np.ndarray  # (6,) bool, entries from FOLLOWS to IN_CONTACT
 
 
-# Entries of `ReferenceRecord.flags`: a tool pose is followed; and the fields of these names
+# Entries of `ReferenceRecord.flags`: whether a tool pose is followed, and the fields of these names
 FOLLOWS, CONTROLLED, TARE, COMPLIANT, STANDING, IN_CONTACT = range(6)
 
 
@@ -80,12 +81,12 @@ def imu_record() -> ImuRecord:
 
 
 def joint_record(joints: int) -> JointRecord:
-    """Record of zeros for so many joints."""
+    """Record of zeros for `joints` joints."""
     return JointRecord(np.zeros(joints), np.zeros(joints), np.zeros(joints))
 
 
 def estimate_record(joints: int) -> EstimateRecord:
-    """Record of a vehicle at rest at the origin of the world, with so many joints."""
+    """Record of a vehicle with `joints` joints at rest at the origin of the world."""
     v, w, a, sigma, moved, gyro, attitude = np.zeros((7, 3))
     unknown = np.full(1, math.nan)
     ages = np.zeros(4)
@@ -96,7 +97,7 @@ def estimate_record(joints: int) -> EstimateRecord:
 
 
 def reference_record(joints: int) -> ReferenceRecord:
-    """Record for so many joints, to be filled by `take_reference`."""
+    """Record for `joints` joints, to be filled by `take_reference`."""
     return ReferenceRecord(
         time=np.zeros(1),
         X_WB=np.eye(4),
@@ -120,7 +121,7 @@ def take_estimate(record: EstimateRecord, estimate: StateEstimate) -> None:
     record.ages[:] = e.vision_age, e.dvl_age, e.imu_age, e.imu_jump_age
     record.tau_doubt[:] = 0.0 if e.tau_doubt is None else e.tau_doubt
 
-    # The arrays of the same names.
+    # Arrays that have the same names in both.
     for name in _ARRAYS:
         getattr(record, name)[:] = getattr(e, name)
 

@@ -1,6 +1,6 @@
-"""Results that are remembered no longer than what they were worked out from.
+"""Cache of results that keeps a result no longer than the object it was computed from.
 
-`functools.lru_cache` holds its arguments: scans of a run that has ended would stay in memory.
+`functools.lru_cache` keeps its arguments, so that scans of a finished run would stay in memory.
 """
 
 from collections import deque
@@ -19,15 +19,16 @@ _NONE = object()
 
 
 def remembered(most: int, owners: int = 0) -> Decorator[Owner, Rest, Result]:
-    """Decorator: remembers results of a function as long as its first argument, their owner, lives.
+    """Decorator that keeps results of a function as long as its first argument, their owner,
+    exists.
 
-    Results must not refer to their owner, for it would then live for ever. An owner that is itself
-    the result is not remembered.
+    Results must not refer to their owner, which would then never be freed. A result that is the
+    owner itself is not kept.
 
     Args:
-        most: results for each owner, of which the oldest go first.
-        owners: number of latest owners that are held, so that one of the same content that comes
-            later, as in the next run, finds their results.
+        most: Largest number of results for each owner; the oldest are removed first.
+        owners: Number of most recent owners that are kept alive, so that a later owner of equal
+            content, such as that of the next run, finds their results.
     """
 
     def decorated(function: Function[Owner, Rest, Result]) -> Function[Owner, Rest, Result]:

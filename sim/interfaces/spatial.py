@@ -21,20 +21,20 @@ Indices = NDArray[np.intp]
 _FLOAT64 = np.dtype(np.float64)
 
 GRAVITY = 9.81  # [m/s^2], along -z of W
-FARTHEST = 1e9  # [m] largest coordinate accepted; up to there float64 resolves a micrometre
+FARTHEST = 1e9  # [m] largest accepted coordinate; float64 resolves a micrometre up to there
 _EYE = np.eye(3)
 _LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def readonly(values: ArrayLike) -> Array:
-    """Private, read-only float64 copy of `values`."""
+    """Read-only float64 copy of `values`."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 def shown(value: Any) -> str:
-    """Text of any `value` for an error message: one line of at most 80 characters."""
+    """Text of any `value` for an error message, in one line of at most 80 characters."""
     try:
         if isinstance(value, np.ndarray | np.generic):
             small = value.size <= _FEW
@@ -43,13 +43,15 @@ def shown(value: Any) -> str:
             )
         else:
             text = _REPR.repr(value)
-    except Exception:  # a foreign __repr__ failed, or an int has more digits than Python prints
+    except (
+        Exception
+    ):  # the __repr__ of another package failed, or an int has more digits than Python prints
         text = f"a {type(value).__name__}"
     return one_line(text, _MOST_SHOWN)
 
 
 _MOST_SHOWN = 80  # [characters] longest text of a value in a message
-_FEW = 16  # numbers of an array that are printed in full: those of a pose
+_FEW = 16  # largest array that is printed in full, which is a pose
 _REPR = reprlib.Repr()
 _REPR.maxlist = _REPR.maxtuple = _REPR.maxdict = _REPR.maxset = 6
 _REPR.maxlong = 30
@@ -61,15 +63,15 @@ def unit_vector(values: ArrayLike, name: str) -> Array:
     """Read-only unit vector (3,) along `values` (3,).
 
     Raises:
-        ConfigurationError: `values` is no finite vector (3,), or zero; the message begins with
-            `name`.
+        ConfigurationError: `values` is not a finite vector (3,), or it is zero; the message begins
+            with `name`.
     """
     vector = checked(values, (3,), name)
 
     largest = float(np.abs(vector).max())
     if not largest > 1e-9:
         raise ConfigurationError(f"{name}: must not be zero")
-    vector = vector / largest  # the square of a very long one would overflow
+    vector = vector / largest  # the square of a very long vector would overflow
     return readonly(vector / np.linalg.norm(vector))
 
 
@@ -89,12 +91,12 @@ def checked_place(
         Positions [m], float64.
 
     Raises:
-        ConfigurationError: As `checked` does, or a coordinate is larger than `farthest`.
+        ConfigurationError: `checked` refuses the values, or a coordinate is larger than `farthest`.
     """
     points = checked(values, shape, name)
     if points.size and np.abs(points).max() > farthest:
         raise ConfigurationError(
-            f"{name}: must lie within {farthest:g} m, got {np.abs(points).max():g} m"
+            f"{name}: must be within {farthest:g} m of the origin, got {np.abs(points).max():g} m"
         )
     return points
 
@@ -120,7 +122,7 @@ def real_array(values: Any, name: str, wanted: str = "numbers") -> Array:
             raise TypeError(f"{array.dtype} is not a real number")
         with np.errstate(over="ignore"):  # a float beyond float64 becomes infinite
             return np.array(array, dtype=np.float64)
-    except Exception as error:  # a foreign object's `__array__` or `__float__` can raise anything
+    except Exception as error:  # a foreign `__array__` or `__float__` can raise anything
         raise ConfigurationError(f"{name}: expected {wanted}, got {shown(values)}") from error
 
 
@@ -179,7 +181,7 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
 
-    # Plain differences of finite numbers: np.allclose takes ten times as long.
+    # Plain differences of finite numbers, since np.allclose takes ten times as long.
     rigid = (
         np.abs(R).max() < 2.0 and np.abs(R.T @ R - _EYE).max() <= 1e-6 and np.linalg.det(R) > 0.0
     )
@@ -187,7 +189,8 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
         raise not_a_pose(name, X)
     if np.abs(X[:3, 3]).max() > FARTHEST:
         raise ConfigurationError(
-            f"{name}: its position must lie within {FARTHEST:g} m, got {shown(X[:3, 3])}"
+            f"{name}: its position must be within {FARTHEST:g} m of the origin, got "
+            f"{shown(X[:3, 3])}"
         )
     return X
 
@@ -201,8 +204,8 @@ def not_a_pose(name: str, X: Array) -> ConfigurationError:
 
 
 def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
-    """Validated array for loops: `values` itself if it already is what `checked` returns, else a
-    copy; about 1 us.
+    """Validated array for loops, in about 1 us: `values` itself if `checked` returned it before,
+    otherwise a checked copy.
 
     Args:
         values: Real numbers.
@@ -213,7 +216,7 @@ def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
         Float64 array; it may be `values` itself.
 
     Raises:
-        ConfigurationError: As `checked` does.
+        ConfigurationError: `checked` refuses the values.
     """
     plain = type(values) is np.ndarray and values.shape == shape and values.dtype == _FLOAT64
     if plain and math.isfinite(np.vdot(values, values)):
@@ -249,7 +252,7 @@ def spread_directions(count: int) -> Array:
     if rest <= 0:
         return axes[:count]
 
-    # Equal steps of height have equal areas; the golden angle between neighbours spreads them.
+    # Equal steps of height have equal areas. Steps of the golden angle spread neighbouring points.
     k = np.arange(rest) + 0.5
     z = 1.0 - 2.0 * k / rest
     turn = np.pi * (1.0 + np.sqrt(5.0)) * k
@@ -368,8 +371,8 @@ def skew(v: ArrayLike) -> Array:
 
 
 def cross(a: Array, b: Array) -> tuple[float, float, float]:
-    """Cross product of two vectors (3,), as `np.cross` to the bit; that takes as long as a physics
-    step.
+    """Cross product of two vectors (3,) with the bits of `np.cross`, which takes as long as a
+    physics step.
     """
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -379,7 +382,7 @@ def exp_so3(phi: ArrayLike) -> Array:
     """Rotation matrix (3, 3) of the rotation vector `phi` (3,) [rad] (Rodrigues' formula)."""
     x, y, z = np.asarray(phi, dtype=np.float64).tolist()
     square = x * x + y * y + z * z
-    # Scalars throughout: on three numbers numpy's calls cost ten times as much as the sums.
+    # Scalars throughout, since numpy's calls on three numbers cost ten times as much as the sums.
     if square < 1e-12:
         s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
     else:
@@ -408,12 +411,13 @@ def log_so3(R: Array) -> Array:
 
 
 def rotation_vector_of(quaternion: Sequence[float]) -> tuple[float, float, float]:
-    """Rotation vector [rad] of a unit quaternion (w, x, y, z); compiled code calls it too."""
+    """Rotation vector [rad] of a unit quaternion (w, x, y, z); also called from compiled code."""
     w, x, y, z = quaternion
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
 
-    # sin(angle/2) is the length of the vector part; near zero its ratio to the angle is 1/2.
+    # sin(angle/2) is the length of the vector part. The ratio of this length to the angle tends to
+    # 1/2.
     sine = math.sqrt(x * x + y * y + z * z)
     scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
     return scale * x, scale * y, scale * z
@@ -438,17 +442,19 @@ def rotation_from_quat_wxyz(quat_wxyz: ArrayLike) -> Array:
 
 
 def quat_wxyz_from_rotation(R: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of `R`; by the largest component [Shepperd 1978], so it is exact
-    near pi.
+    """Unit quaternion (w, x, y, z) of `R`, computed from its largest component [Shepperd 1978] and
+    therefore exact near pi.
     """
     return np.array(quaternion_of(R.tolist()))
 
 
 def quaternion_of(rows: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z) of the three rows of a rotation; compiled code calls it too."""
+    """Unit quaternion (w, x, y, z) from the three rows of a rotation; also called from compiled
+    code.
+    """
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
 
-    # The largest of the four components is divided by: no difference of near numbers.
+    # Division is by the largest of the four components, so that no near numbers are subtracted.
     trace = r00 + r11 + r22
     if trace >= max(r00, r11, r22):
         w, x, y, z = 1.0 + trace, r21 - r12, r02 - r20, r10 - r01
@@ -468,7 +474,7 @@ def rotation_from_z(z: ArrayLike, x_hint: ArrayLike) -> Array:
     to it.
 
     Raises:
-        ConfigurationError: Either is zero, or they are parallel.
+        ConfigurationError: `z` or `x_hint` is zero, or they are parallel.
     """
     z_axis = np.asarray(z, dtype=np.float64)
     z_axis = z_axis / max(float(np.linalg.norm(z_axis)), 1e-300)

@@ -1,4 +1,4 @@
-"""Random streams of one case of an experiment, by the name of what is drawn."""
+"""Random streams of one case of an experiment, one for each named quantity that is drawn."""
 
 import zlib
 from collections.abc import Iterable, Mapping
@@ -13,23 +13,23 @@ _WIDTHS = (128, 128, 1, 32)  # [bits] of the four numbers of a state
 
 
 class Streams:
-    """Random streams of one case: each name has its own, so that a draw that is added, left out or
-    made longer moves no other.
+    """Random streams of one case. Each name has its own stream, so that adding, removing or
+    extending a draw does not change the others.
 
         streams = Streams(seed, run)
         speed = streams["current speed"].uniform(0.0, 0.4)
 
-    A name that is asked for again goes on where it was.
+    A stream that is requested again continues where it stopped.
     """
 
     def __init__(self, *key: int, states: Iterable[tuple[str, str]] = ()) -> None:
-        """Streams that begin by a key, or in states that were kept.
+        """Make streams from a key, or from states that were saved.
 
         Args:
-            key: Numbers, at least 0, that tell the case from others: the seed of the experiment,
-                the number of the run.
-            states: Names, and state of each at its begin (`state_of`); with them there are no
-                other names, and the key has no effect.
+            key: Numbers, at least 0, that identify the case: the seed of the experiment, and the
+                number of the run.
+            states: Initial state of the stream of each name (`state_of`). If states are given,
+                there are no other names, and the key has no effect.
         """
         self._key = key
         self._states = dict(states)
@@ -39,7 +39,7 @@ class Streams:
         """The stream of a name.
 
         Raises:
-            ConfigurationError: The states that were kept have none of that name.
+            ConfigurationError: The saved states have none of that name.
         """
         if name not in self._streams:
             self._streams[name] = self._begin(name)
@@ -47,7 +47,7 @@ class Streams:
 
     def _begin(self, name: str) -> np.random.Generator:
         if not self._states:
-            # the same whatever else is drawn, and in every process
+            # depends neither on other draws nor on the process
             return np.random.default_rng([*self._key, zlib.crc32(name.encode())])
         if name not in self._states:
             raise ConfigurationError(
@@ -60,7 +60,7 @@ def state_of(rng: np.random.Generator) -> str:
     """State of a generator of `np.random.default_rng`: four hexadecimal numbers in a text.
 
     Raises:
-        ConfigurationError: It is a generator of another kind.
+        ConfigurationError: The generator is of another kind.
     """
     state = rng.bit_generator.state
     if state["bit_generator"] != "PCG64":
@@ -72,16 +72,18 @@ def state_of(rng: np.random.Generator) -> str:
 
 
 def _in_state(text: str) -> np.random.Generator:
-    """A generator in the state that `state_of` gave.
+    """A generator in a state that `state_of` returned.
 
     Raises:
-        ConfigurationError: The text is no state.
+        ConfigurationError: The text is not such a state.
     """
     words = text.split()
     numbers = [int(word, 16) for word in words if set(word) <= set(hexdigits)]
     fit = [0 <= number < 1 << bits for number, bits in zip(numbers, _WIDTHS, strict=False)]
     if not len(words) == len(numbers) == len(_WIDTHS) or not all(fit):
-        raise ConfigurationError(f"no state of a random stream: {shown(text)}")
+        raise ConfigurationError(
+            f"state of a stream: must be a text written by `state_of`, got {shown(text)}"
+        )
 
     state, inc, has_uint32, uinteger = numbers
     bits = np.random.PCG64()

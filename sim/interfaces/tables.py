@@ -1,10 +1,12 @@
-"""Tables of documents that others wrote, as dataclasses; a fault is told with its place.
+"""Reads tables of documents from outside into dataclasses; an error message names the place of the
+fault.
 
     about = TableReader("study.json").made(About, json_of(folder / "study.json", "study"))
 
-`uuv.sim.interfaces.documents` reads the text. `TableReader` makes dataclasses of the tables by the
-annotations of their fields, or calls functions by those of their parameters. A field states its
-unit and its bounds as keywords of JSON Schema in its metadata:
+`uuv.sim.interfaces.documents` reads the text. `TableReader` makes dataclasses from the tables
+according to the annotations of their fields, or calls functions according to the annotations of
+their parameters. A field states its unit and its bounds in its metadata, as keywords of JSON
+Schema:
 
     speed: float = field(metadata={"schema": {"unit": "m/s", "exclusiveMinimum": 0, "maximum": 1}})
 """
@@ -28,34 +30,37 @@ from uuv.sim.interfaces.spatial import Array, shown
 Made = TypeVar("Made")
 Schema = Mapping[str, Any]  # keywords of JSON Schema, and `unit`; its `title` is for messages
 Table = Mapping[str, Any]
-# What makes a thing of a kind from a table at a place: class or function, with its table and place.
+# Function that returns the class or function for a table at a place, together with that table and
+# place.
 Chooser = Callable[[Any, Table, str], tuple[Callable[..., Any], Table, str]]
 
 
 @dataclass(frozen=True, slots=True)
 class TableReader:
-    """Makes dataclasses of tables by the annotations of their fields.
+    """Makes dataclasses from tables according to the annotations of their fields.
 
     Annotations may be numbers, text, literals, lists, tuples, mappings, arrays, dataclasses, `Any`,
-    and unions of kinds that a document tells apart: None, text, number, list, table.
+    and unions of types that differ in a document: None, text, number, list, table.
     """
 
-    whole: str = "the file"  # what messages call the outermost table
+    whole: str = "the file"  # name of the outermost table in messages
     choose: Chooser | None = None
-    passes_unknown: bool = False  # keys that the class lacks are passed over: of a later version
-    places_faults: bool = False  # what a class refuses itself is told with the place of its table
+    # True: keys that the class lacks are ignored, since a later version may have written them
+    passes_unknown: bool = False
+    # True: errors that a class itself raises get the place of its table
+    places_faults: bool = False
 
     def made(self, maker: Callable[..., Made], given: Any, where: str = "") -> Made:
-        """What `maker` makes of the table `given`.
+        """Object that `maker` makes from the table `given`.
 
         Args:
-            maker: Dataclass or function, or a base that `choose` finds one for.
+            maker: Dataclass or function, or a base class for which `choose` selects one.
             given: Table of a document.
-            where: Place of the table in the document; empty: it is the outermost.
+            where: Place of the table in the document; empty for the outermost table.
 
         Raises:
-            ConfigurationError: The table lacks a key, has one too many, or a value of another type
-                or out of bounds.
+            ConfigurationError: The table lacks a key, has an unknown key, or has a value of another
+                type or out of bounds.
         """
         table = self.table(given, where)
         chosen: Callable[..., Made] = maker
@@ -78,11 +83,11 @@ class TableReader:
         Args:
             maker: Dataclass or function.
             table: Table of a document.
-            where: Its place in the document.
+            where: Place of the table in the document.
             complete: False: keys without a default may be missing.
 
         Raises:
-            ConfigurationError: As `made` does.
+            ConfigurationError: As for `made`.
         """
         slots = _slots(maker)
         known = {key: entry for key, entry in table.items() if key in slots}
@@ -100,20 +105,20 @@ class TableReader:
         }
 
     def table(self, given: Any, where: str = "") -> dict[str, Any]:
-        """`given` as a table of its own.
+        """Return `given` if it is a table.
 
         Raises:
-            ConfigurationError: It is none.
+            ConfigurationError: It is not a table.
         """
         if not isinstance(given, Mapping):
             raise ConfigurationError(f"{self.place(where)}: must be a table, got {shown(given)}")
         return dict(given)
 
     def check_keys(self, table: Table, allowed: Iterable[str], where: str = "") -> None:
-        """Refuses a table with a key that is not among the `allowed` ones.
+        """Refuse a table with a key that is not `allowed`.
 
         Raises:
-            ConfigurationError: It has one.
+            ConfigurationError: The table has such a key.
         """
         allowed = list(allowed)
         for key in table:
@@ -122,23 +127,25 @@ class TableReader:
                 raise ConfigurationError(f"{self.place(where)} has no {shown(key)}; it has {known}")
 
     def value(self, hint: Any, item: Any, where: str) -> Any:
-        """A value of a document as the type `hint` asks for; `where` begins the message."""
+        """A value of a document converted to the type `hint`; `where` begins the error message."""
         return self._value(hint, item, _Spot(where, {}))
 
     def place(self, where: str) -> str:
-        """What messages call the table at a place."""
+        """Name of the table at a place, as used in messages."""
         if "[" in where:  # an item of a list: perturbations[0]
             return where
         return f"[{where}]" if where else self.whole
 
     def _item(self, hint: Any, entry: Any, outer: "_Spot", key: str | int) -> Any:
-        """`given`, which stands in a table or a list, as the type `hint` asks for."""
-        if not outer.schema and type(entry) in _unchanged(hint):  # as most of a table of rows
+        """An item of a table or a list, converted to the type `hint`."""
+        if not outer.schema and type(entry) in _unchanged(
+            hint
+        ):  # the most frequent case in a table of rows
             return entry
         return self._value(hint, entry, outer.of(key))
 
     def _value(self, hint: Any, entry: Any, spot: "_Spot") -> Any:
-        """`given` as the type `hint` asks for, within the bounds of its field."""
+        """A value converted to the type `hint` and checked against the bounds of its field."""
         typed = self._typed(hint, entry, spot)
         if spot.schema:
             _check_bounds(typed, spot)
@@ -175,7 +182,9 @@ class TableReader:
         return self.made(hint, entry, spot.where)
 
     def _several(self, args: tuple[Any, ...], entry: Any, spot: "_Spot") -> list[Any]:
-        """The items of a list, of one type where `args` ends with an ellipsis, else of one each."""
+        """The items of a list: all of one type if `args` ends with an ellipsis, otherwise one type
+        for each.
+        """
         if not isinstance(entry, list):
             raise spot.refused("a list", entry)
         if args[-1] is Ellipsis:
@@ -192,13 +201,13 @@ class TableReader:
 
 @dataclass(frozen=True, slots=True)
 class WithFields:
-    """A function whose `**others` are fields of a class; none of them need be given."""
+    """A function whose `**others` are fields of a class, all of them optional."""
 
     function: Callable[..., Any]
     others: type
 
     def __call__(self, **arguments: Any) -> Any:
-        """What the function returns."""
+        """Result of the function."""
         return self.function(**arguments)
 
 
@@ -213,7 +222,9 @@ class _Slot:
 
 @cache
 def _slots(maker: Callable[..., Any]) -> dict[str, _Slot]:
-    """Keys of the table of a dataclass or a function; a table of rows asks for them once a row."""
+    """Keys in the table of a dataclass or a function; a list of tables calls this for each
+    table.
+    """
     if isinstance(maker, WithFields):
         slots = _slots(maker.function)
         others = {name: slot for name, slot in _slots(maker.others).items() if name not in slots}
@@ -239,13 +250,13 @@ def _slots(maker: Callable[..., Any]) -> dict[str, _Slot]:
 
 @cache
 def _unchanged(hint: Any) -> frozenset[type]:
-    """Types whose values stand for themselves where a document is asked for `hint`."""
+    """Types whose values are taken unchanged if a document is read as `hint`."""
     plain = {str, int, float, bool, type(None)}
     options = get_args(hint) if get_origin(hint) in (Union, types.UnionType) else (hint,)
     return frozenset(plain & {option for option in options if isinstance(option, type)})
 
 
-# A union, which a further None would join, or with newer Pythons an alias of its own.
+# A union. Adding None would give another union or, on newer Pythons, an alias type.
 _ARRAY_KINDS = frozenset(get_args(ArrayLike)) or frozenset({ArrayLike})
 
 
@@ -257,7 +268,7 @@ def _is_array(hint: Any) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Spot:
-    """Place of a value in a document, with what its field states about it."""
+    """Place of a value in a document, with the metadata of its field."""
 
     where: str
     schema: Schema
@@ -270,7 +281,7 @@ class _Spot:
         return _Spot(inside(self.where, key), schema)
 
     def refused(self, words: str, entry: Any, hint: str = "") -> ConfigurationError:
-        """Error for a value that is not what its field's title or, without one, `words` say."""
+        """Error for a value that does not fit its field's title or, without a title, `words`."""
         unit = f" [{self.schema['unit']}]" if "unit" in self.schema else ""
         allowed = self.schema.get("title", words)
         key = f"{self.where}{unit}"
@@ -278,7 +289,7 @@ class _Spot:
 
     @property
     def limits(self) -> str:
-        """Bounds of a number in words; empty: there are none."""
+        """Bounds of a number in words; empty if there are none."""
         words = []
         for key, (word, _) in _BOUNDS.items():
             if key in self.schema:
@@ -288,7 +299,7 @@ class _Spot:
 
 
 def _option(options: Iterable[Any], entry: Any, spot: _Spot) -> Any:
-    """The kind among those of a union that a value is of; literals count as one kind."""
+    """The type in a union that a value belongs to; literals count as one type."""
     options = [option for option in options if option is not type(None)]
     literals = [option for option in options if get_origin(option) is Literal]
     if literals:
@@ -305,7 +316,7 @@ def _option(options: Iterable[Any], entry: Any, spot: _Spot) -> Any:
 
 
 def _kind(hint: Any) -> tuple[str, Callable[[Any], bool]]:
-    """Words for what stands in a document for `hint`, and whether a value is of that kind."""
+    """Name of the type `hint` in messages, and a function that tests a value for this type."""
     if hint in _WORDS:
         return _WORDS[hint]
     origin = get_origin(hint)
@@ -316,7 +327,7 @@ def _kind(hint: Any) -> tuple[str, Callable[[Any], bool]]:
     return "a table", lambda value: isinstance(value, Mapping)
 
 
-_LONGEST_NUMBER = 40  # [characters] of a number that a person writes
+_LONGEST_NUMBER = 40  # [characters] longest text that is taken for a number written by a person
 _WORDS: Mapping[Any, tuple[str, Callable[[Any], bool]]] = {
     bool: ("true or false", lambda value: isinstance(value, bool)),
     int: ("a whole number", lambda value: type(value) is int),
@@ -349,7 +360,7 @@ def _plain(kind: type, entry: Any, spot: _Spot) -> Any:
 
 
 def _if_quoted(kinds: Iterable[Any], word: Any) -> str:
-    """What to do about a number that was written as text."""
+    """Hint for a number that was written as text."""
     if not isinstance(word, str) or len(word) > _LONGEST_NUMBER or not {int, float} & set(kinds):
         return ""
     try:
@@ -360,14 +371,16 @@ def _if_quoted(kinds: Iterable[Any], word: Any) -> str:
 
 
 def _array(entry: Any, spot: _Spot) -> Array:
-    """Array of a number, a row of numbers, or rows of one length; the callee checks its shape."""
+    """Array from a number, a list of numbers, or rows of equal length; the callee checks its
+    shape.
+    """
 
     def numbers(value: Any, inner: _Spot) -> Any:
         if isinstance(value, list):
             return [numbers(row, inner.of(i)) for i, row in enumerate(value)]
         return _plain(float, value, inner)
 
-    # A text for the whole is no wrong item of it.
+    # A text in place of the whole array is not a wrong item of the array.
     if not (isinstance(entry, list) or _WORDS[float][1](entry)):
         raise spot.refused("a list of numbers", entry)
     try:
@@ -389,7 +402,7 @@ _BOUNDS: Mapping[str, tuple[str, Callable[[Any, Any], bool]]] = {
 
 
 def _check_bounds(value: Any, spot: _Spot) -> None:
-    """Refuses a value beyond the bounds that its field states by keywords of JSON Schema."""
+    """Refuse a value beyond the bounds that its field states as keywords of JSON Schema."""
     schema = spot.schema
     if isinstance(value, int | float) and not isinstance(value, bool):
         bounds = [(keeps, schema[key]) for key, (_, keeps) in _BOUNDS.items() if key in schema]

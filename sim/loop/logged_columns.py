@@ -6,22 +6,25 @@ from uuv.models.vehicle import Vehicle
 
 _XYZ = ("x", "y", "z")
 
-# Columns of the blocks: series name -> (labels, unit), in the order in which the rows are written.
+# Columns of the blocks: series name -> (labels, unit), in the order of the columns in a row.
 Columns = Mapping[str, tuple[tuple[str, ...], str]]
 SCALARS: Columns = {
-    "contact_normal": ((), "N"),  # true, tool on object: mean over the plant's substeps
-    "contact_least": ((), "N"),  # smallest of a substep
-    "contact_most": ((), "N"),  # largest of a substep
+    "contact_normal": (
+        (),
+        "N",
+    ),  # true force of the tool on the object: mean over the plant's substeps
+    "contact_least": ((), "N"),  # smallest value of a substep
+    "contact_most": ((), "N"),  # largest value of a substep
     "saturated": ((), ""),
     "collision": ((), ""),
-    "felt_normal": ((), "N"),  # estimated from joint torques
+    "felt_normal": ((), "N"),  # force estimated from joint torques
 }
 VECTORS: Columns = {
-    "p_pad": (_XYZ, "m"),  # true tip
+    "p_pad": (_XYZ, "m"),  # true position of the tip
     "tool_axis": (_XYZ, ""),
     "p_WB": (_XYZ, "m"),
     "quat_WB_wxyz": (("w", "x", "y", "z"), ""),
-    "contact_force": (_XYZ, "N"),  # of the world on the pad
+    "contact_force": (_XYZ, "N"),  # true force of the world on the pad
     "felt_force": (_XYZ, "N"),
     "tool_x": (_XYZ, ""),
 }
@@ -34,10 +37,10 @@ REFERENCE: Columns = {
     "v_command": (_XYZ, "m/s"),
     "p_WB_reference": (_XYZ, "m"),
 }
-# true, if it can move
+# true pose of the object, if it can move
 OBJECT: Columns = {"p_WT": (_XYZ, "m"), "quat_WT_wxyz": (("w", "x", "y", "z"), "")}
 EVERY_STEP = (*SCALARS, *VECTORS, *REFERENCE)  # series of every recording, full or not
-WIDTHS = {  # [columns] of each
+WIDTHS = {  # [columns] width of each of these series
     name: max(1, len(labels)) for name, (labels, _) in {**SCALARS, **VECTORS, **REFERENCE}.items()
 }
 
@@ -50,9 +53,12 @@ def slow_columns(vehicle: Vehicle) -> Columns:
         "tau_drive": (vehicle.joint_names, "N m"),
         "thrust": (vehicle.thruster_names, "N"),
         "current": (_XYZ, "m/s"),
-        # true, of the arm on the hull, hull axes
+        # true wrench of the arm on the hull, hull axes
         "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),
         "p_WB_estimate": (_XYZ, "m"),
         "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
-        "position_sigma": (_XYZ, "m"),  # of the estimated hull position, as the estimator states it
+        "position_sigma": (
+            _XYZ,
+            "m",
+        ),  # standard deviation of the estimated hull position, as the estimator states it
     }

@@ -41,9 +41,9 @@ from uuv.sim.loop.logged_columns import (
 )
 from uuv.sim.loop.rollout import Moment, ticks_per_period
 
-STATES = tuple(WorkState)  # the series "state" holds indices into it
+STATES = tuple(WorkState)  # the series "state" holds indices into this tuple
 _INDEX = {state: i for i, state in enumerate(STATES)}
-_ROWS = 1 << 15  # room for steps at the start
+_ROWS = 1 << 15  # number of steps allocated at the start
 _NOWHERE = np.full(3, np.nan)  # no tool position is commanded
 
 
@@ -54,7 +54,7 @@ class Series:
     time: Array  # (N,) [s]
     value: Array  # (N, k)
     unit: str
-    labels: tuple[str, ...]  # k of them; empty for a scalar
+    labels: tuple[str, ...]  # k labels; empty for a scalar
 
     @property
     def scalar(self) -> Array:
@@ -64,7 +64,7 @@ class Series:
             ConfigurationError: The series has several columns.
         """
         if self.value.shape[1] != 1:
-            raise ConfigurationError(f"series has columns {self.labels}, not one")
+            raise ConfigurationError(f"series: must have one column, has {self.labels}")
         return self.value[:, 0]
 
 
@@ -72,10 +72,10 @@ class Series:
 class Event:
     """Change of the planner's state."""
 
-    time: float  # [s]
+    time: float  # [s] time of the change
     state: WorkState
     note: str  # reason, if the planner gave one
-    abort: AbortCode | None = None  # cause, if the work was broken off
+    abort: AbortCode | None = None  # cause, if the work was aborted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,7 +102,7 @@ class RecordedSeries:
         return name in self.series
 
     def within(self, *states: WorkState) -> np.ndarray:
-        """Mask (N,) over the steps, True while the planner was in one of `states`."""
+        """Mask (N,) over the steps that is True while the planner was in one of `states`."""
         return np.isin(self["state"].scalar, [_INDEX[state] for state in states])
 
     @property
@@ -119,17 +119,18 @@ class Recording(RecordedSeries):
     vehicle: Vehicle
     targets: tuple[Target, ...]  # results of the finder, one per frame
     motions: tuple[ObjectMotion, ...] = ()  # of the followed object, one per frame
-    goes_by: Target | None = None  # last target that the work went by, the mean of several finds
+    goes_by: Target | None = None  # last target that the work used, the mean of several finds
     promise: Promise | None = None  # last promise of the planner
     clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
     substeps: int = 1  # physics steps per step of the loop
-    interrupted: str = ""  # cause of an early end, e.g. SIGTERM
-    collided: str = ""  # what collided first, and when; empty: nothing did
-    # electrical supply at the end, as `uuv.sim.plant.supply` orders it; empty: unknown
+    interrupted: str = ""  # cause of an early end, such as SIGTERM
+    collided: str = ""  # bodies that collided first, and the time; empty if nothing collided
+    # electrical supply at the end, in the order of `uuv.sim.plant.supply`; empty if unknown
     supply: Array = field(default_factory=lambda: np.zeros(0))
 
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
-        """SHA-256 over times and values of series, bit for bit; by default of the whole trajectory.
+        """SHA-256 over the bits of the times and values of series; by default of the whole
+        trajectory.
 
         Names that were not recorded are skipped; the order of `names` has no effect. The digest
         does not depend on the slower series, the byte order, or the bits of NaN.
@@ -170,16 +171,17 @@ class _Block:
 
 
 class RecorderRecord(NamedTuple):
-    """Rows of the loop's rate for `write_row`, and the arrays of the truth that it copies."""
+    """Rows for `write_row` at the rate of the loop, and the arrays of the truth that it copies."""
 
-    rows: Array  # (N, 2 + ...) time, row of the reference, SCALARS, VECTORS, OBJECT if it can move
-    written: np.ndarray  # (1,) rows so far
+    # (N, 2 + ...) time, index of the reference, SCALARS, VECTORS, and OBJECT if the object can move
+    rows: Array
+    written: np.ndarray  # (1,) number of rows so far
     p_pad: Array  # (3,)
     R_WG: Array  # (3, 3)
     p_WB: Array  # (3,)
     quat_WB_wxyz: Array  # (4,)
     contact_force_W: Array  # (3,)
-    p_WT: Array  # (3,) of an object that can move, else (0,)
+    p_WT: Array  # (3,) for an object that can move, else (0,)
     quat_WT_wxyz: Array  # (4,), else (0,)
 
 
@@ -190,9 +192,9 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     Args:
         record: `RecorderRecord`, or its fields as a plain tuple.
         time: [s]
-        scalars: True normal force of the contact, its least and most of a substep [N]; saturated;
-            collision.
-        reference: From `Recorder.refer`.
+        scalars: True normal force of the contact [N], its smallest and largest value in a substep
+            [N], whether a thruster is saturated, and whether there is a collision.
+        reference: Index from `Recorder.refer`.
         felt_force: (3,) [N] estimated contact force, W.
         felt_normal: [N] estimated normal force.
     """
@@ -200,7 +202,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     row = rows[written[0]]
     normal, least, most, saturated, collision = scalars
 
-    # Time, reference and scalars.
+    # Time, index of the reference, and scalars.
     row[0], row[1], row[2], row[3], row[4], row[5], row[6] = (
         time,
         reference,
@@ -212,7 +214,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     )
     row[7] = felt_normal
 
-    # Vectors: tip, tool axis and hull; force of contact, force felt and tool x axis.
+    # Vectors: tip, tool axis, hull, contact force, estimated contact force, and tool x axis.
     for k in range(3):
         row[8 + k], row[11 + k], row[14 + k] = p_pad[k], R_WG[k, 2], p_WB[k]
         row[21 + k], row[24 + k], row[27 + k] = contact_force_W[k], felt_force[k], R_WG[k, 0]
@@ -232,13 +234,14 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
 class Recorder:
     """Observer of `uuv.sim.loop.rollout` that keeps a run in memory.
 
-    At the loop's rate it keeps what the metrics need. If `full`, it also keeps joints, torques,
-    thrusts, current, the estimate and the controller's internal values every `period`, and the
-    poses of all bodies every `pose_period`. Of an object that can move it keeps the true pose at
-    the loop's rate.
+    At the loop's rate it keeps the series that the metrics need, and the true pose of an object
+    that can move. If `full`, it also keeps joints, torques, thrusts, current, the estimate and the
+    controller's internal values every `period`, and the poses of all bodies every `pose_period`.
     """
 
-    _OF_THE_RUN = frozenset({"_vehicle", "_truth", "_record"})  # not saved: bound to one plant
+    _OF_THE_RUN = frozenset(
+        {"_vehicle", "_truth", "_record"}
+    )  # not saved, because it is bound to one plant
 
     def __init__(
         self,
@@ -255,8 +258,8 @@ class Recorder:
             model: Model of the plant.
             timestep: Step of the loop [s]; default: the model's.
             full: Also keep the slower series.
-            period: Of the slower series [s].
-            pose_period: Of the body poses [s].
+            period: Period of the slower series [s].
+            pose_period: Period of the body poses [s].
 
         Raises:
             ConfigurationError: A period is no multiple of `timestep`, or `timestep` no multiple of
@@ -288,11 +291,11 @@ class Recorder:
         self._rows = np.empty((_ROWS, 2 + _total_width(self._columns)))
 
         self._believed: dict[str, _Block] = {}
-        # RecorderRecord; a plain tuple goes to a kernel faster
+        # RecorderRecord as a plain tuple, which is passed to a kernel faster
         self._record: tuple[np.ndarray, ...] = ()
         self._truth: Any = None
 
-        # What was seen last, and what is kept as it is.
+        # Latest values, and data that are kept unchanged.
         self._reference: Reference | None = None
         self._target: Target | None = None
         self._events: list[Event] = []
@@ -303,15 +306,15 @@ class Recorder:
         self._motions: list[ObjectMotion] = []
 
     def save(self) -> dict[str, Any]:
-        """All that was recorded, as it is: to be copied before the next step."""
+        """Everything recorded so far, not copied: copy it before the next step."""
         return {name: entry for name, entry in vars(self).items() if name not in self._OF_THE_RUN}
 
     def resume(self, saved: dict[str, Any]) -> None:
-        """Go on from a copy of what `save` of a recorder of an equal plant returned."""
+        """Continue from a copy of the result of `save` of a recorder with an equal plant."""
         vars(self).update(saved)
 
     def references(self) -> Iterator[tuple[float, WorkState, float]]:
-        """Time [s], state and set force [N] at the first step under each reference so far."""
+        """Time [s], state and set force [N] at the first step with each reference so far."""
         rows = self._rows[: self._written[0]]
         references = self._references.table()
         for first in np.flatnonzero(np.diff(rows[:, 1], prepend=-1.0)):
@@ -378,11 +381,13 @@ class Recorder:
 
     @property
     def slow_ticks(self) -> tuple[int, ...]:
-        """Ticks of the loop between the slower rows; empty if none are kept."""
+        """Numbers of ticks between the slower rows; empty if no slower series are kept."""
         return (self._ticks, self._pose_ticks) if self._full else ()
 
     def ready(self, rows: int) -> Array:
-        """Make room for so many more rows of `write_row`; their table, a new one if it grew."""
+        """Make room for `rows` more rows of `write_row`, and return their table, which is new if it
+        grew.
+        """
         while self._written[0] + rows > len(self._rows):
             self._rows = _doubled(self._rows)
             self._record = (self._rows, *self._record[1:])
@@ -391,14 +396,16 @@ class Recorder:
     def record(self, truth: Any) -> RecorderRecord:
         """Rows of the loop's rate and arrays of `truth` for `write_row`, until `ready` grows them.
 
-        A step that is written so must have no new target and be none of the slower rows.
+        A step that is written in this way must have no new target, and no row of the slower series.
         """
         if truth is not self._truth:
             self._bind(truth)
         return RecorderRecord(*self._record)
 
     def refer(self, reference: Reference) -> int:
-        """Record a reference if it is new, at the planner's rate; its index for `write_row`."""
+        """Record a reference if it is new, at the planner's rate, and return its index for
+        `write_row`.
+        """
         if reference is not self._reference:
             self._refer(reference)
         return self._references.count - 1
@@ -470,7 +477,7 @@ class Recorder:
         return f"{self._geoms[int(vehicle_geom)]} met {self._geoms[int(other)]} at {time:.1f} s"
 
     def _bind(self, truth: Any) -> None:
-        """Cache the views of `truth`; they stay valid while the plant returns the same object."""
+        """Cache views of `truth`, which stay valid as long as the plant returns the same object."""
         self._truth = truth
         quat_WB_wxyz = truth.xquat[self._vehicle.hull]
         views = truth.p_pad, truth.R_WG, truth.p_WB, quat_WB_wxyz, truth.contact_force_W
@@ -480,7 +487,7 @@ class Recorder:
         self._record = (self._rows, self._written, *views, *moved)
 
     def _refer(self, reference: Reference) -> None:
-        """Record a new reference, and an event if the planner's state is new."""
+        """Record a new reference, and an event if it has a new state of the planner."""
         if self._reference is None or reference.state is not self._reference.state:
             event = Event(
                 time=reference.time,
@@ -531,7 +538,7 @@ class Recorder:
 
 
 def _estimates(command: Command) -> dict[str, Array]:
-    """What the controller estimated, by name of its series."""
+    """Estimates of the controller, by name of the series."""
     estimates = dict(command.believed)
     if command.contact.known:
         estimates |= {"f_tip_W": command.contact.force_W, "f_tip_sigma_G": command.contact.sigma_G}
@@ -547,9 +554,9 @@ def _doubled(table: Array) -> Array:
 
 
 def _without_sign_jumps(quat: Array) -> None:
-    """Give each unit quaternion (N, 4), in place, the sign nearer to the one before it.
+    """Change signs of unit quaternions (N, 4) in place, so that each is nearest to its predecessor.
 
-    q and -q are one turn. Rows without numbers are passed over.
+    q and -q are the same rotation. Rows of NaN are skipped.
     """
     known = np.flatnonzero(np.isfinite(quat).all(axis=1))
     quat_known = quat[known]

@@ -38,8 +38,8 @@ LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are req
 class SteppedPlant(Protocol):
     """Plant interface that the loop requires.
 
-    A run that is to be saved asks it for `save` and `resume` as well (`uuv.sim.plant.plant.Plant`).
-    A wrapper without a state of its own needs neither, if its attribute `plant` is what it wraps.
+    A run that is to be saved also needs `save` and `resume` (`uuv.sim.plant.plant.Plant`). A
+    wrapper without a state of its own needs neither, if its attribute `plant` is the wrapped plant.
     """
 
     timestep: float  # [s]
@@ -56,9 +56,9 @@ class SteppedPlant(Protocol):
 class Observer(Protocol):
     """Read-only observer that is called at every step.
 
-    One with an attribute `slow_ticks`, a tuple of numbers of ticks, needs to be called only at
-    their multiples and where frame, target or state of the work changes. Any other is called at
-    every tick, also by compiled ones, which takes its time.
+    An observer with an attribute `slow_ticks`, a tuple of numbers of ticks, is called only at their
+    multiples and when frame, target or state of the work change. Any other observer is called at
+    every tick, also during compiled ticks, which slows them down.
     """
 
     def observe(self, moment: "Moment") -> None:
@@ -90,7 +90,7 @@ class Parts:
     finder: TargetFinder | None
     planner: Planner
     controller: Controller
-    # of the object while the vehicle scans; None: nothing follows it
+    # tracker of the object while the vehicle scans; None: the object is not tracked
     follower: TargetFollower | None = None
 
 
@@ -106,7 +106,7 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
         The number of steps.
 
     Raises:
-        ConfigurationError: The ratio is no whole number, or below 1.
+        ConfigurationError: The ratio is not a whole number, or below 1.
     """
     ratio = period / timestep
     ticks = round(ratio)
@@ -136,35 +136,36 @@ def never(moment: Moment) -> bool:
 
 
 def _keeper(plant: Any) -> Any:
-    """The plant, or what it wraps: the outermost that can be saved."""
+    """The outermost of a plant and the plants that it wraps that can be saved."""
     while not hasattr(plant, "save"):
         if not hasattr(plant, "plant"):
             raise ConfigurationError(
-                f"saved run: plant {type(plant).__name__} has neither save() nor `plant`"
+                f"saved run: the plant {type(plant).__name__} must have save(), or an attribute "
+                "`plant` with the plant that it wraps"
             )
         plant = plant.plant
     return plant
 
 
 class Ticks(Protocol):
-    """Compiled ticks of the loop, for the time between those at which something slow is due."""
+    """Compiled ticks of the loop, which run as long as no slow component is due."""
 
     def advance(self, run: "Rollout", tick: int, end: int) -> int:
         """Run ticks from `tick` up to `end` as far as possible.
 
         Args:
-            run: its states and messages change as if `Rollout.decide` and `act` had run these
+            run: Run whose states and messages change as if `Rollout.decide` and `act` had run these
                 ticks.
-            tick: first one.
-            end: one after the last one.
+            tick: First tick.
+            end: Number after the last tick.
 
         Returns:
-            The next tick for `Rollout.decide`; `Rollout.stage` says how far it has come.
+            The next tick for `Rollout.decide`; `Rollout.stage` is the stage that it has reached.
         """
         ...
 
     def close(self) -> None:
-        """Give back what calls into Python; no tick is run afterwards."""
+        """Free the callbacks into Python; no tick may run afterwards."""
         ...
 
 
@@ -178,12 +179,15 @@ class Stage(IntEnum):
 
 
 class Rollout:
-    """One run of the loop: states of the parts, present messages, and the step of a tick.
+    """One run of the loop: states of the components, present messages, and the functions of a tick.
 
-    `save` hands out all that changes; `resume` takes it over in another run of the same scenario.
+    `save` returns everything that changes; `resume` restores it in another run of the same
+    scenario.
     """
 
-    _OF_THE_RUN = frozenset({"plant", "parts", "observers", "truth"})  # not saved: each has its own
+    _OF_THE_RUN = frozenset(
+        {"plant", "parts", "observers", "truth"}
+    )  # not saved, because each run has its own
 
     def __init__(
         self,
@@ -192,7 +196,7 @@ class Rollout:
         rng: np.random.Generator,
         observers: Sequence[Observer] = (),
     ) -> None:
-        """Make the states of all parts from their first measurements.
+        """Make the initial states of all components from their first measurements.
 
         Args:
             plant: Plant, or a wrapper of one.
@@ -201,7 +205,7 @@ class Rollout:
             observers: Called at every step, in order.
 
         Raises:
-            ConfigurationError: A rate or delay is no whole multiple of the physics step.
+            ConfigurationError: A rate or delay is not a whole multiple of the physics step.
         """
         dt, sensors = plant.timestep, parts.sensors
         self.plant, self.parts, self.observers = plant, parts, observers
@@ -238,10 +242,10 @@ class Rollout:
             ticks_per_period(follower.period, dt, type(follower).__name__) if follower else 0
         )
 
-        self._followed: set[float] = set()  # time stamps of frames that the finder does not see
+        self._followed: set[float] = set()  # time stamps of frames that are not for the finder
         self.motion: ObjectMotion | None = None
 
-        # First measurements, estimate, and states that begin from it.
+        # First measurements and estimate, and the states that start from them.
         self.truth = plant.observe()
         first: list[Measurement] = []
 
@@ -256,11 +260,11 @@ class Rollout:
         self.planner_state = parts.planner.init(self.estimate)
         self.controller_state = parts.controller.init(self.estimate)
 
-        self.tick = 0  # the next one to be taken, or the one that has begun
+        self.tick = 0  # number of the next tick, or of the tick in progress
         self.stage = Stage.NEW
         # Last message of each sensor that has a period.
         self.measured: list[Measurement | None] = [None for _ in sensors]
-        self.commanded: Command | None = None  # command of the tick before this one
+        self.commanded: Command | None = None  # command of the previous tick
         self.target: Target | None = None
         self.reference: Reference | None = None
         self.command: Command | None = None
@@ -274,7 +278,9 @@ class Rollout:
         self._slow = [every for every in self._every if every > 1]
 
     def begin(self, tick: int) -> None:
-        """Run a tick up to its estimate; `frame` is what a camera or sonar has sent."""
+        """Run a tick up to its estimate; `frame` is then a frame that a camera or sonar has
+        sent.
+        """
         if tick:
             self.truth = self.plant.observe()
         self._sense(tick)
@@ -297,7 +303,7 @@ class Rollout:
         return self.moment(tick, self.estimate, command)
 
     def moment(self, tick: int, estimate: StateEstimate, command: Command) -> Moment:
-        """What observers see of a tick with this estimate and command."""
+        """Snapshot of a tick for observers, with this estimate and command."""
         assert self.reference is not None
         return Moment(
             tick,
@@ -312,7 +318,7 @@ class Rollout:
         )
 
     def act(self, moment: Moment) -> None:
-        """Show what `decide` has returned to the observers, and step the plant."""
+        """Pass the result of `decide` to the observers, and step the plant."""
         self.stage = Stage.NEW
         self.frame = None
 
@@ -323,7 +329,7 @@ class Rollout:
         self.tick += 1
 
     def save(self) -> dict[str, Any]:
-        """All that changes but the observers, as it is: to be copied before the next step.
+        """Everything that changes except the observers, not copied: copy it before the next step.
 
         Raises:
             ConfigurationError: A wrapper of the plant has no attribute `plant` (`SteppedPlant`).
@@ -333,7 +339,7 @@ class Rollout:
         return {"plant": _keeper(self.plant).save(), "loop": changing}
 
     def resume(self, saved: dict[str, Any]) -> None:
-        """Go on from a copy of what `save` of a run of the same scenario returned.
+        """Continue from a copy of the result of `save` of a run of the same scenario.
 
         Plant and sensors may be wrapped in faults that have not begun (`uuv.sim.plant.faults`).
         """
@@ -357,7 +363,7 @@ class Rollout:
         return self.reference
 
     def control(self, tick: int) -> Command:
-        """Step the controller where that is due at `tick`; returns the present command."""
+        """Step the controller if it is due at `tick`, and return the present command."""
         assert self.reference is not None
 
         if tick % self.controller_ticks == 0:
@@ -376,12 +382,14 @@ class Rollout:
 
     @property
     def looking(self) -> bool:
-        """True while a frame is requested or on its way."""
+        """True while a frame is requested or in transit."""
         return self.command is None or self.command.scan or bool(self._seen_from) or self.following
 
     @property
     def following(self) -> bool:
-        """True while frames are taken for the follower: the vehicle scans, and knows the object."""
+        """True while frames are taken for the tracker: the vehicle scans, and has identified the
+        object.
+        """
         if self.parts.follower is None or self.target is None or self.reference is None:
             return False
         return self.target.accepted and self.reference.state is WorkState.SCAN
@@ -392,7 +400,9 @@ class Rollout:
         return bool(self._arrived)
 
     def next_due(self, tick: int) -> int:
-        """Tick from `tick` on at which a slow sensor measures, or a message or a frame is due."""
+        """First tick from `tick` on at which a slow sensor measures, or a message or a frame
+        arrives.
+        """
         if self.looking or self.message_waits:
             return tick
 
@@ -400,7 +410,7 @@ class Rollout:
         return min(due, *self._on_the_way) if self._on_the_way else due
 
     def _sense(self, tick: int) -> None:
-        """Let the sensors that are due measure, and collect what arrives."""
+        """Let the sensors that are due measure, and collect the messages that arrive."""
         scan = self.command is not None and self.command.scan
         followed = self.following and not tick % self._follower_ticks
         truth = self.truth
@@ -408,7 +418,7 @@ class Rollout:
         sensors = self.parts.sensors
         arrived = self._arrived
 
-        # Sensors without a period send frames: when asked, or for the follower.
+        # Sensors without a period send frames on request, or for the tracker.
         for i, every in enumerate(self._every):
             if every:
                 if tick % every:
@@ -438,7 +448,7 @@ class Rollout:
             arrived += self._on_the_way.pop(tick)
 
     def _estimate(self, tick: int) -> None:
-        """Step the estimator; a frame that has arrived goes to the finder."""
+        """Step the estimator, and pass a frame that has arrived to the finder."""
         if tick % self._estimator_ticks == 0:
             self.estimator_state, self.estimate = self.parts.estimator.step(
                 self.estimator_state, self._arrived
@@ -479,24 +489,24 @@ def run_on(
     pause: Callable[[Moment], bool] | None = None,
     compiled: Callable[[Rollout], Ticks] | None = None,
 ) -> Moment:
-    """Run on from wherever a run is, until `until` is true, or until `duration` is over.
+    """Continue a run from its present state, until `until` is true or `duration` is over.
 
     Args:
         run: The run.
         duration: Longest simulated time [s], from its start.
-        until: Called at the end of every step; the run ends where it is true. With `compiled`, as
-            the observers.
-        pause: Called at every step that runs part by part, each one of the planner among them,
-            before observers and plant take part. Where it is true, the run stands still with its
-            stage COMMANDED; it can be saved then, and the next call goes on.
-        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs
-            part by part.
+        until: Called at the end of every step; the run ends when it is true. With `compiled`, it is
+            called when the observers are.
+        pause: Called before observers and plant at every step that is not compiled, which includes
+            every step of the planner. When it is true, the run pauses in the stage COMMANDED. It
+            can be saved then, and the next call continues it.
+        compiled: Makes the compiled ticks, which run when no slow component is due; None: no tick
+            is compiled.
 
     Returns:
-        The last moment, or the one at which the run stands still.
+        The last moment, or the moment of the pause.
 
     Raises:
-        ConfigurationError: The duration is no whole multiple of the physics step.
+        ConfigurationError: The duration is not a whole multiple of the physics step.
     """
     steps = ticks_per_period(duration, run.plant.timestep, "duration")
     paused = run.stage == Stage.COMMANDED
@@ -508,15 +518,15 @@ def run_on(
     ticks = compiled(run) if compiled is not None else None
     try:
         while run.tick < steps and not until(moment):
-            # As far as nothing slow is due; with a pause in view, no further than the next plan, so
-            # that the messages of all sensors are kept.
+            # Compiled ticks as long as no slow component is due. With `pause`, they end at the next
+            # step of the planner, so that the messages of all sensors are kept.
             if ticks is not None:
                 end = steps - 1
                 if pause is not None:
                     end = min(end, run.tick + -run.tick % run.planner_ticks)
                 run.tick = ticks.advance(run, run.tick, end)
 
-            # One tick part by part.
+            # One tick in Python.
             moment = run.decide()
             if pause is not None and pause(moment):
                 return moment
@@ -537,7 +547,7 @@ def rollout(
     until: Callable[[Moment], bool] = at_rest_after_work,
     compiled: Callable[[Rollout], Ticks] | None = None,
 ) -> Moment:
-    """Simulation loop: steps plant and parts until `until` is true, or `duration` is over.
+    """Simulation loop: steps plant and components until `until` is true, or `duration` is over.
 
     Every sensor gets its own random stream, spawned from `rng`, so adding one does not change the
     others.
@@ -547,16 +557,16 @@ def rollout(
         parts: Sensors, estimator, finder, planner and controller.
         duration: Longest simulated time [s].
         rng: Source of all random streams.
-        observers: Called at every step, in order; with `compiled`, where something slow is due.
-        until: Called at the end of every step; the run ends where it is true. With `compiled`, as
-            the observers.
-        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs
-            part by part.
+        observers: Called at every step, in order; with `compiled`, when a slow component is due.
+        until: Called at the end of every step; the run ends when it is true. With `compiled`, it is
+            called when the observers are.
+        compiled: Makes the compiled ticks, which run when no slow component is due; None: no tick
+            is compiled.
 
     Returns:
         The last moment.
 
     Raises:
-        ConfigurationError: A rate or delay is no whole multiple of the physics step.
+        ConfigurationError: A rate or delay is not a whole multiple of the physics step.
     """
     return run_on(Rollout(plant, parts, rng, observers), duration, until=until, compiled=compiled)

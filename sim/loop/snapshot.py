@@ -1,8 +1,8 @@
-"""Snapshot of a value with all that it refers to: copied in once, copied out as often as one likes.
+"""Snapshot of a value with everything that it refers to: one copy in, any number of copies out.
 
 `copy.deepcopy` gives every array memory of its own. The states of sensors, navigation and
-controller hold arrays and views of them: a kernel changes the one, Python reads the other. Here
-arrays that share memory share it in each copy too.
+controller hold arrays and views of these arrays: a kernel changes an array, and Python reads its
+view. In a copy from a snapshot, arrays that share memory in the original share it too.
 """
 
 import io
@@ -17,7 +17,8 @@ from numba.core.dispatcher import Dispatcher
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 
-# Handed on as they are: code, and what is only read. Data of MuJoCo is copied by who owns it.
+# These are not copied: code, and objects that are only read. Data of MuJoCo are copied by their
+# owner.
 _SHARED = (
     *(type, FunctionType, BuiltinFunctionType, ModuleType, Dispatcher),
     *(mujoco.MjModel, mujoco.MjData, RayScene),
@@ -25,7 +26,7 @@ _SHARED = (
 
 
 class Snapshot:
-    """Copy of a value, in memory; nothing that happens to the value later changes it."""
+    """Copy of a value in memory, independent of later changes of the value."""
 
     def __init__(self, value: Any, name: str) -> None:
         """Copy `value`.
@@ -33,10 +34,11 @@ class Snapshot:
         Args:
             value: Numbers, arrays, random generators, dataclasses, containers, plain objects.
                 Functions, classes, ray casters, models and data of MuJoCo are not copied.
-            name: What it is, to begin the error message.
+            name: Name of the value, which begins the error message.
 
         Raises:
-            ConfigurationError: It holds what cannot be copied, such as a lock or a connection.
+            ConfigurationError: The value holds an object that cannot be copied, such as a lock or a
+                connection.
         """
         file = io.BytesIO()
         self._shared: list[Any] = []
@@ -48,7 +50,7 @@ class Snapshot:
         self._bytes = file.getvalue()
 
     def copy(self) -> Any:
-        """A new copy, which is the caller's."""
+        """A new copy, which belongs to the caller."""
         return _Unpickler(io.BytesIO(self._bytes), self._shared).load()
 
 
@@ -56,7 +58,7 @@ class _Pickler(pickle.Pickler):
     def __init__(self, file: io.BytesIO, shared: list[Any]) -> None:
         super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
         self._shared = shared
-        self._place: dict[int, int] = {}  # in `shared`, by identity
+        self._place: dict[int, int] = {}  # index in `shared`, by identity
 
     def persistent_id(self, obj: Any) -> int | None:
         if not isinstance(obj, _SHARED):
@@ -71,7 +73,7 @@ class _Pickler(pickle.Pickler):
         if type(obj) is MappingProxyType:
             return MappingProxyType, (dict(obj),)
         if isinstance(obj, np.void) and isinstance(obj.base, np.ndarray):
-            raise TypeError("a record that is part of an array; keep the array instead")
+            raise TypeError("it holds a record that is part of an array; hold the array instead")
         if type(obj) is not np.ndarray or obj.dtype.hasobject:
             return NotImplemented
 
@@ -92,7 +94,9 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _owner(array: np.ndarray) -> np.ndarray:
-    """The array that `array` is a view of; itself if it has its own memory, or that of no array."""
+    """The array that `array` is a view of; `array` itself if it has its own memory, or memory of no
+    array.
+    """
     while isinstance(array.base, np.ndarray):
         array = array.base
     return array
@@ -110,7 +114,7 @@ def _view(
     dtype: np.dtype,
     writeable: bool,
 ) -> np.ndarray:
-    """View of `owner` that begins `offset` bytes after it."""
+    """View that begins `offset` bytes after the start of `owner`."""
     memory_order = np.argsort([-stride for stride in owner.strides], kind="stable")
     view = np.ndarray(shape, dtype, owner.transpose(memory_order), offset, strides)
     view.flags.writeable = writeable

@@ -1,4 +1,6 @@
-"""The truth as an estimate: what sensors and navigation without errors would give a controller."""
+"""The truth as an estimate, as sensors and navigation without errors would give it to a
+controller.
+"""
 
 from typing import Any
 
@@ -7,7 +9,7 @@ import numpy as np
 from uuv.sim.interfaces.messages import StateEstimate
 from uuv.sim.interfaces.spatial import Array, pose, readonly
 
-SIGMA = readonly([1e-4] * 3)  # [m] stated of a position that is exact
+SIGMA = readonly([1e-4] * 3)  # [m] stated standard deviation of an exact position
 
 
 def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
@@ -15,12 +17,12 @@ def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
 
     Args:
         truth: `uuv.sim.plant.truth.Truth`.
-        tau: Torques (n,) [N m] at the gear outputs, which no truth holds; None: they read zero.
+        tau: Torques (n,) [N m] at the gear outputs, which the truth does not contain; None: zeros.
     """
     R_BW = truth.R_WB.T
 
     return StateEstimate(
-        # Where it is, and how it moves.
+        # Pose and velocity.
         time=truth.time,
         X_WB=pose(truth.R_WB, truth.p_WB),
         v_WB_B=R_BW @ truth.v_WB_W,
@@ -29,7 +31,7 @@ def true_estimate(truth: Any, tau: Array | None = None) -> StateEstimate:
         q=truth.q.copy(),
         qd=truth.qd.copy(),
         tau=np.zeros(len(truth.q)) if tau is None else tau,
-        # Nothing is in doubt.
+        # No errors and no faults.
         position_sigma=SIGMA,
         attitude_sigma=0.0,
         vision_age=0.0,

@@ -1,9 +1,9 @@
 """Native actuator dynamics: slew rate and lag of thrusters, and the state of the soil.
 
 MuJoCo adds `act_dot` times the time step to the activations. The callback returns the rate that
-takes them to the exact response of the lag to a command that holds for the step, so lag and step do
-not depend on each other. Under RK4, which evaluates rates amid the step, a lag longer than the step
-gives its own rate.
+leads to the exact response of the lag to a command that is constant during the step, so that the
+lag may be shorter than the step. RK4 evaluates rates within the step; there, a lag longer than the
+step gives the rate of its differential equation.
 
 Numba compiles it to a bare C function, which MuJoCo calls without the GIL. It has no state: the two
 activations of a thruster are in `data.act` (`uuv.models.water.thrusters`).

@@ -1,8 +1,8 @@
-"""Models that reach a process without being compiled there bring the callbacks that they need.
+"""Models that enter a process without being compiled there install the callbacks that they need.
 
-A pickled model installs them where it is unpickled, and a file where it is loaded. MuJoCo tells
-nobody of a model that is loaded, and cannot compile one while a callback in Python waits for it;
-therefore its readers of MJB and MJCF are replaced, once this module is imported.
+The callbacks are installed when a model is unpickled or loaded from a file. MuJoCo gives no notice
+of a model that is loaded, and numba cannot compile a callback inside a callback of MuJoCo.
+Therefore the import of this module replaces MuJoCo's readers of MJB and MJCF.
 """
 
 import copyreg
@@ -33,7 +33,9 @@ def _restored(kind: Any, state: Any) -> Any:
 
 
 def _bringing(load: Callable[P, mujoco.MjModel]) -> Any:
-    """A function of MuJoCo that loads a model, and installs the callbacks that it needs."""
+    """Wraps a function of MuJoCo that loads a model, and installs the callbacks that the model
+    needs.
+    """
 
     @wraps(load)
     def loaded(*args: P.args, **kwargs: P.kwargs) -> mujoco.MjModel:

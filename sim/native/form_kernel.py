@@ -15,7 +15,7 @@ _LIFT = LiftDrag.kind
 _CROSS = CrossTerms.kind
 _PLANAR = PlanarStrip.kind
 _RIGHT = 0.5 * math.pi
-_GAUSS = 0.5 / math.sqrt(3.0)  # half the distance of two stations on an interval of length 1
+_GAUSS = 0.5 / math.sqrt(3.0)  # half the distance of the two stations on an interval of length 1
 
 Address = Any  # integer of the size of a pointer
 
@@ -24,20 +24,21 @@ Address = Any  # integer of the size of a pointer
 def form_wrench(
     row: Address, size: int, nuser: int, mass_at: int, v: Vector, w: Vector
 ) -> tuple[Vector, Vector]:
-    """Force [N] and torque [N m] of all forms of one body at its origin, body axes.
+    """Force [N] and torque [N m] of all force models ("forms") of one body at its origin, body
+    axes.
 
     Args:
-        row: address of the body's row.
-        size: numbers in a row before the records.
-        nuser: numbers in a row with them.
-        mass_at: index of the packed added mass.
+        row: Address of the body's row.
+        size: Number of entries in a row before the records.
+        nuser: Number of entries in a row with the records.
+        mass_at: Index of the packed added mass.
         v: (3,) [m/s] velocity relative to the water, body axes.
         w: (3,) [rad/s] angular velocity, body axes.
     """
     total = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     at = size
 
-    # Records: kind, number of values, values.
+    # Each record has its kind, the number of its values, and the values.
     while at + 1 < nuser:
         kind = _f64(row, at)
         count = _f64(row, at + 1)
@@ -114,7 +115,7 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
     stalled_drag = _f64(row, at + 18)
     sweep = _f64(row, at + 19)
 
-    # Flow in the plane of forward and upward.
+    # Flow in the plane of the forward and upward axes.
     u = plus(v, cross(w, point))
     a = dot(u, forward)
     b = dot(u, upward)
@@ -123,7 +124,7 @@ def _lift_drag(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vec
     if not square > 0.0:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 
-    # Incidence, of flow from behind too.
+    # Incidence, also for flow from behind.
     alpha = (math.atan2(-b, a) if a >= 0.0 else math.atan2(b, -a)) + incidence
     if alpha > _RIGHT:
         alpha -= math.pi
@@ -194,14 +195,14 @@ def _planar(row: Address, at: int, v: Vector, w: Vector) -> tuple[Vector, Vector
     direction = load3(row, at + 6)
     along = end[0] - start[0], end[1] - start[1], end[2] - start[2]
 
-    # Speed across the strip, linear along it, and where it changes sign.
+    # Speed across the strip, which is linear along it, and the point where it changes sign.
     low = dot(plus(v, cross(w, start)), direction)
     rise = dot(cross(w, along), direction)
     turn = 0.0
     if low * (low + rise) < 0.0:
         turn = -low / rise
 
-    # integrals of |u| u and of s |u| u over s from 0 to 1, exact either side of the turn
+    # integrals of |u| u and of s |u| u over s from 0 to 1, exact on either side of the sign change
     zeroth = 0.0
     first = 0.0
     for begin, width in ((0.0, turn), (turn, 1.0 - turn)):

@@ -1,8 +1,8 @@
-"""Gear friction inside MuJoCo's step: the bounds of its friction constraints, on Stribeck's curve.
+"""Gear friction inside MuJoCo's step: bounds of its friction constraints by Stribeck's curve.
 
 MuJoCo makes the constraints before it calls the passive callback and solves them after it, within
-one forward pass. So the bound follows the speed of the same instant, and nothing in the model
-changes. The curves are rows of `jnt_user` (`uuv.models.arms.gear_friction`).
+one forward pass. The bound therefore belongs to the joint speed at the same time, and the model
+does not change. The curves are rows of `jnt_user` (`uuv.models.arms.gear_friction`).
 """
 
 import math
@@ -22,7 +22,8 @@ DATA_FIELDS = ("ne", "nf", "nisland", "qvel", "efc_type", "efc_id", "efc_frictio
 ISLAND_FIELDS = ("map_efc2iefc", "iefc_frictionloss")
 
 
-# A kernel inherits `fastmath` from its caller unless it says so: no multiply and add is fused here.
+# A kernel inherits `fastmath` from its caller unless it has its own; here no multiply and add may
+# be fused.
 @njit(error_model="numpy", fastmath=False)
 def stribeck(coulomb: float, stiction: float, over: float, speed: float) -> float:
     """Greatest dry friction [N m] at `speed` [rad/s]."""
@@ -41,7 +42,7 @@ def build() -> Callable[[int, int], Any]:
     loss_at = offset("mjModel", "dof_frictionloss")
     qvel_at = offset("mjData", "qvel")
 
-    # Constraints: equalities come first, then those of friction.
+    # Constraints: equalities come first, then friction.
     ne_at = offset("mjData", "ne")
     nf_at = offset("mjData", "nf")
     kind_at = offset("mjData", "efc_type")
@@ -49,7 +50,7 @@ def build() -> Callable[[int, int], Any]:
     bound_at = offset("mjData", "efc_frictionloss")
     of_dof = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
 
-    # The same in islands, which MuJoCo has copied by then.
+    # The same for the constraints of islands, which MuJoCo has copied before.
     islands_at = offset("mjData", "nisland")
     map_at = offset("mjData", "map_efc2iefc")
     island_bound_at = offset("mjData", "iefc_frictionloss")
@@ -76,7 +77,7 @@ def build() -> Callable[[int, int], Any]:
                 continue
             curved = True
 
-            # Another `frictionloss` than that of the curve is Coulomb friction alone.
+            # A `frictionloss` that differs from the curve's is taken as Coulomb friction only.
             coulomb = f64(row, 1)
             stiction = f64(row, 2)
             off = abs(f64(pointer(m, loss_at), dof) - coulomb) > ROUNDED * coulomb

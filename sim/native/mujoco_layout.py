@@ -34,7 +34,7 @@ _SCALARS = {
     "unsigned char": ctypes.c_ubyte,
 }
 
-# Model with most kinds of element, so that few arrays are empty.
+# Model with most kinds of elements, so that few arrays are empty.
 _PROBE = """
 <mujoco>
   <size nuserdata="3" nuser_body="2" nuser_jnt="1" nuser_actuator="2"/>
@@ -59,7 +59,7 @@ def structure(name: str) -> type[ctypes.Structure]:
     """The C struct `name` of the running MuJoCo, as a ctypes.Structure.
 
     Raises:
-        HydrodynamicsError: The introspection names a type that is not known here.
+        HydrodynamicsError: The introspection data name a type that is unknown here.
     """
     fields = [(field.name, _ctype(field.type)) for field in _fields(structs.STRUCTS[name])]
     return type(name, (ctypes.Structure,), {"_fields_": fields})
@@ -78,13 +78,14 @@ def offset(struct: str, path: str) -> int:
 
 
 def offsets(struct: str, *paths: str) -> Any:
-    """Offsets [bytes] of fields of `struct`: a named tuple by the last part of each path."""
+    """Offsets [bytes] of fields of `struct`, as a named tuple by the last part of each path."""
     names = [path.rpartition(".")[2] for path in paths]
     return namedtuple(f"{struct}_offsets", names)(*(offset(struct, path) for path in paths))
 
 
 def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:
-    """Compare the rebuilt structs with live objects: every comparable field, and those named.
+    """Compare all comparable fields of the rebuilt structs with live objects, and require the
+    fields named.
 
     Raises:
         HydrodynamicsError: A field differs, or a named one cannot be compared. The message has
@@ -107,8 +108,8 @@ def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:
 
     if differing:
         raise HydrodynamicsError(
-            f"MuJoCo {mujoco.__version__}: fields are not where its introspection says: "
-            f"{', '.join(differing[:5])}"
+            f"MuJoCo {mujoco.__version__}: fields are not at the offsets of its introspection "
+            f"data: {', '.join(differing[:5])}"
         )
 
 
@@ -131,7 +132,7 @@ def _differences(
         ):
             address = getattr(struct, field.name)
             if address is None and field.name not in needed:
-                continue  # not allocated by MuJoCo; the binding shows zeros of its own
+                continue  # not allocated by MuJoCo; the binding returns its own zeros
             compared.add(field.name)
             if address != shown.ctypes.data:
                 differing.append(f"{name}.{field.name}")
@@ -179,5 +180,5 @@ def _ctype(node: Any) -> Any:
             return ctypes.c_int  # an enumeration
 
     raise HydrodynamicsError(
-        f"MuJoCo {mujoco.__version__}: its introspection names a type unknown here: {node}"
+        f"MuJoCo {mujoco.__version__}: its introspection data name an unknown type: {node}"
     )

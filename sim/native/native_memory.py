@@ -1,4 +1,4 @@
-"""Loads and calls by raw address in compiled code, which reaches MuJoCo without its Python
+"""Loads, stores and calls by raw address in compiled code, which uses MuJoCo without its Python
 binding.
 """
 

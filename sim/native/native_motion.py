@@ -1,4 +1,6 @@
-"""Native look-up of the water's motion: that of a simulation, else the default of its model."""
+"""Native look-up of the motion of the water, from the simulation or, if it has none, from the
+model.
+"""
 
 from collections import namedtuple
 from typing import Any
@@ -11,7 +13,7 @@ from uuv.sim.native.native_memory import f64, pointer
 from uuv.sim.native.vectors import load3
 from uuv.sim.water.water_motion import FLOW
 
-# Fields that it reads; their layout must be verified on live objects.
+# Fields that this look-up reads; their layout must be verified on live objects.
 MODEL_FIELDS = ("nuser_body", "body_user", "nuserdata")
 DATA_FIELDS = ("userdata",)
 
@@ -19,8 +21,8 @@ DATA_FIELDS = ("userdata",)
 def build_motion() -> Any:
     """Compiled f(m, d) -> velocity at z = 0, acceleration, shear, three numbers each, and True.
 
-    The last is False where the simulation's numbers are of an unknown kind: the model's default
-    holds then.
+    The last value is False if the simulation's numbers are of an unknown kind; the result is then
+    the model's default.
     """
     of_model = offsets("mjModel", *MODEL_FIELDS, "opt.wind")
     of_data = offsets("mjData", *DATA_FIELDS)
@@ -34,12 +36,12 @@ def build_motion() -> Any:
         known = True
         user = pointer(m, of_model.body_user)
         is_row = pointer(m, of_model.nuser_body) >= row_of_world.size
-        if not is_row or f64(user, 0) != row_of_world.stamp_value:  # as of a model from MJCF
+        if not is_row or f64(user, 0) != row_of_world.stamp_value:  # value for a model from MJCF
             return wind, surge, shear, known
         surge = load3(user, row_of_world.current_acceleration)
         shear = load3(user, row_of_world.current_shear)
 
-        # The current of this simulation, in place of the model's.
+        # The current of this simulation replaces the model's.
         first = int(f64(user, row_of_world.flow)) - 1
         reserved = int(f64(user, row_of_world.flow + 1))
         ends = first + reserved == pointer(m, of_model.nuserdata)

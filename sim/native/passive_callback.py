@@ -2,12 +2,12 @@
 
 Friction of the gears comes first (`uuv.sim.native.gear_kernel`).
 
-Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note
-in the model of the warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear
-in the number of bodies.
+Numba compiles the callback to a bare C function that MuJoCo calls without the GIL. Its only state
+is a record in the model of the warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack,
+and its cost is linear in the number of bodies.
 
-It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias and
-wrenches are taken to world axes at the tree's centre of mass, the reference point of `cdof` and
+The algorithm follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias
+and wrenches are taken to world axes at the tree's centre of mass, the reference point of `cdof` and
 `cvel`, four bodies at a time. They are then summed up to the parents and projected on joint axes.
 
 Every offset is a closure variable of `build`, and the store keys machine code by their values. A
@@ -77,9 +77,9 @@ DATA_FIELDS = (
 )
 # fmt: on
 
-# MuJoCo zeroes `d.crb` of the world body whenever it rebuilds `d.M`; this mark there says that the
-# added mass is in. mj_forwardSkip and finite differences call mj_passive again without rebuilding,
-# and would add it twice.
+# MuJoCo zeroes `d.crb` of the world body whenever it rebuilds `d.M`. This mark, stored there, shows
+# that the added mass is included. mj_forwardSkip and finite differences call mj_passive again
+# without rebuilding `d.M`, and the added mass would otherwise be added twice.
 WET_MARK = 6.20261121e8  # in d.crb[0, 0], which is zero otherwise; arbitrary
 
 # Symbols of libmujoco, which `uuv.sim.native.process_callbacks` registers with LLVM by these names.
@@ -93,7 +93,7 @@ _count_warning = types.ExternalFunction(
 _print_warning = types.ExternalFunction("mju_warning", types.void(types.intp))
 
 SINGULAR = 1e-15  # pivot below which mj_factorM warns (mjMINVAL)
-NEVER = 1e300  # stands for no limit of speed [(m/s)^2] or height [m]
+NEVER = 1e300  # stands for no limit of the squared speed [(m/s)^2] or height [m]
 
 FAST_TEXT = (
     "uuv.sim.hydrodynamics: a body moves through the water faster than its drag was "
@@ -153,7 +153,7 @@ def _scattered(
 
 @_inline
 def _lanes3(address: int, at: Indices, shift: int) -> Vector:
-    """Load three numbers per row; also reads the number before them, which must exist."""
+    """Load three numbers per row; this also reads the number before them, which must exist."""
     x = _gathered(address, at, shift - 1)
     return x[1], x[2], x[3]
 
@@ -272,7 +272,7 @@ def _stations(user: int, strip: int) -> int:
 def _strip_drag(
     user: int, strips: Indices, v: Vector, w: Vector, nodes: Array, weights: Array
 ) -> tuple[Vector, Vector]:
-    """Drag (force, torque) of one segment of each body, body axes; a row of zeros is no segment.
+    """Drag (force, torque) of one segment of each body, body axes; a row of zeros has no drag.
 
     At the fraction s of a segment the flow across it is a + s b, with b = w x (end - start). The
     flow along it is the same everywhere. The stations therefore reduce to three sums of |a + s b|,
@@ -291,7 +291,7 @@ def _strip_drag(
     a, b = _minus(u, _scaled(slip, axis)), _cross(w, along)
     aa, ab, bb = _dot(a, a), 2.0 * _dot(a, b), _dot(b, b)
 
-    # Integrals of the speed across the segment, and of its first and second moment.
+    # Integrals of the speed across the segment, of its first moment and of its second moment.
     zeroth, first, second = all_four(0.0), all_four(0.0), all_four(0.0)
     for k in range(max(max(n0, n1), max(n2, n3))):
         s = four_of(nodes[n0, k], nodes[n1, k], nodes[n2, k], nodes[n3, k])
@@ -326,8 +326,9 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
 
     Returns the last degree of freedom at which M is not positive definite, or -1.
 
-    A row holds a joint's ancestors in order, so an ancestor's row has the pattern of its beginning.
-    Plain dense subtraction, four numbers at a time, then does; it pays on long chains.
+    A row holds a joint's ancestors in order, so an ancestor's row has the same sparsity pattern as
+    the beginning of this row. Dense subtraction, four numbers at a time, is therefore sufficient,
+    which saves time on long chains.
     """
     last = _i32(rowadr, nv - 1) + _i32(rownnz, nv - 1)
     for k in range(0, last - 3, 4):
@@ -335,7 +336,7 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
     for k in range(last - last % 4, last):
         _put(LD, k, _f64(M, k))
 
-    # Rows from the last on: two of a chain at once, else one.
+    # Rows from the last one on, two rows of a chain at once if possible.
     j, singular = nv - 1, -1
     while j >= 0:
         here, columns = LD + 8 * _i32(rowadr, j), colind + 4 * _i32(rowadr, j)
@@ -379,7 +380,9 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
 
 @_inline
 def _is_new(user: int, seen_at: int, what: int) -> bool:
-    """Return True if the warning bit `what` was not yet set in the world's row `user`; set it."""
+    """Set the warning bit `what` in the world's row `user`; return True if it was not set
+    before.
+    """
     marks = int(_f64(user, seen_at))
     _put(user, seen_at, float(marks | what))
     return marks & what == 0
@@ -426,9 +429,9 @@ def build() -> Any:
         x, weight = np.polynomial.legendre.leggauss(n)
         nodes[n, :n], weights[n, :n] = 0.5 + 0.5 * x, 0.5 * weight
 
-    # Scratch per body: added mass (21), force (3), torque (3), a zero, acceleration with qacc = 0
-    # (angular 3, linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies:
-    # indices of those that carry.
+    # Scratch memory of each body: added mass (21), force (3), torque (3), a zero, acceleration with
+    # qacc = 0 (angular 3, linear 3), and 1 if the body or a descendant has coefficients. Behind all
+    # bodies: indices of the bodies that have coefficients.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
     soil = soil_force.build_push()
@@ -437,7 +440,7 @@ def build() -> Any:
     @c_function(types.void(types.intp, types.intp), error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
         soil(m, d)
-        # The mark says whether the added mass is in, so it is read before the gears may set it.
+        # The mark shows whether the added mass is included. It is read before the gears may set it.
         crb = _pointer(d, crb_at)
         dry = _f64(crb, 0) != WET_MARK
         if set_gear_bounds(m, d):
@@ -458,7 +461,7 @@ def build() -> Any:
         density = 0.0
         fastest = ceiling = NEVER
         ours = _f64(user, 0) == stamp
-        if ours:  # a model from MJCF lacks the world's row
+        if ours:  # a model from MJCF does not have the world's row
             density = _f64(user, density_at)
             ceiling = _f64(user, ceiling_at)
             if _f64(user, rate_at + 1) > 0.0:  # speed at which the drag rate equals 1 / timestep
@@ -498,7 +501,7 @@ def build() -> Any:
         if count == 0:
             _free_stack(d)
             return
-        # pad the last four with copies of the last body, computed to no effect
+        # fill up the last four with copies of the last body, whose results are not used
         for k in range(count, count + 3):
             _put(carrying, k, _f64(carrying, count - 1))
 
@@ -518,8 +521,8 @@ def build() -> Any:
                 _turned_symmetric(R, B), _turned(R, C), _turned_symmetric(R, J), r
             )
 
-            # About the tree's centre of mass, in world axes: twist, relative twist, momentum of the
-            # water.
+            # Twist, relative twist and momentum of the water about the tree's centre of mass, in
+            # world axes.
             w, v = _lanes6(cvel, (6 * i, 6 * i1, 6 * i2, 6 * i3), 0)
             a_w, a_v = _lanes6(scratch, here, acceleration)
             current = _plus(wind, _scaled(p[2], shear))
@@ -569,7 +572,7 @@ def build() -> Any:
             t = _plus(t, _cross(_plus(r, _times(R, (x, y, z))), lift))
             _put_body(scratch, here, (B, C, J), f, t)
 
-        if nuser > size:  # a body has forms: records behind its row
+        if nuser > size:  # the body has forms, which are records behind its row
             for k in range(count):
                 i = int(_f64(carrying, k))
                 row1 = user + 8 * nuser * i
@@ -611,7 +614,7 @@ def build() -> Any:
             _pointer(m, colind_at),
         )
 
-        # From the leaves to the root: sums of the subtrees, projected onto the joints.
+        # From the leaves to the root: sums over the subtrees, projected onto the joints.
         for i in range(nbody - 1, 0, -1):
             here = scratch + 8 * stride * i
             if _f64(here, loaded) == 0.0:
@@ -640,7 +643,7 @@ def build() -> Any:
 
         _free_stack(d)
 
-        # M has changed since MuJoCo factored it.
+        # M has changed after MuJoCo factored it.
         if dry:
             _put(crb, 0, WET_MARK)
             factored, inverse = _pointer(d, factored_at), _pointer(d, inverse_at)

@@ -1,8 +1,9 @@
-"""MuJoCo's callbacks of this process that are our native code: built once, installed together.
+"""MuJoCo's callbacks in this process that are native code of this project, built once and installed
+together.
 
-MuJoCo has one place for each kind of callback. It holds the bare address and tells nobody when
-other code takes the place. What is noticed is the end of the ctypes pointer that its Python
-binding keeps beside the address.
+MuJoCo has one place for each kind of callback. It holds the bare address, and gives no notice when
+other code replaces it. The replacement is detected by the deletion of the ctypes pointer that
+MuJoCo's Python binding keeps along with the address.
 """
 
 import ctypes
@@ -33,7 +34,7 @@ class CallbackSource(Protocol):
     # Fields that the callback reads or writes; their layout is verified before it is built.
     MODEL_FIELDS: tuple[str, ...]
     DATA_FIELDS: tuple[str, ...]
-    SYMBOLS: tuple[str, ...]  # functions of libmujoco that it calls
+    SYMBOLS: tuple[str, ...]  # functions of libmujoco that the callback calls
 
     def build(self) -> Any:
         """Compile the callback: a numba CFunc."""
@@ -41,13 +42,13 @@ class CallbackSource(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NativeCallback:
-    """One callback of ours, and MuJoCo's place for it."""
+    """One native callback, and MuJoCo's place for it."""
 
-    name: str  # in messages: the "passive" callback
+    name: str  # name in messages: the "passive" callback
     source: Any  # `CallbackSource`
     set: Callable[[Any], None]
     get: Callable[[], Any]
-    without: str  # what a model does that lacks it
+    without: str  # what happens to a model without this callback
 
 
 CALLBACKS = (
@@ -56,7 +57,7 @@ CALLBACKS = (
         source=passive_callback,
         set=mujoco.set_mjcb_passive,
         get=mujoco.get_mjcb_passive,
-        without="models with hydrodynamics move dry, and gears slide without stiction",
+        without="models with hydrodynamics move without water, and gears slide without stiction",
     ),
     NativeCallback(
         name="actuator dynamics",
@@ -76,20 +77,20 @@ CALLBACKS = (
 
 ONE = "MuJoCo has room for one"
 
-# By name. MuJoCo holds bare addresses of the built functions, which therefore live as long as the
-# process. A pointer's `weakref.finalize` fires when other code takes its place.
+# By name. MuJoCo holds bare addresses of the built functions, which therefore must exist as long as
+# the process. The `weakref.finalize` of a pointer runs when other code replaces the callback.
 _built: dict[str, Any] = {}
 _pointers: dict[str, Any] = {}
 
 
 class _Notice(event.Listener):
-    """Compile listener that prints once why the first start is slow."""
+    """Compile listener that prints the reason of the slow first start once."""
 
     def __init__(self) -> None:
         self._said = False
 
     def on_start(self, event: event.Event) -> None:
-        # numba compiles only what its cache lacks.
+        # numba compiles only the functions that its cache lacks.
         if not self._said:
             text = "compiling the hydrodynamics for this MuJoCo, once: about 10 s"
             print(text, file=sys.stderr, flush=True)
@@ -103,8 +104,8 @@ def install() -> None:
     """Install all callbacks that are not installed yet, or none.
 
     Raises:
-        HydrodynamicsError: Another callback is in one of their places, or MuJoCo's memory layout
-            differs from its introspection.
+        HydrodynamicsError: Other code has installed one of these callbacks, or MuJoCo's memory
+            layout differs from its introspection data.
     """
     missing = [callback for callback in CALLBACKS if not _is_ours(callback)]
     if foreign := [callback.name for callback in missing if callback.get() is not None]:
@@ -123,7 +124,7 @@ def install() -> None:
 
 
 def uninstall() -> None:
-    """Remove those callbacks that are ours; no effect on others."""
+    """Remove the callbacks that are installed by this module; callbacks of other code stay."""
     for callback in CALLBACKS:
         if _is_ours(callback):
             _pointers[callback.name].detach()
@@ -131,12 +132,16 @@ def uninstall() -> None:
 
 
 def needed_by(model: mujoco.MjModel) -> bool:
-    """Return True if a model has what the callbacks do: water, gear friction, thrusters or soil."""
+    """Return True if a model has water, gear friction, thrusters or soil, which need the
+    callbacks.
+    """
     return is_wet(model) or has_curves(model) or _has_user_actuators(model)
 
 
 def _has_user_actuators(model: mujoco.MjModel) -> bool:
-    """Return True if an actuator of a model is a thruster, or the state of its soil."""
+    """Return True if a model has thruster actuators, or actuators that hold the state of its
+    soil.
+    """
     rows = np.asarray(model.actuator_user)
     if rows.shape[1] < thrusters.HEADER:
         return False
@@ -145,23 +150,25 @@ def _has_user_actuators(model: mujoco.MjModel) -> bool:
 
 
 def left_out(model: mujoco.MjModel) -> str:
-    """What a model has that does not act, and why: "hydrodynamics but moves dry: ..."."""
+    """Forces of a model that do not act, and the reason: "hydrodynamics but moves dry: ..."."""
     reason = missing()
     missed = "gear friction but its gears have Coulomb friction alone"
     if not has_curves(model):
         missed = "thrusters or soil but they give no force"
     if is_wet(model):
         missed = f"hydrodynamics but {'moves' if reason else 'moved'} dry"
-    return f"{missed}: {reason or 'MuJoCo was kept from calling its callback'}"
+    return f"{missed}: {reason or 'MuJoCo did not call its callback, by a flag or a disabled step'}"
 
 
 def is_installed() -> bool:
-    """Return True if every callback of ours is in its place."""
+    """Return True if every callback of this module is installed."""
     return not missing()
 
 
 def missing() -> str:
-    """Name the first callback of ours that is not in its place and why; empty if all are."""
+    """Name of the first callback of this module that is not installed, and the reason; empty if all
+    are.
+    """
     for callback in CALLBACKS:
         if callback.get() is None:
             return "call uuv.sim.hydrodynamics.install()"
@@ -177,14 +184,14 @@ def _is_ours(callback: NativeCallback) -> bool:
 
 
 def _build(callbacks: list[NativeCallback]) -> None:
-    """Compile callbacks, after a look at the memory that they reach into."""
+    """Compile callbacks, after checking the memory layout that they depend on."""
     sources: list[CallbackSource] = [callback.source for callback in callbacks]
     mujoco_layout.verify(
         [name for source in sources for name in source.MODEL_FIELDS],
         [name for source in sources for name in source.DATA_FIELDS],
     )
 
-    # Compiled code calls MuJoCo's functions by these names.
+    # Compiled code calls these functions of MuJoCo by their names.
     native = library()
     for symbol in {symbol for source in sources for symbol in source.SYMBOLS}:
         address = ctypes.cast(getattr(native, symbol), ctypes.c_void_p).value
@@ -197,5 +204,5 @@ def _build(callbacks: list[NativeCallback]) -> None:
 
 def _warn_replaced(callback: NativeCallback) -> None:
     replaced = f"the {callback.name} callback of uuv.sim.hydrodynamics was replaced or removed"
-    # Named is the line that called MuJoCo's `set_mjcb_...`, two frames above.
+    # The warning names the line that called MuJoCo's `set_mjcb_...`, two frames above.
     warnings.warn(f"{replaced}: {callback.without}", RuntimeWarning, 3)

@@ -1,10 +1,9 @@
 """SIMD type of four float64 lanes for numba: the same arithmetic on four bodies at a time.
 
-`FOUR` is LLVM's <4 x double>: AVX takes it in one register, SSE2 and NEON in two. It supports +, -,
-*, /, `abs` and `math.sqrt`, also with a float64 on one side, so a function written for floats
-compiles for it unchanged. Lanes are
-independent: a result does not depend on the other three. A multiply and an add may be fused, as in
-the scalar code.
+`FOUR` is LLVM's <4 x double>, which takes one AVX register, or two registers of SSE2 or NEON. It
+supports +, -, *, /, `abs` and `math.sqrt`, also with a float64 on one side, so a function written
+for floats compiles for it unchanged. Lanes are independent: a result does not depend on the other
+three. A multiply and an add may be fused, as in the scalar code.
 """
 
 import math

@@ -1,8 +1,8 @@
-"""Native force of the soil on a tool, from the numbers and the state in the model.
+"""Native force of the soil on a tool, from the parameters in the model and the state in its data.
 
-The force depends on the place of the tool and on the state, which is that at the start of the step.
-So the passive callback, which applies it, and the actuator dynamics, which advance the state,
-evaluate one kernel at one place.
+The force depends on the pose of the tool and on the state at the start of the step. The passive
+callback applies the force, and the actuator dynamics advance the state. Both evaluate the same
+kernel at the same pose.
 """
 
 from typing import Any
@@ -19,7 +19,7 @@ from uuv.sim.native.mujoco_layout import offsets
 from uuv.sim.native.native_memory import f64, i32, numbers_at, pointer, put
 from uuv.sim.native.vectors import cross, dot, load3, minus, plus
 
-# Fields that the callbacks reach for the soil; their layout must be verified on live objects.
+# Fields that the callbacks use for the soil; their layout must be verified on live objects.
 MODEL_FIELDS = (
     "nu",
     "nuser_actuator",
@@ -53,10 +53,10 @@ def press(numbers, p, axis, state):
     """Force of the soil on the face of a tool, and the state that follows.
 
     Args:
-        numbers: of the soil (`uuv.models.site.soil_bed`).
+        numbers: Parameters of the soil (`uuv.models.site.soil_bed`).
         p: (3,) [m] face of the tool, W.
         axis: (3,) unit axis out of the tool, W.
-        state: (4,) anchor [m] in W, and 1 in the soil.
+        state: (4,) anchor [m] in W, and 1 while the tool is in the soil.
 
     Returns:
         Force (3,) [N] in W, and the state (4,) after it.
@@ -64,7 +64,7 @@ def press(numbers, p, axis, state):
     force = np.zeros(3)
     after = np.zeros(STATE)
     depth = _height(numbers, p[0], p[1]) - p[2]
-    if not depth > 0.0:  # also NaN, outside the grid
+    if not depth > 0.0:  # also for NaN, outside the grid
         return force, after
     after[INSIDE] = 1.0
     anchor = p if state[INSIDE] < 0.5 else state
@@ -81,8 +81,8 @@ def press(numbers, p, axis, state):
     pull = bounds[columns + i] + share * (bounds[columns + i + 1] - bounds[columns + i])
     side = bounds[2 * columns + i] + share * (bounds[2 * columns + i + 1] - bounds[2 * columns + i])
 
-    # Along the tool, with the same stiffness in both directions; what exceeds the quake drags the
-    # anchor.
+    # Along the tool, with the same stiffness in both directions. Displacement beyond the quake
+    # drags the anchor.
     along = 0.0
     for k in range(3):
         along += (p[k] - anchor[k]) * axis[k]
@@ -136,7 +136,7 @@ def build_state() -> Any:
         first = i32(pointer(m, of_model.actuator_actadr), i)
         state = carray(numbers_at(pointer(d, of_data.act) + 8 * first), (STATE,))
 
-        # The soil's numbers are those of the custom element with its stamp.
+        # The soil's parameters are in the custom element with its stamp.
         numeric = pointer(m, of_model.numeric_data)
         for n in range(pointer(m, of_model.nnumeric)):
             at = i32(pointer(m, of_model.numeric_adr), n)
@@ -185,14 +185,14 @@ def build_push() -> Any:
             force, _ = state_of(m, d, i)
             f_W = force[0], force[1], force[2]
 
-            # Place of the force from the centre of mass to which `cdof` refers.
+            # Moment arm of the force from the centre of mass to which `cdof` refers.
             site = i32(pointer(m, of_model.actuator_trnid), 2 * i)
             body = i32(pointer(m, of_model.site_bodyid), site)
             root = i32(pointer(m, of_model.body_rootid), body)
             center_W = load3(pointer(d, of_data.subtree_com), 3 * root)
             lever = minus(load3(pointer(d, of_data.site_xpos), 3 * site), center_W)
 
-            # Virtual work of each joint that carries the tool.
+            # Virtual work of the force at each joint between tool and world.
             cdof = pointer(d, of_data.cdof)
             qfrc = pointer(d, of_data.qfrc_passive)
             while body > 0:

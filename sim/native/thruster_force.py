@@ -1,8 +1,8 @@
 """Native actuator force of thrusters: static curve and inflow, as the bias of the actuator.
 
-The thrust is that of the propeller speed at the end of the step, as with MuJoCo's `actearly`: a
-thruster without lag gives the thrust of its command at once. The inflow is the motion of the
-thruster's site through the water.
+The thrust belongs to the propeller speed at the end of the step, as with MuJoCo's `actearly`. A
+thruster without lag therefore gives the thrust of its command at once. The inflow is the motion of
+the thruster's site relative to the water.
 
 Numba compiles it to a bare C function, which MuJoCo calls without the GIL.
 """
@@ -54,7 +54,7 @@ def build() -> Any:
         loss = f64(row, INFLOW_LOSS)
         inflow = 0.0
 
-        # Advance speed: motion of the site through the water, along the thrust.
+        # Advance speed: motion of the site relative to the water, along the thrust.
         if loss > 0.0:
             site = i32(pointer(m, of_model.actuator_trnid), 2 * i)
             body = i32(pointer(m, of_model.site_bodyid), site)

@@ -1,8 +1,8 @@
 """Vectors of three numbers as tuples, inlined into the kernels of the water.
 
-Plain tuples stay in registers; numba's arrays would go through memory. A number is one float, or
-four lanes (`uuv.sim.native.simd4`): the same function then serves one body or four. An address is
-an integer.
+Plain tuples stay in registers, while numba's arrays would go through memory. A number is one float,
+or four lanes (`uuv.sim.native.simd4`), so that the same function works for one body or four. An
+address is an integer.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ Matrix = tuple[Vector, Vector, Vector]  # rows
 
 
 def inline(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile into the callers; a multiply and an add may be fused, but sums are not reordered."""
+    """Compile into the callers. A multiply and an add may be fused, but sums are not reordered."""
     return njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
 
 
@@ -68,7 +68,7 @@ def load6(address: int, index: int) -> tuple[Vector, Vector]:
 
 @inline
 def put3(address: int, index: int, v: Vector) -> None:
-    """Store three float64 from 8 * `index` bytes after `address` on."""
+    """Store three float64, beginning 8 * `index` bytes after `address`."""
     put(address, index, v[0])
     put(address, index + 1, v[1])
     put(address, index + 2, v[2])
@@ -88,7 +88,7 @@ def transposed(R: Matrix) -> Matrix:
 
 @inline
 def turned(R: Matrix, X: Matrix) -> Matrix:
-    """R X R^T."""
+    """Rotated matrix R X R^T."""
     X = transposed(X)
     Y = transposed((times(R, X[0]), times(R, X[1]), times(R, X[2])))
 
@@ -97,7 +97,7 @@ def turned(R: Matrix, X: Matrix) -> Matrix:
 
 @inline
 def symmetric(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix:
-    """Symmetric matrix of its upper triangle, by rows."""
+    """Symmetric matrix from its upper triangle, by rows."""
     return (a, b, c), (b, d, e), (c, e, f)
 
 
@@ -108,7 +108,7 @@ def turned_symmetric(R: Matrix, X: Matrix) -> Matrix:
     a, b, c = transposed(Y)
     first = dot(R[0], a), dot(R[1], a), dot(R[2], a)
 
-    # The others of the upper triangle.
+    # The other entries of the upper triangle.
     return symmetric(*first, dot(R[1], b), dot(R[2], b), dot(R[2], c))
 
 

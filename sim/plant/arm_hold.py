@@ -9,12 +9,12 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
 
-HOLD_ANGLE = 0.05  # [rad] error that asks for the whole torque of a drive, which is the maximum
-HOLD_TIME = 0.03  # [s] damping over stiffness
+HOLD_ANGLE = 0.05  # [rad] error at which a drive gives its largest torque
+HOLD_TIME = 0.03  # [s] ratio of damping to stiffness
 
 
 class HoldGains(NamedTuple):
-    """Posture to hold, and how."""
+    """Posture to hold, gains and torque limits."""
 
     q: Array  # (n,) [rad]
     stiffness: Array  # (n,) [N m/rad]
@@ -24,7 +24,9 @@ class HoldGains(NamedTuple):
 
 @kernel
 def hold_torque(gains, q, qd, tau):
-    """Write the torques (n,) [N m] into `tau` that hold joints at `q` (n,) [rad], `qd` [rad/s]."""
+    """Write torques (n,) [N m] into `tau` that hold joints in a posture, from `q` (n,) [rad], `qd`
+    [rad/s].
+    """
     for j in range(tau.shape[0]):
         torque = gains.stiffness[j] * (gains.q[j] - q[j]) - gains.damping[j] * qd[j]
         tau[j] = min(max(torque, -gains.limits[j]), gains.limits[j])
@@ -34,9 +36,11 @@ class ArmHold:
     """Holds the arm of a vehicle at joint angles, from the true state."""
 
     def __init__(self, vehicle: Vehicle, q: Array, time: float = HOLD_TIME) -> None:
-        """Take the vehicle, the angles (n,) [rad] to hold, and the damping over the stiffness [s].
+        """Take the vehicle, the angles (n,) [rad] to hold, and the ratio of damping to stiffness
+        [s].
 
-        Torques are held for a timestep: a light arm that presses on something needs less damping.
+        Torques are constant during a timestep, so a light arm that presses on something needs less
+        damping.
         """
         limits = np.array(vehicle.torque_limits)
         stiffness = limits / HOLD_ANGLE

@@ -1,12 +1,12 @@
 """A step of the plant in compiled code, which calls MuJoCo by address, without Python or GIL.
 
-`advance` and `observe` do what `Plant.step` and `Plant.observe` do, with the same kernels on the
-same arrays, so both ways give the same bits and may take turns. Parts in Python are called as hooks
-(`PlantRecord`).
+`advance` and `observe` have the effect of `Plant.step` and `Plant.observe`, with the same kernels
+on the same arrays. Both give the same bits, and calls of both may alternate. Components in Python
+are called as hooks (`PlantRecord`).
 
 MuJoCo's binding turns a fatal error of MuJoCo (no memory left on its stack) into an exception.
-Under compiled code nothing catches it: MuJoCo prints its message and ends the process. Its warnings
-go the same way in both.
+Compiled code has no such handling: MuJoCo prints its message and ends the process. Warnings of
+MuJoCo are the same in both cases.
 """
 
 from typing import NamedTuple
@@ -25,24 +25,26 @@ from uuv.sim.plant.thrusters import Drive, command_thrusters, read_thrusters
 
 
 class Flow(NamedTuple):
-    """Current of the water: rows made ahead (`uuv.sim.water.current.Current`), and the next one."""
+    """Current of the water: rows computed ahead (`uuv.sim.water.current.Current`), and the index of
+    the next.
+    """
 
     velocity: Array  # (N, 3) [m/s]
     acceleration: Array  # (N, 3) [m/s^2]
     row: np.ndarray  # (2,) next row, rows per step
     wind: Array  # (3,) [m/s] for the hydrodynamics (`uuv.sim.plant.driven_water`)
     current_acceleration: Array  # (3,) [m/s^2] for the hydrodynamics
-    current_W: Array  # (3,) [m/s] of the truth
+    current_W: Array  # (3,) [m/s] current in the truth
 
 
 class Watch(NamedTuple):
-    """Time, and the marks by which a simulation that went wrong is noticed."""
+    """Time, and the marks by which a failed simulation is detected."""
 
     time: Array  # (1,) [s] of the last `observe`
     observed: np.ndarray  # (1,) bool: the next step may be taken
-    seen: Array  # (1,) kinds of warning of the hydrodynamics
-    told: Array  # (1,) those that were passed on
-    mark: Array  # (1,) WET_MARK: the last forward pass included the water
+    seen: Array  # (1,) bits of the warnings of the hydrodynamics
+    told: Array  # (1,) bits of the warnings that were passed on
+    mark: Array  # (1,) WET_MARK if the last forward pass included the hydrodynamics
     tick: np.ndarray  # (1,) steps of the plant since its start
     failed: np.ndarray  # (1,) bool: a hook has raised an error, which `Plant.check` raises
     # [s] a smaller advance of the time means that MuJoCo reset a diverged simulation
@@ -50,9 +52,10 @@ class Watch(NamedTuple):
 
 
 class PlantRecord(NamedTuple):
-    """One plant for `observe` and `advance`; the arrays are those of the plant and of its `truth`.
+    """Record of one plant for `observe` and `advance`, with the arrays of the plant and of its
+    `truth`.
 
-    The slots are hooks in Python, empty where there is none.
+    The slots are hooks in Python; a slot is empty if there is no hook.
     """
 
     drive: Drive
@@ -63,15 +66,18 @@ class PlantRecord(NamedTuple):
     soil: SoilContact
     joints: np.ndarray  # (n,) indices of the joint motors into `drive.ctrl`
     substeps: int
-    placed: Slot  # puts bodies in place before the kinematics
-    commanded: Slot  # changes what is commanded to the thrusters
-    flowed: Slot  # writes the water of the next step, in place of the rows of `flow`
+    placed: Slot  # hook that places bodies before the kinematics
+    commanded: Slot  # hook that changes the commands of the thrusters
+    flowed: Slot  # hook that writes the current of the next step, in place of the rows of `flow`
 
 
 @kernel
 def verdict(time, before, least_gain, warned, mark):
-    """True if `Plant.check` must be called: a reset, a new warning, or a step without the water."""
-    # On NaN MuJoCo resets the simulation, which shows in the time; in the first step it need not.
+    """True if `Plant.check` must be called: after a reset, a new warning, or a step without
+    hydrodynamics.
+    """
+    # On NaN MuJoCo resets the simulation, which appears in the time, except possibly in the first
+    # step.
     return time - before < least_gain or before == 0.0 or warned or mark != WET_MARK
 
 
@@ -103,7 +109,7 @@ def advance(plant, joint_torque, thrusters):
         thrusters: (m,) normalised commands.
 
     Returns:
-        False if a command is not finite: then nothing has changed.
+        False if a command is not finite; nothing has changed in that case.
     """
     if not (np.isfinite(joint_torque).all() and np.isfinite(thrusters).all()):
         return False
@@ -121,7 +127,7 @@ def advance(plant, joint_torque, thrusters):
     for i in range(plant.joints.shape[0]):
         ctrl[plant.joints[i]] = joint_torque[i]
 
-    # Substeps but the last.
+    # All substeps except the last.
     for substep in range(last):
         feel_soil(plant.soil)
         call_physics(places[STEP2], places[MODEL], places[DATA])
@@ -146,7 +152,7 @@ def advance(plant, joint_torque, thrusters):
 
 @kernel
 def next_flow(flow):
-    """Write the water of the next step, before `observe`; takes a `Flow` or its fields."""
+    """Write the current of the next step, before `observe`; takes a `Flow` or its fields."""
     velocity, acceleration, row, wind, current_acceleration, current_W = flow
 
     at = row[0]
@@ -159,6 +165,6 @@ def next_flow(flow):
 
 @kernel
 def _call_hook(slot, watch):
-    """Call a hook in Python, if there is one."""
+    """Call a hook in Python if the slot has one."""
     if slot.address != 0 and call(slot) != FINE:
         watch.failed[0] = True

@@ -1,4 +1,6 @@
-"""The water that drives one plant: its current, and where that writes velocity and acceleration."""
+"""Water of one plant: its current, and the arrays that its velocity and acceleration are written
+to.
+"""
 
 import mujoco
 import numpy as np
@@ -14,23 +16,24 @@ from uuv.sim.water.flow_field import total_velocity
 from uuv.sim.water.water_motion import FLOW, place_of, set_current
 
 _UNIFORM = float(FLOW.uniform)
-_HOOK = "water of your own goes in by `on_water` of a perturbation, or by site.flow"
+_HOOK = "a current of your own is set by `on_water` of a perturbation, or by site.flow"
 
 
 class DrivenWater:
     """Writes the current of a plant into its simulation and the truth.
 
-    A model without coefficients has no place in its data: then the current is that of MuJoCo's own
-    fluid, `opt.wind`, as in a model that `uuv.sim.hydrodynamics.compile` has not compiled.
+    A model without coefficients, or one that `uuv.sim.hydrodynamics.compile` has not compiled, has
+    no place for the current in its data. The current is then written to `opt.wind`, where MuJoCo's
+    own fluid model reads it.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, current_W: Array) -> None:
-        """Take what is written to.
+        """Take the arrays that the current is written to.
 
         Args:
-            model: Of the plant.
-            data: Of the plant.
-            current_W: (3,) [m/s] of the truth.
+            model: Model of the plant.
+            data: Data of the plant.
+            current_W: (3,) [m/s] Current in the truth.
         """
         self._model = model
         self._data = data
@@ -40,7 +43,7 @@ class DrivenWater:
 
         self._in_data = first >= 0
 
-        # Views, which compiled steps write too.
+        # Views that compiled steps write to as well.
 
         self._model_wind = model.opt.wind
         self._model_flow = water[LAYOUT.current_acceleration :][:6]
@@ -54,11 +57,11 @@ class DrivenWater:
             self._acceleration = self._model_flow[:3]
 
         self._current_W = current_W
-        self._defaults = b""  # numbers of the model, at the start
+        self._defaults = b""  # values of the model at the start
         self.current = Current(np.zeros(3))
 
     def start(self, current: Current) -> Flow:
-        """Take a current over, and return the record of its rows for compiled steps."""
+        """Take a current, and return the record of its rows for compiled steps."""
         current.place(self._model)
         self.current = current
         if self._in_data:
@@ -70,10 +73,10 @@ class DrivenWater:
         return Flow(*rows, self._wind, self._acceleration, self._current_W)
 
     def write(self, p_WB: Array, time: float) -> None:
-        """Write the water of the next step, before its forces are computed.
+        """Write the current of the next step, before its forces are computed.
 
         Args:
-            p_WB: Place (3,) [m] of the hull's origin then.
+            p_WB: Position (3,) [m] of the hull's origin in that step.
             time: [s] since the start of the run.
         """
         velocity, acceleration = self.current.at(p_WB.copy(), time)
@@ -82,13 +85,14 @@ class DrivenWater:
         self._current_W[:] = velocity
 
     def at(self, p_W: Array, p_WB: Array, time: float) -> Array:
-        """Velocity (3,) [m/s] at a place in the present step.
+        """Velocity (3,) [m/s] of the water at a point, in the present step.
 
-        That at the hull was written for this step; elsewhere the flow fields differ from it.
+        The velocity at the hull was written for this step. At other points the flow fields are
+        evaluated.
 
         Args:
-            p_W: Place (3,) [m].
-            p_WB: Place (3,) [m] of the hull's origin.
+            p_W: Position (3,) [m] of the point.
+            p_WB: Position (3,) [m] of the hull's origin.
             time: [s] since the start of the run.
         """
         current = self.current
@@ -96,7 +100,7 @@ class DrivenWater:
         if not current.flows:
             return velocity
 
-        # What is the same everywhere cancels.
+        # Terms that are the same everywhere cancel.
 
         share = 1.0 if current.profile is None else current.profile(time)[0]
         velocity_there = total_velocity(current.flows, p_WB, time)
@@ -104,10 +108,10 @@ class DrivenWater:
         return velocity + share * (total_velocity(current.flows, p_W, time) - velocity_there)
 
     def check(self) -> None:
-        """Refuse water that something else has written.
+        """Refuse a current that other code has written.
 
         Raises:
-            ConfigurationError: The next step would overwrite it, or it has no effect.
+            ConfigurationError: The next step would overwrite that current, or it has no effect.
         """
         velocity = self._current_W.tolist()
         if not self._in_data:
@@ -115,7 +119,7 @@ class DrivenWater:
                 raise _overwritten("opt.wind", self._wind)
             return
 
-        # MuJoCo has reset the data if they have no kind of motion: see `check_reset`.
+        # The data have no kind of motion after a reset by MuJoCo: see `check_reset`.
         kind, *written = self._head.tolist()
         if kind == 0.0:
             return
@@ -126,14 +130,16 @@ class DrivenWater:
             raise self._without_effect()
 
     def check_reset(self) -> None:
-        """Refuse data that have been reset since the start, and their current with them.
+        """Refuse data that have been reset since the start, since their current was reset with
+        them.
 
         Raises:
-            ConfigurationError: They have.
+            ConfigurationError: The data were reset.
         """
         if self._in_data and self._head[0] == 0.0:
             raise ConfigurationError(
-                "plant: its data was reset, and the current in it; call its reset() or start()"
+                "plant: its data were reset by other code, and with them the current; call "
+                "reset() or start() of the plant instead"
             )
 
     def _of_model(self) -> bytes:
@@ -145,8 +151,8 @@ class DrivenWater:
 
         return ConfigurationError(
             f"plant: opt.wind is {shown(self._model_wind)} m/s, its acceleration {acceleration} "
-            f"m/s^2, its shear {shear} 1/s, which are not those at the start and have no "
-            f"effect: the plant keeps its current in its data; {_HOOK}"
+            f"m/s^2, its shear {shear} 1/s, which were changed since the start and have no effect, "
+            f"since the plant keeps its current in its data; {_HOOK}"
         )
 
 
@@ -156,7 +162,7 @@ def _overwritten(what: str, velocity_W: Array) -> ConfigurationError:
 
 
 class WithWater:
-    """Base of a plant: what may be asked of its water, which is not its own to replace."""
+    """Base of a plant, with its current for reading; the current cannot be set here."""
 
     _water: DrivenWater
     _watch: Watch
@@ -166,31 +172,32 @@ class WithWater:
 
     @property
     def current(self) -> Current:
-        """The current of the run, as `on_water` of the perturbations left it."""
+        """The current of the run, as returned by `on_water` of the perturbations."""
         return self._water.current
 
     @current.setter
     def current(self, value: object) -> None:
-        """Refuse another current.
+        """Refuse to replace the current.
 
         Raises:
-            ConfigurationError: Always; it names where a current is set.
+            ConfigurationError: Always; the message states where a current is set.
         """
         raise ConfigurationError(
-            f"plant.current: cannot be set, got {shown(value)}; the current of a run is what "
-            "`on_water(current)` of a perturbation returns (docs/own_current.md)"
+            f"plant.current: cannot be set, got {shown(value)}; set it by `on_water(current)` of a "
+            "perturbation, which returns the current of a run (docs/own_current.md)"
         )
 
     def water_at(self, p_W: ArrayLike) -> Array:
-        """Velocity (3,) [m/s] of the water at a place in W now, by all that moves it.
+        """Present velocity (3,) [m/s] of the water at a point in W, from the current and all flow
+        fields.
 
-        Changes nothing, so that it may be asked as often as one likes.
+        The call changes nothing, so that it may be repeated.
 
         Args:
-            p_W: Place (3,) [m].
+            p_W: Position (3,) [m] of the point.
 
         Raises:
-            ConfigurationError: It is no place, or a flow field gives no velocity there.
+            ConfigurationError: `p_W` is not a position, or a flow field gives no velocity there.
         """
         at = self.vehicle.hull_qpos
 
@@ -201,10 +208,10 @@ class WithWater:
 
 
 def check_current(current: Current, timestep: float) -> None:
-    """Refuse what is no current, or is one for another timestep [s].
+    """Refuse a value that is not a Current, or a current for another timestep [s].
 
     Raises:
-        ConfigurationError: What was given.
+        ConfigurationError: `current` is such a value.
     """
     if not isinstance(current, Current):
         raise ConfigurationError(
@@ -213,6 +220,6 @@ def check_current(current: Current, timestep: float) -> None:
 
     if current.timestep not in (None, timestep):
         raise ConfigurationError(
-            f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, "
-            f"{timestep} s"
+            f"current: its timestep must be that of the plant, {timestep} s, got "
+            f"{current.timestep} s"
         )

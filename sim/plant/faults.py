@@ -1,13 +1,14 @@
 """Fault injection: wrappers around plant, sensors and finder that keep the interface of the wrapped
-part.
+component.
 
 - `FaultyPlant`: a thruster that fails, sticks or weakens.
-- `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes, turns or gives NaN.
+- `FaultySensor`: any sensor that sends nothing, freezes, drifts, jumps, spikes, rotates or gives
+  NaN.
 - `MisplacedFinder`: a finder that reports the wrong place with full confidence.
 - `changing`: a current that changes, for `uuv.sim.water.current.Current`.
 
-Each acts while its `Onset` is active. Perception and control learn of a fault through measurements
-only. A wrapped part draws the same random numbers as without the wrapper.
+Each fault acts while its `Onset` is active. Perception and control receive a fault through
+measurements only. A wrapped component draws the same random numbers as without the wrapper.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,19 +37,19 @@ from uuv.sim.plant.truth import Truth
 class Reading:
     """Input of a sensor fault: the measurement and the state of the fault."""
 
-    measurement: Any  # output of the sound sensor
+    measurement: Any  # output of the sensor without the fault
     sound: Any  # last measurement before the fault
     elapsed: float  # [s] since the fault began
     rng: np.random.Generator  # random stream of the fault
 
 
 class SensorFault(Protocol):
-    """Fault model of a sensor: maps a reading to the faulty measurement, or to None if nothing is
-    sent.
+    """Fault model of a sensor: maps a reading to the faulty measurement, or to None if no message
+    is sent.
     """
 
     def __call__(self, reading: Reading) -> Measurement | None:
-        """Measurement after the fault; None: no message."""
+        """Measurement with the fault; None: no message."""
         ...
 
 
@@ -57,12 +58,14 @@ class Lost:
     """Loss of all messages."""
 
     def __call__(self, reading: Reading) -> None:
-        """Give no message."""
+        """Return None: no message is sent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frozen:
-    """Fields, or one element of each, keep their last sound value; time advances."""
+    """Fields, or one element of each, keep their last value from before the fault; time
+    advances.
+    """
 
     fields: tuple[str, ...]
     index: int | None = None
@@ -95,7 +98,9 @@ class Fixed:
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """Field, or one element of it, is offset by `jump` at once and by `rate` more every second."""
+    """Field, or one element of it, is offset by `jump` at once and by `rate` more in every
+    second.
+    """
 
     field: str
     index: int | None = None
@@ -114,8 +119,8 @@ class Offset:
 
 @dataclass(frozen=True, slots=True)
 class Turned:
-    """Attitude of the inertial unit is turned about an axis of the hull by `jump`, and by `rate`
-    more every second.
+    """Attitude of the inertial unit is rotated about an axis of the hull, by `jump` at once and by
+    `rate` more in every second.
     """
 
     index: int  # axis of the hull: 0, 1 or 2
@@ -123,7 +128,7 @@ class Turned:
     rate: float = 0.0  # [rad/s]
 
     def __call__(self, reading: Reading) -> ImuMeasurement:
-        """Measurement with the turned attitude."""
+        """Measurement with the rotated attitude."""
         angle = np.zeros(3)
         angle[self.index] = self.jump + self.rate * reading.elapsed
         return replace(
@@ -156,13 +161,13 @@ def _part(value: Any, index: int | None) -> Any:
 def _changed(measurement: Any, name: str, index: int | None, change: Callable[[Any], Any]) -> Any:
     """Copy of `measurement` with `change` applied to field `name`, or to element `index` of it.
 
-    Raises ConfigurationError for a field or an element that it does not have.
+    Raises ConfigurationError for a field or an element that the measurement does not have.
     """
     kind = type(measurement).__name__
     names = [attribute.name for attribute in fields(measurement)]
     if name not in names:
         raise ConfigurationError(
-            f"fault: a {kind} has no field {name!r}; it has {', '.join(names)}"
+            f"fault: field must be one of {', '.join(names)} of a {kind}, got {name!r}"
         )
 
     old = np.asarray(getattr(measurement, name))
@@ -192,7 +197,9 @@ class FaultySensorState:
 
 
 class FaultySensor:
-    """Sensor (`uuv.sim.interfaces.protocols.Sensor`) with one fault; wrap again for more."""
+    """Sensor (`uuv.sim.interfaces.protocols.Sensor`) with one fault; wrap the result again for more
+    faults.
+    """
 
     def __init__(self, sensor: Sensor, fault: SensorFault, onset: Onset) -> None:
         self._sensor = sensor
@@ -209,21 +216,23 @@ class FaultySensor:
         return FaultySensorState(inner, rng.spawn(1)[0])
 
     def channel(self) -> str:
-        """Place of its measurements among those of every tick, as the wrapped sensor has it."""
+        """Index of the sensor's measurements among those of every tick, the same as for the wrapped
+        sensor.
+        """
         sensor: Any = self._sensor
         return sensor.channel() if gives_kernel(sensor, "channel") else ""
 
     def resume(
         self, fresh: FaultySensorState, saved: Any, last: Measurement | None
     ) -> FaultySensorState:
-        """State that goes on from `saved`.
+        """State that continues from `saved`.
 
-        That is a state of this sensor, or of the wrapped one while this fault had not begun.
+        `saved` is a state of this sensor, or of the wrapped sensor before this fault began.
 
         Args:
-            fresh: state of `init`.
-            saved: state to go on from.
-            last: last message of the sensor that `saved` belongs to.
+            fresh: State from `init`.
+            saved: State to continue from.
+            last: Last message of the sensor that `saved` belongs to.
         """
         if _layers(saved) == _layers(fresh):
             return saved
@@ -241,7 +250,7 @@ class FaultySensor:
         if measurement is None:
             return state, None
 
-        # What a fault may hold on to is the last message before its onset.
+        # The message that a fault may repeat is the last one before its onset.
         elapsed = self._onset.elapsed(float(truth.time))
         if not self._onset.active(float(truth.time)):
             if elapsed < 0.0:
@@ -262,7 +271,7 @@ def _layers(state: Any) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThrusterFault:
-    """Thruster that gives `share` of the commanded thrust (0: none), or, if `stuck`, keeps one
+    """Thruster that gives `share` of the commanded thrust (0: none) or, if `stuck`, keeps one
     command.
     """
 
@@ -270,7 +279,8 @@ class ThrusterFault:
     onset: Onset
     share: float = 0.0
     stuck: bool = False
-    command: float | None = None  # [-] that it keeps, in [-1, 1]; None: the last one
+    # [-] command that a stuck thruster keeps, in [-1, 1]; None: the last one
+    command: float | None = None
 
 
 class FaultyPlant:
@@ -307,21 +317,21 @@ class FaultyPlant:
         self._last = np.zeros(len(names))
 
     def observe(self) -> Truth:
-        """As `Plant.observe`."""
+        """Same as `Plant.observe`."""
         return self.plant.observe()
 
     def spans(self) -> str:
-        """As `Plant.spans`."""
+        """Same as `Plant.spans`."""
         return self.plant.spans()
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
-        """As `Plant.record`, with the active faults."""
+        """Same as `Plant.record`, with the active faults."""
         return self.plant.record(
             replace(hooks, commanded=(*hooks.commanded, self._in_compiled_step))
         )
 
     def step(self, command: Command) -> None:
-        """As `Plant.step`, with the thruster commands changed by the active faults."""
+        """Same as `Plant.step`, with the thruster commands changed by the active faults."""
         self.plant.step(replace(command, thrusters=self._changed(command.thrusters)))
 
     def _in_compiled_step(self) -> None:
@@ -338,7 +348,7 @@ class FaultyPlant:
             if fault.stuck:
                 thrusters[i] = self._last[i] if fault.command is None else fault.command
             elif fault.share < 1.0:
-                # The share is one of thrust: the curve is inverted for its command.
+                # The share refers to thrust, so the curve is inverted to get the command.
                 setpoint = float(np.clip(thrusters[i], -1.0, 1.0))
                 thrusters[i] = command_for(
                     self._curves[i], fault.share * thrust_at(self._curves[i], setpoint)
@@ -351,12 +361,13 @@ class FaultyPlant:
         return FaultyPlantState(self.plant.save(), self._last)
 
     def resume(self, saved: "FaultyPlantState | PlantState", command: Command | None) -> None:
-        """Go on from what `save` returned, of an equal plant or of the wrapped one before any
+        """Continue from a result of `save`, of an equal plant or of the wrapped plant before any
         fault.
 
         Args:
-            saved: state to go on from.
-            command: of the tick before the one that `saved` is from; None: that was the first one.
+            saved: State to continue from.
+            command: Command of the tick before the one of `saved`; None if `saved` is from the
+                first tick.
         """
         if isinstance(saved, FaultyPlantState):
             self.plant.resume(saved.plant)
@@ -380,7 +391,7 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
 
     Args:
         onset: Time of the change.
-        factor: On the whole current.
+        factor: Factor on the whole current.
         ramp: Duration of each change [s].
 
     Returns:
@@ -391,11 +402,11 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
     """
     if not (np.isfinite(ramp) and ramp > 0.0 and np.isfinite(factor)):
         raise ConfigurationError(
-            f"current: a ramp must be > 0 s and a factor finite, got {ramp} s and {factor}"
+            f"changing current: ramp must be > 0 s and factor finite, got {ramp} s and {factor}"
         )
 
     def rise(elapsed: float) -> tuple[float, float]:
-        # Cubic step, with zero slope at both ends.
+        # Cubic step with zero slope at both ends.
         x = min(max(elapsed / ramp, 0.0), 1.0)
         return x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / ramp
 
@@ -411,8 +422,8 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
 
 
 class MisplacedFinder:
-    """Finder (`uuv.sim.interfaces.protocols.TargetFinder`) whose targets are shifted, at unchanged
-    confidence.
+    """Finder (`uuv.sim.interfaces.protocols.TargetFinder`) whose targets are shifted, with
+    unchanged stated confidence.
     """
 
     def __init__(self, finder: TargetFinder, shift_W: ArrayLike, onset: Onset) -> None:

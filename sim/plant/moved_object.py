@@ -1,4 +1,6 @@
-"""Plant in which an object of the scene moves as prescribed: pushed once, or swinging."""
+"""Plant in which an object of the scene has a prescribed motion: a single push, or an
+oscillation.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,7 +26,7 @@ from uuv.sim.plant.onset import Onset
 from uuv.sim.plant.plant import NO_HOOKS, Plant, PlantHooks
 from uuv.sim.plant.truth import Truth
 
-# Displacement (3,) [m] and rotation vector (3,) [rad] in W, by time [s].
+# Displacement (3,) [m] and rotation vector (3,) [rad] in W as a function of time [s].
 Motion = Callable[[float], tuple[Array, Array]]
 
 
@@ -32,10 +34,10 @@ def push(onset: Onset, by: ArrayLike, turn: ArrayLike, ramp: float) -> Motion:
     """Motion that begins at `onset`, and ends after `ramp` [s].
 
     Args:
-        onset: Time at which it begins.
+        onset: Time at which the motion begins.
         by: (3,) [m] displacement in W.
         turn: (3,) [rad] rotation vector in W, about the body's origin.
-        ramp: [s] that the smooth motion takes.
+        ramp: [s] Duration of the smooth motion.
 
     Raises:
         ConfigurationError: A number is not finite or out of range.
@@ -52,11 +54,11 @@ def push(onset: Onset, by: ArrayLike, turn: ArrayLike, ramp: float) -> Motion:
 
 
 def swing(amplitude: ArrayLike, frequency: float) -> Motion:
-    """Oscillation along a line, from its middle at time 0.
+    """Oscillation along a line, which starts at its centre at time 0.
 
     Args:
         amplitude: (3,) [m] in W.
-        frequency: [Hz] of it.
+        frequency: [Hz] of the oscillation.
 
     Raises:
         ConfigurationError: A number is not finite or out of range.
@@ -71,10 +73,10 @@ def swing(amplitude: ArrayLike, frequency: float) -> Motion:
 
 
 class MovedObjectPlant:
-    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) in which a free body moves as prescribed.
+    """Plant (`uuv.sim.loop.rollout.SteppedPlant`) in which a free body has a prescribed motion.
 
     Position and velocity of its joint are set before every step of the loop, so that contact and
-    friction see how fast the surface moves.
+    friction depend on the velocity of the surface.
     """
 
     def __init__(self, plant: Any, body: str, motion: Motion) -> None:
@@ -83,7 +85,7 @@ class MovedObjectPlant:
         Args:
             plant: The plant.
             body: Name of a body of its model with a free joint.
-            motion: How it moves.
+            motion: Prescribed motion of the body.
 
         Raises:
             ConfigurationError: There is no such body.
@@ -110,24 +112,24 @@ class MovedObjectPlant:
         self._R = rotation_from_quat_wxyz(model.body_quat[number])
 
     def observe(self) -> Truth:
-        """As `Plant.observe`, with the body where it is now."""
+        """Same as `Plant.observe`, with the body at its pose at this time."""
         self._place()
         return self.plant.observe()
 
     def spans(self) -> str:
-        """As `Plant.spans`."""
+        """Same as `Plant.spans`."""
         return self.plant.spans()
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
-        """As `Plant.record`, with the motion."""
+        """Same as `Plant.record`, with the motion."""
         return self.plant.record(replace(hooks, placed=(*hooks.placed, self._place)))
 
     def step(self, command: Command) -> None:
-        """As `Plant.step`."""
+        """Same as `Plant.step`."""
         self.plant.step(command)
 
     def _place(self) -> None:
-        """Write place and velocity of the body at this time."""
+        """Write pose and velocity of the body at this time."""
         data = self._sound.data
         dt = self.timestep
         (p, phi), (p_next, phi_next) = (

@@ -1,4 +1,6 @@
-"""When a fault or a motion begins, and how long it lasts: a value that watches the loop."""
+"""Start and duration of a fault or motion, at a time or at an event that is observed in the
+loop.
+"""
 
 from dataclasses import dataclass, field
 
@@ -14,12 +16,12 @@ from uuv.sim.loop.rollout import Moment
 class Onset:
     """Start and duration of a fault: at a given time, or at an event of the task.
 
-    Give `at`; or give `state` (and `force`) and pass it to the rollout as an observer; or call
-    `begin`.
+    There are three ways to set the start: `at`; `state` (and `force`), with the onset passed to the
+    rollout as an observer; or a call of `begin`.
     """
 
     at: float | None = None  # [s]
-    state: WorkState | None = None  # event: the planner first enters this state
+    state: WorkState | None = None  # event: the planner enters this state for the first time
     force: float = 0.0  # [N] smallest set force for the event
     after: float = 0.0  # [s] delay after time or event
     duration: float = np.inf  # [s]
@@ -35,7 +37,7 @@ class Onset:
 
         if self.at is not None:
             if self.state is not None:
-                raise ConfigurationError("onset: a time or a state, not both")
+                raise ConfigurationError("onset: takes `at` or `state`, got both")
             self.began = self.at + self.after
 
     def begin(self, time: float) -> None:
@@ -47,22 +49,22 @@ class Onset:
         self.notice(float(moment.truth.time), moment.reference.state, moment.reference.set_force)
 
     def notice(self, time: float, state: WorkState, set_force: float) -> None:
-        """Start the fault if this is its event, and the first one.
+        """Start the fault if this is the first occurrence of its event.
 
         Args:
             time: [s]
-            state: of the planner then.
-            set_force: [N] then.
+            state: State of the planner at that time.
+            set_force: [N] Set force at that time.
         """
         if not np.isfinite(self.began) and state is self.state and set_force >= self.force:
             self.begin(time)
 
     def save(self) -> float:
-        """Time [s] at which the fault began, or will; infinite if that is open."""
+        """Time [s] at which the fault began or will begin; infinite if that is not known yet."""
         return self.began
 
     def resume(self, saved: float) -> None:
-        """Go on from what `save` of an equal onset returned."""
+        """Continue from a result of `save` of an equal onset."""
         self.began = saved
 
     def elapsed(self, time: float) -> float:

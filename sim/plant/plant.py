@@ -31,10 +31,10 @@ from uuv.sim.water.current import Current
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantHooks:
-    """What wrappers of a plant do at every step, when the step is compiled."""
+    """Functions of a plant's wrappers that are called at every compiled step."""
 
-    placed: tuple[Callable[[], None], ...] = ()  # put bodies in place, before `observe`
-    # change `Plant.commanded`, before the thrusters take it
+    placed: tuple[Callable[[], None], ...] = ()  # place bodies, before `observe`
+    # change `Plant.commanded`, before the commands are applied
     commanded: tuple[Callable[[], None], ...] = ()
 
 
@@ -43,10 +43,10 @@ NO_HOOKS = PlantHooks()
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlantState:
-    """All that changes in a plant."""
+    """Everything that changes in a plant."""
 
-    data: mujoco.MjData  # a copy of its own
-    arrays: tuple[Array, ...]  # as `Plant._changing`
+    data: mujoco.MjData  # a copy
+    arrays: tuple[Array, ...]  # arrays of `Plant._changing`
     tick: int
     current: dict[str, Any]
 
@@ -70,14 +70,14 @@ class Plant(WithWater):
         Args:
             model: Model compiled by `uuv.sim.hydrodynamics.compile`.
             current: Current of the water.
-            X_WB: Initial hull pose (4, 4); default: the model's.
-            reaction_ticks: Measure the wrench of the arm on the hull (`reaction_wrench`) every so
-                many steps; 0: never.
+            X_WB: Initial hull pose (4, 4); default: the pose in the model.
+            reaction_ticks: Number of steps between measurements of the wrench of the arm on the
+                hull (`reaction_wrench`); 0: never.
             substeps: Physics steps per `timestep`, under one command and one current. Stiff contact
-                needs short steps, the loop around the plant does not.
-            data: State of `model` that another simulation owns and steps: it calls `begin` and
-                `finish` around its own step. None: the plant has its own.
-            names: What the vehicle's parts are called in `model`.
+                needs short physics steps; the loop around the plant does not.
+            data: Data of `model` that another simulation owns and steps; this simulation calls
+                `begin` and `finish` around its own step. None: the plant makes its own data.
+            names: Names of the vehicle's parts in `model`.
 
         Raises:
             ConfigurationError: An argument is invalid, or the model has no vehicle
@@ -86,7 +86,8 @@ class Plant(WithWater):
                 are those of the dry mass, or the wrench cannot be measured.
 
         Warns:
-            PhysicsWarning: The vehicle has no coefficients, and the model no fluid of MuJoCo's.
+            PhysicsWarning: The vehicle has no hydrodynamic coefficients, and the model does not use
+                MuJoCo's fluid model.
         """
         _check(model, substeps)
         _make_ready(model)
@@ -95,11 +96,11 @@ class Plant(WithWater):
         self.data = mujoco.MjData(model) if data is None else data
         self.substeps = substeps
         self.timestep = substeps * float(model.opt.timestep)
-        # [s] a smaller advance means a reset
+        # [s] a smaller advance of the time means a reset
         least_gain = self.timestep - 0.5 * float(model.opt.timestep)
 
-        # Water, and the marks by which a simulation that went wrong is noticed; a model without
-        # coefficients has no row for them and needs none.
+        # Current, and the marks by which a failed simulation is detected. A model without
+        # coefficients has no row for them, and needs none.
         wet = hydrodynamics.carries_hydrodynamics(model)
         falls = vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity)
         if falls and not wet:
@@ -122,7 +123,8 @@ class Plant(WithWater):
         self._contacts = np.zeros(CONTACTS)
         self._joint_ctrl = _block(vehicle.actuators)
 
-        # What is measured at every so many steps, and what is called in Python at every step.
+        # Measurements made every `reaction_ticks` steps, and functions called in Python at every
+        # step.
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = (
             ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
@@ -142,7 +144,7 @@ class Plant(WithWater):
             collided=truth.collided,
         )
 
-        # Beside `data`: in the model, in the truth, and in the records of the kernels.
+        # State outside `data`: in the model, in the truth, and in the records of the kernels.
         self._changing = (
             *(model.opt.wind, water, self._drive.speed, self._drive.thrust, self._contacts),
             *(self._soil.force, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
@@ -160,11 +162,11 @@ class Plant(WithWater):
 
         Args:
             current: Current of the water.
-            X_WB: Initial hull pose (4, 4); default: that with which the plant was made.
+            X_WB: Initial hull pose (4, 4); default: the initial pose of the plant.
 
         Raises:
-            ConfigurationError: `current` is no Current or has another timestep, or `X_WB` is no
-                pose.
+            ConfigurationError: `current` is not a Current or has another timestep, or `X_WB` is not
+                a pose.
         """
         check_current(current, self.timestep)
         X_WB = self._start if X_WB is None else X_WB
@@ -186,7 +188,7 @@ class Plant(WithWater):
         self.start(current)
 
     def start(self, current: Current) -> None:
-        """Begin at the present state of `data`, propellers at rest.
+        """Begin at the present state of `data`, with propellers at rest.
 
         Args:
             current: Current of the water.
@@ -195,8 +197,8 @@ class Plant(WithWater):
         self._flow = self._water.start(current)
         self._watch.tick[0], self._watch.failed[0] = 0, False
 
-        # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple
-        # more slowly.
+        # In calls from Python, records are passed to kernels as plain tuples, since numba needs
+        # more time to find the type of a NamedTuple.
         records = self._drive, self._readout, self._flow, self._soil, self.supply
         self._as_tuples = tuple(tuple(record) for record in records)
 
@@ -209,14 +211,14 @@ class Plant(WithWater):
         self._watch.observed[0] = False
 
         truth.arm_wrench_B[:] = np.nan
-        # none yet, whatever constraints `data` still has
+        # none yet, although `data` may still have constraints
         truth.tau_friction[:] = self._contacts[:] = 0.0
         truth.collided[:] = -1.0
 
         self.publish()
 
     def save(self) -> PlantState:
-        """All that changes, as it is: to be copied before the next step, but for `data`, a copy."""
+        """Everything that changes, not copied except for `data`: copy it before the next step."""
         return PlantState(
             data=copy.copy(self.data),
             arrays=self._changing,
@@ -225,7 +227,7 @@ class Plant(WithWater):
         )
 
     def resume(self, saved: PlantState, _command: Command | None = None) -> None:
-        """Go on from what `save` of a plant of an equal model returned."""
+        """Continue from a result of `save` of a plant with an equal model."""
         mujoco.mj_copyData(self.data, self.model, saved.data)
         for array, saved_array in zip(self._changing, saved.arrays, strict=True):
             array[...] = saved_array
@@ -235,7 +237,8 @@ class Plant(WithWater):
         self.publish()
 
     def observe(self, *, again: bool = False) -> Truth:
-        """Update the kinematics to the current time, maybe `again`, and return the truth.
+        """Update the kinematics to the current time and return the truth; `again` repeats the
+        update.
 
         Warns as `uuv.sim.hydrodynamics.check_motion` does.
 
@@ -260,7 +263,7 @@ class Plant(WithWater):
         return truth
 
     def check(self) -> None:
-        """Warn or raise an error as `observe` does, where `compiled_step.observe` asked for it."""
+        """Warn or raise an error like `observe`, after `compiled_step.observe` has requested it."""
         if self._watch.failed[0]:
             self._watch.failed[0] = False
             self.hooks.check(RAISED)
@@ -279,7 +282,8 @@ class Plant(WithWater):
         """
         if not self._watch.observed[0]:
             raise ConfigurationError(
-                "plant: call observe() before each step(): it computes what the step integrates"
+                "plant: observe() must be called before each step(), since it computes the forces "
+                "that the step integrates"
             )
 
         self.begin(command)
@@ -304,7 +308,8 @@ class Plant(WithWater):
         self.finish()
 
     def begin(self, command: Command) -> None:
-        """Apply the command to MuJoCo's controls: the part of a step before its integration.
+        """Apply the command to MuJoCo's controls, which is the part of a step before the
+        integration.
 
         Raises:
             ConfigurationError: A command has the wrong shape or is not finite.
@@ -320,7 +325,9 @@ class Plant(WithWater):
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
     def finish(self) -> None:
-        """Read gears and contacts, set the next flow: the part of a step after its integration."""
+        """Read gears and contacts and set the next current, which is the part of a step after the
+        integration.
+        """
         drive, readout, flow, _, _ = self._as_tuples
         last = self.substeps - 1
 
@@ -340,22 +347,26 @@ class Plant(WithWater):
         self._contact()
 
     def spans(self) -> str:
-        """Why the stages of `compiled_step` cannot advance this plant; empty if they can."""
+        """Reason why the functions of `compiled_step` cannot advance this plant; empty if they
+        can.
+        """
         if spacing(self.vehicle.dof) > 1:
-            return "the arm's joints have others between them"
+            return "other joints lie between the joints of the arm"
         return ""
 
     def ready(self) -> int:
-        """Number of steps that the compiled stages may take before the next call; gusts ahead."""
+        """Number of steps that the compiled functions may take before the next call; generates
+        gusts ahead.
+        """
         self._water.check()
         steps = self._water.current.ready()
         return steps if self._reaction is None else min(steps, -self.tick % self._reaction_ticks)
 
     def record(self, hooks: PlantHooks = NO_HOOKS) -> PlantRecord:
-        """Arrays of the compiled stages (`compiled_step`), valid until the next `reset`.
+        """Arrays for the functions of `compiled_step`, valid until the next `reset`.
 
         Args:
-            hooks: of the wrappers of this plant, called at every step.
+            hooks: Functions of the wrappers of this plant, called at every step.
         """
         beyond = (self._blow,) if self._water.current.beyond_rows() else ()
 
@@ -374,7 +385,7 @@ class Plant(WithWater):
         )
 
     def _hooked(self, functions: tuple[Callable[[], None], ...]) -> Slot:
-        """Slot that calls functions one after another; empty without any."""
+        """Slot that calls functions one after another; empty if there are none."""
         if not functions:
             return empty_slot()
 
@@ -391,22 +402,24 @@ class Plant(WithWater):
 
     @property
     def commanded(self) -> Array:
-        """Thruster commands (m,) of the present step, live: a hook may still change them."""
+        """Thruster commands (m,) of the present step, not copied: a hook may still change them."""
         return self._drive.commanded
 
     @property
     def time(self) -> float:
-        """Time [s] of the last `observe`, also amid compiled steps."""
+        """Time [s] of the last `observe`, also between compiled steps."""
         return float(self._watch.time[0])
 
     def publish(self) -> None:
-        """Bring the numbers of `truth` up to date after compiled steps; its arrays are live."""
+        """Update the numbers of `truth` after compiled steps; its arrays are views and need no
+        update.
+        """
         self.truth.time = float(self._watch.time[0])
         self.truth.saturated = bool(self._drive.saturated[0])
         self._contact()
 
     def _contact(self) -> None:
-        """Publish the contacts of the step that has ended."""
+        """Write the contacts of the finished step into the truth."""
         truth = self.truth
         truth.contact_normal, _, _, _, collision, truth.contact_least, truth.contact_most = (
             self._contacts.tolist()
@@ -414,17 +427,19 @@ class Plant(WithWater):
         truth.collision = bool(collision)
 
     def _blow(self) -> None:
-        """Write the water of the next step, before `observe` computes its forces."""
+        """Write the current of the next step, before `observe` computes its forces."""
         at = self.vehicle.hull_qpos
-        # The joint is where the next step begins already, the body still where the last one did.
+        # The joint is already at the start of the next step, the body still at the start of the
+        # last one.
         self._water.write(self.data.qpos[at : at + 3], self.tick * self.timestep)
 
 
 def parts_in_python(plant: Any) -> tuple[str, ...]:
-    """What a plant calls in plain Python at every compiled step: its wrappers, and its water.
+    """Components of a plant in plain Python that every compiled step calls: its wrappers and its
+    current.
 
     Args:
-        plant: a `Plant`, or a wrapper of one.
+        plant: A `Plant`, or a wrapper of one.
     """
     names: list[str] = []
     while not isinstance(plant, Plant):
@@ -443,15 +458,17 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
         raise ConfigurationError(f"plant: expected a compiled mujoco.MjModel, got {model!r}")
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
         raise ConfigurationError(
-            "the plant splits each step in two, which RK4 cannot: use Euler, implicit or "
-            "implicitfast"
+            "the integrator must be Euler, implicit or implicitfast, got RK4, which cannot split "
+            "a step in two"
         )
     if not isinstance(substeps, int) or substeps < 1:
         raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
 
 
 def _make_ready(model: mujoco.MjModel) -> None:
-    """Install the process's callbacks, check the model's water, and fill its battery up."""
+    """Install the callbacks in the process, check the model's hydrodynamics, and charge its
+    battery.
+    """
     hydrodynamics.install()
     hydrodynamics.check(model)
     hydrodynamics.check_constants(model)
@@ -459,7 +476,7 @@ def _make_ready(model: mujoco.MjModel) -> None:
 
 
 def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_gain: float) -> Watch:
-    """Marks of one simulation; `water` is the world's row, `least_gain` [s] as of `Watch`."""
+    """Marks of one simulation. `water` is the world's row, `least_gain` [s] the one of `Watch`."""
     return Watch(
         time=np.zeros(1),
         observed=np.zeros(1, dtype=np.bool_),
@@ -473,7 +490,9 @@ def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_ga
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
-    """Row (n,) of each joint's gear among the friction constraints, else -1; empty if none has."""
+    """Row (n,) of each joint's gear among the friction constraints, or -1; empty if no joint has
+    one.
+    """
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS:
         return np.zeros(0, dtype=np.int64)
 
@@ -483,7 +502,7 @@ def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
 
 
 def _block(addresses: np.ndarray) -> slice | np.ndarray:
-    """Addresses as a slice where they are consecutive, which is faster to write through."""
+    """Addresses as a slice if they are consecutive, since a slice is faster to write through."""
     if len(addresses) and np.array_equal(
         addresses, np.arange(addresses[0], addresses[0] + len(addresses))
     ):

@@ -1,16 +1,17 @@
 """Joint reaction wrench of a subtree on its parent, including water, contacts and constraints.
 
-MuJoCo's force and torque sensors miss everything in `qfrc_passive`, and so the water. Newton's
-second law for the whole subtree gives the wrench that its joint transmits, of any type of joint:
+MuJoCo's force and torque sensors miss everything in `qfrc_passive`, including the water. Newton's
+second law for the whole subtree gives the wrench that its joint transmits, for any type of joint:
 
-    wrench on the parent = sum of (water + weight + contacts and the like - rate of momentum)
+    wrench on the parent = sum of (water + weight + contacts and other loads - rate of momentum)
 
-`mj_rnePostConstraint` sums all but water, soil, thrusters on sites and gravity compensation, from
-the accelerations `data.qacc`. The water is summed here body by body in body axes, independently of
-the passive callback: the equation in `uuv.sim.hydrodynamics` with the total acceleration.
+`mj_rnePostConstraint` sums all forces except those of water, soil, thrusters on sites and gravity
+compensation, from the accelerations `data.qacc`. The forces of the water are summed here for each
+body in body axes, independently of the passive callback, by the equation in `uuv.sim.hydrodynamics`
+with the total acceleration.
 
 Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two bodies that the joint
-connects, and are part of what it transmits. An external force belongs in `xfrc_applied`.
+connects, and are part of the transmitted wrench. An external force belongs in `xfrc_applied`.
 """
 
 from typing import NamedTuple
@@ -29,7 +30,8 @@ from uuv.sim.native.form_kernel import form_wrench
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
 from uuv.sim.water.water_motion import FLOW, place_of
 
-_STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants
+# relative mismatch of velocities above which the values in `data` belong to two different times
+_STALE = 1e-9
 _GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 _ROW = int(LAYOUT.size)
 _MASS_AT = int(LAYOUT.added_mass)
@@ -56,9 +58,9 @@ class ReactionWrench:
 
         Raises:
             ConfigurationError: A body is unknown, or `body` is the world.
-            HydrodynamicsError: The model has forces whose share on the subtree is not known here.
-                These are flexes, spatial tendons, gravity compensation by actuators, and actuators
-                on slider-cranks, on contacts or between two sites.
+            HydrodynamicsError: The model has forces whose effect on the subtree is not known here:
+                flexes, spatial tendons, gravity compensation by actuators, and actuators on
+                slider-cranks, on contacts or between two sites.
         """
         self._model = model
         self._body = _body(model, body)
@@ -67,7 +69,7 @@ class ReactionWrench:
             raise ConfigurationError("reaction: the world has no parent")
         _refuse(model)
 
-        # The subtree's bodies.
+        # Bodies of the subtree.
         last = self._body + 1
         # bodies come depth first
         while last < model.nbody and model.body_parentid[last] >= self._body:
@@ -78,7 +80,7 @@ class ReactionWrench:
         self._joints = model.body_parentid, model.body_dofadr, model.body_dofnum
         self._root = int(model.body_rootid[self._body])
 
-        # What acts on it from outside: water, thrusters, soil, gravity compensation.
+        # External forces on the subtree: water, thrusters, soil, gravity compensation.
         self._wet = [i for i in carried if water.carries(model.body_user[i])]
         self._water = _water_of(model, self._wet)
 
@@ -106,26 +108,28 @@ class ReactionWrench:
         Writes `data.cacc`, `cfrc_int` and `cfrc_ext`, as MuJoCo's sensors do.
 
         Args:
-            data: As `mj_forward` leaves it.
+            data: Data after `mj_forward`.
             qvel: Joint velocities (nv,) at the time of the forces. Needed after `mj_step`, which
-                advances the velocities one step beyond all else.
-            soil_W: Force (3,) [N] of the soil on the tool, W. Needed after `mj_step` likewise, if
-                the model has soil.
+                advances the velocities one step beyond the other values.
+            soil_W: Force (3,) [N] of the soil on the tool, W. Also needed after `mj_step`, if the
+                model has soil.
 
         Returns:
             The wrench.
 
         Raises:
-            HydrodynamicsError: The velocities are not those of the forces, the force of the soil is
-                missing, or the model is wet and the callback is not installed.
+            HydrodynamicsError: The velocities and the forces belong to different times, the force
+                of the soil is missing, or the model has hydrodynamics and the callback is not
+                installed.
         """
         model = self._model
         if self._wet and not hydrodynamics.is_installed():
             raise HydrodynamicsError(
-                "reaction: the water did not act; call uuv.sim.hydrodynamics.install()"
+                "reaction: the hydrodynamics were not included in the last forward pass; call "
+                "uuv.sim.hydrodynamics.install() before it"
             )
 
-        # Forces of the present state, with the velocity of their instant.
+        # Forces of the present state, with the velocity at the same time.
         if qvel is None:
             mujoco.mj_rnePostConstraint(model, data)
             velocity = data.qvel
@@ -140,12 +144,11 @@ class ReactionWrench:
         cvel = data.cvel
         if _mismatch(body, self._span, *self._joints, data.cdof, cvel, velocity) > _STALE:
             raise HydrodynamicsError(
-                "reaction: data.qvel is not the velocity of the instant of its forces; call "
-                "mj_forward first, or give "
-                "the velocity before the step as qvel"
+                "reaction: data.qvel and the forces in data belong to different times; call "
+                "mj_forward first, or give the velocity before the step as qvel"
             )
 
-        # Less what acts from outside: the wrench of the joint alone remains.
+        # After subtracting the external forces, the wrench of the joint remains.
         com, xpos, xmat = data.subtree_com[self._root], data.xpos, data.xmat
         gravity = _NOTHING if model.opt.disableflags & _GRAVITY_OFF else model.opt.gravity
 
@@ -175,12 +178,13 @@ class ReactionWrench:
         return _in_frame(total, xmat[self._frame], xpos[self._frame], com)
 
     def _soil(self, data: mujoco.MjData, qvel: Array | None, soil_W: Array | None) -> Array:
-        """Force (3,) [N] of the soil on the tool, W, at the instant of the other forces."""
+        """Force (3,) [N] of the soil on the tool, W, at the time of the other forces."""
         if soil_W is not None:
             return soil_W
         if qvel is not None:
             raise HydrodynamicsError(
-                "reaction: after a step the soil's state is ahead of its force: give it as soil_W"
+                "reaction: after a step the state of the soil is one step ahead; give the force "
+                "of the soil as soil_W"
             )
 
         contact = SoilContact.of(self._model, data)
@@ -195,7 +199,7 @@ def wrench(
 
     Args:
         model: Compiled model.
-        data: As `mj_forward` leaves it.
+        data: Data after `mj_forward`.
         body: Root of the subtree.
         frame: Body in whose frame the wrench is expressed; default: `body`.
 
@@ -203,23 +207,23 @@ def wrench(
         Wrench (6,) [N, N m] on the parent.
 
     Raises:
-        ConfigurationError: As `ReactionWrench` does.
-        HydrodynamicsError: As `ReactionWrench` does.
+        ConfigurationError: As for `ReactionWrench`.
+        HydrodynamicsError: As for `ReactionWrench`.
     """
     return ReactionWrench(model, body, frame).wrench(data)
 
 
 class _Water(NamedTuple):
-    """Coefficients of the wet bodies, and where the water's motion is."""
+    """Coefficients of the bodies with hydrodynamics, and the place of the current."""
 
     bodies: np.ndarray  # (k,) indices
     matrices: Array  # (k, 2, 6, 6) added mass, linear damping
     vectors: Array  # (k, 10) quadratic damping (6), centre of buoyancy (3), displaced mass
-    stations: Array  # (s, 9) row of the body, place, axis, normal and tangential drag
-    rows: np.ndarray  # (k,) addresses of the user data of bodies with forms, else 0
-    width: int  # numbers in a row of user data
-    place: int  # of the current in `data.userdata`, -1: none
-    wind: Array  # (3,) [m/s] current of the model; a live view, as the next
+    stations: Array  # (s, 9) row of the body, position, axis, normal and tangential drag
+    rows: np.ndarray  # (k,) addresses of the user data of bodies with forms; 0 for others
+    width: int  # number of entries in a row of user data
+    place: int  # index of the current in `data.userdata`; -1: there is none
+    wind: Array  # (3,) [m/s] current of the model; a view, like the next array
     flow: Array  # (6,) its acceleration [m/s^2] and shear [1/s]
 
 
@@ -281,7 +285,9 @@ def _body(model: mujoco.MjModel, body: int | str) -> int:
 
 
 def _refuse(model: mujoco.MjModel) -> None:
-    """Raise HydrodynamicsError for forces, named, whose share on a subtree is not known here."""
+    """Raise HydrodynamicsError for forces whose effect on a subtree is not known here; the message
+    names them.
+    """
     kinds = model.actuator_trntype
     trn = mujoco.mjtTrn
     unsupported = {
@@ -297,7 +303,9 @@ def _refuse(model: mujoco.MjModel) -> None:
     }
 
     if names := [name for name, present in unsupported.items() if present]:
-        raise HydrodynamicsError(f"reaction: not known with {', '.join(names)}")
+        raise HydrodynamicsError(
+            f"reaction: the wrench cannot be computed for a model with {', '.join(names)}"
+        )
 
 
 @kernel
@@ -358,7 +366,9 @@ def _in_frame(total, R, p, com):
 
 @kernel
 def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
-    """Largest difference between twists in `cvel` and those from `qvel`, over the largest speed."""
+    """Largest difference between twists in `cvel` and twists computed from `qvel`, over the largest
+    speed.
+    """
     worst = 0.0
     largest = 1e-3
 
@@ -376,11 +386,12 @@ def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
 
 @kernel
 def _add_water(of_water, userdata, motion, com, gravity, total):
-    """Add the water's wrench on every wet body to `total`, about `com`, world axes (force; torque).
+    """Add the water's wrench on every body with coefficients to `total`, about `com`, in world axes
+    (force; torque).
 
     Args:
         of_water: `_Water`.
-        userdata: (nuserdata,) of the simulation.
+        userdata: (nuserdata,) User data of the simulation.
         motion: MuJoCo's xpos, xmat, cvel and cacc of all bodies.
         com: (3,) [m]
         gravity: (3,) [m/s^2]
@@ -393,7 +404,7 @@ def _add_water(of_water, userdata, motion, com, gravity, total):
     momentum = np.empty(6)
     f = np.empty(6)
 
-    # The current of the simulation, else that of the model.
+    # The current of the simulation or, without one, of the model.
     wind = _three(wind_of_model, 0)
     surge = _three(flow_of_model, 0)
     shear = _three(flow_of_model, 3)

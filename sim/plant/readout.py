@@ -23,13 +23,13 @@ from uuv.sim.native.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`
 NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
-COLLISION = 4  # 1 if another part touched
+COLLISION = 4  # 1 if a part other than the pad was in contact
 LEAST = 5  # [N] smallest normal force of a substep
 MOST = 6  # [N] largest one
 CONTACTS = 7  # number of entries
 
-# Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets;
-# SIZE of a contact
+# Entries of `places`, which are integers: address of MjData, geom of the pad, type of friction
+# cone, offsets, and the SIZE of a contact
 (
     DATA,
     PAD,
@@ -62,20 +62,20 @@ _PROBE = """
 def colliding_geoms(model: mujoco.MjModel, hull: int, tool: str) -> np.ndarray:
     """Mask (ngeom,), True for geoms of the vehicle whose contacts are collisions.
 
-    The tool's own geom is True. What else touches of our gripper or socket is False: the pad or
-    wall across, and the bottom of the slot.
+    The tool's own geom is True. Other parts of the project's gripper or socket that touch the tool
+    are False: the opposite pad or wall, and the bottom of the slot.
 
     Args:
-        model: compiled.
-        hull: its body.
-        tool: name of the tool's geom, maybe with the prefix of an attached vehicle.
+        model: Compiled model.
+        hull: Body of the hull.
+        tool: Name of the tool's geom, with the prefix of an attached vehicle if there is one.
     """
     root = np.asarray(model.body_rootid)
     body = np.asarray(model.geom_bodyid)
     mask = root[body] == root[hull]
     prefix = tool.removesuffix(TOOL_GEOM)
     if prefix == tool:
-        return mask  # none of ours
+        return mask  # the model has none of these geoms
 
     kind = mujoco.mjtObj.mjOBJ_GEOM
     pad, across, bottom = (
@@ -97,7 +97,7 @@ def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarra
     """Addresses and offsets for compiled code that reads or steps the physics.
 
     Args:
-        data: Must outlive the result.
+        data: Data; it must exist as long as the result is used.
         model: Model of `data`.
         pad: Geom of the pad, or -1.
 
@@ -105,7 +105,8 @@ def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarra
         `places` (18,) of integers.
 
     Raises:
-        HydrodynamicsError: This MuJoCo stores contacts differently from its introspection.
+        HydrodynamicsError: This MuJoCo stores contacts at other offsets than its introspection data
+            say.
     """
     places = np.array(_offsets(), dtype=np.int64)
 
@@ -156,22 +157,23 @@ def _compare(names: tuple[str, ...]) -> None:
     if not all(counts.values()):
         wrong = ", ".join(name for name, equal in counts.items() if not equal)
         raise HydrodynamicsError(
-            f"MuJoCo {mujoco.__version__}: contacts are not where its introspection says: {wrong}"
+            f"MuJoCo {mujoco.__version__}: contacts are not at the offsets of its introspection "
+            f"data: {wrong}"
         )
 
 
 class Readout(NamedTuple):
-    """Gears and contacts of one plant; the last three are outputs."""
+    """Gears and contacts of one plant; the last three fields are outputs."""
 
-    places: np.ndarray  # (18,) of `places_of`
-    # (n,) row of each joint's gear among the friction constraints, -1: no friction; or (0,)
+    places: np.ndarray  # (18,) result of `places_of`
+    # (n,) row of each joint's gear among the friction constraints; -1 without friction, or (0,)
     gears: np.ndarray
     own_geom: np.ndarray  # (ngeom,) mask, True for geoms of the vehicle
     added: Array  # (4,) [N] normal force, and force in W, to be added to those of each substep
     tau_friction: Array  # (n,) [N m] friction torque on each joint
     contacts: Array  # (CONTACTS,) accumulated over the substeps
-    # (3,) geoms of the vehicle and of the world that collided first, and when [s]; negative: none
-    # yet
+    # (3,) geoms of the vehicle and of the world that collided first, and the time [s]; negative if
+    # there was no collision
     collided: Array
 
 

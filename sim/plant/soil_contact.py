@@ -1,4 +1,4 @@
-"""Force of the soil on the tool of one plant, as contact: what the physics is about to apply."""
+"""Force of the soil on the tool of one plant as a contact force, for the next physics step."""
 
 from typing import NamedTuple, Self
 
@@ -12,12 +12,12 @@ from uuv.sim.native.soil_force import press
 
 
 class SoilContact(NamedTuple):
-    """Soil of one plant; the arrays of MuJoCo are views. Without soil `numbers` is empty."""
+    """Soil of one plant. Arrays of MuJoCo are views. `numbers` is empty if there is no soil."""
 
-    numbers: Array  # of `uuv.models.site.soil_bed`
-    p: Array  # (3,) [m] face of the tool, W
-    turn: Array  # (9,) its axes, by rows
-    state: Array  # (4,) of the soil, in MuJoCo's activations
+    numbers: Array  # parameters from `uuv.models.site.soil_bed`
+    p: Array  # (3,) [m] position of the tool's face, W
+    turn: Array  # (9,) axes of the tool, by rows
+    state: Array  # (4,) state of the soil, in MuJoCo's activations
     force: Array  # (4,) [N] output: normal force, and force in W
 
     @classmethod
@@ -27,7 +27,7 @@ class SoilContact(NamedTuple):
         if actuator < 0:
             return cls(np.zeros(0), np.zeros(3), np.zeros(9), np.zeros(soil_bed.STATE), np.zeros(4))
 
-        # At the face of the tool, whose actuator holds the state.
+        # Site at the face of the tool, whose actuator holds the state.
         site = int(model.actuator_trnid[actuator, 0])
         first = int(model.actuator_actadr[actuator])
         state = data.act[first : first + soil_bed.STATE]
@@ -54,7 +54,7 @@ def feel_soil(soil):
     axis = np.array([turn[2], turn[5], turn[8]])
     f_W, _ = press(numbers, p, axis, state)
 
-    # Against the tool, and in W.
+    # Normal force against the tool, and the force in W.
     force[0] = 0.0
     for k in range(3):
         force[0] -= f_W[k] * axis[k]

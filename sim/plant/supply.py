@@ -1,9 +1,9 @@
 """Electrical supply of a plant's thrusters, compiled: current, voltage, charge and energy.
 
 The current of a thruster is that of steady running at its present propeller speed, in still water.
-From a battery all thrusters draw together; their curves are those at its present voltage. Without
-one each has its own, constant voltage. A vehicle whose thrusters have no table of their current is
-left as it is.
+A battery supplies all thrusters, whose curves are those at its present voltage. Without a battery
+each thruster has its own constant voltage. A vehicle whose thrusters have no table of their current
+is left unchanged.
 """
 
 from typing import NamedTuple, Self
@@ -28,27 +28,28 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-# State, NaN without tables: voltage [V] (NaN: that of each thruster), current [A], charge [C] and
-# energy [J] drawn by the thrusters, least voltage [V], and time [s] in which it was below that of
-# their tables.
+# State; NaN without tables: voltage [V] (NaN if each thruster has its own), current [A], charge [C]
+# and energy [J] drawn by the thrusters, least voltage [V], and time [s] in which the voltage was
+# below that of the tables.
 VOLTAGE, CURRENT, CHARGE, ENERGY, LEAST, BELOW, STATE = range(7)
 
-_FULL, _EMPTY, _CAPACITY, _RESISTANCE = range(4)  # of the battery [V, V, C, ohm]
+_FULL, _EMPTY, _CAPACITY, _RESISTANCE = range(4)  # parameters of the battery, in [V, V, C, ohm]
 
 
 class Supply(NamedTuple):
-    """Supply of one plant; MuJoCo's arrays are views, the others are written by the kernel."""
+    """Supply of one plant. MuJoCo's arrays are views; the kernel writes the others."""
 
     user: Array  # (nu, ...) MuJoCo's user data of the actuators
-    act: Array  # (na,) its activations
+    act: Array  # (na,) MuJoCo's activations
     actuators: np.ndarray  # (m,) indices into `user`
-    activations: np.ndarray  # (m,) first activation of each
-    blocks: Array  # (m, ...) sheets of `uuv.models.water.sheet_kernels`; (0, 0): none
-    volts: Array  # (m,) [V] without a battery
-    battery: Array  # (4,) full and empty voltage, charge, resistance; zeros without one
-    curves: Array  # (3, points) commands, thrusts and currents, to be written to
+    activations: np.ndarray  # (m,) index of the first activation of each thruster
+    blocks: Array  # (m, ...) tables for `uuv.models.water.sheet_kernels`; (0, 0): none
+    volts: Array  # (m,) [V] voltages without a battery
+    # (4,) voltage when full, voltage when empty, charge, resistance; zeros without a battery
+    battery: Array
+    curves: Array  # (3, points) commands, thrusts and currents, as working memory
     state: Array  # (STATE,)
-    timestep: float  # [s] of the plant
+    timestep: float  # [s] step of the plant
 
     @classmethod
     def of(
@@ -58,10 +59,10 @@ class Supply(NamedTuple):
         thrusters: tuple[np.ndarray, Array],
         timestep: float,
     ) -> Self:
-        """Supply of thrusters, given as `uuv.models.water.thrusters.read` does.
+        """Supply of thrusters, which are given as rows from `uuv.models.water.thrusters.read`.
 
         Raises:
-            ConfigurationError: there is a battery, but a thruster has no table of its current.
+            ConfigurationError: There is a battery, but a thruster has no table of its current.
         """
         actuators, table = thrusters
         blocks = [block for block in sheet_blocks(table) if block.size and block[MEASURED]]
@@ -73,8 +74,8 @@ class Supply(NamedTuple):
         ]
         if battery.any() and not (whole and all(curves_fit)):
             raise ConfigurationError(
-                "battery: a thruster of the model has no table of its current over the voltage, "
-                "or the curve of another (uuv.models.water.battery_feed.attach)"
+                "battery: every thruster of the model must have its own table of current over "
+                "voltage (uuv.models.water.battery_feed.attach)"
             )
 
         width = max((len(block) for block in blocks), default=0) if whole else 0
@@ -95,7 +96,7 @@ class Supply(NamedTuple):
         )
 
     def start(self) -> None:
-        """Begin with a full battery, nothing drawn."""
+        """Begin with a full battery and nothing drawn."""
         self.state[:] = 0.0 if self.blocks.size else np.nan
         self.state[VOLTAGE] = self.state[LEAST] = np.nan
         if self.battery[_CAPACITY] > 0.0:
@@ -104,27 +105,29 @@ class Supply(NamedTuple):
 
 
 def fill_up(model: mujoco.MjModel) -> None:
-    """Set the thrusters' curves in a model to those of its battery's voltage without load.
+    """Set the thrusters' curves in a model to those at the voltage of its full battery without
+    load.
 
-    A plant leaves those of its last step there; of a model without a battery nothing changes.
+    A plant leaves the curves of its last step in the model. A model without a battery is left
+    unchanged.
 
     Raises:
-        ConfigurationError: as `Supply.of`.
+        ConfigurationError: As for `Supply.of`.
     """
     if battery_feed.numbers_of(model).any():
         Supply.of(model, mujoco.MjData(model), read(model), 1.0).start()
 
 
 class Drawn(NamedTuple):
-    """Draw of all thrusters at one time."""
+    """Current and power of all thrusters at one time."""
 
-    voltage: float  # [V] of the battery; NaN: each thruster has its own
+    voltage: float  # [V] of the battery; NaN if each thruster has its own voltage
     current: float  # [A]
     power: float  # [W]
 
 
 def all_ahead(model: mujoco.MjModel) -> Drawn | None:
-    """Draw of the thrusters of a compiled model at full ahead; None: it was not measured."""
+    """Draw of the thrusters of a compiled model at full forward thrust; None: not measured."""
     data = mujoco.MjData(model)
     supply = Supply.of(model, data, read(model), 1.0)._replace(user=np.array(model.actuator_user))
     if not supply.blocks.size:
@@ -133,17 +136,18 @@ def all_ahead(model: mujoco.MjModel) -> Drawn | None:
     supply.start()
     data.act[supply.activations + SPEED] = 1.0
     feed(tuple(supply))
-    return Drawn(*supply.state[[VOLTAGE, CURRENT, ENERGY]].tolist())  # of one second
+    return Drawn(*supply.state[[VOLTAGE, CURRENT, ENERGY]].tolist())  # result of one second
 
 
 @kernel
 def feed(supply):
-    """Draw the current of one step at the present speeds, and set the curves to its voltage.
+    """Draw the current of one step at the present propeller speeds, and set the curves to the new
+    voltage.
 
-    Takes a `Supply` or its fields.
+    The argument is a `Supply` or its fields.
 
     Returns:
-        False if the battery is empty: the thrusters get nothing.
+        False if the battery is empty, so that the thrusters get no current.
     """
     _, act, _, activations, blocks, volts, battery, _, state, timestep = supply
     if blocks.shape[0] == 0:
@@ -176,7 +180,7 @@ def feed(supply):
     state[CHARGE] += total * timestep
     state[ENERGY] += voltage * total * timestep
 
-    # Below the voltages of the tables the curves are those of the lowest.
+    # Below the voltages of the tables, the curves of the lowest voltage are used.
     if voltage < _lowest(blocks):
         state[BELOW] += timestep
     set_curves(supply, voltage)
@@ -185,7 +189,7 @@ def feed(supply):
 
 @kernel
 def terminal_voltage(supply, force):
-    """Voltage [V] at the thrusters and their current [A], E - R I(V) = V solved for V.
+    """Voltage V [V] at the thrusters and their current I [A], from the solution of E - R I(V) = V.
 
     Args:
         supply: `Supply` or its fields.
@@ -197,7 +201,7 @@ def terminal_voltage(supply, force):
     if resistance * total == 0.0:
         return force, total
 
-    # What is drawn rises with the voltage, so that there is one solution, between these two.
+    # The current increases with the voltage, so there is one solution, between these two values.
     high = force
     low = force - resistance * total
     for _ in range(60):
@@ -214,7 +218,7 @@ def terminal_voltage(supply, force):
 
 @kernel
 def drawn(supply, voltage):
-    """Current [A] of all thrusters at a voltage [V] and their present speeds."""
+    """Current [A] of all thrusters at a voltage [V] and their present propeller speeds."""
     _, act, _, activations, blocks, _, _, _, _, _ = supply
     total = 0.0
     for i in range(blocks.shape[0]):

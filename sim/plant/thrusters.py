@@ -1,4 +1,6 @@
-"""Thrusters of one plant, compiled: commands into MuJoCo's controls, speeds and thrusts out."""
+"""Thrusters of one plant, compiled: writes commands to MuJoCo's controls, reads speeds and
+thrusts.
+"""
 
 from typing import NamedTuple, Self
 
@@ -10,21 +12,21 @@ from uuv.models.water.thrusters import ACTIVATIONS, SPEED, curves
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-# share of full thrust that counts as saturated; thrust allocation stops slightly below 1
+# share of full thrust that counts as saturated, since thrust allocation stops slightly below 1
 SATURATED = 0.979
-_CURVED = 0.9  # command from which a thrust may be saturated
+_CURVED = 0.9  # command above which a thrust may be saturated
 
 
 class Drive(NamedTuple):
-    """Thrusters of one plant; MuJoCo's arrays are views, the others are written by the kernels."""
+    """Thrusters of one plant. MuJoCo's arrays are views; the kernels write the others."""
 
     curves: Array  # (m, ...) static curves
     commanded: Array  # (m,) commands of the step, input
     ctrl: Array  # (nu,) MuJoCo's controls
-    act: Array  # (na,) its activations
-    force: Array  # (nu,) [N] its actuator forces
+    act: Array  # (na,) MuJoCo's activations
+    force: Array  # (nu,) [N] MuJoCo's actuator forces
     actuators: np.ndarray  # (m,) indices into `ctrl` and `force`
-    activations: np.ndarray  # (m,) first activation of each
+    activations: np.ndarray  # (m,) index of the first activation of each thruster
     speed: Array  # (m,) normalised propeller speed
     thrust: Array  # (m,) [N] in the last physics step
     saturated: np.ndarray  # (1,) bool: a command was at its limit
@@ -33,7 +35,9 @@ class Drive(NamedTuple):
     def of(
         cls, model: mujoco.MjModel, data: mujoco.MjData, thrusters: tuple[np.ndarray, Array]
     ) -> Self:
-        """Record of thrusters, given as `uuv.models.water.thrusters.read` does, at rest."""
+        """Record of thrusters at rest, which are given as rows from
+        `uuv.models.water.thrusters.read`.
+        """
         actuators, table = thrusters
         m = len(actuators)
         return cls(
@@ -59,7 +63,7 @@ class Drive(NamedTuple):
 
 @kernel
 def command_thrusters(drive):
-    """Set the controls of the thrusters of a `Drive`, or of its fields, to what is commanded.
+    """Set the controls of the thrusters of a `Drive`, or of its fields as a tuple, to the commands.
 
     Returns:
         True if a command was at its limit.
@@ -71,7 +75,7 @@ def command_thrusters(drive):
         command = min(max(commanded[i], -1.0), 1.0)
         ctrl[actuators[i]] = command
 
-        # Saturated is the thrust, not the command.
+        # The thrust decides about saturation, not the command.
         if abs(command) > _CURVED:
             end = 1.0 if command > 0.0 else -1.0
             saturated[0] |= thrust_at(curve[i], command) / thrust_at(curve[i], end) >= SATURATED

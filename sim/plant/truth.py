@@ -1,4 +1,6 @@
-"""True state of one plant, for sensors, judges and recordings; no part of the vehicle sees it."""
+"""True state of one plant, for sensors, judges and recordings; no component of the vehicle may read
+it.
+"""
 
 from typing import Self
 
@@ -13,11 +15,12 @@ from uuv.sim.plant.thrusters import Drive
 
 
 class Truth:
-    """True state at the start of the plant's step; live views: read them before the next step.
+    """True state at the start of the plant's step. The arrays are views, to be read before the next
+    step.
 
-    Positions and velocities are those of `time`. Accelerations and torques are those of the
-    preceding physics step, at which a sensor would have sampled them. Contact covers all substeps
-    of the preceding step of the plant.
+    Positions and velocities are those at `time`. Accelerations and torques are those of the
+    preceding physics step, at which a sensor would have sampled them. The fields of contact cover
+    all substeps of the preceding step of the plant.
     """
 
     __slots__ = (
@@ -70,21 +73,22 @@ class Truth:
     tau_friction: Array  # (n,) [N m] of dry friction in the gears, on the joint
     armature: Array  # (n,) [kg m^2]
     joint_damping: Array  # (n,) [N m s/rad]
-    propeller_speed: Array  # (m,) normalised, lags the commands
+    propeller_speed: Array  # (m,) normalised propeller speed, which lags the commands
     thrust: Array  # (m,) [N] in the last physics step
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
-    # (6,) [N, N m] of the arm on the hull, at its origin; NaN if the plant does not measure it
+    # (6,) [N, N m] wrench of the arm on the hull, at the hull's origin; NaN if the plant does not
+    # measure it
     arm_wrench_B: Array
-    p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
+    p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the origin of the hull
     R_WG: Array  # (3, 3) tool axes
     p_pad: Array  # (3,) [m] face of the pad, which moves along the tool axis on its spring
     contact_normal: float  # [N] sum of the normal forces on the pad, mean over the substeps
-    contact_least: float  # [N] smallest sum of a substep
-    contact_most: float  # [N] largest sum of a substep
+    contact_least: float  # [N] smallest value of that sum in a substep
+    contact_most: float  # [N] largest value of that sum in a substep
     contact_force_W: Array  # (3,) [N] of the world on the pad, mean over the substeps
-    collision: bool  # another part of the vehicle touched the world in any substep
-    # (3,) geoms of vehicle and world that did so first, and when [s]; negative: none did yet
+    collision: bool  # another part of the vehicle was in contact with the world in any substep
+    # (3,) first such geoms of vehicle and world, and the time [s]; negative if there were none
     collided: Array
     vehicle: Vehicle
 
@@ -95,14 +99,14 @@ class Truth:
         """Truth whose arrays are views, made once to avoid lookups in the loop.
 
         Args:
-            data: state of the simulation.
-            vehicle: the vehicle in it.
-            drive: its thrusters.
-            contacts: (CONTACTS,) sums of `uuv.sim.plant.readout`.
-            pad_site: site of the pad's face, -1 for none.
+            data: State of the simulation.
+            vehicle: Vehicle in the simulation.
+            drive: Thrusters of the vehicle.
+            contacts: (CONTACTS,) sums from `uuv.sim.plant.readout`.
+            pad_site: Site of the pad's face; -1 for none.
 
         Returns:
-            The truth; its numbers are set by the plant.
+            The truth. The plant sets the fields that are numbers.
         """
         truth = cls()
         truth.vehicle = vehicle
@@ -133,7 +137,7 @@ class Truth:
         truth.current_W = np.zeros(3)
         truth.arm_wrench_B = np.full(6, np.nan)
 
-        # Tool, which without an arm is the hull.
+        # Tool; without an arm, the hull takes its place.
         armed = vehicle.tip >= 0
         truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
         truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
@@ -152,8 +156,8 @@ def _view(array: Array, addresses: np.ndarray) -> Array:
     step = spacing(addresses)
     if not step:
         raise ConfigurationError(
-            "between the driven joints of the arm there must be equally many others, none or one "
-            "after each"
+            "the driven joints of the arm must be evenly spaced in the model: none, or the same "
+            "number of other joints after each"
         )
     return array[first : first + step * len(addresses) : step]
 

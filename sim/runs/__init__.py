@@ -1,1 +1,1 @@
-"""What surrounds a run: start and exit codes, its folder, whole files, provenance."""
+"""Environment of a run: start and exit codes, folder of results, atomic files, provenance."""

@@ -1,7 +1,7 @@
 """Common start and end of scenario scripts: options, import check, signals, errors, exit codes.
 
-Exit codes: 0 done; 1 done, outside its bounds; 2 bad input; 70 an error of the program; 130 and 143
-ended by Ctrl-C and by SIGTERM; 141 the reader of its output is gone.
+Exit codes: 0 done; 1 done, but out of bounds; 2 bad input; 70 an error of the program; 130 ended by
+Ctrl-C; 143 ended by SIGTERM; 141 the reader of the output has closed the pipe.
 """
 
 import contextlib
@@ -29,16 +29,16 @@ from uuv.sim.runs.process import (
 )
 from uuv.sim.runs.run_folder import give_back
 
-# packages of `uuv`, folders of a checkout
+# packages of `uuv`, which are folders of a checkout
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
-# option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
+# option of every script that prints the traceback of such an error; same as UUV_TRACEBACK=1
 TRACEBACK = "--traceback"
 _HOME = Path(__file__).resolve().parents[2]
-# A dotted key of a scenario file in a message; part of a path, of a quoted value or of MODULE:NAME
-# it is none.
+# Matches a dotted key of a scenario file in a message, but not a part of a path, of a quoted value
+# or of MODULE:NAME.
 _KEY = re.compile(r"(?<![\w./\\'\"-])[a-z]\w*(?:\.[a-z]\w*)+(?!\w|[/\\(-]|[.:]\w)")
-_OF_OUTPUT = ("json",)  # an option whose name ends the names of files, which are no keys
+_OF_OUTPUT = ("json",)  # an option whose name ends the names of files, which are not keys
 
 Options = TypeVar("Options")
 
@@ -49,7 +49,7 @@ class RunOptions:
 
     # title: names of the options
     groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest pace"}
-    # of a scenario file, by the option; others end with the option's name
+    # key in a scenario file, by the option; other keys end with the option's name
     keys: ClassVar[Mapping[str, str]] = {}
 
     out: Path | None = None
@@ -66,12 +66,12 @@ class RunOptions:
     """Limit of the simulated time [s]; default: 1.5 times what the job needs, and at least 400."""
 
 
-# class of the options that this process read last: the words of its command line
+# class of the options that this process read last, for the words of its command line
 _typed: type[Any] = RunOptions
 
 
 class Interrupted(KeyboardInterrupt):
-    """Request to end the process, by SIGINT or SIGTERM; `signal` holds which."""
+    """Request to end the process, by SIGINT or SIGTERM; `signal` is its number."""
 
     def __init__(self, number: int = signal.SIGINT) -> None:
         super().__init__(number)
@@ -87,7 +87,7 @@ class Interrupted(KeyboardInterrupt):
 def signals(act: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
     """Handle SIGINT and SIGTERM by `act`; signals that were ignored (nohup) stay ignored.
 
-    Main thread only.
+    To be called in the main thread only.
     """
     before: dict[int, Any] = {}
     try:
@@ -110,7 +110,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
     TRACEBACK is removed first: `run_scenario` evaluates it.
     """
-    from uuv.sim.runs.option_groups import cli  # here, so that `sim` runs without tyro
+    from uuv.sim.runs.option_groups import cli  # imported here, so that `sim` runs without tyro
 
     args = [arg for arg in (sys.argv[1:] if args is None else args) if arg != TRACEBACK]
     messages = io.StringIO()
@@ -159,22 +159,23 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
 
 def as_base(options: Any, base: type[Options]) -> Options:
-    """The options of the class `base` alone, of `options` of a class that inherits it."""
+    """The options of the base class `base`, taken from `options` of a class that inherits it."""
     return base(
         **{option.name: getattr(options, option.name) for option in fields(cast(Any, base))}
     )
 
 
 def with_options(message: str, kind: type[Any]) -> str:
-    """A message about keys of a scenario file, with the option of a command line that sets each.
+    """A message about keys of a scenario file, with the command-line option of each key put before
+    it.
 
     Args:
-        message: Such as "task.range [m]: must be positive". One that begins with an option is left
-            as it is.
+        message: Such as "task.range [m]: must be positive". A message that begins with an option is
+            left unchanged.
         kind: Class of the options.
 
     Returns:
-        The message, here "--range (task.range) [m]: must be positive".
+        The message, in this example "--range (task.range) [m]: must be positive".
     """
     if message.startswith("--"):
         return message
@@ -193,7 +194,7 @@ def with_options(message: str, kind: type[Any]) -> str:
         known.add(key)
         return f"{option} ({key})"
 
-    # An option that is in no scenario, of every run or a job's own, begins the message by its name.
+    # An option that is in no scenario (of every run, or of a job) begins the message by its name.
     of_job = set(vars(kind).get("abouts", {})) - set(keys)
     bare = {field.name for field in fields(RunOptions)} | of_job
     head = re.match(r"[a-z]\w*(?= \[|:| \d)", message)
@@ -207,21 +208,21 @@ def with_options(message: str, kind: type[Any]) -> str:
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:
     """Run `main` and exit with its return code; an error ends in one line and an exit code.
 
-    UuvError, or an optional package that is not installed: 2. Any other error: 70, with its place;
-    2 if it was raised in a user's own module. SIGINT 130, SIGTERM 143. A closed pipe ends it
-    quietly, 141.
+    The code is 2 for a UuvError, an optional package that is not installed, and an error raised in
+    a user's own module. It is 70 for any other error, whose place is printed, 130 for SIGINT, and
+    143 for SIGTERM. A closed pipe ends the program without a message, with code 141.
     """
     with children_kept_from_the_working_folder(), quiet_pipe():
         _exit(main)
 
 
 def _exit(main: Callable[[], int | None]) -> NoReturn:
-    """Run `main` and exit with its return code, or as `run_scenario` says."""
+    """Run `main` and exit with its return code, or with a code that `run_scenario` lists."""
     try:
         with signals(interrupt):
             code = main()
 
-    # An exit that the run has asked for, or a reader of its output that is gone.
+    # The run has requested an exit, or the reader of its output has closed the pipe.
     except (BrokenPipeError, SystemExit) as error:
         if reader_is_gone(error):
             give_back()
@@ -252,7 +253,7 @@ def _exit(main: Callable[[], int | None]) -> NoReturn:
 
 
 def _failure(error: Exception) -> SystemExit:
-    """Exit for an unexpected error, in one line; its traceback first where that is asked for."""
+    """Exit for an unexpected error, in one line, after its traceback if that was requested."""
     if TRACEBACK in sys.argv or os.environ.get("UUV_TRACEBACK"):
         traceback.print_exc()
     return _refusal(*_blame(error))

@@ -1,4 +1,4 @@
-"""Help texts of options: the strings that stand below the fields of a dataclass."""
+"""Help texts of options: the strings that follow the fields of a dataclass in its source."""
 
 import ast
 import sys
@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def help_texts(kind: type) -> dict[str, str]:
-    """Texts that stand below the fields of a dataclass and of its bases, by field."""
+    """Texts that follow the fields of a dataclass and of its bases, by field."""
     texts: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):
         texts |= vars(base).get("abouts", {})
@@ -30,9 +30,11 @@ def help_texts(kind: type) -> dict[str, str]:
 
 @cache
 def _classes(file: str) -> Mapping[str, ast.ClassDef]:
-    """Source of each class of a module's file, read once; `inspect.getsource` reads it for each."""
+    """Source of each class in a module's file, read once, because `inspect.getsource` reads the
+    file for each class.
+    """
     try:
         tree = ast.parse(Path(file).read_text(encoding="utf-8"))
-    except (OSError, SyntaxError):  # of a plug-in that has changed since it was imported
+    except (OSError, SyntaxError):  # source of a plug-in that was changed after its import
         return {}
     return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}

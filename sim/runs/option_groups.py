@@ -1,7 +1,8 @@
-"""Options of a command in groups: tyro shows each under its title; one class holds them all.
+"""Options of a command in groups, which tyro shows under their titles; one class has all options.
 
-A class of options, or a base of it, tells its groups by `groups`: title, and names of its fields.
-What a field means stands below it, or in `abouts` of a class that is made at run time.
+A class of options, or a base of it, declares its groups in `groups`, by title and names of fields.
+The description of a field follows it in the source, or is in `abouts` of a class that is made at
+run time.
 """
 
 import inspect
@@ -14,14 +15,14 @@ import tyro
 from uuv.sim.runs.help_texts import help_texts
 
 Options = TypeVar("Options")
-REST = "job"  # title of the group of all others
+REST = "job"  # title of the group of all other options
 
 
 def cli(kind: type[Options], args: Sequence[str]) -> Options:
     """Parse `args` into a `kind`, as `tyro.cli` does, with its options in groups.
 
     Raises:
-        SystemExit: --help, or a mistake; tyro has told it.
+        SystemExit: After --help, or after a mistake that tyro has reported.
     """
     titles = _titles(kind)
     if len(titles) < 2:
@@ -41,11 +42,11 @@ def cli(kind: type[Options], args: Sequence[str]) -> Options:
             member.default is not MISSING or member.default_factory is not MISSING
             for member in fields(part)
         )
-        # else tyro looks for its source
+        # otherwise tyro looks for the source of the class
         hint = Annotated[part, tyro.conf.OmitArgPrefixes, tyro.conf.arg(help="")]
         parts.append((title, hint, field(default_factory=part) if whole else field()))
 
-    # Read by groups, handed to the class.
+    # Read by groups, then passed to the class.
     grouped = make_dataclass("Grouped", parts, kw_only=True)
     parsed = tyro.cli(grouped, args=args, description=inspect.getdoc(kind))
     return kind(

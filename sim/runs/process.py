@@ -1,6 +1,6 @@
-"""The process of a command: its system, and a reader of its output who has had enough.
+"""Process of a command: refusal of other operating systems, import path, and closed output pipes.
 
-Standard library alone: this is the first thing that a command imports.
+Only the standard library is used, since this is the first module that a command imports.
 """
 
 import os
@@ -11,12 +11,14 @@ from contextlib import contextmanager
 
 BAD_INPUT = 2  # exit code
 _PIPE_CLOSED = 128 + 13  # exit code of a program that SIGPIPE ended, by the convention of shells
-_SAFE_PATH = "PYTHONSAFEPATH"  # read by a Python when it starts
+_SAFE_PATH = "PYTHONSAFEPATH"  # environment variable that Python reads at its start
 _NOT_POSIX = ("win32", "cygwin")
 
 
 def refuse_foreign_system() -> None:
-    """Ends the process with one line on Windows: signals, locks and workers are those of POSIX."""
+    """End the process with one line on Windows, since signals, locks and workers are those of
+    POSIX.
+    """
     if sys.platform in _NOT_POSIX:
         print(
             "error: Windows is not supported; run this under WSL 2 (wsl --install) or in a Linux "
@@ -27,10 +29,11 @@ def refuse_foreign_system() -> None:
 
 
 def parts_from_the_working_folder() -> None:
-    """Lets own parts, MODULE:ATTRIBUTE, be found where one works, after all that is installed.
+    """Let a user's own components, MODULE:ATTRIBUTE, be imported from the working folder, after all
+    installed packages.
 
-    First on the path, a csv.py or a folder `models` beside one's data would be run in place of
-    Python's or of ours.
+    If the working folder were first on the path, a csv.py or a folder `models` in it would be
+    imported in place of Python's module or of ours.
     """
     working_folder = os.getcwd()
     sys.path[:] = [
@@ -42,9 +45,10 @@ def parts_from_the_working_folder() -> None:
 
 @contextmanager
 def children_kept_from_the_working_folder() -> Iterator[None]:
-    """Lets Pythons started within, by `-m` and `-c`, not look for modules where they work first.
+    """Context manager in which child processes of Python, started by `-m` or `-c`, do not search
+    their working folder first for modules.
 
-    The environment is then as before: a program that ran a command goes on in its own.
+    Afterwards the environment variable is restored, for a program that ran a command and continues.
     """
     before = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"
@@ -59,10 +63,11 @@ def children_kept_from_the_working_folder() -> Iterator[None]:
 
 @contextmanager
 def quiet_pipe() -> Iterator[None]:
-    """Ends the process without a word where its output's reader is gone, as in `uuv list | head`.
+    """Context manager that ends the process without a message if the reader of its output has
+    closed the pipe, as in `uuv list | head`.
 
     Raises:
-        SystemExit: The reader is gone; the code is that of other programs that SIGPIPE ends.
+        SystemExit: The reader has closed the pipe; the code is that of programs ended by SIGPIPE.
     """
     stopped: SystemExit | None = None
     try:
@@ -71,7 +76,7 @@ def quiet_pipe() -> Iterator[None]:
         except SystemExit as stop:
             stopped = stop
         if stopped is None or not reader_is_gone(stopped):
-            # else the interpreter meets the closed pipe at its very end, and says so
+            # otherwise the interpreter meets the closed pipe at its very end, and reports it
             sys.stdout.flush()
     except BrokenPipeError as error:
         if not reader_is_gone(error):
@@ -89,8 +94,10 @@ def quiet_pipe() -> Iterator[None]:
 
 
 def reader_is_gone(error: BaseException) -> bool:
-    """True if `error` means that nobody reads stdout or stderr any more, not some other pipe."""
-    if isinstance(error, SystemExit):  # of rich, which has turned stdout away already
+    """True if `error` means that the reader of stdout or stderr has closed the pipe, not another
+    pipe.
+    """
+    if isinstance(error, SystemExit):  # an exception of rich, which has already redirected stdout
         return isinstance(error.__context__, BrokenPipeError)
     if not isinstance(error, BrokenPipeError):
         return False
@@ -99,13 +106,15 @@ def reader_is_gone(error: BaseException) -> bool:
     for stream in (sys.stdout, sys.stderr):
         try:
             poll.register(stream.fileno(), 0)
-        except (OSError, ValueError):  # not a file
+        except (OSError, ValueError):  # stdout is not a file
             continue
     return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
 def _discard_output() -> None:
-    """Turns stdout and stderr away, so that what is still to be flushed is lost without a word."""
+    """Redirect stdout and stderr, so that output that is still to be flushed is dropped
+    silently.
+    """
     null_device = os.open(os.devnull, os.O_WRONLY)
     for stream in (sys.stdout, sys.stderr):
         try:

@@ -1,4 +1,6 @@
-"""Provenance of a result: options, versions, commit, model, shared by comparable results."""
+"""Provenance of a result: options, versions, commit and model, which are equal for comparable
+results.
+"""
 
 import hashlib
 import platform
@@ -28,7 +30,7 @@ PACKAGES = (
     "embreex",
     "rerun-sdk",
 )
-HOME = Path(__file__).resolve().parents[2]  # of the packages
+HOME = Path(__file__).resolve().parents[2]  # names of the packages
 _CODE = ("uuv", *ROOMS, "scripts", "pyproject.toml", "uv.lock")
 _WHERE = ("out", "view", "workers", "anew", "json")  # options without effect on results
 
@@ -65,7 +67,7 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
 
 
 def provenance_rows(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Rows of a page's section of provenance: settings, versions, commit and machine."""
+    """Rows for the section of provenance of a page: settings, versions, commit and machine."""
     return {**settings, **versions(), **commit(), "machine": _machine()}
 
 
@@ -80,7 +82,9 @@ def versions() -> dict[str, str]:
 
 @cache
 def commit() -> dict[str, Any]:
-    """Commit of the checkout as {"commit": hash, "dirty": code differs}, or empty without one."""
+    """Commit of the checkout as {"commit": hash, "dirty": code differs}, or empty outside a
+    checkout.
+    """
     if shutil.which("git") is None or not (HOME / ".git").exists():
         return {}
 

@@ -1,4 +1,4 @@
-"""Output folders: each run gets a new one of its own, so that the files in it belong together."""
+"""Output folders: each run gets a new folder, so that the files in it belong together."""
 
 import json
 import os
@@ -17,10 +17,11 @@ from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.saving import write_whole
 
 RUNS = Path("runs")  # in the working directory
-BEGUN = "run.json"  # in a run's folder from the start: command and time
+BEGUN = "run.json"  # file in a run's folder from the start, with command and time
 LATEST = "latest"
-FORMAT = 2  # of the files in a run's folder; files of the first have no such entry
-FORMAT_KEY = "format"  # in scenario.toml and metrics.json
+# format number of the files in a run's folder; files of the first format have no such entry
+FORMAT = 2
+FORMAT_KEY = "format"  # key of that number in scenario.toml and metrics.json
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +29,8 @@ class _Claimed:
     """Folder in which this process began a run."""
 
     folder: Path
-    is_new: bool  # created by this process
-    latest: Path | None = None  # link that points to it
+    is_new: bool  # whether this process created the folder
+    latest: Path | None = None  # link to the folder
 
 
 _claimed: list[_Claimed] = []
@@ -40,15 +41,16 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
 
     Args:
         scenario: Name of the scenario.
-        out: Folder to use; default: runs/<scenario>/<time>-<seed>, with "latest" beside it.
+        out: Folder to use; default: runs/<scenario>/<time>-<seed>, to which a link "latest" in the
+            same folder then points.
         seed: Part of the default name.
 
     Returns:
         The folder.
 
     Raises:
-        ConfigurationError: The name is none of a folder, `out` is not empty, or the folder cannot
-            be created.
+        ConfigurationError: The name is not valid for a folder, `out` is not empty, or the folder
+            cannot be created.
     """
     folder_name(scenario, "name")
     if out is not None:
@@ -65,7 +67,7 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
 
         if used or not _claim(out, scenario):
             raise ConfigurationError(
-                f"--out {out}: is in use already; each run needs a new or empty folder of its own"
+                f"--out {out}: must be a new or an empty folder; this one is already in use"
             )
 
         _claimed.append(_Claimed(out, is_new))
@@ -82,11 +84,11 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
 
 
 def checked_format(document: Any, what: str) -> None:
-    """Refuses a document, tables of a run's folder, of a later format.
+    """Refuse a document in a run's folder, given as tables, that has a later format.
 
     Raises:
-        ConfigurationError: Its format is none, or one that came after FORMAT; the message begins
-            with `what`.
+        ConfigurationError: The format is not a format number, or later than FORMAT; the message
+            begins with `what`.
     """
     number = document.get(FORMAT_KEY, 1) if isinstance(document, Mapping) else 1
     if not isinstance(number, int) or isinstance(number, bool) or number < 1:
@@ -96,13 +98,15 @@ def checked_format(document: Any, what: str) -> None:
 
     if number > FORMAT:
         raise ConfigurationError(
-            f"{what}: {FORMAT_KEY} {number}, of a later version of uuv; this one reads 1 to "
-            f"{FORMAT}"
+            f"{what}: {FORMAT_KEY}: must be 1 to {FORMAT} for this version of uuv, got {number}, "
+            "of a later version"
         )
 
 
 def _next_to_others(home: Path, name: str) -> Path:
-    """Create folder `name` in `home`, or `name`.2 and so on if another began in that second."""
+    """Create the folder `name` in `home`, or `name`.2 and so on if another run began in the same
+    second.
+    """
     for number in count(1):
         folder = home / (name if number == 1 else f"{name}.{number}")
         try:
@@ -118,10 +122,10 @@ def _next_to_others(home: Path, name: str) -> Path:
 
 
 def claimed_folder() -> Path:
-    """Folder of the run that this process began last.
+    """Folder of the last run that this process began.
 
     Raises:
-        ConfigurationError: It began none.
+        ConfigurationError: The process began no run.
     """
     if not _claimed:
         raise ConfigurationError("no run was begun")
@@ -129,14 +133,16 @@ def claimed_folder() -> Path:
 
 
 def works_in(folder: Path) -> None:
-    """Note that this process's results go to `folder`, beside earlier ones: a study resumed."""
+    """Note that this process writes results to `folder`, which has earlier ones: a resumed
+    study.
+    """
     _claimed.append(_Claimed(folder, is_new=False))
 
 
 def give_back() -> None:
     """Remove the folders of runs that this process began but wrote no results to.
 
-    A folder that it did not create stays, empty as before.
+    A folder that the process did not create stays, empty as before.
     """
     while _claimed:
         claimed = _claimed.pop()
@@ -155,11 +161,13 @@ def give_back() -> None:
                 if others := sorted(path.name for path in folder.parent.iterdir() if path.is_dir()):
                     point_to(latest, others[-1])
         except OSError:
-            continue  # left as it is
+            continue  # an error leaves the folder as it is
 
 
 def point_to(latest: Path, name: str) -> None:
-    """Let `latest` point to `name` beside it: by a link or, without links, by a file with it."""
+    """Let `latest` refer to `name` in the same folder, by a link or, without links, by a file with
+    the name.
+    """
     part = latest.with_name(f".{latest.name}.{os.getpid()}")
     try:
         part.unlink(missing_ok=True)
@@ -172,13 +180,13 @@ def point_to(latest: Path, name: str) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on `folder` against other processes; this process's end frees it.
+    """Context manager with an exclusive lock on `folder`, which the end of the process also frees.
 
     Raises:
         ConfigurationError: Another process holds it, or the file system has no locks.
     """
     try:
-        # A link is not followed: the file it leads to would be emptied.
+        # A link is not followed, because the file that it refers to would be emptied.
         number = os.open(
             folder / ".lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666
         )
@@ -190,13 +198,13 @@ def alone_in(folder: Path) -> Iterator[None]:
             locked = _locked(file.fileno())
         except OSError as error:
             raise ConfigurationError(
-                f"{folder}: its file system gives no lock ({error.strerror})"
+                f"{folder}: its file system does not support locks ({error.strerror})"
             ) from error
 
         if not locked:
             file.seek(0)
             raise ConfigurationError(
-                f"{folder}: process {file.read().strip() or '?'} is at work in it"
+                f"{folder}: in use by the process {file.read().strip() or '?'}"
             )
 
         file.truncate(0)
@@ -208,7 +216,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 def _locked(file: int) -> bool:
     """Return True if this process now has the lock on an open file.
 
-    Raises OSError where locks are not supported.
+    Raises OSError if locks are not supported.
     """
     try:
         import fcntl
@@ -230,7 +238,7 @@ def _locked(file: int) -> bool:
 
 
 def _claim(folder: Path, scenario: str) -> bool:
-    """True if this process is the first to begin a run in `folder`; error if that is read-only."""
+    """True if this process is the first to begin a run in `folder`; an error if it is read-only."""
     begun = {
         "scenario": scenario,
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -250,4 +258,4 @@ def _claim(folder: Path, scenario: str) -> bool:
 
 
 def _cannot(folder: Path, error: OSError) -> ConfigurationError:
-    return ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})")
+    return ConfigurationError(f"--out {folder}: the folder cannot be created ({error.strerror})")

@@ -1,4 +1,6 @@
-"""Atomic file writing: to a temporary file in the same folder, synced, then renamed."""
+"""Atomic file writing: into a temporary file in the same folder, which is synced and then
+renamed.
+"""
 
 import json
 import os
@@ -11,16 +13,17 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 
 def write_whole(file: str | Path, content: str | bytes, *, part_in: Path | None = None) -> None:
-    """Write `content`, text in UTF-8, to `file`; otherwise as `whole_file`."""
+    """Write `content`, as text in UTF-8, to `file`; see `whole_file` for the rest."""
     with whole_file(file, part_in=part_in) as stream:
         stream.write(content.encode() if isinstance(content, str) else content)
 
 
 @contextmanager
 def whole_file(file: str | Path, *, part_in: Path | None = None) -> Iterator[BinaryIO]:
-    """Stream whose content becomes `file` at the end, atomically: a reader sees the old or the new.
+    """Stream whose content becomes `file` at the end, atomically: a reader sees the old or the new
+    file.
 
-    Where the block raises, the old one stays.
+    If the block raises an exception, the old file stays.
 
     Args:
         file: File to write.
@@ -49,12 +52,14 @@ def whole_file(file: str | Path, *, part_in: Path | None = None) -> Iterator[Bin
 
 
 def _not_through_a_link(name: str, flags: int) -> int:
-    """Opens a file; a link of its name, in a folder of another's making, is not followed."""
+    """Open a file, but do not follow a link of its name, since others may have written to the
+    folder.
+    """
     return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
 def write_json(file: str | Path, content: Any) -> None:
-    """Write `content` to `file` as `write_whole` does.
+    """Write `content` to `file` by `write_whole`.
 
     Raises:
         ValueError: `content` has values that JSON lacks, such as NaN.

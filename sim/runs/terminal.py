@@ -1,4 +1,6 @@
-"""Terminal output of commands: what is printed may come from a file, and is shown as it stands."""
+"""Terminal output of commands: printed text may come from a file, and is shown without
+interpretation.
+"""
 
 import sys
 from typing import Any
@@ -8,27 +10,29 @@ from rich.text import Text
 
 from uuv.sim.interfaces.errors import harmless
 
-_WIDTH = 140  # [characters] of a line where the output is no terminal
+_WIDTH = 140  # [characters] width of a line if the output is not a terminal
 
 
 class PlainConsole(Console):
-    """Console to which square brackets are text, not markup; it sends no control characters."""
+    """Console that prints square brackets as text instead of markup, and sends no control
+    characters.
+    """
 
     def __init__(self, **options: Any) -> None:
         super().__init__(markup=False, emoji=False, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """As `Console.render_str`, of a harmless text."""
+        """Same as `Console.render_str`, for a text made harmless."""
         return super().render_str(harmless(text), **options)
 
 
 def console(width: int = _WIDTH) -> PlainConsole:
-    """Console of a command; `width` is that of a line where the output is no terminal."""
+    """Console of a command; `width` is the width of a line if the output is not a terminal."""
     return PlainConsole(width=None if sys.stdout.isatty() else width)
 
 
 def verdict(failed: str) -> Text:
-    """The verdict of a run or study: accepted, unless bounds `failed`, which are told."""
+    """Print the verdict of a run or study: accepted, or the bounds that `failed`."""
     if failed:
         return Text.assemble(("not accepted", "red"), f": {harmless(failed)}")
     return Text("accepted", style="green")

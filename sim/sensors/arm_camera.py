@@ -1,12 +1,12 @@
 """Small stereo camera on the arm's last link, which tracks the surface beside the contact.
 
-It reports how it has moved over the object since a key picture. Every picture casts a coarse grid
-of rays on the world. What they hit predicts the normal equations that a direct alignment of
-intensity and depth would have (`uuv.perception.navigation.surface_alignment`): texture gives motion
-across the view, shape along the surface's normals. Their inverse, with the factors of an error
-model fitted to rendered pairs (`ErrorModel`), is the covariance of the error that is drawn, and of
-the message. A direction that the view does not observe has no information: along the generator of a
-plain barrel.
+The camera reports its motion over the object since a key image. For every image a coarse grid of
+rays is cast into the world. The points that they hit predict the normal equations that a direct
+alignment of intensity and depth would have (`uuv.perception.navigation.surface_alignment`): texture
+gives the motion across the view, shape the motion along the surface's normals. Their inverse,
+multiplied by the factors of an error model that was fitted to rendered pairs (`ErrorModel`), is the
+covariance of the drawn error, and the covariance in the message. A direction that the view does not
+observe has no information, such as the axial direction on a plain cylinder.
 """
 
 from dataclasses import dataclass, field
@@ -36,19 +36,20 @@ from uuv.sim.sensors.visible_world import Rays, VisibleWorld, body_id, site_on_b
 
 TABLE = Path(__file__).with_suffix(".toml")
 GRID = 10  # [px] between the rays of the prediction
-# [rad] standard deviation of the rotation between two pictures, by attitude reference and encoders
+# [rad] standard deviation of the rotation between two images, by attitude reference and encoders
 ROTATION = 1e-4
-FINE_BLUR = 0.8  # [px] of the intensity in the tracker
-LEAST_GRADIENT = 4.0  # [-] times that by noise, of a pixel that the tracker uses
-# [px] pixels whose errors count as one in the prediction; the fitted factors refer to it
+FINE_BLUR = 0.8  # [px] standard deviation of the blur of the intensity in the tracker
+# [-] smallest gradient of a pixel that the tracker uses, as a multiple of the noise
+LEAST_GRADIENT = 4.0
+# [px] number of pixels whose errors count as one in the prediction; the fitted factors refer to it
 CELL = 35.0
-WEAKEST = 2e-3  # [m] standard deviation of a direction from which on it counts as not observed
-OBSERVED = 1.0  # [1/m^2] information beyond that of rounding
-# share of the view's width, or of the range along the view, from which on a new key is taken
+WEAKEST = 2e-3  # [m] standard deviation above which a direction counts as not observed
+OBSERVED = 1.0  # [1/m^2] information that is larger than rounding errors
+# share of the view's width, or of the range along the view, above which a new key is taken
 KEY_SHIFT = 0.25
-KEY_TURN = 0.2  # [rad] the same of its rotation
-MOST_LOST = 5  # pictures lost in a row that end a track
-LEAST_SEEN = 0.25  # share of the view with a surface that a track needs
+KEY_TURN = 0.2  # [rad] the same for the rotation
+MOST_LOST = 5  # number of consecutive lost images that end a track
+LEAST_SEEN = 0.25  # share of the view with a surface that a track requires
 _WHAT = "errors of the arm camera"
 _SHARE = {"schema": {"minimum": 0, "maximum": 1}}
 _FACTOR = {"schema": {"minimum": 1, "maximum": 1000}}
@@ -59,29 +60,32 @@ _EXPONENTS = {"schema": {"items": {"minimum": -100, "maximum": 100}}}
 class ErrorModel:
     """Errors of the tracker in units of the prediction, fitted by `fit_arm_camera.py`.
 
-    The fit is to rendered pairs. The variance of texture is exp(texture . x) times the predicted
-    one, that of shape exp(shape . x). The condition x is: 1, shift since the key over the width of
-    the view, share of the view hidden by silt, logarithm of the ratio of gradient to noise. A
-    picture is lost with probability 1 / (1 + exp(-lost . x)).
+    The model was fitted to rendered pairs of images. The variance from texture is exp(texture . x)
+    times the predicted one, the variance from shape exp(shape . x) times. The condition x consists
+    of 1, the shift since the key over the width of the view, the share of the view hidden by silt,
+    and the logarithm of the ratio of gradient to noise. An image is lost with probability 1 / (1 +
+    exp(-lost . x)).
     """
 
     texture: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
     shape: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
     lost: tuple[float, float, float, float] = field(metadata=_EXPONENTS)
-    common: float = field(metadata=_SHARE)  # of the variance, of all pictures of a key
-    outliers: float = field(metadata=_SHARE)  # of pictures with an error beyond the gate of the fit
-    outlier_factor: float = field(metadata=_FACTOR)  # by which their errors are larger
+    # share of the variance that all images of a key have in common
+    common: float = field(metadata=_SHARE)
+    # share of the images with an error beyond the gate of the fit
+    outliers: float = field(metadata=_SHARE)
+    outlier_factor: float = field(metadata=_FACTOR)  # factor by which their errors are larger
     bias: tuple[float, float, float] = field(  # mean error, camera axes
         metadata={"schema": {"unit": "m", "items": {"minimum": -1, "maximum": 1}}}
     )
-    pairs: int = field(metadata={"schema": {"minimum": 1}})  # rendered pairs of the fit
+    pairs: int = field(metadata={"schema": {"minimum": 1}})  # number of rendered pairs in the fit
 
     @classmethod
     def read(cls, file: Path = TABLE) -> "ErrorModel":
         """The model in a TOML file.
 
         Raises:
-            ConfigurationError: The file cannot be read, or a key or value is none of those allowed.
+            ConfigurationError: The file cannot be read, or a key or value is not allowed.
         """
         table = toml_of(file, _WHAT)
         try:
@@ -92,7 +96,7 @@ class ErrorModel:
 
 @cache
 def fitted() -> ErrorModel:
-    """The model of the package."""
+    """The fitted model that is part of the package."""
     return ErrorModel.read()
 
 
@@ -107,7 +111,9 @@ def beside_tool() -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
-    """Normal equations that an alignment would have, by source, and the condition of the view."""
+    """Normal equations that an alignment would have, for texture and for shape, and the condition
+    of the view.
+    """
 
     texture: Array  # (6, 6) of motion and rotation of the camera, camera axes
     shape: Array  # (6, 6)
@@ -116,7 +122,9 @@ class Prediction:
     range: float  # [m] median depth; NaN without a surface
 
     def information(self, texture: float, shape: float) -> Array:
-        """Information (3, 3) [1/m^2] of the position, camera axes, by factors on the variances."""
+        """Information (3, 3) [1/m^2] of the position, camera axes, with these factors on the
+        variances.
+        """
         A = self.texture / texture + self.shape / shape
         A[3:, 3:] += np.eye(3) / ROTATION**2
         marginal = A[:3, :3] - A[:3, 3:] @ np.linalg.solve(A[3:, 3:], A[3:, :3])
@@ -131,7 +139,7 @@ class Prediction:
         )
 
     def chance_lost(self, errors: ErrorModel) -> float:
-        """Probability that the picture is lost."""
+        """Probability that the image is lost."""
         return (
             float(1.0 / (1.0 + np.exp(-np.dot(errors.lost, self.condition))))
             if self.seen >= LEAST_SEEN
@@ -147,15 +155,15 @@ def predict(
     water: Turbidity,
     shift: float,
 ) -> Prediction:
-    """Predict the normal equations of an alignment from what a coarse grid of rays hits.
+    """Predict the normal equations of an alignment from the points that a coarse grid of rays hits.
 
     Args:
         camera: The camera.
         depth: (h, w) [m] along the optical axis at every GRID-th pixel, inf without a surface.
-        hidden: (h, w) bool, by the vehicle itself.
-        texture: Of the surface.
+        hidden: (h, w) bool, True where the vehicle itself hides the view.
+        texture: Texture of the surface.
         water: Optical conditions.
-        shift: [m] across the view since the key picture.
+        shift: [m] Motion across the view since the key image.
     """
     rays = camera.rays(GRID)
     valid = np.isfinite(depth) & ~hidden & (depth >= camera.near) & (depth <= camera.far)
@@ -170,7 +178,7 @@ def predict(
             range=float("nan"),
         )
 
-    # Normals of the surface, by gradients of the inverse depth.
+    # Normals of the surface, from gradients of the inverse depth.
     inverse_depth = np.where(valid, 1.0 / np.where(valid, depth, 1.0), np.nan)
     wv, wu = np.gradient(inverse_depth, GRID)
     f = camera.focal
@@ -199,11 +207,11 @@ def predict(
 def _texture_information(
     camera: SmallStereo, texture: Texture, water: Turbidity, p: Array, cosine: Array
 ) -> tuple[Array, float]:
-    """Information (6, 6) from the gradient of the intensity, relative to its mean, against noise.
+    """Information (6, 6) from the gradient of the intensity, relative to its mean, and the noise.
 
     Args:
         camera: The camera.
-        texture: Of the surface.
+        texture: Texture of the surface.
         water: Optical conditions.
         p: (n, 3) [m] points of the surface, camera axes.
         cosine: (n,) of the angle of incidence.
@@ -219,7 +227,7 @@ def _texture_information(
 
     square = gradient_square(texture, zg / f) * (light / (light + veil)) ** 2
     slope = white / (2.0 * FINE_BLUR**2 * np.sqrt(2.0 * np.pi))
-    used = np.exp(-((LEAST_GRADIENT * slope) ** 2) / (square + slope**2))  # in both pictures
+    used = np.exp(-((LEAST_GRADIENT * slope) ** 2) / (square + slope**2))  # noise of both images
     sigma = white / (2.0 * FINE_BLUR * np.sqrt(np.pi)) * np.sqrt(2.0)
     weight = _share(water) * used * square / sigma**2
 
@@ -232,7 +240,7 @@ def _texture_information(
 def _shape_information(camera: SmallStereo, water: Turbidity, p: Array, n: Array) -> Array:
     """Information (6, 6) from the distance of points (m, 3) along normals (m, 3), camera axes.
 
-    It is that of their inverse depth.
+    It is computed from the errors of the inverse depth.
     """
     zs = np.ascontiguousarray(p[:, 2])
     dimmed = (
@@ -247,13 +255,15 @@ def _shape_information(camera: SmallStereo, water: Turbidity, p: Array, n: Array
 
 
 def _share(water: Turbidity) -> float:
-    """Independent errors per ray of the grid, less those that silt hides."""
+    """Independent errors per ray of the grid, without those that silt hides."""
     return (1.0 - water.cloud) * GRID**2 / CELL
 
 
 def gradient_square(texture: Texture, pixel: Array) -> Array:
-    """Mean square (n,) [1/px^2] of a texture's gradient on one image axis; pixels of (n,) [m]."""
-    # of the wave number along one axis, mean over directions
+    """Mean square (n,) [1/px^2] of a texture's gradient on one image axis; `pixel` (n,) [m] is the
+    size of a pixel.
+    """
+    # mean square of the wave number along one axis, averaged over directions
     square = np.sum(texture.waves[:, :3] ** 2, axis=1) / 3.0
     phase = square[:, None] * pixel**2
     return texture.contrast**2 * np.mean(
@@ -262,7 +272,9 @@ def gradient_square(texture: Texture, pixel: Array) -> Array:
 
 
 def _image_rows(p: Array, z: Array, focal: float, axis: int) -> Array:
-    """Derivative (n, 6) [px] of an image coordinate by motion and rotation of the points (n, 3)."""
+    """Derivative (n, 6) [px] of an image coordinate with respect to motion and rotation of the
+    points (n, 3).
+    """
     J = np.zeros((len(p), 6))
     J[:, axis] = focal / z
     J[:, 2] = -focal * p[:, axis] / z**2
@@ -279,17 +291,17 @@ class ArmCameraState:
     key_time: float = -np.inf  # [s]
     # true pose of the key camera in the object
     X_OK: Array = field(default_factory=lambda: np.eye(4))
-    # (3,) standard normal, common to the key's pictures
+    # (3,) standard normal numbers, common to the images of a key
     key_error: Array = field(default_factory=lambda: np.zeros(3))
     tracking: bool = False
-    lost: int = 0  # pictures in a row
-    cloud: float = 0.0  # share of the view hidden now
+    lost: int = 0  # number of consecutive lost images
+    cloud: float = 0.0  # share of the view that is hidden now
     cloud_until: float = -np.inf  # [s]
 
 
 class ArmCamera:
-    """Stereo camera on the arm's last link (`Sensor`); gives motion over the surface since a key
-    picture.
+    """Stereo camera on the arm's last link (`Sensor`) that measures its motion over the surface
+    since a key image.
     """
 
     def __init__(
@@ -310,10 +322,10 @@ class ArmCamera:
         Args:
             model: Compiled world.
             tip: Name of the tool's site.
-            surface: Name of the body that the camera tracks; what else it sees counts as the same
+            surface: Name of the body that the camera tracks; other bodies in view count as this
                 body.
             X_GC: (4, 4) camera in tool axes; default `beside_tool`.
-            conditions: Of the view.
+            conditions: Conditions of the view.
             camera: Image and lens.
             errors: Error model; default: the fitted one of the package.
             period: [s]
@@ -321,7 +333,7 @@ class ArmCamera:
 
         Raises:
             ConfigurationError: A name is unknown.
-            MissingLibraryError: There is no ray caster.
+            MissingLibraryError: No ray caster is installed.
         """
         if not (period > 0.0 and delay >= 0.0):
             raise ConfigurationError(
@@ -362,7 +374,7 @@ class ArmCamera:
     def step(
         self, state: ArmCameraState, truth: Any
     ) -> tuple[ArmCameraState, SurfaceMotionMeasurement | None]:
-        """One picture; None while no surface is in range, or the picture is lost."""
+        """One image; None if no surface is in range, or if the image is lost."""
         X_WC, X_OC = self.camera_pose(truth)
         time = float(truth.time)
         rng = state.rng
@@ -374,7 +386,7 @@ class ArmCamera:
             X_WC, self._rays, truth.xpos, np.asarray(truth.xmat).reshape(-1, 3, 3)
         )
 
-        # Prediction of an alignment with the key picture.
+        # Prediction of an alignment with the key image.
         X_KC = inverse(state.X_OK) @ X_OC
         view = predict(
             self.camera,
@@ -411,7 +423,9 @@ class ArmCamera:
     def _error(
         self, state: ArmCameraState, information_C: Array, drawn: tuple[Array, Array]
     ) -> Array:
-        """Error (3,) [m] of the position, camera axes; part of it is common to a key's pictures."""
+        """Error (3,) [m] of the position, camera axes; a part of it is common to all images of a
+        key.
+        """
         eigenvalues, axes = np.linalg.eigh(information_C)
         spread = np.where(
             eigenvalues > OBSERVED, 1.0 / np.sqrt(np.maximum(eigenvalues, OBSERVED)), 0.0
@@ -428,7 +442,7 @@ class ArmCamera:
 
     @staticmethod
     def _new_key(state: ArmCameraState, time: float, X_OC: Array) -> None:
-        """The present picture becomes the key."""
+        """Make the present image the key."""
         state.key_time = time
         state.X_OK = X_OC
         state.tracking = True
@@ -449,14 +463,18 @@ def _message(
 
 
 def with_scale(information: Array, X_KC: Array, scale: float) -> Array:
-    """Information (3, 3), camera axes, with the variance (scale x motion)^2 of an unknown scale."""
+    """Information (3, 3), camera axes, with the variance (scale x motion)^2 of an unknown scale
+    added.
+    """
     d = scale * (X_KC[:3, :3].T @ X_KC[:3, 3])
     taken = information @ d
     return information - np.outer(taken, taken) / (1.0 + d @ taken)
 
 
 def leaves_key(camera: SmallStereo, X_KC: Array, range_m: float) -> bool:
-    """True if the view has moved so far from its key picture that the present one shall be it."""
+    """True if the view has moved so far from its key image that the present image becomes the
+    key.
+    """
     across = float(np.hypot(X_KC[0, 3], X_KC[1, 3])) * camera.focal / (range_m * camera.width)
     along = abs(float(X_KC[2, 3])) / range_m
     turn = float(np.arccos(np.clip(0.5 * (np.trace(X_KC[:3, :3]) - 1.0), -1.0, 1.0)))
@@ -464,13 +482,14 @@ def leaves_key(camera: SmallStereo, X_KC: Array, range_m: float) -> bool:
 
 
 def silt(state: Any, conditions: ViewConditions, time: float, period: float) -> float:
-    """Share of the view that silt hides now; clouds are a Poisson process, of exponential times.
+    """Share of the view that silt hides now. Clouds are a Poisson process with exponential
+    durations.
 
     Args:
-        state: With `rng`, `cloud` and `cloud_until`, changed in place.
+        state: Holds `rng`, `cloud` and `cloud_until`, which are changed in place.
         conditions: Rate and duration.
         time: [s]
-        period: [s] between two pictures.
+        period: [s] between two images.
     """
     draw = state.rng.uniform()
     share = state.rng.uniform()

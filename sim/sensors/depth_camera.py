@@ -1,4 +1,4 @@
-"""Stereo depth camera by ray casting, with stereo errors and an optional flat port.
+"""Stereo depth camera, simulated by ray casting, with stereo errors and an optional flat port.
 
 Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
@@ -25,7 +25,7 @@ from uuv.sim.sensors.visible_world import (
     site_on_body,
 )
 
-NEAR = 0.02  # [m] no surface closer than this to the camera's plane is seen
+NEAR = 0.02  # [m] surfaces closer than this to the camera's plane are not seen
 NOISE = StereoNoise()
 
 
@@ -34,14 +34,14 @@ class Optics:
     """Optics of a camera: image size, focal length, flat port (`uuv.sim.sensors.refraction`).
 
     Without `port` the camera is an exactly known pinhole. Behind a port, frames are rectified by
-    `calibration`. Their `K` and camera pose are then those of the calibration, right or wrong.
+    `calibration`. Their `K` and camera pose are then those of the calibration, even if it is wrong.
     """
 
     width: int = 640  # [px]
     height: int = 480  # [px]
     focal: float = 554.0  # [px] of the lens; the principal point is the centre of the image
     port: FlatPort | None = None  # flat port before the lens
-    # for rectification; None with a port: the best in water
+    # for rectification; None with a port: the best calibration in water
     calibration: PortCalibration | None = None
 
     def __post_init__(self) -> None:
@@ -53,17 +53,18 @@ class Optics:
         )
         if not (whole and 0.0 < focal < np.inf):
             raise ConfigurationError(
-                f"depth camera: {width} x {height} px with focal {focal} px is no camera"
+                "depth camera: width and height must be whole numbers > 0 and focal finite and > "
+                f"0 px, got {width} x {height} px and {focal} px"
             )
 
         if self.calibration is not None and self.port is None:
             raise ConfigurationError(
-                "depth camera: a calibration corrects for a port; there is none"
+                "depth camera: a calibration needs a port, which it corrects for; got none"
             )
 
     @property
     def rectified(self) -> PortCalibration:
-        """Calibration of the frames; that of the bare lens without a port."""
+        """Calibration of the frames; without a port that of the bare lens."""
         if self.port is None:
             return PortCalibration(focal=self.focal)
         return self.calibration or in_water(
@@ -76,14 +77,18 @@ OPTICS = Optics()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthCameraState:
-    """State of the noise; a frame depends on it and the truth only, so a run can be replayed."""
+    """State of the noise. A frame depends only on this state and the truth, so a run can be
+    repeated.
+    """
 
     seed: int
     frame: int
 
 
 class DepthCamera:
-    """Depth camera fixed to a body of a compiled model; one frame per request (`period` 0)."""
+    """Depth camera fixed to a body of a compiled model. It sends one frame for each request
+    (`period` 0).
+    """
 
     period = 0.0  # [s], on request
 
@@ -109,11 +114,11 @@ class DepthCamera:
             range_limits: Closest and farthest depth [m].
             noise: Error model; None: exact depth.
             delay: [s]
-            visible: What it sees.
+            visible: Surfaces that the camera sees.
 
         Raises:
             ConfigurationError: A body is unknown, or a number is invalid.
-            MissingLibraryError: There is no ray caster.
+            MissingLibraryError: No ray caster is installed.
         """
         if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1]):
             raise ConfigurationError(
@@ -135,10 +140,10 @@ class DepthCamera:
         self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
         self._X_BC_said = self._X_BC
 
-        # Rays of the rectified picture.
+        # Rays of the rectified image.
         v, u = np.indices((height, width))
         tangents = np.stack([(u - self._K[0, 2]) / f, (v - self._K[1, 2]) / f], axis=-1)
-        # With unit z component the ray parameter is the depth along the optical axis.
+        # With a unit z component, the ray parameter is the depth along the optical axis.
         start = None
         way = np.concatenate([tangents, np.ones((height, width, 1))], axis=-1)
         self._reader: StereoReader | None = None
@@ -156,7 +161,7 @@ class DepthCamera:
 
     @cached_property
     def _rays(self) -> Rays:
-        """The rays in tiles, made when the first frame is taken."""
+        """The rays in tiles, which are made for the first frame."""
         return Rays.of(self._ways, NEAR, self._starts)
 
     @classmethod
@@ -234,7 +239,8 @@ class DepthCamera:
         return DepthCameraState(seed=state.seed, frame=state.frame + 1), image
 
     def render(self, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Noise-free depth; with a port, what the calibration computes from exact disparities.
+        """Depth without noise; with a port, the depth that the calibration gives for exact
+        disparities.
 
         Args:
             xpos: Body origins (nbody, 3) [m] in W.

@@ -1,4 +1,6 @@
-"""Slant ranges of a Doppler velocity log to the ground along each beam, by ray casting."""
+"""Slant ranges of a Doppler velocity log to the ground along each beam, simulated by ray
+casting.
+"""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -17,26 +19,28 @@ NEAR = 0.02  # [m] closest distance at which a ray can hit
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DvlBeams:
-    """Janus array: beams evenly around the vertical, the first ahead to port, and their errors."""
+    """Janus array: beams evenly spaced around the vertical, the first ahead to port, and their
+    errors.
+    """
 
     count: int = 4
     # [rad] of each beam from the vertical; 20 to 30 deg for most arrays
     slant: float = float(np.radians(30.0))
     noise: float = 0.01  # white, share of the range: an order of magnitude
-    dropouts: float = 0.02  # share of the pings without an echo, per beam
+    dropouts: float = 0.02  # share of the pings without an echo, for each beam
     limits: tuple[float, float] = (0.3, 50.0)  # [m]
     dead: tuple[int, ...] = ()  # failed beams, counted from 1
 
     def __post_init__(self) -> None:
         if not (self.count >= 1 and 0.0 <= self.slant < 0.5 * np.pi):
             raise ConfigurationError(
-                f"Doppler log: count >= 1 and slant in [0, pi/2) rad must hold, got {self.count}, "
+                f"Doppler log: count must be >= 1 and slant in [0, pi/2) rad, got {self.count}, "
                 f"{self.slant}"
             )
         if not (0.0 <= self.noise < 1.0 and 0.0 <= self.dropouts <= 1.0):
             raise ConfigurationError(
-                f"Doppler log: noise in [0, 1), dropouts in [0, 1], got {self.noise} and "
-                f"{self.dropouts}"
+                f"Doppler log: noise must be in [0, 1) and dropouts in [0, 1], got {self.noise} "
+                f"and {self.dropouts}"
             )
         if not 0.0 < self.limits[0] < self.limits[1] < np.inf:
             raise ConfigurationError(
@@ -44,7 +48,7 @@ class DvlBeams:
             )
         if not all(1 <= beam <= self.count for beam in self.dead):
             raise ConfigurationError(
-                f"Doppler log: dead beams must be of 1 to {self.count}, got {self.dead}"
+                f"Doppler log: numbers of dead beams must be 1 to {self.count}, got {self.dead}"
             )
 
     def axes(self) -> Array:
@@ -57,7 +61,9 @@ class DvlBeams:
 
 @dataclass(frozen=True, slots=True)
 class DvlRanges:
-    """Sensor of the slant ranges; that of the velocity is `uuv.sim.sensors.proprioception.Dvl`."""
+    """Sensor of the slant ranges; `uuv.sim.sensors.proprioception.Dvl` is the sensor of the
+    velocity.
+    """
 
     world: VisibleWorld
     body: int
@@ -101,7 +107,7 @@ class DvlRanges:
         )
 
     def init(self, rng: np.random.Generator) -> np.random.Generator:
-        """Initial state: the random stream."""
+        """Initial state, which is the random stream."""
         return rng
 
     def step(

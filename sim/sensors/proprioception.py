@@ -1,4 +1,4 @@
-"""Navigation and joint sensors: each with its rate, delay, noise, bias and quantisation."""
+"""Navigation and joint sensors: each has a rate, a delay, noise, bias and quantisation."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
@@ -24,7 +24,8 @@ from uuv.sim.plant.truth import Truth
 
 SEA_LEVEL = 101325.0  # [Pa] standard atmosphere
 _MOST_JOINTS = 64  # largest number of joints of an arm
-_BLOCK = 8192  # normal numbers drawn at a time: drawn singly they cost more than the sensor
+# number of normal numbers drawn at a time, since single draws cost more than the sensor
+_BLOCK = 8192
 
 
 @dataclass(slots=True, eq=False)
@@ -35,7 +36,7 @@ class SensorState:
     bias: Array
     drawn: Array = field(default_factory=lambda: np.zeros(0))
     used: int = 0
-    stated: Any = None  # noise by the data sheet, attached to every measurement
+    stated: Any = None  # noise according to the data sheet, attached to every measurement
 
     def normal(self, count: int) -> Array:
         """Next `count` standard normal numbers of the stream."""
@@ -47,7 +48,7 @@ class SensorState:
 
 
 _CONSTANTS = [("bias", np.float64, _MOST_JOINTS)]  # drawn for this run, in the sensor's units
-# standard normal numbers, and how many of them are used
+# standard normal numbers, and the number of those that have been used
 _NOISE = [("drawn", np.float64, _BLOCK), ("used", np.int64)]
 
 ENCODERS = np.dtype(
@@ -82,7 +83,9 @@ IMU = np.dtype(
 
 
 class FastState:
-    """State of a sensor that samples at every step of the loop: a compiled record, and a stream."""
+    """State of a sensor that samples at every step of the loop: a compiled record and a random
+    stream.
+    """
 
     __slots__ = ("_count", "_drawn", "_rng", "_used", "record", "stated")
 
@@ -90,9 +93,9 @@ class FastState:
         """Copy bias and constants into a record.
 
         Args:
-            kind: Type of the record: ENCODERS, TORQUE_SENSORS or IMU.
-            sensor: Gives the record's constants.
-            rng: Stream of the noise.
+            kind: Type of the record, which is ENCODERS, TORQUE_SENSORS or IMU.
+            sensor: Sensor with the record's constants.
+            rng: Random stream of the noise.
             bias: (k,) drawn for this run.
         """
         self.record = np.zeros(1, kind)  # changed in place
@@ -100,7 +103,7 @@ class FastState:
         for name in kind.names or ():
             if hasattr(sensor, name) and name != "bias":
                 self.record[name] = getattr(sensor, name)
-        self.stated: Any = None  # noise by the data sheet, attached to every measurement
+        self.stated: Any = None  # noise according to the data sheet, attached to every measurement
 
         self._rng = rng
         self._count = 0
@@ -114,11 +117,11 @@ class FastState:
         return self.record["bias"][0]
 
     def ready(self) -> int:
-        """Number of samples for which noise is drawn; before the first sample 0."""
+        """Number of samples for which noise has been drawn; 0 before the first sample."""
         return int(_BLOCK - self._used[0]) // max(self._count, 1)
 
     def draw(self, count: int) -> Array:
-        """Make sure that noise of `count` numbers is drawn for the next sample; the record."""
+        """Draw noise of `count` numbers for the next sample if needed, and return the record."""
         self._count = count
         if self._used[0] + count > _BLOCK:
             self._rng.standard_normal(out=self._drawn)
@@ -127,7 +130,9 @@ class FastState:
 
 
 def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
-    """Raise ConfigurationError unless numbers of `sensor` are finite and >= 0, `above` > 0."""
+    """Raise ConfigurationError unless numbers of `sensor` are finite and >= 0, or > 0 for those in
+    `above`.
+    """
     for entry in fields(sensor):
         if entry.type is not float:
             continue
@@ -144,7 +149,9 @@ def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
 
 
 def _constant(rng: np.random.Generator, count: int) -> Array:
-    """Standard normal numbers of a stream of their own: drawing them leaves the noise as it is."""
+    """Standard normal numbers from a separate stream, so that the stream of the noise is
+    unchanged.
+    """
     return rng.spawn(1)[0].standard_normal(count)
 
 
@@ -154,19 +161,19 @@ def _white(noise: float, resolution: float) -> float:
 
 
 def _quantised(value: Array, resolution: float) -> Array:
-    """Round `value` to multiples of `resolution`; unchanged if that is zero."""
+    """`value` rounded to multiples of `resolution`; unchanged if the resolution is zero."""
     return np.round(value / resolution) * resolution if resolution > 0.0 else value
 
 
 @kernel
 def _in_steps(value, resolution):
-    """`_quantised` of one number."""
+    """`_quantised` for one number."""
     return np.rint(value / resolution) * resolution if resolution > 0.0 else value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoders:
-    """Joint encoders: quantised angle, and speed from the drive."""
+    """Joint encoders: quantised angle, and velocity from the drive."""
 
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
@@ -183,7 +190,7 @@ class Encoders:
         return FastState(ENCODERS, self, rng, self.bias * _constant(rng, _MOST_JOINTS))
 
     def channel(self) -> str:
-        """Place of its record among those that the compiled ticks sample."""
+        """Index of the sensor's record among those that the compiled ticks sample."""
         return "encoders"
 
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, EncoderMeasurement]:
@@ -236,7 +243,7 @@ class JointTorqueSensors:
         )
 
     def channel(self) -> str:
-        """Place of its record among those that the compiled ticks sample."""
+        """Index of the sensor's record among those that the compiled ticks sample."""
         return "torques"
 
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, TorqueMeasurement]:
@@ -258,7 +265,8 @@ class JointTorqueSensors:
 
 @kernel
 def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_read):
-    """Sample the torque at the gear outputs: the drive's less rotor inertia, friction, damping.
+    """Sample the torque at the gear outputs, which is the motor torque minus rotor inertia,
+    friction and damping.
 
     Args:
         record: (1,) of TORQUE_SENSORS.
@@ -318,7 +326,7 @@ class Imu:
         return state
 
     def channel(self) -> str:
-        """Place of its record among those that the compiled ticks sample."""
+        """Index of the sensor's record among those that the compiled ticks sample."""
         return "imu"
 
     def step(self, state: FastState, truth: Truth) -> tuple[FastState, ImuMeasurement]:
@@ -339,8 +347,8 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
     Args:
         record: (1,) of IMU.
         R_WB: (3, 3) true attitude.
-        acceleration: (6,) or (3,) [m/s^2] true one of the hull's origin in W; only the first three
-            count.
+        acceleration: (6,) or (3,) [m/s^2] true acceleration of the hull's origin in W; only the
+            first three entries count.
         w_B: (3,) [rad/s] true angular velocity in B.
         force_read: (3,) [m/s^2] result, in B.
         w_read: (3,) [rad/s] result, in B.
@@ -363,8 +371,8 @@ def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
         )
         phi[i] = bias[3 + i] + sensor.attitude_noise * noise[6 + i]
 
-    # Second order in the error, which is below a milliradian: within 1e-10 of a rotation, far below
-    # the noise.
+    # Second order in the error, which is below a milliradian. The result is a rotation to 1e-10,
+    # far below the noise.
     for j in range(3):
         k = (j + 1) % 3
         m = (j + 2) % 3
@@ -429,7 +437,7 @@ class PressureDepth:
         """Measure pressure and depth."""
         depth = -float(truth.p_WB[2] + truth.R_WB[2] @ self.p_BS)
 
-        # above the surface there is air
+        # above the surface the gauge is in air
         water = self.water_density * self.gravity * max(depth, 0.0)
         pressure = self.surface + water + state.bias + self.noise * state.normal(1)
         pressure = float(_quantised(pressure, self.resolution)[0])
@@ -448,7 +456,9 @@ class WanderState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionDrift:
-    """Position of the hull in the scene by cameras: delayed, white and Gauss-Markov errors."""
+    """Position of the hull in the scene from cameras, with a delay, white noise and a Gauss-Markov
+    error.
+    """
 
     period: float = 0.1  # [s]
     delay: float = 0.1  # [s]

@@ -1,4 +1,5 @@
-"""Stereo pair behind a flat port: Snell's law by pixel, and pinhole calibration of its image.
+"""Stereo pair behind a flat port: Snell's law for each pixel, and a pinhole calibration of the
+image.
 
 Both cameras look through the same flat port, whose normal is their optical axis. A ray that leaves
 the lens at the tangent s continues in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2),
@@ -22,7 +23,7 @@ _STEPS = 20  # largest number of Newton steps; 3 to 5 are needed
 
 
 class _Port(NamedTuple):
-    """Numbers of a `FlatPort`, for compiled functions."""
+    """Parameters of a `FlatPort`, for compiled functions."""
 
     distance: float
     thickness: float
@@ -92,13 +93,13 @@ class FlatPort:
         if not np.all(depth > self.distance + self.thickness):
             raise ConfigurationError("flat port: points must lie in the water, beyond the port")
 
-        # Copies: a view warns when it is written.
+        # Copies, since writing to a view gives a warning.
         flat = _tangents(np.array(rho).ravel(), np.array(depth).ravel(), self.numbers)
         return flat.reshape(rho.shape)
 
     @property
     def numbers(self) -> _Port:
-        """For compiled functions."""
+        """Parameters of the port for compiled functions."""
         return _Port(
             float(self.distance), float(self.thickness), float(self.n_glass), float(self.n_water)
         )
@@ -124,14 +125,16 @@ class PortCalibration:
             )
 
     def raw(self, tangents: ArrayLike, focal: float) -> Array:
-        """Tangents (..., 2) in the air behind the port, of rectified ones; lens of `focal` [px]."""
+        """Tangents (..., 2) in the air behind the port from rectified tangents, for a lens of
+        `focal` [px].
+        """
         t = np.asarray(tangents, dtype=np.float64)
         square = (t**2).sum(axis=-1, keepdims=True)
         return t * (self.focal / focal) * (1.0 + square * (self.k1 + square * self.k2))
 
 
 def in_air(focal: float) -> PortCalibration:
-    """Calibration by the maker of a lens of `focal` [px], correct in air."""
+    """Calibration by the manufacturer of a lens of `focal` [px], which is correct in air."""
     return PortCalibration(focal=focal)
 
 
@@ -142,14 +145,16 @@ def in_water(
     ranges: Sequence[float] = (0.5, 1.0, 2.0),
     move_center: bool = True,
 ) -> PortCalibration:
-    """Pinhole with distortion that best fits boards seen through `port`; least squares in pixels.
+    """Pinhole with distortion that best fits calibration boards seen through `port`, by least
+    squares in pixels.
 
     Args:
         port: The flat port.
-        focal: Of the lens [px].
+        focal: Focal length of the lens [px].
         corner: Distance from the centre of the image to its corner [px].
-        ranges: Of the boards [m]; they may be anywhere in the image.
-        move_center: Also fit the position of the pinhole on the axis; else it is at the lens.
+        ranges: Ranges of the boards [m], which may be anywhere in the image.
+        move_center: Whether to fit the position of the pinhole on the axis, too; otherwise it is at
+            the lens.
 
     Returns:
         The calibration.
@@ -169,7 +174,7 @@ def in_water(
 
     def fit(center: float) -> tuple[Array, float]:
         t = radius / (z - center)
-        # The number of pixels at a radius is proportional to it.
+        # The number of pixels at a radius is proportional to the radius.
         weight = np.sqrt(radius / z).ravel()
         A = np.stack([t, t**3, t**5], axis=-1).reshape(-1, 3) * weight[:, None]
         solution = np.linalg.lstsq(A, weight * image_radius.ravel(), rcond=None)[0]
@@ -190,7 +195,8 @@ def in_water(
 
 
 class StereoReader(NamedTuple):
-    """Depth that stereo reads through a flat port, with `baseline` between the two cameras.
+    """Depth that a stereo pair measures through a flat port, with `baseline` between its two
+    cameras.
 
     Both images are rectified by one calibration. Depth is baseline / (difference of the rectified x
     tangents).
@@ -198,7 +204,7 @@ class StereoReader(NamedTuple):
 
     tangent_x: Array  # (W,) rectified x tangents of the columns
     port: _Port
-    scale: float  # focal length of the calibration over that of the lenses
+    scale: float  # ratio of the calibration's focal length to that of the lenses
     k1: float
     k2: float
     baseline: float  # [m]
@@ -217,7 +223,7 @@ class StereoReader(NamedTuple):
         Args:
             port: The flat port.
             calibration: Camera model of both cameras.
-            focal: Of the lenses [px].
+            focal: Focal length of the lenses [px].
             baseline: [m]
             tangent_x: Rectified x tangents (W,) of the columns.
 
@@ -235,20 +241,24 @@ class StereoReader(NamedTuple):
         )
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Depth (H, W) [m], float32, of points (H, W, 3) [m] in the left camera; else inf."""
+        """Depth (H, W) [m], float32, of points (H, W, 3) [m] in the frame of the left camera; inf
+        without a point.
+        """
         return _read(np.ascontiguousarray(points, dtype=np.float64), self)
 
 
 @kernel
 def _tangent(rho: float, z: float, port: _Port) -> float:
-    """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), rising."""
+    """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), whose
+    right side increases with s.
+    """
     distance, thickness, n_glass, n_water = port
     if rho == 0.0:
         return 0.0
     depth = z - distance - thickness
 
-    # The sum is concave, and the start, from its slope at the axis, lies below the root: Newton
-    # does not overshoot.
+    # The sum is concave, and the start, computed from its slope at the axis, lies below the root.
+    # Newton's method therefore does not overshoot.
     s = rho / (distance + thickness / n_glass + depth / n_water)
     for _ in range(_STEPS):
         square = s * s

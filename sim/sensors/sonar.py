@@ -1,7 +1,7 @@
-"""Multibeam 3D sonar by ray casting, with finite beam width and echo errors.
+"""Multibeam 3D sonar, simulated by ray casting, with finite beam width and echo errors.
 
-It can be mounted on any body of any compiled model (primitives, meshes, height fields, visual-only
-geoms):
+The sonar can be mounted on any body of any compiled model, and sees primitives, meshes, height
+fields and visual-only geoms:
 
     sonar = Sonar(model, "world", X_WS)  # S has OpenCV axes: x right, y down, z ahead
     points_S = sonar.ping(data, np.random.default_rng(0))  # (H, W, 3) [m], NaN without an echo
@@ -22,7 +22,7 @@ from uuv.sim.interfaces.messages import SonarScan
 from uuv.sim.interfaces.spatial import Array, checked_pose, pose, readonly
 from uuv.sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, site_on_body
 
-NEAR = 0.02  # [m] no surface closer than this to the sonar is seen
+NEAR = 0.02  # [m] surfaces closer than this to the sonar are not seen
 
 # Within a beam, rays are cast along its axis and on a ring around it.
 _RING = 0.8  # radius of the ring, as a share of the beam's half width
@@ -31,17 +31,19 @@ _ON_RING = 6  # number of rays on the ring
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarBeams:
-    """Grid of beams, even in azimuth (columns, about y) and elevation (rows), and their echoes.
+    """Grid of beams, evenly spaced in azimuth (columns, about y) and elevation (rows), and the kind
+    of echo.
 
-    The range of the "first" echo is that of the nearest surface in the beam. That of the
-    "strongest" is that of the largest area across the beam within one range cell.
+    The range of the "first" echo is the range of the nearest surface in the beam. The range of the
+    "strongest" echo is that of the largest area across the beam within one range cell.
     """
 
     rows: int = 72
     columns: int = 96
     elevation: float = np.deg2rad(45.0)  # [rad] between the first and the last row
     azimuth: float = np.deg2rad(60.0)  # [rad] between the first and the last column
-    width: float = np.deg2rad(1.2)  # [rad] of a beam at half power; footprint 21 mm at 1 m
+    # [rad] width of a beam at half power; its footprint is 21 mm at 1 m
+    width: float = np.deg2rad(1.2)
     echo: Literal["first", "strongest"] = "strongest"
 
     def __post_init__(self) -> None:
@@ -50,7 +52,8 @@ class SonarBeams:
             for count in (self.rows, self.columns)
         ):
             raise ConfigurationError(
-                f"sonar: needs whole rows and columns of beams, got {self.rows} x {self.columns}"
+                f"sonar: rows and columns of beams must be whole numbers >= 1, got {self.rows} x "
+                f"{self.columns}"
             )
 
         for name in ("elevation", "azimuth"):
@@ -92,8 +95,8 @@ class SonarBeams:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarNoise:
-    """Error model of the echoes: orders of magnitude from range cell and beam width, as no maker
-    publishes them.
+    """Error model of the echoes. The values are orders of magnitude from range cell and beam width,
+    since no manufacturer publishes them.
     """
 
     range_share: float = 0.003  # standard deviation of the range, as a share of it
@@ -125,14 +128,17 @@ NOISE = SonarNoise()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarState:
-    """State of the noise; a ping depends on it and the truth only, so a run can be replayed."""
+    """State of the noise. A ping depends only on this state and the truth, so a run can be
+    repeated.
+    """
 
     seed: int
     ping: int
 
 
 class Sonar:
-    """3D sonar fixed to a body of a compiled model; delivers one ping per request (`period` 0).
+    """3D sonar fixed to a body of a compiled model. It sends one ping for each request (`period`
+    0).
 
     An echo is placed on the axis of its beam.
     """
@@ -153,21 +159,21 @@ class Sonar:
     ) -> None:
         """Mount the sonar on a body.
 
-        Height fields are read now only.
+        Height fields are read once, by this call.
 
         Args:
             model: Compiled model.
             body: Name of the body; "world": fixed in W.
             X_BS: Pose of the sonar in the body (4, 4), OpenCV axes.
             beams: Grid of beams, and which echo of a beam counts.
-            noise: Error model; None: the effect of the beam width alone.
+            noise: Error model; None: only the effect of the beam width.
             range_limits: Closest and farthest range [m].
             delay: [s]
-            visible: What it sees.
+            visible: Surfaces that the sonar sees.
 
         Raises:
             ConfigurationError: A body is unknown, or a number is invalid.
-            MissingLibraryError: There is no ray caster.
+            MissingLibraryError: No ray caster is installed.
         """
         if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1] < np.inf):
             raise ConfigurationError(
@@ -185,14 +191,14 @@ class Sonar:
         self._world = visible.world(model, "sonar")
         self._axes = beams.axes()
 
-        # Two axes across each beam, for the rays on the ring.
+        # Two axes across each beam, for the directions of the rays on the ring.
         right = np.stack(
             [self._axes[..., 2], np.zeros(self._axes.shape[:2]), -self._axes[..., 0]], axis=-1
         )
         self._right = right / np.linalg.norm(right, axis=-1, keepdims=True)
         self._down = np.cross(self._axes, self._right)
 
-        # Two-way share of the beam's power on its axis and on each ray of the ring.
+        # Two-way share of the beam's power, for its axis and for each ray of the ring.
         ring = 0.5 ** (2.0 * _RING**2)
         self._weight = np.array([1.0] + [ring] * _ON_RING) / (1.0 + _ON_RING * ring)
 
@@ -230,15 +236,15 @@ class Sonar:
         """Echoes of one ping.
 
         Args:
-            truth: Anything with `xpos` and `xmat`, such as an MjData after `mj_kinematics`.
+            truth: Object with `xpos` and `xmat`, such as an MjData after `mj_kinematics`.
             rng: Source of the errors.
-            X_WS: Pose of the sonar (4, 4); default: that of its mount.
+            X_WS: Pose of the sonar (4, 4); default: the pose of its mount.
 
         Returns:
             Points (H, W, 3) [m] in S, NaN without an echo.
 
         Raises:
-            ConfigurationError: The bodies have no poses yet, or `X_WS` is no pose.
+            ConfigurationError: The bodies have no poses yet, or `X_WS` is not a pose.
         """
         xpos = np.asarray(truth.xpos)
         R_W = np.asarray(truth.xmat).reshape(-1, 3, 3)
@@ -251,7 +257,8 @@ class Sonar:
         X = mounted if X_WS is None else checked_pose(X_WS, "X_WS")
         distance, cosine = self._world.cast(X, Rays.of(self._directions(rng), NEAR), xpos, R_W)
 
-        # No echo at grazing incidence; of each beam the nearest or the strongest.
+        # There is no echo at grazing incidence. Of each beam the nearest or the strongest echo is
+        # taken.
         least = np.cos(self._noise.max_incidence) if self._noise is not None else 0.0
         distance[cosine < least] = np.inf
         cell = self._noise.range_cell if self._noise is not None else 0.0
@@ -300,11 +307,12 @@ class Sonar:
 def _strongest(
     distance: np.ndarray, cosine: np.ndarray, weight: np.ndarray, cell: float
 ) -> np.ndarray:
-    """Range (H, W) [m] of the strongest echo: rays that return within one range cell are added up.
+    """Range (H, W) [m] of the strongest echo. The powers of rays that return within one range cell
+    add up.
 
-    A ray's power is its share of the beam times the cosine of incidence. By Lambert's law an area
-    scatters back with the square of the cosine, and the area in the beam grows with its inverse.
-    The range is the mean of the echo's rays.
+    A ray's power is its share of the beam times the cosine of incidence. By Lambert's law the power
+    that an area scatters back is proportional to the square of the cosine, and the area in the beam
+    to its inverse. The range is the mean over the echo's rays.
     """
     rows, columns, rays = distance.shape
     ranges = np.full((rows, columns), np.inf)

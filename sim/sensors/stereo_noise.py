@@ -24,14 +24,14 @@ class StereoNoise:
     baseline: float = 0.12  # [m]
     # [px] distance at which the correlation of the error has fallen to 1/e
     correlation: float = 5.0
-    disparity_step: float = 1.0 / 16.0  # [px] quantum of the matcher; 0: none
+    disparity_step: float = 1.0 / 16.0  # [px] quantisation of the matcher; 0: none
     # probability that a pair of pixels across a depth edge makes a flying pixel
     flying: float = 0.5
     # [rad] from the surface normal; no measurement beyond it
     max_incidence: float = np.deg2rad(75.0)
     # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour [Petzold 1972]
     attenuation: float = 0.0
-    # smallest that is matched, relative to the mean texture in clear water
+    # smallest contrast that is matched, relative to the mean texture in clear water
     least_contrast: float = 0.05
 
     def __post_init__(self) -> None:
@@ -68,8 +68,8 @@ def add_noise(
 ) -> np.ndarray:
     """Depth (height, width) [m] that a stereo camera would measure; inf without a measurement.
 
-    Steps in the order of a matcher: mixed pixels at edges, correlated disparity error,
-    quantisation, drop-out at grazing incidence.
+    The errors are added in the order of a matcher: mixed pixels at edges, correlated disparity
+    error, quantisation, and drop-out at grazing incidence.
 
     Args:
         depth: Exact depth (height, width) [m], inf without a surface.
@@ -94,7 +94,7 @@ def add_noise(
             -noise.attenuation * np.where(matched, depth, 0.0) * _ray_lengths(depth.shape, focal)
         )
 
-    # Correlated error, the larger the less contrast there is.
+    # Correlated error, which increases as the contrast falls.
     if noise.disparity_sigma > 0.0:
         error = np.float32(noise.disparity_sigma) * _smooth_noise(
             depth.shape, noise.correlation, rng
@@ -141,7 +141,7 @@ def _ray_lengths(shape: tuple[int, ...], focal: float) -> np.ndarray:
 
 
 def _mix_edges(disparity: np.ndarray, probability: float, rng: np.random.Generator) -> None:
-    """Blend some pixels at depth edges from both sides, in place."""
+    """Mix the disparities of both sides for some pixels at depth edges, in place."""
     width = disparity.shape[1]
     flat = disparity.ravel()
     for step, ahead, behind in (

@@ -1,4 +1,6 @@
-"""Survey of the site: the object's pose is known beforehand, and reported when asked for."""
+"""Survey of the site: a sensor that reports the object's pose, which is known beforehand, on
+request.
+"""
 
 from typing import Any
 

@@ -30,7 +30,8 @@ _BOX_FACES = np.array(
 
 
 def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
-    """Triangles of any geom but a plane; curved primitives are within SAGITTA of the true surface.
+    """Triangles of any geom except a plane; those of curved primitives are within SAGITTA of the
+    true surface.
 
     Args:
         model: Compiled model.
@@ -88,7 +89,9 @@ def _sides(radius: float) -> int:
 
 
 def _half_circle(radius: float, scale: float) -> tuple[Array, Array]:
-    """Heights and radii from pole to pole, an odd number of rows: the middle one is the equator."""
+    """Heights and radii from pole to pole. The number of rows is odd, and the middle row is the
+    equator.
+    """
     angle = np.linspace(0.0, np.pi, 2 * (_sides(scale) // 4 + 1) + 1)
     r = radius * np.sin(angle)
     r[[0, -1]] = 0.0
@@ -98,7 +101,7 @@ def _half_circle(radius: float, scale: float) -> tuple[Array, Array]:
 def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
     """Surface of revolution about z of the profile (z, radius), both (P,) [m].
 
-    The number of sides suits a circle of radius `scale` [m].
+    The number of sides is chosen for a circle of radius `scale` [m].
     """
     sides = _sides(scale)
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
@@ -111,7 +114,7 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
         -1,
     )
 
-    # Two triangles a side between neighbouring rings.
+    # Two triangles on each side between neighbouring rings.
     i = np.arange(sides)
     j = (i + 1) % sides
     low = (np.arange(len(z) - 1) * sides)[:, None]

@@ -1,10 +1,10 @@
-"""Pictures of a small stereo camera with a lamp in turbid water: intensity and measured depth.
+"""Images of a small stereo camera with a lamp in turbid water: intensity and measured depth.
 
-Surfaces carry a solid texture: a sum of plane waves with random directions and phases,
-band-limited, fixed to the object. It stands for paint, rust and growth. The lamp is beside the
-lens, so brightness falls with range and incidence, and the shading moves with the camera. Turbidity
-dims the light on its way out and back, and adds backscatter [Jaffe 1990]. A cloud of silt hides
-part of the view and drifts with a texture of its own.
+Surfaces have a solid texture that is fixed to the object: a band-limited sum of plane waves with
+random directions and phases. It models paint, rust and fouling. The lamp is next to the lens, so
+that brightness decreases with range and incidence, and the shading moves with the camera. Turbidity
+attenuates the light on its way out and back, and adds backscatter [Jaffe 1990]. A cloud of silt
+hides part of the view and drifts with its own texture.
 
 Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
@@ -20,7 +20,7 @@ from uuv.sim.sensors.stereo_noise import StereoNoise, add_noise
 
 LAMP_RANGE = 0.2  # [m] range at which a white wall facing the lamp gives full scale in clear water
 ALBEDO = 0.35  # mean reflectance of a surface
-BACKSCATTER = 0.3  # share of the light lost on the way that comes back as veil
+BACKSCATTER = 0.3  # share of the attenuated light that returns as backscatter
 BLUR = 0.45  # [px] standard deviation of lens and pixel together
 
 
@@ -41,8 +41,8 @@ class SmallStereo:
         finite_number(self.intensity_noise, "small stereo camera: intensity_noise", above=0.0)
         if not (self.width > 8 and self.height > 8 and 0.0 < self.near < self.far):
             raise ConfigurationError(
-                f"small stereo camera: {self.width} x {self.height} px from {self.near} to "
-                f"{self.far} m is no camera"
+                "small stereo camera: must have more than 8 x 8 px and 0 < near < far, got "
+                f"{self.width} x {self.height} px, {self.near} to {self.far} m"
             )
 
     def rays(self, step: int = 1) -> Array:
@@ -67,7 +67,7 @@ class Texture:
         """Draw a texture.
 
         Args:
-            seed: of directions, phases and wavelengths.
+            seed: Seed of directions, phases and wavelengths.
             contrast: Standard deviation of the reflectance, share of its mean; 0: a plain surface.
             band: [m] shortest and longest wavelength, log-uniform between them.
             count: Number of waves.
@@ -87,7 +87,7 @@ class Texture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turbidity:
-    """Optical conditions before the camera."""
+    """Optical conditions in front of the camera."""
 
     # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour [Petzold 1972]
     attenuation: float = 0.4
@@ -100,7 +100,7 @@ class Turbidity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """One exposure: intensity and measured depth."""
+    """One exposure with intensity and measured depth."""
 
     intensity: np.ndarray  # (h, w) float32, full scale 1
     depth: np.ndarray  # (h, w) float32 [m], NaN without a measurement
@@ -114,26 +114,26 @@ def expose(
     water: Turbidity,
     rng: np.random.Generator,
 ) -> Picture:
-    """Render one picture.
+    """Render one image.
 
     Args:
         camera: The camera.
         hits: Exact depth (h, w) [m], inf without a surface, and cosine of the angle of incidence
             (h, w).
         X_TC: (4, 4) camera in the axes of the textured object.
-        texture: Of every surface in view.
+        texture: Texture of every surface in view.
         water: Optical conditions.
-        rng: Of the noise.
+        rng: Source of the noise.
 
     Returns:
-        The picture.
+        The image.
     """
     exact, cosine = hits
     on_surface = np.isfinite(exact)
     depth = np.where(on_surface, exact, 1.0).astype(np.float64)
     points = transform_points(X_TC, (camera.rays() * depth[..., None]).reshape(-1, 3))
 
-    # The object's texture, lit by the lamp, and the veil of the water [Jaffe 1990].
+    # The object's texture, lit by the lamp, and the backscatter of the water [Jaffe 1990].
     pattern = np.zeros(len(points))
     if texture.contrast > 0.0:
         pattern = _waves(
@@ -170,7 +170,7 @@ def expose(
 def _cloud(
     shape: tuple[int, ...], share: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mask (h, w) of a blob that hides `share` of the view, and its brightness (h, w)."""
+    """Mask (h, w) of a cloud that hides `share` of the view, and the cloud's brightness (h, w)."""
     v, u = np.indices(shape)
     middle = rng.uniform(0.0, 1.0, 2) * shape
     lobes = rng.uniform(0.7, 1.3, 2)

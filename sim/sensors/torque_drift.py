@@ -1,4 +1,6 @@
-"""Joint torque sensors with coloured noise and drift, around sensors with a constant bias."""
+"""Joint torque sensors with coloured noise and drift, as a wrapper of sensors with a constant
+bias.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -21,7 +23,9 @@ class DriftState:
 
 
 class DriftingTorqueSensors:
-    """Torque sensors (`uuv.sim.interfaces.protocols.Sensor`) whose reading wanders and drifts."""
+    """Torque sensors (`uuv.sim.interfaces.protocols.Sensor`) whose readings have coloured noise and
+    drift.
+    """
 
     def __init__(
         self, sensors: JointTorqueSensors, *, sigma: float, time: float, drift: float
@@ -29,11 +33,12 @@ class DriftingTorqueSensors:
         """Wrap `sensors`.
 
         Args:
-            sensors: Sensors with white noise and bias; they draw as without the wrapper.
-            sigma: [N m] standard deviation of the coloured noise (first-order Gauss-Markov), each
-                sensor its own.
-            time: [s] its correlation time.
-            drift: [N m/s] standard deviation of a constant rate of change, each sensor its own.
+            sensors: Sensors with white noise and bias; they draw the same random numbers as without
+                the wrapper.
+            sigma: [N m] standard deviation of the coloured noise (first-order Gauss-Markov),
+                independent for each sensor.
+            time: [s] Correlation time of this noise.
+            drift: [N m/s] Standard deviation of a constant rate of change, drawn for each sensor.
 
         Raises:
             ConfigurationError: A number is not finite or out of range.

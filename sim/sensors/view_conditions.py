@@ -1,4 +1,6 @@
-"""What a camera on the arm sees beside the object's shape, read without the camera's kernels."""
+"""View conditions of a camera on the arm: texture, water, silt and scale error, without the
+camera's kernels.
+"""
 
 from dataclasses import dataclass
 
@@ -7,13 +9,16 @@ from uuv.sim.interfaces.spatial import finite_number
 
 @dataclass(frozen=True, kw_only=True)
 class ViewConditions:
-    """What the camera sees beside the object's shape."""
+    """View conditions of the camera: texture of the surface, water, silt, and error of the
+    scale.
+    """
 
-    # standard deviation of the surface's reflectance, share of its mean; 0: plain
+    # standard deviation of the surface's reflectance, as a share of its mean; 0: uniform
     texture: float = 0.2
-    attenuation: float = 0.4  # [1/m] of a beam of light
-    cloud_rate: float = 0.05  # [1/s] of clouds of silt; each hides a share drawn between 0 and 1
-    cloud_time: float = 1.0  # [s] mean time that one lasts
+    attenuation: float = 0.4  # [1/m] attenuation of a beam of light
+    # [1/s] rate of clouds of silt, each of which hides a share drawn between 0 and 1
+    cloud_rate: float = 0.05
+    cloud_time: float = 1.0  # [s] mean duration of a cloud
     # standard deviation of the error of the stereo calibration's scale, constant over a run
     scale: float = 1e-3
 

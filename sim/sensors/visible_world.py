@@ -1,8 +1,8 @@
-"""Ray casting on a compiled model: every geom that a viewer shows is visible to the sensors.
+"""Ray casting on a compiled model. Every geom that a viewer shows is visible to the sensors.
 
-Embree casts the rays: no display or GL may be assumed, and `mj_multiRay` takes 20 times as long and
-misses visual-only geoms. Most rays miss most of a scene. So rays are grouped in tiles and triangles
-in clusters, and a tile is cast only if its cone meets a cluster.
+Embree casts the rays, since a display or GL cannot be assumed, and `mj_multiRay` takes 20 times as
+long and misses visual-only geoms. Most rays miss most of a scene. Rays are therefore grouped in
+tiles and triangles in clusters, and a tile is cast only if its cone meets a cluster.
 """
 
 from collections.abc import Collection
@@ -24,8 +24,8 @@ from uuv.sim.sensors.tessellation import tessellate
 # geom groups that MuJoCo's renderer shows; models keep collision shapes in 3 and above
 VISIBLE_GROUPS = (0, 1, 2)
 
-_TILE = 16  # rays along the side of a tile
-_CLUSTERS = 400  # largest number of clusters of a mesh; more cost as much as they save
+_TILE = 16  # number of rays along the side of a tile
+_CLUSTERS = 400  # largest number of clusters of a mesh; more clusters cost as much as they save
 _CLUSTER = 16  # smallest number of triangles in a cluster
 
 
@@ -50,13 +50,13 @@ class BodyPoses(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """Rays of a sensor in its frame S, and the bounding cones of its tiles; created by `of`."""
+    """Rays of a sensor in its frame S, and the bounding cones of its tiles; made by `of`."""
 
-    # (H, W, ..., 3) float32, of any length, which is the unit of the distances
+    # (H, W, ..., 3) float32, of any length; distances are in units of this length
     directions: np.ndarray
-    origins: np.ndarray  # [m] the same shape, or (1, 3) for all
-    near: float  # no hit at less than this distance
-    tile: np.ndarray  # (N,) tile of each ray
+    origins: np.ndarray  # [m] of the same shape, or (1, 3) for all rays
+    near: float  # hits at a smaller distance do not count
+    tile: np.ndarray  # (N,) index of the tile of each ray
     cone: np.ndarray  # (T, 8): centre of the origins, their radius, axis, half angle
 
     @classmethod
@@ -94,7 +94,9 @@ class Rays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Visible:
-    """What a sensor can see; transparent geoms (alpha 0), flexes and skins are invisible to all."""
+    """Surfaces that a sensor can see. Transparent geoms (alpha 0), flexes and skins are invisible
+    to every sensor.
+    """
 
     exclude: Collection[str] = ()  # names of invisible bodies
     groups: Collection[int] = VISIBLE_GROUPS  # visible geom groups
@@ -104,7 +106,7 @@ class Visible:
 
         Raises:
             ConfigurationError: A body to exclude is unknown.
-            MissingLibraryError: There is no ray caster.
+            MissingLibraryError: No ray caster is installed.
         """
         return VisibleWorld(
             model,
@@ -117,7 +119,9 @@ ALL = Visible()
 
 
 class VisibleWorld:
-    """Visible surfaces of a model for ray casting: static ones in one scene, moving ones apart."""
+    """Visible surfaces of a model for ray casting: static surfaces in one scene, and one scene for
+    each moving body.
+    """
 
     def __init__(
         self,
@@ -126,10 +130,10 @@ class VisibleWorld:
         exclude: Collection[int] = (),
         groups: Collection[int] = VISIBLE_GROUPS,
     ) -> None:
-        """Collect the visible surfaces; scenes are built of them when the first rays are cast.
+        """Collect the visible surfaces. Scenes are built from them when the first rays are cast.
 
-        Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now
-        only.
+        Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read once, by
+        this call.
 
         Args:
             model: Compiled model.
@@ -137,9 +141,9 @@ class VisibleWorld:
             groups: Visible geom groups.
 
         Raises:
-            MissingLibraryError: There is no ray caster.
+            MissingLibraryError: No ray caster is installed.
         """
-        ray_casting.installed()  # or the refusal, now
+        ray_casting.installed()  # raises now if no ray caster is installed
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         static: list[tuple[Array, np.ndarray]] = []
@@ -157,7 +161,7 @@ class VisibleWorld:
             X_BG = pose(rotation_from_quat_wxyz(model.geom_quat[geom]), model.geom_pos[geom])
             X_WB = pose(data.xmat[body].reshape(3, 3), data.xpos[body])
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-                # Kept in closed form: triangles could not be infinite.
+                # Planes are kept in closed form, because triangles cannot be infinite.
                 self._planes.append((X_WB @ X_BG, model.geom_size[geom].copy()))
                 continue
 
@@ -193,7 +197,8 @@ class VisibleWorld:
 
         Returns:
             Distance to the first surface in lengths of the ray's direction, and cosine of the angle
-            of incidence there. Both have the rays' shape and float32; inf and 1 without a hit.
+            of incidence there. Both are float32 arrays in the shape of the rays; without a hit they
+            are inf and 1.
         """
         way = rays.directions.reshape(-1, 3)
         start = rays.origins.reshape(-1, 3)
@@ -230,7 +235,9 @@ class VisibleWorld:
         distance: np.ndarray,
         cosine: np.ndarray,
     ) -> None:
-        """Cast on the moving bodies, in their frames B; merge into `distance` and `cosine` (N,)."""
+        """Cast rays on the moving bodies, in their frames B, and merge into `distance` and `cosine`
+        (N,).
+        """
         for part in self._moving:
             X_BS = inverse(pose(R_W[part.body], xpos[part.body])) @ X_WS
             centers = (part.clusters[:, :3] - X_BS[:3, 3]) @ X_BS[:3, :3]
@@ -246,7 +253,9 @@ class VisibleWorld:
         distance: np.ndarray,
         cosine: np.ndarray,
     ) -> None:
-        """Cast rays of the chosen tiles (T,) on `scene`, frame F; merge into the last two (N,)."""
+        """Cast rays of the chosen tiles (T,) on `scene`, in frame F, and merge into the last two
+        arguments (N,).
+        """
         chosen = np.flatnonzero(tiles[rays.tile])
         if not len(chosen):
             return
@@ -264,16 +273,18 @@ class VisibleWorld:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """Triangles that a sensor sees; what is built of them is built when the first rays are cast."""
+    """Triangles that a sensor sees, and the scene and clusters, which are built when the first rays
+    are cast.
+    """
 
-    body: int  # in whose axes they are; 0: the world
+    body: int  # body in whose axes the triangles are; 0: the world
     vertices: Array  # (V, 3) [m]
     faces: np.ndarray  # (T, 3)
     middle: Array | None = None  # (3,) [m] origin of the scene; None: that of the axes
 
     @cached_property
     def scene(self) -> RayScene:
-        """The triangles for ray casting."""
+        """Scene of the triangles for ray casting."""
         moved = self.vertices if self.middle is None else self.vertices - self.middle
         return RayScene(moved, self.faces)
 
@@ -289,7 +300,7 @@ def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
     Args:
         model: Compiled model.
         name: Name of the body.
-        sensor: Name of the sensor that asks.
+        sensor: Name of the sensor.
 
     Returns:
         The index.
@@ -306,12 +317,12 @@ def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
 
 
 def site_on_body(model: mujoco.MjModel, site: str, sensor: str) -> tuple[str, Array]:
-    """Body that carries `site`, and the site's pose in it.
+    """Body that `site` is attached to, and the site's pose in the body.
 
     Args:
         model: Compiled model.
         site: Name of the site.
-        sensor: Name of the sensor that asks; begins the error message.
+        sensor: Name of the sensor, which begins the error message.
 
     Returns:
         Name of the body, and X_BS (4, 4).
@@ -375,7 +386,8 @@ def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> 
     axis = np.column_stack([np.bincount(tile, unit[:, i], count) for i in range(3)])
     axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
 
-    # By the chord: in single precision the cosine of a narrow cone does not resolve its angle.
+    # By the chord, since in single precision the cosine of a narrow cone does not resolve its
+    # angle.
     chord = np.zeros(count)
     np.maximum.at(chord, tile, np.linalg.norm(unit - axis[tile], axis=1))
 
@@ -409,7 +421,8 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
             square = x * x + y * y + z * z
             beside = np.sqrt(max(square - along * along, 0.0))
 
-            # Nearest is the cone's apex, or its mantle at the distance of the first sum.
+            # The nearest point is the cone's apex, or a point of its mantle at the distance of the
+            # first sum.
             if (
                 square <= reach * reach
                 or cones[i, 7] >= 0.5 * np.pi

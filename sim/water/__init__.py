@@ -1,1 +1,3 @@
-"""Water: currents, flow fields, the motion of each simulation, the inertia with added mass."""
+"""Water: currents, flow fields, motion of the water in each simulation, and the inertia with added
+mass.
+"""

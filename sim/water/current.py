@@ -1,4 +1,4 @@
-"""Current: steady part, regular wave, gusts of finite acceleration, flow fields on top."""
+"""Current: steady part, regular wave, gusts of finite acceleration, and additional flow fields."""
 
 import copy
 import sys
@@ -17,22 +17,24 @@ from uuv.sim.water.flow_field import FlowField, checked_flow, placed_in, total_v
 if TYPE_CHECKING:
     import mujoco
 
-# Of the time [s]: factor on the current, and its rate [1/s].
+# Function of the time [s] that returns a factor on the current, and its rate of change [1/s].
 Profile = Callable[[float], tuple[float, float]]
 
-_BLOCK = 4096  # steps generated at a time
-_FEWEST = 20.0  # [steps] in the period of a wave
-# [s] at which the rate of a profile is compared with its factor
+_BLOCK = 4096  # number of steps generated at a time
+_FEWEST = 20.0  # [steps] smallest number in the period of a wave
+# [s] times at which the rate of a profile is compared with its factor
 _PROFILE_TIMES = (0.37, 1.13, 2.71, 5.9, 11.3)
-_LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
-_ALONG = 1e-3  # [s] before and after, between which the acceleration of a flow field is taken
+# [steps] longest time constant; for a longer one the filter's pole is lost in rounding
+_LONGEST = 1e12
+# [s] before and after, for the difference that gives the acceleration of a flow field
+_ALONG = 1e-3
 
 
 @kernel
 def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
     """Filter of first order on the columns of `signal` (N, 3), in place, as scipy.signal.lfilter.
 
-    SciPy's takes as long to import as a fifth of the program.
+    The import of SciPy's filter takes as long as a fifth of the program's start.
     """
     for k in range(len(signal)):
         for i in range(3):
@@ -43,11 +45,11 @@ def _filter(gain: float, pole: float, signal: Array, state: Array) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wave:
-    """Regular wave of long length: the water swings to and fro along one direction."""
+    """Regular wave of great length, in which the water oscillates along one direction."""
 
     amplitude_W: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] of the velocity, world axes
     frequency: float = 0.1  # [Hz]
-    # [rad] at the start; 0: the water stands still and begins to move along the amplitude
+    # [rad] at the start; 0: the water is at rest and begins to move along the amplitude
     phase: float = 0.0
 
     def __post_init__(self) -> None:
@@ -69,18 +71,19 @@ STILL = Wave()
 
 
 class Current:
-    """Velocity and acceleration of the water, one sample a step of the plant, for all bodies.
+    """Velocity and acceleration of the water, one sample for each step of the plant, for all
+    bodies.
 
-    Gusts are white noise through two equal first-order filters: their acceleration, which the
-    pressure-gradient force needs, is then finite. `gust` is their standard deviation per axis.
-    `with_flow` adds a velocity that depends on the place of the hull.
+    Gusts are white noise passed through two equal first-order filters, so that their acceleration,
+    which the pressure-gradient force needs, is finite. `gust` is their standard deviation per axis.
+    `with_flow` adds a velocity that depends on the position of the hull.
 
     `velocity` [m/s] and `acceleration` [m/s^2], each (N, 3), hold the steps generated ahead,
-    without profile and flow fields; `row` (2,) is the next of their rows, and by how many rows a
-    step moves on. Compiled code may take rows itself, `ready` of them, where `beyond_rows` names
-    nothing. The three arrays are never replaced.
+    without profile and flow fields. `row` (2,) holds the index of their next row, and the number of
+    rows per step. If `beyond_rows` is empty, compiled code may take `ready` rows itself. The three
+    arrays are never replaced.
 
-    A class of one's own overrides `step`, for water that is uniform in space, or `at`.
+    A user's subclass overrides `step`, for a current that is uniform in space, or `at`.
     """
 
     def __init__(
@@ -99,8 +102,8 @@ class Current:
         Args:
             mean_W: Steady current (3,) [m/s].
             gust: Standard deviation of the gusts per axis [m/s].
-            wave: Regular wave on top.
-            time_constant: Of the gusts [s].
+            wave: Regular wave that is added.
+            time_constant: Time constant of the gusts [s].
             timestep: Step of the plant [s].
             rng: Random generator; needed for gusts only.
             profile: Function of the time t [s] since the start. It returns a factor on the whole
@@ -108,8 +111,8 @@ class Current:
 
         Raises:
             ConfigurationError: A number is not finite or has the wrong sign, the time constant has
-                too few or too many steps, the wave has too few, gusts lack a generator, or the
-                profile's rate is not that of its factor.
+                too few or too many steps, the wave's period has too few, gusts have no random
+                generator, or the profile's rate is not the derivative of its factor.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust = number(gust, "gust [m/s]")
@@ -123,7 +126,8 @@ class Current:
         self._dt = dt
         self.profile = profile
         self._ticks = 0
-        self.flows: tuple[FlowField, ...] = ()  # on top of all else; `with_flow` adds to them
+        # flow fields that are added last; `with_flow` adds to them
+        self.flows: tuple[FlowField, ...] = ()
         self._blows = gust > 0.0
         self._wave = wave if any(wave.amplitude_W) else None
         self._varies = self._blows or self._wave is not None
@@ -133,14 +137,15 @@ class Current:
         b = -np.expm1(-dt / time_constant)
         self._gain, self._pole = float(b), float(a)
 
-        # Stationary start, by Lyapunov's equation: deviations of both filter states for unit white
-        # noise (gain b and pole a, twice), scaled so that the second state has the gust's.
+        # Stationary start, from Lyapunov's equation: deviations of both filter states for unit
+        # white noise (gain b and pole a, twice), scaled so that the second state has the deviation
+        # of the gusts.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
 
         rows = _BLOCK if self._varies else 1
         self.velocity, self.acceleration = np.tile(self._mean, (rows, 1)), np.zeros((rows, 3))
-        self.row = np.array([rows, 1] if self._varies else [0, 0])  # none is generated yet
+        self.row = np.array([rows, 1] if self._varies else [0, 0])  # no row is generated yet
         self._filters, self._generated = np.zeros((2, 3)), 0
         self._before = np.zeros(3)  # [m/s] gust and wave at the last step generated
 
@@ -154,27 +159,28 @@ class Current:
 
     @property
     def mean_W(self) -> Array:
-        """Steady part (3,) [m/s] of the current, world axes; read-only, for another is a field."""
+        """Steady part (3,) [m/s] of the current, world axes; read-only; `with_flow` adds to it."""
         return readonly(self._mean)
 
     def with_flow(self, flow: FlowField) -> Self:
-        """The same current with one more flow field on top; to be used in place of this one.
+        """The same current with one more flow field, to be used in place of this current.
 
         Raises:
-            ConfigurationError: It has no method `velocity(p_W, time)`.
+            ConfigurationError: `flow` has no method `velocity(p_W, time)`.
         """
         other = copy.copy(self)
         other.flows = (*self.flows, checked_flow(flow, "flow"))
         return other
 
     def with_profile(self, profile: Profile) -> Self:
-        """The same current by one more factor of time; to be used in place of this one.
+        """The same current multiplied by one more function of time, to be used in place of this
+        current.
 
         Args:
-            profile: As for the class; the factor is on flow fields too.
+            profile: Profile as for the class; the factor also applies to flow fields.
 
         Raises:
-            ConfigurationError: The profile's rate is not that of its factor.
+            ConfigurationError: The profile's rate is not the derivative of its factor.
         """
         _check_profile(profile)
         other = copy.copy(self)
@@ -182,25 +188,29 @@ class Current:
         return other
 
     def place(self, model: "mujoco.MjModel") -> None:
-        """Take over the compiled world, for flow fields that depend on its objects."""
+        """Take the compiled world, for flow fields that depend on its objects."""
         self.flows = placed_in(model, self.flows)
 
     def beyond_rows(self) -> str:
-        """What its rows do not hold, so that `at` must be called at every step; empty: nothing."""
+        """Reason why the rows are incomplete, so that `at` must be called at every step; empty if
+        there is none.
+        """
         if self.profile is not None:
             return "the current has a profile"
         if self.flows:
             return f"the current has a flow field, {type(self.flows[0]).__name__}"
-        # Of a subclass, or set on this object.
+        # Overridden in a subclass, or set on this object.
         methods = (self.step, Current.step), (self.at, Current.at)
         replaced = any(
             getattr(method, "__func__", None) is not base_method for method, base_method in methods
         )
-        return f"current {type(self).__name__} has a step of its own" if replaced else ""
+        return f"current {type(self).__name__} overrides `step` or `at`" if replaced else ""
 
     @property
     def timestep(self) -> float | None:
-        """Step of the plant [s] that it was made for; None for a steady one, which suits any."""
+        """Step of the plant [s] that the current was made for; None for a steady current, which
+        fits any step.
+        """
         return self._dt if self._varies or self.profile is not None else None
 
     def _refill(self) -> None:
@@ -221,16 +231,16 @@ class Current:
         self.row[0] = 0
 
     def save(self) -> dict[str, Any]:
-        """All that changes, as it is: to be copied before the next step."""
+        """Everything that changes, not copied: copy it before the next step."""
         stays = ("profile", "flows")
         return {name: attribute for name, attribute in vars(self).items() if name not in stays}
 
     def resume(self, saved: dict[str, Any], steps: int) -> None:
-        """Go on from what `save` of an equal current returned; profile and flow fields stay.
+        """Continue from a result of `save` of an equal current; profile and flow fields stay.
 
         Args:
-            saved: A copy of it.
-            steps: That the plant has taken from the current.
+            saved: Copy of that result.
+            steps: Number of steps that the plant has taken from the current.
         """
         for name, attribute in saved.items():
             array = getattr(self, name)
@@ -241,7 +251,9 @@ class Current:
         self._ticks = steps
 
     def ready(self) -> int:
-        """Number of steps that may now be taken from the rows; generates more at their end."""
+        """Number of steps that may now be taken from the rows; at their end more rows are
+        generated.
+        """
         if not self._varies:
             return sys.maxsize
         if self.row[0] == _BLOCK:
@@ -263,9 +275,10 @@ class Current:
         return share * velocity, share * acceleration + growth * velocity
 
     def at(self, p_W: Array, time: float) -> tuple[Array, Array]:
-        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] as of `step`, with the flow fields.
+        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] from `step` and the flow fields.
 
-        The acceleration is that of the water which passes: along its path, by differences.
+        The acceleration is the material derivative, that is, of the water that passes, by
+        differences along its path.
 
         Args:
             p_W: Position (3,) [m] of the hull's origin in W.
@@ -278,7 +291,7 @@ class Current:
         field = total_velocity(self.flows, p_W, time)
         velocity = velocity + share * field
 
-        # A field need not know what was before the start.
+        # A field may be undefined before the start.
         back = min(time, _ALONG)
         earlier = total_velocity(self.flows, p_W - back * velocity, time - back)
         later = total_velocity(self.flows, p_W + _ALONG * velocity, time + _ALONG)
@@ -286,7 +299,7 @@ class Current:
 
 
 def _check_gusts(gust: float, rng: object, time_constant: float, dt: float) -> None:
-    """Refuse gusts of that deviation [m/s], generator, time constant [s] and step [s]."""
+    """Refuse an invalid deviation [m/s] of the gusts, generator, time constant [s] or step [s]."""
     if not (np.isfinite(gust) and gust >= 0.0):
         raise ConfigurationError(f"gust: must be finite and >= 0 m/s, got {gust}")
     if gust > 0.0 and not isinstance(rng, np.random.Generator):
@@ -295,8 +308,8 @@ def _check_gusts(gust: float, rng: object, time_constant: float, dt: float) -> N
         raise ConfigurationError(f"timestep of the current: must be finite and > 0 s, got {dt}")
     if not 10.0 * dt < time_constant <= _LONGEST * dt:
         raise ConfigurationError(
-            f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no "
-            f"more than {_LONGEST:.0e} of them"
+            f"gust time constant: must be more than 10 and at most {_LONGEST:.0e} steps of {dt} s, "
+            f"got {time_constant} s"
         )
 
 
@@ -304,12 +317,13 @@ def _check_wave(wave: Wave, dt: float) -> None:
     """Refuse a wave with too few steps of `dt` [s] in its period."""
     if not wave.frequency * dt * _FEWEST < 1.0:
         raise ConfigurationError(
-            f"wave of {wave.frequency} Hz: its period must be above {_FEWEST:g} steps of {dt} s"
+            f"wave of {wave.frequency} Hz: the period must be longer than {_FEWEST:g} steps of "
+            f"{dt} s"
         )
 
 
 def _product(first: Profile, second: Profile) -> Profile:
-    """Both factors."""
+    """Product of both factors, and its rate."""
 
     def both(time: float) -> tuple[float, float]:
         share, growth = first(time)
@@ -320,9 +334,10 @@ def _product(first: Profile, second: Profile) -> Profile:
 
 
 def _check_profile(profile: Profile) -> None:
-    """Refuse a profile without two numbers, or whose rate is not its factor's at most times.
+    """Refuse a profile that does not return two numbers, or whose rate is wrong at most of the
+    tested times.
 
-    A profile may have steps and bends, so that a single time proves nothing.
+    A profile may have steps and kinks, so that one time is not enough for a test.
     """
     span = 1e-4  # [s]
     wrong: list[str] = []
@@ -342,11 +357,12 @@ def _check_profile(profile: Profile) -> None:
                 f"profile of the current: not finite at {time} s, got {before}, rate {rate}"
             )
         if abs(slope - rate) > 0.02 * max(abs(slope), abs(rate)) + 1e-6:
-            wrong.append(f"at {time} s it says {rate:.4g}, the factor changes by {slope:.4g} 1/s")
+            wrong.append(
+                f"at {time} s the rate is {rate:.4g} 1/s, but the factor changes by {slope:.4g} 1/s"
+            )
 
     if 2 * len(wrong) > len(_PROFILE_TIMES):
         raise ConfigurationError(
-            f"profile of the current: its rate is not the factor's, at {len(wrong)} of "
-            f"{len(_PROFILE_TIMES)} times; "
-            f"{wrong[-1]}"
+            "profile of the current: the rate must be the derivative of the factor; it is not at "
+            f"{len(wrong)} of {len(_PROFILE_TIMES)} times: {wrong[-1]}"
         )

@@ -1,4 +1,4 @@
-"""Wake of a circular cylinder: the mean velocity that is missing behind it."""
+"""Wake of a circular cylinder: mean velocity deficit behind it."""
 
 import math
 from dataclasses import dataclass
@@ -11,36 +11,40 @@ from uuv.sim.interfaces.spatial import Array, checked, finite_number, shown, uni
 from uuv.sim.water.flow_field import FlowField
 
 Vector = tuple[float, float, float]
-WIDTH = 0.25  # k1 of [Huse 1993]: half-width over the root of drag coefficient, diameter, distance
-DEPTH = 1.0  # k2: deficit on the middle line, likewise
+# k1 of [Huse 1993]: ratio of half-width to the root of drag coefficient times diameter times
+# distance
+WIDTH = 0.25
+DEPTH = 1.0  # k2: deficit on the centre line, in the same form
 DRAG = 1.2  # coefficient of a smooth circular cylinder at Reynolds numbers of 1e3 to 2e5
-_SOURCE = 4.0  # [diameters / drag coefficient] from the virtual source ahead to the cylinder
-_HALF = math.sqrt(math.log(2.0))  # the deficit is half its largest at the half-width
+_SOURCE = 4.0  # [diameters / drag coefficient] from the virtual source upstream to the cylinder
+_HALF = math.sqrt(math.log(2.0))  # at the half-width the deficit is half of its largest value
 
 
 @dataclass(frozen=True, kw_only=True)
 class CylinderWake(FlowField):
     """Mean deficit behind a circular cylinder, a Gaussian that widens downstream [Huse 1993].
 
-    At the distance x behind the axis, y aside, with the speed U of the stream across the axis,
+    At the distance x behind the axis and y to the side, with the speed U of the stream across the
+    axis,
 
         deficit = U sqrt(C D / l) exp(-ln 2 (y / b)^2),  b = 0.25 sqrt(C D l),  l = x + 4 D / C
 
-    with drag coefficient C and diameter D. The momentum that is missing is the drag, within 7 %.
+    with drag coefficient C and diameter D. The momentum deficit equals the drag, within 7 %.
 
-    Two additions are our own. The wake of a cylinder of finite length is blurred at its ends by the
-    same Gaussian, which keeps its momentum. Over the first diameter it rises from nothing, for the
-    formula is one for the far wake.
+    There are two additions to [Huse 1993]. The wake of a cylinder of finite length is blurred at
+    its ends by the same Gaussian, which preserves its momentum. Over the first diameter behind the
+    cylinder the deficit rises from zero, since the formula holds for the far wake.
 
-    Vortices, the displacement of the water ahead, and what else is in the stream are left out.
+    Vortices, the displacement of the water ahead of the cylinder, and other objects in the stream
+    are not modelled.
     """
 
     stream: Vector  # [m/s] undisturbed velocity of the water, in W
-    place: Vector  # [m] middle of the cylinder, in W
-    axis: Vector  # its direction in W, of any length
+    place: Vector  # [m] centre of the cylinder, in W
+    axis: Vector  # direction of the cylinder's axis in W, of any length
     diameter: float  # [m]
     length: float  # [m]
-    drag: float = DRAG  # coefficient, by the diameter
+    drag: float = DRAG  # drag coefficient, referred to the diameter
 
     def __post_init__(self) -> None:
         checked(self.stream, (3,), "CylinderWake stream [m/s]")
@@ -51,13 +55,15 @@ class CylinderWake(FlowField):
 
     @cached_property
     def _frame(self) -> tuple[Array, float]:
-        """Rows (3, 3) in W: the stream across the axis, aside, the axis; speed U [m/s]."""
+        """Rows (3, 3) in W: the stream across the axis, the side, the axis; and the speed U
+        [m/s].
+        """
         axis = unit_vector(self.axis, "axis")
         stream = np.array(self.stream)
         across = stream - (stream @ axis) * axis
         speed = float(np.linalg.norm(across))
 
-        # Along the axis, or no stream at all.
+        # The stream is along the axis, or zero.
         if speed <= 1e-12 * float(np.linalg.norm(stream)):
             return np.zeros((3, 3)), 0.0
         along = across / speed
@@ -77,7 +83,7 @@ class CylinderWake(FlowField):
         deficit = DEPTH * speed * math.sqrt(thickness / away)
         deficit *= math.exp(-((_HALF * y / width) ** 2))
 
-        # Between the ends, and behind the first diameter.
+        # Between the ends of the cylinder, and behind the first diameter.
         half = 0.5 * self.length
         inside = 0.5 * (math.erf(_HALF * (s + half) / width) - math.erf(_HALF * (s - half) / width))
         share = min(x / self.diameter, 1.0)
@@ -87,14 +93,14 @@ class CylinderWake(FlowField):
 def wake_behind(
     stream: Array, X_WO: Array, box: Array, diameter: float | None = None, drag: float = DRAG
 ) -> CylinderWake:
-    """Wake of an object that is taken for a cylinder along the longest side of its box.
+    """Wake of an object, approximated by a cylinder along the longest side of its box.
 
     Args:
         stream: Undisturbed velocity (3,) [m/s] of the water, in W.
         X_WO: Pose (4, 4) of the object.
         box: Smallest and largest coordinates (2, 3) [m] of the object in its frame.
-        diameter: Of the cylinder [m]; None: the mean of the box's other two sides.
-        drag: Its coefficient, by the diameter.
+        diameter: Diameter of the cylinder [m]; None: the mean of the box's other two sides.
+        drag: Drag coefficient, referred to the diameter.
 
     Raises:
         ConfigurationError: The object has no extent.
@@ -103,7 +109,9 @@ def wake_behind(
     longest = int(np.argmax(sides))
     others = np.delete(sides, longest)
     if not (np.isfinite(sides).all() and others.mean() > 0.0):
-        raise ConfigurationError(f"wake: the object has no extent, its sides are {shown(sides)} m")
+        raise ConfigurationError(
+            f"wake: the sides of the object must be > 0 m, got {shown(sides)} m"
+        )
 
     middle = X_WO[:3, :3] @ box.mean(axis=0) + X_WO[:3, 3]
     axis = X_WO[:3, longest]

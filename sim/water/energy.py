@@ -1,4 +1,4 @@
-"""Search for a motion in which a body's damping feeds energy in, as only cross terms can."""
+"""Search for a motion in which the damping of a body adds energy, as only cross terms can do."""
 
 import numpy as np
 
@@ -7,17 +7,18 @@ from uuv.models.water.forms import CrossTerms
 from uuv.sim.interfaces.spatial import Array, skew
 
 _SPEEDS = (0.3, 1.0, 3.0)  # [m/s, rad/s] of the sampled motions
-_SAMPLES = 2000  # motions at each speed
-_ROUNDS = 12  # of refinement about the best motion
-_SHARE = 1e-6  # of the gross power of the cross terms that counts as fed in, beyond rounding
+_SAMPLES = 2000  # number of motions at each speed
+_ROUNDS = 12  # number of steps of refinement about the best motion
+# share of the cross terms' gross power above which energy counts as added, beyond rounding
+_SHARE = 1e-6
 
 
 def damping_wrench(body: BodyHydrodynamics, nu: Array) -> Array:
     """Wrench of all damping, strips and forms at the body origin, body axes, in NumPy.
 
     Args:
-        body: coefficients.
-        nu: (n, 6) [m/s, rad/s] twists relative to the water.
+        body: Coefficients of the body.
+        nu: (n, 6) [m/s, rad/s] Twists relative to the water.
 
     Returns:
         Wrenches (n, 6) [N, N m].
@@ -44,10 +45,11 @@ def damping_wrench(body: BodyHydrodynamics, nu: Array) -> Array:
 
 
 def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
-    """Largest power [W] that damping feeds into the body, the twist (6,) at it; None: none found.
+    """Largest power [W] that damping adds to the body, and the twist (6,) there; None if none was
+    found.
 
-    Sampled at speeds up to 3 m/s and rad/s: a search, not a proof. Without cross terms there is
-    none.
+    The search samples motions at speeds up to 3 m/s and rad/s; its result is no proof. Without
+    cross terms there is no such motion.
     """
     cross = [form for form in body.terms if isinstance(form, CrossTerms)]
     if not cross:
@@ -56,13 +58,13 @@ def largest_power(body: BodyHydrodynamics) -> tuple[float, Array] | None:
     direction = rng.normal(size=(_SAMPLES, 6))
     involved = np.unique(np.concatenate([form.terms[:, :3].ravel() for form in cross]).astype(int))
 
-    # half of them in the components that the terms couple
+    # half of the motions in the components that the cross terms couple
     direction[::2] *= np.isin(np.arange(6), involved)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     nu = np.vstack([speed * direction for speed in _SPEEDS])
     power = np.sum(nu * damping_wrench(body, nu), axis=1)
 
-    # In proportion to the speed cubed, so that slow motions count as much as fast ones.
+    # Relative to the speed cubed, so that slow motions count as much as fast ones.
     best = nu[int(np.argmax(power / np.linalg.norm(nu, axis=1) ** 3))]
 
     for step in 0.5 ** np.arange(_ROUNDS):

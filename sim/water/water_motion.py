@@ -1,13 +1,14 @@
-"""The water's motion in `mjData`: a current for each simulation, in place of its model's default.
+"""Motion of the water in `mjData`: a current for each simulation, which replaces the model's
+default.
 
-It is held in `data.userdata`, in the last `FLOW.size` numbers, behind those of the user. The row
-of the world says where (`LAYOUT.flow`), and `uuv.sim.hydrodynamics.compile` reserves the numbers.
-The first of them is the kind of the motion. It is 0 after `mj_resetData`: then the default of the
-model holds, which is `opt.wind` with the acceleration and the shear of
+The current is stored in the last `FLOW.size` entries of `data.userdata`, behind those of the user.
+`uuv.sim.hydrodynamics.compile` reserves these entries, and the world's row holds their index
+(`LAYOUT.flow`). The first entry is the kind of the motion. It is 0 after `mj_resetData`; the motion
+is then the default of the model, which is `opt.wind` with the acceleration and the shear of
 `uuv.models.hydrodynamics.set_current`.
 
-Velocities by body would be another kind, with a table behind the uniform part: the numbers reserved
-may be more than `FLOW.size`.
+Other kinds may follow, such as velocities for each body in a table behind the uniform part, so more
+entries than `FLOW.size` may be reserved.
 """
 
 from types import SimpleNamespace
@@ -25,22 +26,23 @@ from uuv.sim.interfaces.spatial import Array, real_array, shown
 if TYPE_CHECKING:
     from mujoco.batch import Batch
 
-# Index of each number behind the user's own in `data.userdata`.
+# Index of each entry, counted behind the user's entries in `data.userdata`.
 FLOW: Final = SimpleNamespace(
-    kind=0,  # 0: the model's default holds
+    kind=0,  # 0: the model's default applies
     velocity=1,  # 3
     acceleration=4,  # 3
     shear=7,  # 3
     size=10,
-    # Kinds; arbitrary, so that numbers which something else writes are not taken for a current.
+    # Kinds of motion. The numbers are arbitrary, so that other values in these entries are not
+    # taken for a current.
     uniform=620264.0,
 )
 
 
 class WaterMotion(NamedTuple):
-    """Motion of the water in world axes; a body is exposed to it at its own origin.
+    """Motion of the water in world axes, evaluated at the origin of each body.
 
-    Each is (3,), or (..., 3) where many simulations are meant.
+    Each field is (3,), or (..., 3) for many simulations.
     """
 
     velocity_W: Array  # [m/s] at z = 0
@@ -55,12 +57,12 @@ def set_current(
     acceleration_W: ArrayLike = ORIGIN,
     shear: ArrayLike = ORIGIN,
 ) -> None:
-    """Set the current of one simulation until `mj_resetData` brings back the default of its model.
+    """Set the current of one simulation; `mj_resetData` restores the default of the model.
 
-    The state that holds it is `mjSTATE_USERDATA`, a part of `mjSTATE_INTEGRATION` and
-    `mjSTATE_USER`. `mj_copyData`, `mj_copyState`, pickle and `mujoco.batch` carry it.
-    `mjSTATE_FULLPHYSICS` leaves it out, and so does the start state of `mujoco.rollout`: there the
-    current is that of the MjData which does the work, or it comes with the controls
+    The current is part of the state `mjSTATE_USERDATA`, which is part of `mjSTATE_INTEGRATION` and
+    `mjSTATE_USER`. `mj_copyData`, `mj_copyState`, pickle and `mujoco.batch` copy it.
+    `mjSTATE_FULLPHYSICS` and the start state of `mujoco.rollout` do not contain it. A rollout uses
+    the current of the MjData that it works on, or the current in its controls
     (`control_spec=mjSTATE_USERDATA`).
 
         set_current(model, data, [0.3, 0.0, 0.0])
@@ -68,25 +70,25 @@ def set_current(
         set_current(model, control, velocities[:, None])  # (nsim, nstep, nuserdata), of a rollout
 
     Args:
-        model: Compiled by `uuv.sim.hydrodynamics.compile`.
-        data: A simulation of `model`, a batch of them, or an array (..., nuserdata) in their place;
-            changed in place.
-        velocity_W: (3,) [m/s] at z = 0, or (..., 3), as the other two.
+        model: Model compiled by `uuv.sim.hydrodynamics.compile`.
+        data: A simulation of `model`, a batch of simulations, or an array (..., nuserdata) of their
+            userdata; changed in place.
+        velocity_W: (3,) [m/s] at z = 0; like the other two, it may be (..., 3).
         acceleration_W: (3,) [m/s^2].
         shear: (3,) [1/s] dv/dz.
 
     Raises:
-        ConfigurationError: The model has no place for it, `data` is not of the model, or numbers
-            have another shape, are not finite or exceed `LARGEST`.
+        ConfigurationError: The model has no place for a current, `data` does not belong to the
+            model, or numbers have another shape, are not finite or exceed `LARGEST`.
     """
     rows = _rows(model, data)
     if rows is None:
         raise ConfigurationError(
             "set_current: this model keeps no current in its data; compile it by "
-            "uuv.sim.hydrodynamics.compile(). A steady one may go into opt.wind"
+            "uuv.sim.hydrodynamics.compile(). A steady current may also be set as opt.wind"
         )
 
-    # All are looked at before the first is written.
+    # All three are checked before the first is written.
     shape = rows.shape[:-1]
     numbers = (
         (FLOW.velocity, _fitted(velocity_W, shape, "current velocity_W [m/s]")),
@@ -99,17 +101,18 @@ def set_current(
 
 
 def current(model: mujoco.MjModel, data: mujoco.MjData | Array) -> WaterMotion:
-    """Current that the bodies of a simulation are exposed to: its own, else its model's default.
+    """Current that acts on the bodies of a simulation: its own or, without one, the model's
+    default.
 
     Args:
-        model: With hydrodynamics.
-        data: As of `set_current`.
+        model: Model with hydrodynamics.
+        data: As for `set_current`.
 
     Returns:
         Copies.
 
     Raises:
-        ConfigurationError: The model has no hydrodynamics, or `data` is not of the model.
+        ConfigurationError: The model has no hydrodynamics, or `data` does not belong to the model.
     """
     rows = _rows(model, data)
     numbers = _default(model)
@@ -123,12 +126,15 @@ def current(model: mujoco.MjModel, data: mujoco.MjData | Array) -> WaterMotion:
 
 
 def place_of(model: mujoco.MjModel) -> int:
-    """Index in `data.userdata` of the current of a simulation, -1 if there is no place for it."""
+    """Index in `data.userdata` of the current of a simulation; -1 if the model has no place for
+    it.
+    """
     row = model.body_user[0]
     if not carries(row):
         return -1
 
-    # What does not end with the userdata is not ours: a user has set another number of them.
+    # Entries that do not end with the userdata are invalid, since a user has changed the number of
+    # entries.
     first, count = (int(number) for number in row[LAYOUT.flow :][:2])
     ends = first - 1 + count == model.nuserdata
     return first - 1 if first > 0 and count >= FLOW.size and ends else -1
@@ -141,12 +147,13 @@ def users_numbers(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def take_last(model: mujoco.MjModel, total: int) -> None:
-    """Give the last numbers of `userdata` in a compiled model to the current of each simulation.
+    """Reserve the last entries of `userdata` in a compiled model for the current of each
+    simulation.
 
     Args:
-        model: Compiled; without hydrodynamics nothing happens.
-        total: Numbers of `userdata` that include those; nothing happens if `model` has another
-            number, for then something else has asked for them.
+        model: Compiled model; without hydrodynamics nothing happens.
+        total: Number of entries of `userdata`, including those. Nothing happens if `model` has
+            another number, because other code has then requested entries.
     """
     if is_wet(model) and model.nuserdata == total:
         world_row(model)[LAYOUT.flow :][:2] = 1 + total - FLOW.size, FLOW.size
@@ -157,7 +164,7 @@ def _default(model: mujoco.MjModel) -> Array:
     numbers = np.zeros(9)
     numbers[:3] = model.opt.wind
 
-    # MuJoCo alone has loaded the model from MJCF if the world has no row.
+    # If the world has no row, MuJoCo itself has loaded the model from MJCF.
     row = model.body_user[0]
     if carries(row):
         numbers[3:6] = row[LAYOUT.current_acceleration :][:3]
@@ -169,7 +176,7 @@ def _rows(model: mujoco.MjModel, data: "mujoco.MjData | Batch | Array") -> Array
     """View (..., FLOW.size) of the current in `data`; None if `model` has no place for one.
 
     Raises:
-        ConfigurationError: The model has no hydrodynamics, or `data` is not of the model.
+        ConfigurationError: The model has no hydrodynamics, or `data` does not belong to the model.
     """
     if not (isinstance(model, mujoco.MjModel) and is_wet(model)):
         raise ConfigurationError(
@@ -179,19 +186,19 @@ def _rows(model: mujoco.MjModel, data: "mujoco.MjData | Batch | Array") -> Array
     numbers: Any = getattr(data, "userdata", data)
     if not (isinstance(numbers, np.ndarray) and numbers.dtype == np.float64 and numbers.ndim):
         raise ConfigurationError(
-            f"current: expected an MjData or a userdata of float64, got {shown(data)}"
+            f"current: expected an MjData or an array of userdata in float64, got {shown(data)}"
         )
     if numbers.shape[-1] != model.nuserdata:
         raise ConfigurationError(
-            f"current: data with {numbers.shape[-1]} numbers of userdata is not of this model, "
-            f"which has {model.nuserdata}"
+            f"current: expected data of this model, with {model.nuserdata} numbers of userdata, "
+            f"got {numbers.shape[-1]}"
         )
     first = place_of(model)
     return None if first < 0 else numbers[..., first : first + FLOW.size]
 
 
 def _fitted(values: ArrayLike, many: tuple[int, ...], name: str) -> Array:
-    """Vectors (*many, 3), of which one may stand for all.
+    """Vectors (*many, 3); a single vector is used for all.
 
     Raises:
         ConfigurationError: They have another shape, or a number is not finite or beyond LARGEST.

@@ -1,17 +1,18 @@
-"""Joint-space inertia of a wet model, M + A, its inverse, and drag over it, block by block.
+"""Joint-space inertia M + A of a model with added mass, its inverse, and the rate of its drag,
+block by block.
 
 Bodies of different kinematic trees share no degree of freedom, so M + A and the slope of the drag
 are block diagonal, and the cost is linear in the number of trees. A model of up to LARGEST_SMALL
-degrees of freedom is one block all the same: the vehicles are such models, and the last digits of
-their trajectories depend on the rounding of the whole inverse. How a block is solved depends on its
-degrees of freedom:
+degrees of freedom is nevertheless treated as one block. The vehicles are such models, and the last
+digits of their trajectories depend on the rounding of the whole inverse. The method for a block
+depends on its degrees of freedom:
 
 - Up to LARGEST_SMALL: by LAPACK.
 - More: by MuJoCo's sparse factor, whose cost is the square of the tree's depth for each degree of
-  freedom. The largest rate of the drag is by Lanczos iteration.
-- Up to LARGEST_INVERSE, contact weights are from LAPACK's inverse all the same. M + A of a long
-  chain is so ill-conditioned (1e9 with 200 links) that weights by two factorisations differ in the
-  ninth digit.
+  freedom. The largest rate of the drag is computed by Lanczos iteration.
+- Up to LARGEST_INVERSE, contact weights are nevertheless computed from LAPACK's inverse. M + A of a
+  long chain is so ill-conditioned (1e9 with 200 links) that weights by two factorisations differ in
+  the ninth digit.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -34,18 +35,18 @@ LARGEST_SMALL = 64  # degrees of freedom
 LARGEST_INVERSE = 320  # degrees of freedom
 
 _ROWS = 256  # right-hand sides that are solved for at a time, which bounds the memory
-_RATE_TOLERANCE = 1e-6  # relative, of the drag rate of a large block
+_RATE_TOLERANCE = 1e-6  # relative tolerance of the drag rate of a large block
 # ARPACK's 20 take three times as many iterations where eigenvalues cluster, as in long chains
 _LANCZOS_VECTORS = 40
 
 
 class BlockSums:
-    """Sums over the wet bodies of a model in joint space, at a state, as uncoupled blocks."""
+    """Sums over the bodies with coefficients in joint space, at one state, as uncoupled blocks."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, bodies: Mapping[int, BodyHydrodynamics]
     ) -> None:
-        """Takes the Jacobians of the bodies.
+        """Compute the Jacobians of the bodies.
 
         Args:
             model: Compiled model.
@@ -73,16 +74,18 @@ class BlockSums:
         for i in bodies:
             self.bodies_of[self.block_of[i]].append(i)
 
-        self._rows = np.zeros((6, model.nv))  # of one Jacobian; MuJoCo clears them itself
+        self._rows = np.zeros((6, model.nv))  # array for one Jacobian, which MuJoCo clears
         self._jacobians = {i: self._at_origin(i) for i in bodies}
 
     def at_center_of_mass(self, body: int) -> Array:
-        """Jacobian (6, n) of a body's centre of mass, W axes, for its block; till the next call."""
+        """Jacobian (6, n) of a body's centre of mass in W axes, for its block; valid until the next
+        call.
+        """
         mujoco.mj_jacBodyCom(self.model, self.data, self._rows[:3], self._rows[3:], body)
         return self._rows[:, self.dofs[self.block_of[body]]]
 
     def count(self, block: int) -> int:
-        """Degrees of freedom of a block."""
+        """Number of degrees of freedom of a block."""
         return self.dofs[block].stop - self.dofs[block].start
 
     def block(self, block: int, matrix_of: Callable[[BodyHydrodynamics], Array]) -> Array:
@@ -102,8 +105,8 @@ class BlockSums:
         return total
 
     def stacked(self, block: int) -> "csr_array":
-        """The Jacobians of the wet bodies of a block (6 b, n), one below the other."""
-        from scipy.sparse import csr_array  # slow to import, and for large blocks alone
+        """The Jacobians of the bodies of a block with coefficients (6 b, n), stacked."""
+        from scipy.sparse import csr_array  # slow to import, and only needed for large blocks
 
         bodies = self.bodies_of[block]
         columns = [np.tile(self._local(i), 6) for i in bodies]
@@ -116,8 +119,8 @@ class BlockSums:
         )
 
     def force(self, wrench_of: Callable[[int, BodyHydrodynamics], Array]) -> Array:
-        """Sum of J_b^T f_b (nv,), with f_b (6,) in body axes at the body origin, of a body's index
-        and coefficients.
+        """Sum of J_b^T f_b (nv,), with f_b (6,) in body axes at the body origin; `wrench_of` takes
+        a body's index and coefficients.
         """
         total = np.zeros(self.model.nv)
         for i, body in self.bodies.items():
@@ -137,17 +140,17 @@ class BlockSums:
 
 
 class WetInertia:
-    """Inverse of M + A, and the rate of the drag, at a state.
+    """Inverse of M + A, and the rate of the drag, at one state.
 
     Mobility is velocity per impulse: J inv(M + A) J^T.
     """
 
     def __init__(self, sums: BlockSums) -> None:
-        """Factors M + A.
+        """Factor M + A.
 
         Args:
-            sums: Sums at the state, whose `data.M` has the dry inertia. Its `data.M` and `data.qLD`
-                become those of M + A if a block is large.
+            sums: Sums at the state. On input, `data.M` is the dry inertia. If a block is large,
+                `data.M` and `data.qLD` are replaced by those of M + A.
 
         Raises:
             HydrodynamicsError: M + A is not positive definite.
@@ -157,7 +160,8 @@ class WetInertia:
             _dry_block(sums, k) + sums.block(k, lambda body: body.added_mass)
             for k in range(len(sums.dofs))
         ]
-        self.diagonal = np.concatenate([np.diag(block) for block in blocks])  # (nv,) of M + A
+        # (nv,) diagonal of M + A
+        self.diagonal = np.concatenate([np.diag(block) for block in blocks])
         try:
             self._blocks = _factored(sums, blocks)
         except np.linalg.LinAlgError as error:
@@ -181,7 +185,9 @@ class WetInertia:
         )
 
     def accelerations(self, columns: Indices, values: Array) -> Array:
-        """inv(M + A) f of the blocks that a force f touches, by its `columns` and `values`."""
+        """inv(M + A) f for the blocks in which a force f, given by its `columns` and `values`, is
+        not zero.
+        """
         parts = [
             self._blocks[k].solve(dofs, part) for k, dofs, part in self._parts(columns, values)
         ]
@@ -196,7 +202,9 @@ class WetInertia:
         return max(block.largest_rate(slope_of) for block in self._blocks)
 
     def _parts(self, columns: Indices, values: Array) -> Iterator[tuple[int, Indices, Array]]:
-        """Index of each block that a row touches, its columns within the block, their values."""
+        """For each block with entries of a row: its index, the columns within the block, and the
+        values.
+        """
         owners = self.sums.owners[columns]
         for k in np.unique(owners):
             in_block = owners == k
@@ -204,14 +212,14 @@ class WetInertia:
 
 
 class _Block(Protocol):
-    """Block of M + A with its factor; `dofs` count within the block."""
+    """Block of M + A with its factor; indices `dofs` count within the block."""
 
     def mobility(self, rows: Array) -> Array:
         """Diagonal of rows inv(M + A) rows^T (r,), with `rows` (r, n)."""
         ...
 
     def along(self, dofs: Indices, values: Array) -> float:
-        """The mobility of a single row with `values` (k,) at `dofs`."""
+        """Mobility of a single row with `values` (k,) at `dofs`."""
         ...
 
     def diagonal(self) -> Array:
@@ -223,12 +231,12 @@ class _Block(Protocol):
         ...
 
     def largest_rate(self, slope_of: Callable[[BodyHydrodynamics], Array]) -> float:
-        """Largest eigenvalue of inv(M + A) D, with D the sum over the bodies of `slope_of` them."""
+        """Largest eigenvalue of inv(M + A) D, where D is the sum of `slope_of` over the bodies."""
         ...
 
 
 class _SmallBlock:
-    """A block for which LAPACK does everything."""
+    """A block that is solved by LAPACK."""
 
     def __init__(self, sums: BlockSums, index: int, block: Array) -> None:
         self._sums = sums
@@ -254,10 +262,12 @@ class _SmallBlock:
 
 
 class _LargeBlock:
-    """A block by MuJoCo's sparse factor; mobilities from an inverse unless that is too large."""
+    """A block that is solved by MuJoCo's sparse factor. Mobilities use an inverse unless it is too
+    large.
+    """
 
     def __init__(self, sums: BlockSums, index: int, block: Array) -> None:
-        """Takes `block`, which is a part of the inertia that `sums.data` has the factor of."""
+        """Take `block`, a block of the inertia whose factor is in `sums.data`."""
         self._sums = sums
         self._index = index
         self._block = block
@@ -288,7 +298,7 @@ class _LargeBlock:
         return self._solved(force)[0]
 
     def largest_rate(self, slope_of: Callable[[BodyHydrodynamics], Array]) -> float:
-        from scipy.sparse import csr_array  # slow to import, and for large blocks alone
+        from scipy.sparse import csr_array  # slow to import, and only needed for large blocks
         from scipy.sparse.linalg import LinearOperator, eigsh
 
         bodies = [self._sums.bodies[i] for i in self._sums.bodies_of[self._index]]
@@ -309,12 +319,12 @@ class _LargeBlock:
         largest = eigsh(
             LinearOperator(shape, matvec=drag, dtype=float),
             k=1,
-            # sparse: threads of BLAS would wait for each other at each product
+            # sparse, because BLAS threads would wait for each other at each product
             M=csr_array(self._block),
             Minv=LinearOperator(shape, matvec=inverse, dtype=float),
             which="LA",
             ncv=_LANCZOS_VECTORS,
-            v0=np.ones(shape[0]),  # ARPACK would draw it at random
+            v0=np.ones(shape[0]),  # otherwise ARPACK would draw the start vector at random
             tol=_RATE_TOLERANCE,
             return_eigenvectors=False,
         )
@@ -322,7 +332,7 @@ class _LargeBlock:
         return float(largest[0])
 
     def _solved(self, rows: Array) -> Array:
-        """inv(M + A) times each of `rows` (r, n), as rows."""
+        """inv(M + A) times each row of `rows` (r, n), as rows."""
         forces = np.zeros((len(rows), self._sums.model.nv))
         columns = self._sums.dofs[self._index]
         forces[:, columns] = rows
@@ -332,7 +342,7 @@ class _LargeBlock:
 
 
 def _factored(sums: BlockSums, blocks: list[Array]) -> list[_Block]:
-    """The `blocks` of M + A with their factors.
+    """Make the `blocks` of M + A with their factors.
 
     Raises:
         np.linalg.LinAlgError: A block is not positive definite.
@@ -346,7 +356,7 @@ def _factored(sums: BlockSums, blocks: list[Array]) -> list[_Block]:
 
 
 def _factor_by_mujoco(sums: BlockSums, blocks: list[Array]) -> None:
-    """Puts M + A and its factor into `sums.data`.
+    """Write M + A and its factor into `sums.data`.
 
     Raises:
         np.linalg.LinAlgError: A block is not positive definite.
@@ -363,8 +373,8 @@ def _factor_by_mujoco(sums: BlockSums, blocks: list[Array]) -> None:
 
 
 def _mobility(inverse: np.ndarray, rows: Array) -> Array:
-    # Over all columns of the block, also zeros: in a long chain the terms cancel, and another order
-    # of summation would change the eleventh digit.
+    # The sum runs over all columns of the block, including zeros. In a long chain the terms cancel,
+    # and another order of summation would change the eleventh digit.
     return np.einsum("ij,jk,ik->i", rows, inverse, rows)
 
 
@@ -385,10 +395,10 @@ def _dry_block(sums: BlockSums, index: int) -> Array:
 
 
 def _entries(model: mujoco.MjModel, dofs: slice) -> tuple[slice, Indices, Indices]:
-    """Entries of `data.M` that belong to the block of `dofs`: their place, and their rows and
+    """Entries of `data.M` that belong to the block of `dofs`: their indices, and their rows and
     columns within the block.
 
-    `data.M` holds the lower triangle by rows, and of each row the columns of the ancestors.
+    `data.M` holds the lower triangle by rows, and in each row the columns of the ancestors.
     """
     counts = model.M_rownnz[dofs]
     start = int(model.M_rowadr[dofs.start])
@@ -398,7 +408,9 @@ def _entries(model: mujoco.MjModel, dofs: slice) -> tuple[slice, Indices, Indice
 
 
 def _moving_dofs(model: mujoco.MjModel) -> list[Indices]:
-    """Degrees of freedom that move each body, ascending: its own and those of its ancestors."""
+    """Degrees of freedom that move each body, in ascending order: its own and those of its
+    ancestors.
+    """
     parents = model.body_parentid.tolist()
     starts = model.body_dofadr.tolist()
     counts = model.body_dofnum.tolist()

@@ -124,7 +124,7 @@ PAST: list[tuple[Callable[[], Any], str]] = [
     (lambda: TargetModel.from_file(untyped(10**400)), "expected the name of a file"),
     (lambda: targets.of(untyped(1j)), "object: expected a name or a mesh file"),
     (lambda: targets.of(untyped(Hostile())), "object: expected .*Hostile"),
-    (lambda: line([0, 0, 0], [1e300, 0, 0]), "line: end: must lie within"),
+    (lambda: line([0, 0, 0], [1e300, 0, 0]), "line: end: must be within"),
     (lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], untyped("x")), "pitch .m.: expected a number"),
     (lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], 1e-9), "at most 10000 lines"),
 ]

@@ -36,7 +36,7 @@ def refused(run) -> str:
 def test_results_cannot_go_into_a_file(script, tmp_path: Path, name: str):
     file = tmp_path / "file"
     file.touch()
-    assert f"--out {file}: cannot be made a folder" in refused(script(name, "--out", file))
+    assert f"--out {file}: the folder cannot be created" in refused(script(name, "--out", file))
 
 
 @pytest.mark.parametrize(

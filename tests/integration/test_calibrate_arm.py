@@ -175,7 +175,7 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--compliance", "--payload", "1"), "--payload: 3 are needed, got 1"),
+        (("--compliance", "--payload", "1"), "--payload: must have 3 values, got 1"),
         (("--payload", "0", "5", "10"), "--payload and --link-mass: only with --compliance"),
         (
             ("--touches", "README.md", "--true-gears", "0.001"),
@@ -183,7 +183,7 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
         ),
         (
             ("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"),
-            "not for touching by contact",
+            "not allowed with touching by contact",
         ),
         (("--true-seating", "1"), "--true-seating [m]"),
         (

@@ -43,4 +43,4 @@ def test_two_runs_are_the_same_whoever_does_them(verb, root, tmp_path, monkeypat
     assert verb("campaign", FILE, *options).returncode in (0, 1)
     assert rows(tmp_path / "one") == {0: both[0]}
     again = verb("campaign", FILE, "--cases", 2, "--out", tmp_path / "two")
-    assert "2 of 2 runs are there already" in again.stdout
+    assert "2 of 2 runs are already done" in again.stdout

@@ -112,4 +112,4 @@ def test_which_of_several_objects_it_is(verb, tmp_path):
 def test_an_object_that_is_there_twice_is_refused(verb, tmp_path):
     refused = verb("identify", "object", "--among", "valve", "valve", "--out", tmp_path / "twice")
     assert refused.returncode == 2
-    assert "'valve' is there twice" in refused.stdout + refused.stderr
+    assert "got 'valve' twice" in refused.stdout + refused.stderr

@@ -64,5 +64,7 @@ def test_bad_input():
         MountedObject(stiffness=-1.0)
     with pytest.raises(ConfigurationError, match="MovingObject frequency"):
         MovingObject(frequency=-1.0)
-    with pytest.raises(ConfigurationError, match="another perturbation moves the object already"):
+    with pytest.raises(
+        ConfigurationError, match="must be the only perturbation that moves the object"
+    ):
         assemble(replace(clean_barrel(seed=1), perturbations=(MovingObject(), MountedObject())))

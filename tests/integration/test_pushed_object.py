@@ -71,7 +71,7 @@ def test_push_at_work_is_noticed_by_the_camera_on_the_arm():
 
 
 def test_bad_input():
-    with pytest.raises(ConfigurationError, match="one of the two"):
+    with pytest.raises(ConfigurationError, match="must have either"):
         PushedObject(by=(0.0, 0.0, 0.1))
     with pytest.raises(ConfigurationError, match="PushedObject by"):
         PushedObject(at=1.0, by=(np.nan, 0.0, 0.0))

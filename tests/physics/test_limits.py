@@ -237,7 +237,9 @@ def test_sensors_that_are_not_named_read_true():
 def test_a_step_without_observe_is_refused():
     plant = new_plant()
     plant.step(still(plant))
-    with pytest.raises(ConfigurationError, match=r"call observe\(\) before each step\(\)"):
+    with pytest.raises(
+        ConfigurationError, match=r"observe\(\) must be called before each step\(\)"
+    ):
         plant.step(still(plant))
     plant.observe()
     plant.reset(current=Current(np.zeros(3)))

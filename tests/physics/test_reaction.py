@@ -241,7 +241,7 @@ def test_after_a_step_it_is_the_wrench_of_that_step(rng):
     assert np.array_equal(arm.wrench(data, qvel), before)
     assert np.array_equal(data.qvel, ahead)
     hydrodynamics.uninstall()
-    with pytest.raises(HydrodynamicsError, match="the water did not act"):
+    with pytest.raises(HydrodynamicsError, match="the hydrodynamics were not included"):
         arm.wrench(data, qvel)
 
 

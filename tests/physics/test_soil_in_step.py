@@ -147,6 +147,6 @@ def test_the_reaction_of_the_arm_holds_the_soil(within, rng):
         before = data.qvel.copy()
         mujoco.mj_step(model, data)
         within("after the step", reaction.wrench(data, before, f_W) - expected, 1e-10)
-        with pytest.raises(HydrodynamicsError, match="give it as soil_W"):
+        with pytest.raises(HydrodynamicsError, match="give the force of the soil as soil_W"):
             reaction.wrench(data, before)
     assert felt > 10

@@ -246,7 +246,7 @@ def test_what_is_no_current_is_refused_and_changes_nothing(currents):
         (lambda: refused(model, data, "fast"), r"velocity_W"),
         (lambda: refused(dry, mujoco.MjData(dry), zero), "with hydrodynamics"),
         (lambda: refused(model, mujoco.MjData(dry), zero), r"3 numbers .*which has 13"),
-        (lambda: refused(model, [0.0] * 13, zero), r"expected an MjData or a userdata"),
+        (lambda: refused(model, [0.0] * 13, zero), r"expected an MjData or an array of userdata"),
         (lambda: hydrodynamics.current(dry, mujoco.MjData(dry)), "with hydrodynamics"),
     ):
         with pytest.raises(ConfigurationError, match=message):
@@ -346,7 +346,7 @@ def test_data_that_are_reset_within_a_run_are_refused(currents):
         plant.observe()
         plant.step(still())
     mujoco.mj_resetData(plant.model, plant.data)
-    with pytest.raises(ConfigurationError, match=r"its data was reset, .* reset\(\) or start\(\)"):
+    with pytest.raises(ConfigurationError, match=r"its data were reset .* reset\(\) or start\(\)"):
         plant.observe()
     plant.reset(current=Current([0.1, 0.0, 0.0]))
     plant.observe()

@@ -1,4 +1,4 @@
-"""Rerun log of arms that move along given joint values; timeline "sim_time"."""
+"""Rerun log of arms that move along given joint values, with the timeline "sim_time"."""
 
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ TIMELINE = "sim_time"
 
 
 class ArmLog:
-    """Writer of one Rerun file, with `view` also to a viewer; a context manager, else `close`."""
+    """Writer of one Rerun file, which `view` also sends to a viewer; a context manager, or call
+    `close`.
+    """
 
     def __init__(self, file: Path, title: str, blueprint: Any, *, view: bool) -> None:
-        import rerun as rr  # slow to import, and needless without a log
+        import rerun as rr  # slow to import, and only needed for a log
 
         self._rr = rr
         self._stream = rr.RecordingStream("uuv-arm")
@@ -41,7 +43,7 @@ class ArmLog:
         *,
         stride: int = 1,
     ) -> None:
-        """Logs an arm's links and joints over time.
+        """Log an arm's links and joints over time.
 
         Args:
             name: Name of the entity.
@@ -75,7 +77,7 @@ class ArmLog:
         )
 
     def line(self, name: str, points: Array, color: tuple[int, int, int], radius: float) -> None:
-        """Logs a static line.
+        """Log a static line.
 
         Args:
             name: Name of the entity.
@@ -89,7 +91,7 @@ class ArmLog:
         )
 
     def series(self, name: str, labels: list[str], time: Array, values: Array) -> None:
-        """Logs curves over time.
+        """Log curves over time.
 
         Args:
             name: Name of the entity.
@@ -102,7 +104,7 @@ class ArmLog:
         self._columns(f"series/{name}", time, rr.Scalars.columns(scalars=values))
 
     def close(self) -> None:
-        """Flushes and closes the file."""
+        """Flush and close the file."""
         self._stream.flush(timeout_sec=10.0)
         self._stream.disconnect()
 

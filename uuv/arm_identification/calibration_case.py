@@ -22,16 +22,16 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueArm:
-    """The true arm of a simulation; the calibration gets only its touches."""
+    """The true arm of a simulation. The calibration receives only its touches."""
 
     arm: SerialArm
     tcp: Array  # (3,) [m]
-    hangs: bool  # z of its base points down
-    sag: Sag | None = None  # elastic joints, under no payload
+    hangs: bool  # z of the arm's base points down
+    sag: Sag | None = None  # elastic joints, without payload
     gears: EccentricGears | None = None
 
     def stands_at(self, q: Array) -> Array:
-        """Joint values (N, n) [rad] at which the joints truly stand where the encoders read `q`."""
+        """True joint values (N, n) [rad] when the encoders read `q`."""
         return true_joints(self.arm, q, sag=self.sag, gears=self.gears)
 
 
@@ -46,7 +46,8 @@ class CalibrationCase:
     held_out: Touches | None = None
     truth: TrueArm | None = None
     session: Session | None = None  # touching by contact
-    loads: Loads | None = None  # under which the joints bend; None: compliances are not identified
+    # loads under which the joints bend; None: compliances are not identified
+    loads: Loads | None = None
     # (4, 4) arm base on a hull that moved during the touches; None: fixed base
     X_BA: Array | None = None
     notes: tuple[str, ...] = ()
@@ -54,16 +55,20 @@ class CalibrationCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loading:
-    """Weights on the arm from the command line; its base stands upright or hangs from a vehicle."""
+    """Weights on the arm from the command line. The base of the arm is upright or hangs from a
+    vehicle.
+    """
 
-    link_masses: tuple[float, ...] = ()  # [kg] empty: spread evenly along the links
-    payload: tuple[float, ...] = ()  # [kg] at the tool, for each point; empty: none
+    # [kg] masses of the links; empty: spread evenly along the links
+    link_masses: tuple[float, ...] = ()
+    payload: tuple[float, ...] = ()  # [kg] payloads at the tool, one for each point; empty: none
 
     def on(self, source: ArmSource, points: int) -> Loads:
-        """Loads on the arm of `source` over series of touches of so many points.
+        """Loads on the arm of `source` during the touches of `points` points.
 
         Raises:
-            ConfigurationError: Another number of masses than links, or of payloads than points.
+            ConfigurationError: The number of masses differs from that of the links, or the number
+                of payloads from that of the points.
         """
         n = len(source.arm.joint_types)
         for option, masses, count in (
@@ -71,11 +76,11 @@ class Loading:
             ("--payload", self.payload, points),
         ):
             if masses and len(masses) != count:
-                raise ConfigurationError(f"{option}: {count} are needed, got {len(masses)}")
+                raise ConfigurationError(f"{option}: must have {count} values, got {len(masses)}")
             for mass in masses:
                 finite_number(mass, f"{option} [kg]", least=0.0, most=1e4)
 
-        # a vehicle's arm has its z axis downwards
+        # the z axis of a vehicle's arm points down
         down = GRAVITY if source.kind == "mjcf" else -GRAVITY
         return Loads(
             link_masses=self.link_masses or None,
@@ -89,7 +94,7 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
 
     Args:
         name: Name or path.
-        folder: A vehicle's MJCF is written there.
+        folder: Folder to which a vehicle's MJCF is written.
         base: Base link or body of a URDF or MJCF.
         tip: Tip link or site of a URDF or MJCF.
 
@@ -98,7 +103,7 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
     """
     check_arm(name)
 
-    # By its name first, then as a file.
+    # A name is tried first, then a file.
     if name in published_arms.available():
         return ArmSource(
             path=Path(name),
@@ -140,7 +145,7 @@ def from_files(
 
     Raises:
         ConfigurationError: A file is unusable, `distances` names an unknown point, or touches are
-            beyond the limits and do not coincide either.
+            beyond the limits and, in addition, do not coincide.
     """
     arm = source.arm
     how = {
@@ -177,17 +182,18 @@ def from_files(
 
 
 def _beyond(arm: SerialArm, read: Touches, limits: Literal["arm", "encoders"]) -> list[str]:
-    """Notes on touches beyond the arm's limits, which are wrong where the touches coincide.
+    """Notes on touches beyond the arm's limits; if the touches coincide, the limits are wrong.
 
     Raises:
-        ConfigurationError: They do not coincide, and the encoders are not to be believed.
+        ConfigurationError: The touches do not coincide, and the option to trust the encoders is not
+            set.
     """
     if not read.beyond:
         return []
     if limits == "arm" and not coincide(arm, list(read.series)):
         raise ConfigurationError(
-            f"{read.beyond[0]}: wrong unit or order of the joint values? If they are right, give "
-            "--limits encoders"
+            f"{read.beyond[0]}; check the unit and order of the joint values. If they are right, "
+            "give --limits encoders"
         )
 
     return [

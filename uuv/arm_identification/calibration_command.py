@@ -1,4 +1,4 @@
-"""The calibration of an arm as a command runs it: input, and what is printed and written."""
+"""Calibration of an arm as run by a command: its input, and printed and written results."""
 
 import datetime
 from dataclasses import asdict, replace
@@ -37,7 +37,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
 
     Args:
         options: Command line.
-        folder: Folder of results; a vehicle's MJCF and the log go there.
+        folder: Folder of results, for a vehicle's MJCF and the log, too.
         rng: Draws the simulated touches.
 
     Raises:
@@ -70,7 +70,9 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         raise ConfigurationError("--distance and --held-out: only with --touches")
     contact = options.touching != "noise"
     if contact and (options.compliance or real != RealEffects()):
-        raise ConfigurationError("--compliance and --true-...: not for touching by contact")
+        raise ConfigurationError(
+            "--compliance and --true-...: not allowed with touching by contact"
+        )
 
     # Sizes of the simulated session.
     few = options.quick and contact
@@ -88,7 +90,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
 
     if not contact:
         if options.view:
-            raise ConfigurationError("--view: only with --touching clamped or hovering")
+            raise ConfigurationError("--view: only allowed with --touching clamped or hovering")
         return simulated(
             source,
             points=points,
@@ -139,14 +141,14 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
 
 
 def loading_of(options: CalibrationOptions) -> Loading:
-    """Weights on the arm."""
+    """Loads on the arm from the options."""
     return Loading(link_masses=options.link_mass, payload=options.payload)
 
 
 def plan_touches(
     options: CalibrationOptions, folder: Path, console: Console, rng: np.random.Generator
 ) -> int:
-    """Plans touches, prints and writes them, and returns the exit code.
+    """Plan touches, print and write them, and return the exit code.
 
     Args:
         options: Command line.
@@ -158,7 +160,7 @@ def plan_touches(
         UuvError: Options contradict each other, files cannot be read, or the arm does not reach
             enough postures.
     """
-    # Options without effect on a plan.
+    # Options that have no effect on a plan.
     simulated = {"--touching": options.touching != "noise", "--poses": options.poses is not None}
     judged = {
         "--held-out": bool(options.held_out),
@@ -194,7 +196,7 @@ def plan_touches(
 def calibrate(
     options: CalibrationOptions, folder: Path, console: Console, rng: np.random.Generator
 ) -> int:
-    """Calibrates, prints and writes the results, and returns the exit code.
+    """Calibrate, print and write the results, and return the exit code.
 
     Args:
         options: Command line.
@@ -203,7 +205,7 @@ def calibrate(
         rng: Draws the simulated touches.
 
     Raises:
-        UuvError: As of `case_of`, or the touches do not determine the arm.
+        UuvError: As for `case_of`, or the touches do not determine the arm.
     """
     case = case_of(options, folder, rng)
 
@@ -230,7 +232,7 @@ def calibrate(
 
 
 def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -> None:
-    """Prints the figures of merit, the parameters that changed most and the undetermined ones."""
+    """Print the figures of merit, the parameters that changed most and the undetermined ones."""
     calibration = outcome.calibration
     console.print(Text(case.title, style="bold"))
     for warning in calibration.warnings:
@@ -251,7 +253,7 @@ def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -
 def _write(
     case: CalibrationCase, outcome: CalibrationOutcome, options: CalibrationOptions, folder: Path
 ) -> list[Path]:
-    """Writes arm, simulated touches, metrics and report; returns the files of the arm."""
+    """Write arm, simulated touches, metrics and report, and return the files of the arm."""
     calibration = outcome.calibration
     accepted = not failed(outcome, options.method)
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

@@ -1,4 +1,4 @@
-"""Figures of a calibration: those printed and reported, and the contents of metrics.json."""
+"""Figures of a calibration, which are printed and reported, and the contents of metrics.json."""
 
 from typing import Any
 
@@ -85,7 +85,9 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
 
 
 def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, str]]:
-    """Name, change, half 95 % interval and unit of the parameters that changed most, relatively."""
+    """Name, change, half 95 % interval and unit of the parameters that changed most, relative to
+    their uncertainty.
+    """
     names, changes = fit.names, fit.estimate.changes
     half = fit.quantile() * fit.sigma
     arm = [i for i, group in enumerate(fit.estimate.parameters.groups) if group != "tcp"]
@@ -98,7 +100,9 @@ def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, 
 
 
 def _compliances(calibration: Calibration) -> str:
-    """Compliance of each joint and half of its 95 % interval; a dash where loads do not show it."""
+    """Compliance of each joint and half of its 95 % interval; a dash if the loads do not determine
+    it.
+    """
     half = dict(zip(calibration.names, calibration.quantile() * calibration.sigma, strict=True))
     hidden = {name for group in calibration.rank_free.hidden for name in group.names}
 
@@ -112,7 +116,7 @@ def _compliances(calibration: Calibration) -> str:
 def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     """Accuracy of the arm's scale, which only a known distance determines."""
     if not case.distances:
-        return "not identifiable: no distance is known"
+        return "not identifiable without a known distance"
     longest = max(case.distances, key=lambda distance: distance[2])
 
     calibration = outcome.calibration
@@ -146,10 +150,10 @@ def metrics(
         "seed": seed,
         "accepted": ok,
         "untold": list(outcome.examined.untold),
-        # The touches and the fit to them.
+        # The touches, and the fit to them.
         "touches": _touch_metrics(case, calibration),
         "fit": _fit_metrics(case, calibration),
-        # What the touches determine.
+        # Parameters that the touches determine.
         "rank": {
             "identified": rank.rank,
             "of": rank.total,
@@ -157,7 +161,7 @@ def metrics(
                 {"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden
             ],
         },
-        # Against the truth, and against touches held out.
+        # Comparison with the truth, and with touches held out.
         "tracker": {name: clouds[name].rms for name in ("nominal", "identified")}
         if clouds
         else None,
@@ -194,7 +198,7 @@ def metrics(
 
 
 def _touch_metrics(case: CalibrationCase, calibration: Calibration) -> dict[str, Any]:
-    """The touches: how many, of what weight, and their noise."""
+    """Figures of the touches: number, weight and noise."""
     return {
         "count": sum(len(residuals) for residuals in calibration.residuals),
         "points": len(calibration.residuals),
@@ -208,7 +212,7 @@ def _touch_metrics(case: CalibrationCase, calibration: Calibration) -> dict[str,
 
 
 def _fit_metrics(case: CalibrationCase, calibration: Calibration) -> dict[str, Any]:
-    """The fit: what it cost, and how it went."""
+    """Figures of the fit: cost and convergence."""
     return {
         "cost_nominal_m2": float(calibration.cost_nominal),
         "cost_m2": float(calibration.cost),
@@ -220,7 +224,7 @@ def _fit_metrics(case: CalibrationCase, calibration: Calibration) -> dict[str, A
 
 
 def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
-    """Distances of the touches of a point in all pairs [Yukhimets 2023, fig. 4]."""
+    """Distances between the touches of a point, in all pairs [Yukhimets 2023, fig. 4]."""
     calibration = outcome.calibration
     series = list(outcome.series)
     before = verification.pair_distances(
@@ -237,7 +241,9 @@ def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
 
 
 def _stages(clouds: dict[str, verification.Cloud]) -> dict[str, Any]:
-    """Stages of the flange points against the tracker's [Yukhimets 2023, fig. 5 to 8]."""
+    """Stages of the comparison of flange points with the tracker's [Yukhimets 2023, fig. 5 to
+    8].
+    """
     tracker = clouds["tracker"]
 
     def stage(name: str) -> dict[str, float]:

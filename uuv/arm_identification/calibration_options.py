@@ -1,4 +1,4 @@
-"""Options of the calibration of an arm, and its inputs, read before anything is compiled."""
+"""Options of the calibration of an arm, and checks of its inputs that need no compiled code."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -37,12 +37,12 @@ class TouchedSiteOptions(RunOptions):
         """New folder for results.
 
         Raises:
-            ConfigurationError: It is in use, or cannot be created.
+            ConfigurationError: The folder is in use, or cannot be created.
         """
         return new_folder(name, self.out, self.seed)
 
     def site(self) -> Site:
-        """The water; its object is none of a calibration."""
+        """Site with the water only; a calibration has no object."""
         flow = None if self.flow is None else flow_of(self.flow)
         water = Site(current=self.current, flow=flow, gust=self.gust)
         return replace(water, wave=self.wave, wave_frequency=self.wave_frequency)
@@ -132,10 +132,10 @@ class CalibrationOptions(TouchedSiteOptions):
 
 
 def check_inputs(options: CalibrationOptions) -> None:
-    """Refuses an arm that there is not, and files that hold neither touches nor an arm.
+    """Refuse an unknown arm, and files that contain neither touches nor an arm.
 
     Raises:
-        ConfigurationError: Which one, what is allowed, and what was given.
+        ConfigurationError: The message names the option, the allowed values and the given one.
     """
     from uuv.calib.touch_files import check_touches
 
@@ -148,21 +148,21 @@ def check_inputs(options: CalibrationOptions) -> None:
 
 
 def check_arm(name: str) -> None:
-    """Refuses a name that is none of an arm; a file is only seen to have an ending.
+    """Refuse a name that is not the name of an arm. A file is only checked for a suffix.
 
-    Published arms are known by the list of their names: their module compiles kernels when it is
-    imported.
+    Published arms are recognised by the list of their names, because the import of their module
+    compiles kernels.
     """
     from uuv import models
 
     known = (*(arm for arm, _ in things("arm")), *models.available())
     if name not in known and not is_file(name):
         raise ConfigurationError(
-            f"--arm: unknown {name!r}; there are {', '.join(known)}, or a "
-            f"file{did_you_mean(name, known)}"
+            f"--arm: must be one of {', '.join(known)}, or a file, got "
+            f"{name!r}{did_you_mean(name, known)}"
         )
 
 
 def is_file(name: str) -> bool:
-    """True for what has an ending, such as arm.urdf."""
+    """True for a name with a suffix, such as arm.urdf."""
     return bool(Path(name).suffix)

@@ -26,7 +26,8 @@ from uuv.calib.verdicts.evidence import Told
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.spatial import Array
 
-# groups of points left out in turn; touches, less one a point, that the rest needs
+# number of groups of points left out in turn, and of touches, less one for each point, that the
+# rest needs
 _FOLDS, _LEAST_FOLD = 4, 12
 
 
@@ -35,24 +36,24 @@ class CalibrationOutcome:
     """A calibration with the figures of its evaluation."""
 
     calibration: Calibration
-    arm: SerialArm  # identified, without the joints of a moving hull
+    arm: SerialArm  # identified arm, without the joints that represent a moving hull
     tcp: Array  # (3,) [m]
-    series: tuple[Array, ...]  # joint values that were identified from
+    series: tuple[Array, ...]  # joint values that the arm was identified from
     clouds: dict[str, verification.Cloud] = field(default_factory=dict)
-    # by point: RMS [m] nominal, identified
+    # RMS [m] by point, for the nominal and the identified arm
     held_out: dict[str, tuple[float, float]] = field(default_factory=dict)
-    # share of the errors held out, along each axis, within their 95 % intervals
+    # share of the held-out errors, along each axis, that are within their 95 % intervals
     covered: float | None = None
     half_width: float | None = None  # [m] median half-width of those intervals
-    # (N,) [m] error of the tip in the base: nominal, identified
+    # (N,) [m] error of the tip in the base, for the nominal and the identified arm
     tips: tuple[Array, Array] | None = None
-    # hovering: hull motion ignored
+    # result for a hovering hull if its motion is ignored
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)
-    # where compliances are identified: the same touches without them
+    # if compliances are identified: the result for the same touches without them
     rigid: Calibration | None = None
-    # wrong inputs that explain the touches better, or as well
+    # errors of the input that would explain the touches better, or equally well
     examined: Examination = field(default_factory=Examination)
-    worse: tuple[str, ...] = ()  # data on which the nominal arm is better beyond chance
+    worse: tuple[str, ...] = ()  # data on which the nominal arm is significantly better
 
 
 def solve(
@@ -62,9 +63,9 @@ def solve(
     prior: dict[str, float],
     method: Literal["map", "paper"],
 ) -> CalibrationOutcome:
-    """Identifies the arm of a case and evaluates the result.
+    """Identify the arm of a case and evaluate the result.
 
-    The hull poses of navigation enter the fit where the hull moved.
+    If the hull moved, its poses from navigation enter the fit.
 
     Args:
         case: Input.
@@ -93,7 +94,7 @@ def solve(
     if case.loads is None:
         return outcome
 
-    # The same touches by a rigid arm, for comparison.
+    # The same touches with a rigid arm, for comparison.
     elastic = {"compliance", *(f"c{k + 1}" for k in range(arm.n))}
     words = [word for word in free if word not in elastic]
     return replace(
@@ -108,7 +109,9 @@ def _solved_on_moving_base(
     free: Sequence[str],
     options: dict[str, Any],
 ) -> CalibrationOutcome:
-    """As of `solve`, the hull poses (m_i, 4, 4) during the touches being joints of a longer arm."""
+    """Same as `solve`, with the hull poses (m_i, 4, 4) during the touches as joints of a longer
+    arm.
+    """
     series = list(case.touches.series)
     arm = case.source.arm
     longer = on_moving_base(arm, X_BA)
@@ -127,7 +130,9 @@ def _solved_on_moving_base(
 def _examined(
     outcome: CalibrationOutcome, case: CalibrationCase, again: Callable[..., Calibration]
 ) -> CalibrationOutcome:
-    """The outcome with what its touches say against it; those of a longer arm if the hull moved."""
+    """The outcome with the evidence of its touches against it, for the longer arm if the hull
+    moved.
+    """
     fit = outcome.calibration
     series = list(outcome.series)
     base = 0 if case.X_BA is None else BASE_JOINTS
@@ -143,7 +148,7 @@ def _examined(
 def _judged(
     case: CalibrationCase, fit: Calibration, arm: SerialArm, series: Sequence[Array]
 ) -> CalibrationOutcome:
-    """The fit against the truth, where it is known, and against the touches held out."""
+    """Comparison of the fit with the truth, if it is known, and with the touches held out."""
     outcome = CalibrationOutcome(calibration=fit, arm=arm, tcp=fit.tcp, series=tuple(series))
     if case.truth is not None:
         clouds = tracked(case, arm, fit, np.random.default_rng(0))
@@ -152,7 +157,8 @@ def _judged(
     if case.held_out is None:
         return outcome
 
-    # Scatter of the touches of each point held out, by the nominal arm and by the identified one.
+    # Scatter of the touches of each held-out point, with the nominal arm and with the identified
+    # one.
     tcp = first_tcp(case.source.arm, list(case.touches.series))
     held = {
         name: (_scatter(case.source.arm.tips(q, tcp)), _scatter(fit.tips(q)))
@@ -163,7 +169,7 @@ def _judged(
     if not several:
         return outcome
 
-    # Share of those touches within the predicted intervals.
+    # Share of those touches that are within the predicted intervals.
     tips_held = [fit.tips(q) for q in several]
     errors = np.abs(np.vstack([p - p.mean(axis=0) for p in tips_held]))
     half = np.vstack([fit.half_widths(q) for q in several])
@@ -174,7 +180,9 @@ def _judged(
 def _tip_errors(
     case: CalibrationCase, truth: TrueArm, fit: Calibration, arm: SerialArm
 ) -> tuple[Array, Array]:
-    """Errors (N,) [m] of the tip in the base at all touches, by nominal and identified arm."""
+    """Errors (N,) [m] of the tip in the base at all touches, for the nominal and the identified
+    arm.
+    """
     q = np.vstack(case.touches.series)
     bent = q if fit.loads is None else fit.deflected(q)
     true = truth.arm.tips(truth.stands_at(q), truth.tcp)
@@ -185,7 +193,7 @@ def _tip_errors(
 def _worse_points(
     case: CalibrationCase, calibration: Calibration, series: Sequence[Array]
 ) -> list[str]:
-    """Points, used or held out, whose touches lie significantly closer by the nominal arm."""
+    """Points, used or held out, whose touches agree significantly better with the nominal arm."""
     used = [weights > 0.0 for weights in calibration.weights]
     sets = [(case.touches.names, series, used, calibration.touched_tips(series))]
     if case.held_out is not None:
@@ -213,9 +221,11 @@ def _worse_points(
 def _worse_predicted(
     calibration: Calibration, series: Sequence[Array], again: Callable[..., Calibration]
 ) -> list[str]:
-    """Whether points left out of the fit in turn lie significantly closer by the nominal arm."""
+    """Whether points left out of the fit in turn agree significantly better with the nominal
+    arm.
+    """
     if calibration.loads is not None:
-        return []  # its payloads are those of all points
+        return []  # the payloads are given for all points
 
     # Cross-validation over folds of points.
     folds = [range(k, len(series), _FOLDS) for k in range(min(_FOLDS, len(series)))]
@@ -245,7 +255,9 @@ def _worse_predicted(
 
 
 def _chance(degrees: int) -> float:
-    """Ratio of two RMS values, each of so many degrees of freedom, at the 0.1 % level."""
+    """Ratio of two RMS values, each with `degrees` degrees of freedom, at the 0.1 % significance
+    level.
+    """
     return float(np.sqrt(f.isf(1e-3, degrees, degrees)))
 
 
@@ -255,9 +267,10 @@ def _scatter(tips: Array) -> float:
 
 
 def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list[str]:
-    """Reasons to reject the identified arm; empty: accepted.
+    """Reasons to reject the identified arm; empty if it is accepted.
 
-    Convergence counts for `method` "map" only: the published three iterations do not converge.
+    Convergence is required for `method` "map" only, since the published three iterations do not
+    converge.
     """
     calibration = outcome.calibration
     out = [str(doubt) for doubt in outcome.examined.doubts]

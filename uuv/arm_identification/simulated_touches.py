@@ -21,10 +21,11 @@ from uuv.sim.interfaces.spatial import Array, readonly
 from uuv.sim.interfaces.streams import Streams
 from uuv.sim.loop.rollout import Observer
 
-TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] tip in the flange
+# [m] position of the tip in the flange
+TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}
 # Tool direction in an arm's base whose z axis points up.
 LOOKING_DOWN = (0.0, 0.0, -1.0)
-# Errors of an arm as built in a workshop: theta, alpha, beta [rad], d, a [m].
+# Errors of an arm from a workshop: theta, alpha, beta [rad], d, a [m].
 WORKSHOP = {
     "theta": np.deg2rad(0.3),
     "d": 2e-3,
@@ -47,7 +48,7 @@ PAPER_UR10E = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealEffects:
-    """What real arms and sockets have and a kinematic model does not, for simulated touches."""
+    """Effects of real arms and sockets that a kinematic model lacks, for simulated touches."""
 
     compliance: float = 0.0  # [rad/(N m)] of every joint
     gears: float = 0.0  # [rad] spread of the amplitudes of eccentric gears
@@ -69,7 +70,7 @@ def simulated(
 ) -> CalibrationCase:
     """Calibration case from simulated touches by hand of an arm with errors.
 
-    The true arm is that of [Yukhimets 2023] for a UR10e, else one with workshop errors.
+    The true arm of a UR10e is the one of [Yukhimets 2023]; other arms have workshop errors.
 
     Args:
         source: Nominal arm.
@@ -77,11 +78,11 @@ def simulated(
         touches: Touches of each point.
         noise: [m] standard deviation of a touch along each axis.
         pin: Name in TOOLS.
-        known: Give the distance between the two farthest points.
+        known: Whether the distance between the two farthest points is given.
         errors: Seed of the workshop errors.
         rng: Draws points, touches and the error of the distance.
         real: Effects in the true arm and its sockets.
-        loading: Weights under which they bend.
+        loading: Weights under which the joints bend.
 
     Raises:
         ReachError: Too few points are reached.
@@ -90,8 +91,8 @@ def simulated(
     drawing = np.random.default_rng(errors)
     if source.kind == "mjcf":
         arm = dh_geometry.with_errors(source.arm, drawing)
-        # The tip site is the tip of the vehicle's own tool; an off-axis pin protrudes sideways from
-        # it.
+        # The tip site is the tip of the vehicle's own tool. An off-axis pin protrudes sideways from
+        # the tool.
         tcp = np.array([TOOLS[pin][0], 0.0, 0.0])
         hangs = True
         title = f"Calibration of {source.path.stem}, built with workshop errors {errors}"
@@ -118,7 +119,7 @@ def simulated(
         way=DOWN if hangs else LOOKING_DOWN,
     )
 
-    # Effects beside the kinematics, each with its own random stream.
+    # Effects in addition to the kinematics, each with its own random stream.
     sag, gears, unloaded = None, None, None
     if real.compliance > 0.0:
         sag = Sag(compliance=np.full(arm.n, real.compliance), loads=loading.on(source, points))
@@ -142,12 +143,13 @@ def by_contact(
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> CalibrationCase:
-    """Calibration case from touches by contact: the vehicle's built arm presses a pin into nests.
+    """Calibration case from touches by contact, in which the vehicle's true arm presses a pin into
+    nests.
 
     Args:
         source: Nominal arm.
-        scenario: As `touching_scenario` makes it.
-        known: Give the distance between the two farthest nests.
+        scenario: Scenario from `touching_scenario`.
+        known: Whether the distance between the two farthest nests is given.
         rng: Draws the error of that distance.
         watch: Makes a further observer of the loop for the compiled world.
 
@@ -158,7 +160,7 @@ def by_contact(
     vehicle = scenario.vehicle
     session, believed = touch(scenario, watch)
 
-    # The true arm, as `touch` built it.
+    # The true arm that `touch` built.
     nominal_arm = dh_geometry.read(
         believed.model, ARM_BASE_BODY, TIP_SITE, exclude=believed.passive_joints
     )
@@ -170,7 +172,9 @@ def by_contact(
     # Nests that were touched more than once.
     repeated = [k for k, q in enumerate(session.series) if len(q) > 1]
     if len(repeated) < 2:
-        raise ConfigurationError("fewer than two nests were found; nothing can be calibrated")
+        raise ConfigurationError(
+            "touching by contact: at least two nests must be found for a calibration, got fewer"
+        )
     case = _simulated_case(
         title,
         source,

@@ -27,35 +27,36 @@ from uuv.sim.runs.terminal import verdict
 NOT_ACCEPTED = 1  # exit code
 FILE = "plan.csv"
 MOST = 200  # largest number of planned touches
-# least candidates of each point; candidates of all points for each planned touch
+# smallest number of candidates of each point; number of candidates of all points for each planned
+# touch
 _CANDIDATES, _PER_TOUCH = 60, 3
-_RANDOM = 50  # random choices to compare with
-_TARGETS = 20  # flange points of the moves whose error is expected
+_RANDOM = 50  # number of random choices to compare with
+_TARGETS = 20  # number of flange points of the moves whose expected error is computed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TouchPlan:
     """Planned touches with the expected RMS error of relative flange moves, without scale."""
 
-    names: tuple[str, ...]  # of the points
+    names: tuple[str, ...]  # names of the points
     points: Array  # (S, 3) [m] in the arm's base
-    so_far: tuple[int, ...]  # touches already made of each point
+    so_far: tuple[int, ...]  # number of touches already made of each point
     tcp: Array  # (3,) [m] tool point in the flange
     found: Plan
-    random: Array  # (k,) [m] expected errors of as many random touches
+    random: Array  # (k,) [m] expected errors for as many random choices of touches
 
     @property
     def order(self) -> list[tuple[int, Array]]:
-        """Point and joint values (n,) of each planned touch, point by point."""
+        """Point and joint values (n,) of each planned touch, ordered by point."""
         return [(i, q) for i, series in enumerate(self.found.series) for q in series]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewPoints:
-    """Points to draw where none was touched yet, and how they will be touched."""
+    """Points to draw if none was touched yet, and the tool and noise of their touches."""
 
     count: int
-    # name in TOOLS; None: the file's own tool point, of a DH table the off-axis pin
+    # name in TOOLS; None: the tool point in the file, or the off-axis pin for a DH table
     pin: str | None
     noise: float  # [m] standard deviation of a touch along each axis
 
@@ -69,19 +70,20 @@ def planned(
     prior: dict[str, float],
     rng: np.random.Generator,
 ) -> TouchPlan:
-    """Plans touches of the points so far by the arm identified from them, else of drawn points.
+    """Plan touches of the points so far, with the arm identified from them, or else of drawn
+    points.
 
     Args:
         source: Nominal arm.
         so_far: Touches already made, or the points to draw.
         count: Number of touches to plan.
         free: Free parameters; empty: all.
-        prior: Prior standard deviations by name; empty: from the data, else
+        prior: Prior standard deviations by name; empty: from the data or, without data,
             `uuv.calib.parameters.DEFAULT_PRIOR`.
         rng: Draws points, candidates, moves and random choices.
 
     Raises:
-        UuvError: The touches so far cannot be identified from, or the arm does not reach enough
+        UuvError: The touches so far do not determine the arm, or the arm does not reach enough
             postures.
     """
     whole_number(count, "--plan", least=1, most=MOST)
@@ -89,7 +91,7 @@ def planned(
     how: dict[str, Any] = {"free": list(free) or DEFAULT_FREE, "prior": prior or None}
 
     if isinstance(so_far, NewPoints):
-        # Drawn points, touched by the nominal arm.
+        # Drawn points, touched with the nominal arm.
         arm = source.arm
         tcp = _tool(source, so_far.pin)
         points = so_far.count
@@ -103,7 +105,7 @@ def planned(
         done = [np.zeros((0, arm.n))] * points
         how |= {"tcp": tcp, "noise": so_far.noise}
     else:
-        # Points so far, touched by the arm that they identify.
+        # Points so far, touched with the arm that they identify.
         model = identify(
             so_far.touches.series,
             source.arm,
@@ -137,7 +139,7 @@ def planned(
 
 
 def _tool(source: ArmSource, pin: str | None) -> Array:
-    """Tool point (3,) [m] in the flange, as the simulated touches take it."""
+    """Tool point (3,) [m] in the flange, the same as for the simulated touches."""
     if source.kind == "mjcf":  # the tip site is the tip of the vehicle's own tool
         return np.array([TOOLS[pin or "straight"][0], 0.0, 0.0])
     if pin is None and source.kind != "dh":
@@ -161,10 +163,11 @@ def _candidates(
     per_point: int,
     rng: np.random.Generator,
 ) -> tuple[list[Array], Array]:
-    """Postures that touch the same points, the flange within CONE of its mean direction so far.
+    """Postures that touch the same points, with the flange within CONE of its mean direction so
+    far.
 
     Returns:
-        Joint values (each, n) per point; the points (S, 3) [m] in the arm's base.
+        Joint values (each, n) for each point, and the points (S, 3) [m] in the arm's base.
     """
     bounds = np.clip(limits, -np.pi, np.pi)
     places = np.array([calibration.tips(q).mean(axis=0) for q in done])
@@ -193,7 +196,7 @@ def run(
     folder: Path,
     out: Console,
 ) -> int:
-    """Prints a plan, writes plan.csv and metrics.json, and returns the exit code.
+    """Print a plan, write plan.csv and metrics.json, and return the exit code.
 
     Args:
         touch_plan: The plan.

@@ -1,4 +1,6 @@
-"""Touching session: the arm presses a pin into nests under water, the hull clamped or hovering."""
+"""Touching session: the arm presses a pin into nests under water, with the hull clamped or
+hovering.
+"""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
@@ -23,14 +25,16 @@ from uuv.sim.loop.recording import Recorder
 from uuv.sim.loop.rollout import Moment, Observer
 from uuv.site import Site
 
-MISSED = 0.03  # [m] a reading farther than this from the median of its nest missed the nest
-LONGEST_PER_TOUCH = 30.0  # [s] simulated, limit for each touch
-STILL = 1e-4  # [m] clamped hull: a pin that moves more than this during a reading is not seated
+# [m] distance of a reading from the median of its nest above which it missed the nest
+MISSED = 0.03
+LONGEST_PER_TOUCH = 30.0  # [s] limit of the simulated time for each touch
+# [m] for a clamped hull: a pin that moves more than this during a reading is not seated
+STILL = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Session:
-    """Readings of a touching session; true positions are for evaluation only."""
+    """Readings of a touching session. True positions are for evaluation only."""
 
     series: tuple[Array, ...]  # (m_i, n) [rad] encoder readings, one array for each nest
     hulls: tuple[Array, ...]  # (m_i, 4, 4) hull pose X_WB as estimated by navigation
@@ -39,7 +43,7 @@ class Session:
     # [m] largest true distance of the hull from its mean position, over the readings
     hull_motion: float
     tip_spread: float  # [m] RMS of the pin's true centre about its nest's mean
-    missed: int  # touches that missed their nest, left out
+    missed: int  # number of touches that missed their nest and are left out
     simulated_s: float
 
 
@@ -53,7 +57,7 @@ class Readings:
         self.hull: dict[int, list[Array]] = {}
 
     def observe(self, moment: Moment) -> None:
-        """Appends the readings of one step to those of the present touch."""
+        """Append the readings of one step to those of the present touch."""
         target = moment.reference.touch
         if target is None:
             return
@@ -66,7 +70,8 @@ class Readings:
 def place_nests(
     vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np.random.Generator
 ) -> list[Nest]:
-    """Places nests before the arm, open upwards, as far from each other as its reach allows.
+    """Place nests in front of the arm, open upwards, as far from each other as the arm's reach
+    allows.
 
     Args:
         vehicle: The vehicle.
@@ -85,7 +90,7 @@ def place_nests(
     drawn = rng.uniform(vehicle.q_limits[:, 0], vehicle.q_limits[:, 1], (200, len(vehicle.joints)))
     reach = max(float(np.linalg.norm(chain.forward(q)[:3, 3])) for q in drawn)
 
-    # Candidates on a grid before the arm, in shares of its reach.
+    # Candidates on a grid in front of the arm, as shares of its reach.
     z = np.array([0.0, 0.0, 1.0])
     candidates = []
     for x in (0.35, 0.5, 0.65):
@@ -101,8 +106,8 @@ def place_nests(
 
     if len(candidates) < count:
         raise ReachError(
-            f"the arm reaches {len(candidates)} positions from enough directions; {count} nests "
-            "are needed"
+            f"nests: the arm must reach {count} positions from enough directions, it reaches "
+            f"{len(candidates)}"
         )
 
     # Farthest-point sampling.
@@ -115,17 +120,19 @@ def place_nests(
 
 @dataclass(frozen=True, kw_only=True)
 class _TouchingTask(Task):
-    """Touch nests with a pin as tool; not for scenario files, whose runs may not touch the site."""
+    """Task of touching nests with a pin as tool; not for scenario files, whose runs may not touch
+    the site.
+    """
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
-    hovering: bool  # station keeping with the thrusters; False: the hull is clamped
+    hovering: bool  # True: station keeping with the thrusters; False: the hull is clamped
     nests: int
-    touches: int  # of each nest
+    touches: int  # number of touches of each nest
 
     def place(
         self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator
     ) -> "PlacedTouching":
-        """The nests before the arm, and the touches; draws both.
+        """Draw the nests in front of the arm, and the touches.
 
         Raises:
             ReachError: The arm does not reach enough nests or directions.
@@ -160,7 +167,7 @@ class PlacedTouching(PlacedTask):
         return np.eye(4)
 
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
-        """Adds pin and nests, and clamps the hull unless it hovers."""
+        """Add pin and nests, and clamp the hull unless it hovers."""
         touch_rig.add_pin(vehicle)
         touch_rig.add_nests(
             vehicle, [nest.p_WN for nest in self.nests], [nest.z_WN for nest in self.nests]
@@ -170,11 +177,11 @@ class PlacedTouching(PlacedTask):
         return vehicle
 
     def planner(self) -> TouchSequence:
-        """Touch after touch."""
+        """Planner that makes one touch after another."""
         return TouchSequence(self.own.vehicle, self.own.chain(), self.nests, self.wanted, self.X_WB)
 
     def controller(self) -> CompliantTouch:
-        """Compliant touching."""
+        """Controller for compliant touching."""
         return CompliantTouch(self.own.model, clamped=not self.task.hovering)
 
     def story(self, recorder: Recorder, log: Any) -> Readings:
@@ -192,7 +199,7 @@ class PlacedTouching(PlacedTask):
         missed = 0
 
         for k in range(len(self.nests)):
-            # Mean readings of each touch of the nest, and the tip by the believed arm.
+            # Mean readings of each touch of the nest, and the tip position from the believed arm.
             mine = [
                 i for i, target in enumerate(self.wanted) if target.nest == k and i in readings.q
             ]
@@ -203,7 +210,7 @@ class PlacedTouching(PlacedTask):
             }
             middle = np.median(list(tips_W.values()), axis=0) if tips_W else np.zeros(3)
 
-            # A touch missed if the pin moved, or lies away from the others.
+            # A touch missed the nest if the pin moved, or if it lies away from the other touches.
             for i in mine:
                 ends = [chain.forward(readings.q[i][at])[:3, 3] for at in (0, -1)]
                 moves = not self.task.hovering and float(np.linalg.norm(ends[1] - ends[0])) > STILL
@@ -241,7 +248,7 @@ def touching_scenario(
     Args:
         vehicle: The vehicle, with the errors of its arm.
         site: Current and gusts.
-        hovering: Station keeping with the thrusters; False: the hull is clamped.
+        hovering: True: station keeping with the thrusters; False: the hull is clamped.
         nests: Number of nests.
         touches: Touches of each nest.
         seed: Seed of nests, touches, gusts and sensor noise.
@@ -253,14 +260,14 @@ def touching_scenario(
 def touch(
     scenario: Scenario, watch: Callable[[mujoco.MjModel], Observer] | None = None
 ) -> tuple[Session, OwnVehicle]:
-    """Runs a touching session with the arm as built, controlled by its believed model.
+    """Run a touching session with the true arm, controlled by its believed model.
 
     Args:
-        scenario: As `touching_scenario` makes it.
+        scenario: Scenario from `touching_scenario`.
         watch: Makes a further observer of the loop for the compiled world.
 
     Returns:
-        Readings and true figures, and the vehicle as its controller knows it.
+        Readings and true figures, and the controller's model of the vehicle.
 
     Raises:
         UuvError: The vehicle lacks a part, or the arm does not reach enough nests or directions.
@@ -279,7 +286,9 @@ def touch(
 
 
 def _mean_pose(X: list[Array]) -> Array:
-    """Mean of poses that differ little: mean position, rotation projected onto SO(3)."""
+    """Mean of poses that differ little: mean of the positions, and mean rotation projected onto
+    SO(3).
+    """
     middle = np.mean(X, axis=0)
     U, _, Vt = np.linalg.svd(middle[:3, :3])
     return pose(U @ Vt, middle[:3, 3])

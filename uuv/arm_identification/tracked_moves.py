@@ -13,8 +13,8 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ReachError
 from uuv.sim.interfaces.spatial import Array
 
-# Errors left by a maker's own calibration: of the order of the 0.256 mm measured in [Yukhimets
-# 2023] for its UR10e.
+# Errors that remain after a manufacturer's own calibration, of the order of the 0.256 mm measured
+# in [Yukhimets 2023] for its UR10e.
 MAKERS = {
     "theta": np.deg2rad(0.02),
     "d": 2e-4,
@@ -29,8 +29,8 @@ def tracked(
 ) -> dict[str, verification.Cloud]:
     """Tracker test of each arm model [Yukhimets 2023]: 13 flange points of equal attitude.
 
-    There is no payload. The tracker sees the true arm with its gears and sag; models get the
-    joint values that its encoders read.
+    There is no payload. The tracker measures the true arm with its gear errors and sag. The models
+    get the joint values that the arm's encoders read.
     """
     truth = case.truth
     assert truth is not None
@@ -40,7 +40,7 @@ def tracked(
 
     bent = q if calibration.loads is None else calibration.deflected(q)
     clouds = {"nominal": case.source.arm.tips(q, none), "identified": identified.tips(bent, none)}
-    if not truth.hangs:  # a bought robot has its maker's own table, with errors
+    if not truth.hangs:  # a commercial robot has the manufacturer's own table, with errors
         clouds["controller"] = wrong_arm(truth.arm, MAKERS, rng).tips(q, none)
     return verification.compare(measured, clouds)
 
@@ -56,13 +56,14 @@ def moves(
 ) -> Array:
     """Joint values (count, n) for flange points of equal attitude in a box.
 
-    The box is that of [Yukhimets 2023] with the flange down. Where the arm does not reach it, the
-    box lies about a touched pose, with the attitude of that pose.
+    The box is that of [Yukhimets 2023] with the flange down. If the arm does not reach it, the box
+    is centred on a touched pose, with the attitude of that pose.
 
     Args:
         arm: Nominal arm.
         limits: (n, 2) [rad] or [m].
-        hangs: z of its base points down: the box lies about a touched pose at once.
+        hangs: Whether z of the arm's base points down; the box is then always centred on a touched
+            pose.
         touched: Joint values (m_i, n) of touches.
         rng: Draws box and points.
         count: Number of points.
@@ -98,5 +99,5 @@ def moves(
         best = max(best, chosen, key=len)
 
     if len(best) < 4:
-        raise ReachError("no box of flange points found within the joint limits")
+        raise ReachError("tracker test: no box of flange points is within reach and joint limits")
     return np.array(best)

@@ -1,1 +1,3 @@
-"""Benchmark "UUV contact": seeded cases, controllers in processes of their own, true scores."""
+"""Benchmark "UUV contact": seeded cases, controllers in separate processes, scores from the true
+state.
+"""

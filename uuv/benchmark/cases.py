@@ -1,7 +1,8 @@
 """Cases of the benchmark: seeded scenarios of contact work, public by version or drawn afresh.
 
-Water, sensors, vehicle and pad of case i are those of `uuv.benchmark.first_draw`. The job is of the
-family i modulo the number of families; its variant and numbers are drawn from the seed and i alone.
+Water, sensors, vehicle and pad of case i are those of `uuv.benchmark.first_draw`. The job belongs
+to the family with index i modulo the number of families. Its variant and numbers are drawn from the
+seed and i only.
 """
 
 from collections.abc import Callable
@@ -18,15 +19,15 @@ from uuv.scenario import Belief, Control, Scenario
 from uuv.sim.interfaces.spatial import whole_number
 from uuv.site import Site
 
-VERSION = 1  # of cases, briefing and score; what changes one of them gets a new number
-PUBLIC_SEED = 20261123  # of the public cases
+VERSION = 1  # version of cases, briefing and score; a change of one of them gets a new number
+PUBLIC_SEED = 20261123  # seed of the public cases
 CASES = 100  # number of the public cases
-_CLEARANCE = (1.0, 3.0)  # [mm] radial, between sampler and hole
+_CLEARANCE = (1.0, 3.0)  # [mm] radial clearance between sampler and hole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BenchmarkCase:
-    """One case: the procedure, the seed and the index determine its scenario."""
+    """One case, whose scenario is determined by the version, the seed and the index."""
 
     version: int = VERSION
     seed: int = PUBLIC_SEED
@@ -42,10 +43,11 @@ class BenchmarkCase:
         return tuple(FAMILIES)[self.index % len(FAMILIES)]
 
     def scenario(self, control: Control) -> Scenario:
-        """The scenario of the case under that control."""
+        """The scenario of the case with this control."""
         drawn = FirstDraw.of(self.seed, self.index)
         job = FAMILIES[self.family](np.random.default_rng([self.seed, self.index, 1]))
-        rigid = self.family == INSERTION  # its tool has no pad, and its finder no path
+        # the tool of an insertion has no pad, and its finder no path
+        rigid = self.family == INSERTION
 
         return Scenario(
             name="contact_benchmark",
@@ -62,14 +64,14 @@ class BenchmarkCase:
 
 
 def _barrel(rng: np.random.Generator) -> Scenario:
-    """Along the barrel's top or around it."""
+    """Path along the top of the barrel or around it."""
     if rng.random() < 0.5:
         return clean_barrel(path="longitudinal", quick=True)
     return clean_barrel(path="transverse", quick=True)
 
 
 def _pile(rng: np.random.Generator) -> Scenario:
-    """Up the pile, around it, or both."""
+    """Path up the pile, around it, or both."""
     choices = (
         clean_pile(path="vertical", quick=True),
         clean_pile(path="ring", quick=True),
@@ -83,13 +85,15 @@ def _rock(_: np.random.Generator) -> Scenario:
 
 
 def _plate(rng: np.random.Generator) -> Scenario:
-    """Over the free middle of a stiffened plate, along or across it, or beside a stiffener."""
+    """Path over the free middle of a stiffened plate, along it or across it, or next to a
+    stiffener.
+    """
     paths = ("middle", "along_bar", "across")
     return clean_object(object="plate", path=paths[rng.integers(len(paths))], quick=True)
 
 
 def _insertion(rng: np.random.Generator) -> Scenario:
-    """A sampler into one of two holes, with a drawn clearance."""
+    """Insertion of a sampler into one of two holes, with a drawn clearance."""
     clearance = float(rng.uniform(*_CLEARANCE))
     if rng.random() < 0.5:
         return insert_sampler(hole="a", clearance=clearance, quick=True)
@@ -117,18 +121,18 @@ def cases(count: int = CASES, *, seed: int = PUBLIC_SEED) -> tuple[BenchmarkCase
 
 
 def digest(chosen: tuple[BenchmarkCase, ...]) -> str:
-    """Digest of the scenarios of these cases under default control."""
+    """Digest of the scenarios of these cases with default control."""
     return key_of(
         [[type(part).__name__ for part in _kinds(case)] + [_described(case)] for case in chosen]
     )
 
 
 def _described(case: BenchmarkCase) -> dict[str, Any]:
-    """Scenario of a case under default control, with the keys of the pinned cases."""
+    """Scenario of a case with default control, limited to the keys of the pinned cases."""
     scenario = case.scenario(Control())
     described = as_json(scenario)
 
-    # Keys that came later are left out at their defaults, so that the digest stays.
+    # Keys that were added later are left out at their defaults, so that the digest does not change.
     if scenario.vehicle.battery is None:
         del described["vehicle"]["battery"]
     if scenario.control.operator is None:
@@ -156,6 +160,6 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
 
 
 def _kinds(case: BenchmarkCase) -> tuple[object, ...]:
-    """Parts whose class is not told by their fields."""
+    """Components whose class cannot be recognised by their fields."""
     scenario = case.scenario(Control())
     return (scenario.task, scenario.site.object, *scenario.perturbations)

@@ -1,9 +1,10 @@
-"""Door of the benchmark: a controller, and an estimator, that ask an entry in a process of its own.
+"""Interface of the benchmark to an entry: controller and estimator that call the entry in a
+separate process.
 
 The entry's process is a fresh interpreter. It gets a `Briefing`, then estimates and set points, and
-nothing else; one with an estimator gets the measurements too. Its arguments, environment and
-working folder tell nothing of the case. A crash, a silence beyond the limits or a wrong answer
-raises `EntryError` in the simulation.
+nothing else, except that an entry with an estimator also gets the measurements. The arguments,
+environment and working folder of the process contain no information about the case. A crash, no
+reply within the limits, or a wrong reply raises `EntryError` in the simulation.
 """
 
 import ctypes
@@ -40,18 +41,18 @@ from uuv.sim.interfaces.messages import Command, Measurement, Reference, StateEs
 from uuv.sim.interfaces.spatial import finite_number
 from uuv.sim.interfaces.tables import TableReader
 
-START_LIMIT = 180.0  # [s] wall, to import and make the entry
-# [s] wall, to answer one estimate; a machine with more work than cores makes every entry slow
+START_LIMIT = 180.0  # [s] wall time to import and make the entry
+# [s] wall time to answer one estimate; on a machine with more work than cores every entry is slow
 STEP_LIMIT = 60.0
-RUN_LIMIT = 1800.0  # [s] wall, to answer all estimates of a run
+RUN_LIMIT = 1800.0  # [s] wall time to answer all estimates of a run
 _MODULE = "uuv.benchmark.entry_process"
-# of the environment
+# environment variables that the entry's process gets
 _KEPT = ("PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "XDG_CACHE_HOME", "LD_LIBRARY_PATH")
-# and what begins so: kernels and threads
+# and the prefixes of further variables, for kernels and threads
 _KEPT_GROUPS = ("UUV_", "NUMBA_", "OMP_", "OPENBLAS_", "MKL_")
-_PR_SET_DUMPABLE = 4  # of Linux's prctl
-_FAREWELL = 5.0  # [s] wall, for a process that has closed its connection to end
-_TAIL = 4096  # bytes of the entry's output that are read for its last line
+_PR_SET_DUMPABLE = 4  # option of Linux's prctl
+_FAREWELL = 5.0  # [s] wall time for a process that has closed its connection to end
+_TAIL = 4096  # [bytes] end of the entry's output that is read for its last line
 
 
 class EntryProcess:
@@ -63,7 +64,7 @@ class EntryProcess:
         """Start the process and brief the entry.
 
         Args:
-            briefing: What the entry is told.
+            briefing: Briefing of the entry.
             step_limit: [s] wall time for one answer.
             run_limit: [s] wall time for all answers.
 
@@ -80,12 +81,12 @@ class EntryProcess:
 
         number, name = tempfile.mkstemp()
         self._output = os.fdopen(number, "w+b")
-        os.unlink(name)  # it lives until it is closed
+        os.unlink(name)  # the connection stays open until it is closed here
         close_memory()
-        # empty: where the benchmark runs, its files are
+        # an empty working folder, since the folder of the benchmark contains its files
         self._folder = tempfile.TemporaryDirectory(prefix="entry_")
 
-        # The process, briefed, tells its periods.
+        # After the briefing the process states its periods.
         parent, child = socket.socketpair()
         with child:
             self._process = subprocess.Popen(
@@ -97,7 +98,7 @@ class EntryProcess:
                 cwd=self._folder.name,
                 env=_environment(),
             )
-        # [s] that an answer is waited for, set in the socket; 0: not set yet
+        # [s] present timeout of the socket; 0: not set yet
         self._socket = parent
         self._limit = 0.0
         self._connection = Connection(os.dup(parent.fileno()))
@@ -105,7 +106,7 @@ class EntryProcess:
         try:
             stated = self._ready(self._reply(_pickled(briefing), START_LIMIT)).partition(" ")
             self.controller_period = self._period(stated[0])
-            # [s]; None: it has none
+            # [s] period of the estimator; None: the entry has none
             self.estimator_period = self._period(stated[2]) if briefing.estimator else None
         except BaseException:
             self.close()
@@ -118,7 +119,7 @@ class EntryProcess:
         self.close()
 
     def close(self) -> None:
-        """Ends the entry's process."""
+        """End the entry's process."""
         self._connection.close()
         self._socket.close()
         self._process.kill()
@@ -127,18 +128,19 @@ class EntryProcess:
         self._folder.cleanup()
 
     def start(self, message: bytes) -> None:
-        """Lets the entry make a state, which stays with it. Raises EntryError."""
-        self._ready(self._reply(message, START_LIMIT))  # it may compile its code here
+        """Let the entry make a state, which stays in its process. Raises EntryError."""
+        self._ready(self._reply(message, START_LIMIT))  # the entry may compile its code here
 
     def answer(self, message: bytes, *, first: bool) -> bytes:
-        """The entry's answer at a tick.
+        """Reply of the entry at a tick.
 
         Args:
             message: Measurements, or estimate and set points.
-            first: It is the first of its kind, which loads compiled code: its time is not counted.
+            first: Whether the message is the first of its kind. The entry then loads compiled code,
+                and the time is not counted.
 
         Raises:
-            EntryError: The entry crashed, or was silent for too long.
+            EntryError: The entry crashed, or did not reply in time.
         """
         began = time.perf_counter()
         reply = self._reply(message, START_LIMIT if first else self._step_limit)
@@ -153,7 +155,7 @@ class EntryProcess:
         return reply
 
     def _reply(self, message: bytes, limit: float) -> bytes:
-        """The reply to a message."""
+        """Reply to a message."""
         if limit != self._limit:
             seconds = int(limit)
             wait = struct.pack("ll", seconds, int(1e6 * (limit - seconds)))
@@ -177,7 +179,7 @@ class EntryProcess:
 
     @staticmethod
     def _ready(reply: bytes) -> str:
-        """Text of a reply that says ready."""
+        """Text of a reply with which the entry reports that it is ready."""
         if reply[:1] != READY:
             raise EntryError("the entry replied before the request")
         return reply[1:].decode(errors="replace")
@@ -225,7 +227,7 @@ class RemoteController:
         """The entry's command for the estimate.
 
         Raises:
-            EntryError: It crashed, was silent for too long, or answered what is no command.
+            EntryError: The entry crashed, did not reply in time, or its reply is not a command.
         """
         first = self._reference is None
         changed = None if reference is self._reference else reference
@@ -239,7 +241,7 @@ class RemoteEstimator:
     """Estimator of an entry (`protocols.Estimator`); its state stays in the entry's process."""
 
     def __init__(self, process: EntryProcess) -> None:
-        """Ask a process whose briefing names an estimator.
+        """Take a process whose briefing names an estimator.
 
         Raises:
             EntryError: The entry has no estimator.
@@ -260,7 +262,7 @@ class RemoteEstimator:
         """The entry's estimate from the measurements that arrived since the last step.
 
         Raises:
-            EntryError: It crashed, was silent for too long, or answered what is no estimate.
+            EntryError: The entry crashed, did not reply in time, or its reply is not an estimate.
         """
         reply = self._process.answer(MEASURED + _pickled(list(measurements)), first=self._first)
         self._first = False
@@ -268,16 +270,20 @@ class RemoteEstimator:
 
 
 def close_memory() -> None:
-    """Closes memory, environment and files of this process to others of the same user; Linux only.
+    """Deny other processes of the same user access to memory, environment and files of this process
+    (Linux only).
 
-    The superuser reads them all the same, and anyone the command line: no case may be told there.
+    The superuser still has access, and everyone can read the command line, which must not name a
+    case.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_DUMPABLE, 0, 0, 0, 0)
 
 
 def _environment() -> dict[str, str]:
-    """Environment of an entry: paths of programs, libraries and modules, and its threads."""
+    """Environment of an entry: paths of programs, libraries and modules, and settings of
+    threads.
+    """
     passed = {
         name: value
         for name, value in os.environ.items()
@@ -287,17 +293,17 @@ def _environment() -> dict[str, str]:
 
 
 def _digests(message: bytes) -> Mapping[str, str]:
-    """Digests of files, by name, that an entry's process has told."""
+    """Digests of files, by name, that an entry's process has reported."""
     try:
         files = parsed_json(message.decode(), "digests")
         return TableReader().made(_Digests, {"files": files}).files
-    except ValueError as error:  # of the text's encoding, or what it holds
+    except ValueError as error:  # an error of the text's encoding, or of its content
         raise EntryError("the entry replied before the request") from error
 
 
 @dataclass(frozen=True, slots=True)
 class _Digests:
-    """What an entry's process tells of its code."""
+    """Report of an entry's process about its code."""
 
     files: Mapping[str, str]  # digests by name
 

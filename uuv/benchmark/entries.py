@@ -1,4 +1,6 @@
-"""Entries of the benchmark: controllers by name, its own and those of users with estimators."""
+"""Entries of the benchmark: its own controllers by name, and users' controllers, with or without
+estimators.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,22 +25,23 @@ ENTRIES: Mapping[str, Control] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """A controller that is scored, with the estimator that it brings."""
+    """A controller that is scored, with its estimator if it has one."""
 
     name: str
     control: Control
-    # MODULE:CLASS; empty: the estimates are the ones that all other entries get
+    # MODULE:CLASS; empty: the entry gets the same estimates as all others
     estimator: str = ""
-    # digests of the files of its classes; the results of a changed one are not taken for its own
+    # digests of the files of its classes, so that results of a changed entry are not attributed to
+    # this one
     source: str = ""
 
     @classmethod
     def of(cls, name: str, estimator: str = "") -> "Entry":
-        """The entry of a name of ENTRIES, a registered name or MODULE:CLASS.
+        """The entry with a name in ENTRIES, a registered name or MODULE:CLASS.
 
         Args:
-            name: Of the controller.
-            estimator: MODULE:CLASS of the estimator that it brings; empty: none.
+            name: Name of the controller.
+            estimator: MODULE:CLASS of its estimator; empty: none.
 
         Raises:
             ConfigurationError: No controller has that name, or there is no such module.
@@ -55,7 +58,7 @@ class Entry:
             known = tuple(dict.fromkeys((*ENTRIES, *CONTROLLERS.names())))
             allowed = f"{', '.join(known)}, or MODULE:CLASS"
             meant = did_you_mean(name, known)
-            raise ConfigurationError(f"--entry: unknown {shown(name)}; there are {allowed}{meant}")
+            raise ConfigurationError(f"--entry: must be one of {allowed}, got {shown(name)}{meant}")
 
         if estimator:
             home, _, brought = estimator.partition(":")
@@ -69,7 +72,7 @@ class Entry:
         return cls(name=name, control=control, estimator=estimator, source="".join(code.values()))
 
     def code(self) -> dict[str, str]:
-        """Digests of the files of its classes, by name as of `loaded_code.loaded_files`."""
+        """Digests of the files of its classes, by name as in `loaded_code.loaded_files`."""
         return _code(self.control, self.estimator)
 
 

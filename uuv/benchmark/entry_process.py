@@ -1,7 +1,8 @@
-"""Process of an entry: makes the controller from its briefing, answers estimates with commands.
+"""Process of an entry: makes the controller from its briefing, and replies to estimates with
+commands.
 
-With an estimator it answers measurements with an estimate too. Started by `uuv.benchmark.door`; it
-has no simulation. Its one argument is the number of its socket.
+An entry with an estimator also replies to measurements with an estimate. `uuv.benchmark.door`
+starts the process, which contains no simulation. Its one argument is the number of its socket.
 """
 
 import json
@@ -29,7 +30,7 @@ from uuv.sim.interfaces.messages import Reference
 
 
 def main() -> None:
-    """Serves until the simulation closes the connection; an error ends it with one line."""
+    """Serve until the simulation closes the connection; an error ends the process with one line."""
     connection = Connection(int(sys.argv[1]))
     try:
         serve(connection)
@@ -41,11 +42,11 @@ def main() -> None:
 
 
 def serve(connection: Connection) -> None:
-    """Answers messages until the connection is closed.
+    """Reply to messages until the connection is closed.
 
     Raises:
-        EOFError: The simulation closed it.
-        Exception: The entry raised.
+        EOFError: The simulation closed the connection.
+        Exception: An exception of the entry.
     """
     briefing: Briefing = connection.recv()
     wrapped: Any = controller(briefing.control, briefing.model, water_error=briefing.water_error)
@@ -63,7 +64,7 @@ def serve(connection: Connection) -> None:
     commands = CommandCodec(len(vehicle.joints), len(vehicle.thruster_names))
     estimates = EstimateCodec(len(vehicle.joints))
 
-    # The simulation waits for the code and the periods before its first message.
+    # The simulation waits for the digests of the code and the periods before its first message.
     _tell_code(connection)
     connection.send_bytes(READY + " ".join(repr(float(part.period)) for part in served).encode())
     state: Any = None
@@ -83,7 +84,7 @@ def serve(connection: Connection) -> None:
         else:
             estimate, changed = estimates.decode(message)
             reference = changed or reference
-            assert reference is not None  # the first message brings one
+            assert reference is not None  # the first message contains set points
             state, command = entry.step(state, estimate, reference)
             reply = commands.encode(command)
 
@@ -91,7 +92,7 @@ def serve(connection: Connection) -> None:
 
 
 def _tell_code(connection: Connection) -> None:
-    """Sends the digests of the files of project and entry that this process has loaded."""
+    """Send the digests of the files of project and entry that this process has loaded."""
     connection.send_bytes(LOADED + json.dumps(new_digests()).encode())
 
 

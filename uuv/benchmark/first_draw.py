@@ -1,7 +1,7 @@
 """Draw of version 1 of the benchmark: water, sensors, vehicle and pad of a case.
 
-One generator draws them in an order that is a part of the version: another order, or one draw more,
-is another version.
+One generator draws them in a fixed order. Another order, or one more draw, would be another
+version.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from uuv.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from uuv.scenario import Sensing
 from uuv.sim.interfaces.spatial import Array
 
-TICK = 0.002  # [s] whose whole multiples periods and delays are
+TICK = 0.002  # [s] periods and delays are whole multiples of this
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstDraw:
-    """What is drawn for a case besides its job."""
+    """Quantities that are drawn for a case in addition to its job."""
 
     seed: int
     perturbation_seed: int
@@ -34,8 +34,8 @@ class FirstDraw:
         """The draw of a case.
 
         Args:
-            seed: Of the benchmark's cases.
-            index: Of the case.
+            seed: Seed of the benchmark's cases.
+            index: Index of the case.
         """
         rng = np.random.default_rng([seed, index])
         current = _current(rng)
@@ -47,7 +47,7 @@ class FirstDraw:
             stiffness=float(np.exp(rng.uniform(*np.log((1e4, 1e6))))),
         )
 
-        # A number that has no effect: the place of the surface, which is that of the object.
+        # A drawn number without effect: the position of the surface, which is that of the object.
         rng.uniform()
         sensing = Sensing(
             vision_period=_ticks(1.0 / rng.uniform(5.0, 20.0)),
@@ -80,12 +80,14 @@ class FirstDraw:
 
     @property
     def of_surface(self) -> tuple[Pad | MisplacedSurface, ...]:
-        """What a pad meets on the surface."""
+        """Properties of the surface that a pad meets."""
         return (self.pad, MisplacedSurface(offset=0.0))
 
 
 def _current(rng: np.random.Generator) -> Array:
-    """Current (3,) [m/s] in W of uniform speed, its direction uniform on the sphere."""
+    """Current (3,) [m/s] in W with uniformly drawn speed, and a direction drawn uniformly on the
+    sphere.
+    """
     speed = rng.uniform(0.0, 0.4)
     azimuth = rng.uniform(-np.pi, np.pi)
     rise = rng.uniform(-1.0, 1.0)

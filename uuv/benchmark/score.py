@@ -1,4 +1,6 @@
-"""Score of an entry by the truth: one row for a case, and a summary of all with intervals."""
+"""Score of an entry from the true state: one row for each case, and a summary of all with
+intervals.
+"""
 
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,7 +30,8 @@ from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.rollout import Moment
 from uuv.tasks.surface_work import first_force
 
-ENTRY_SEED = 20260101  # of every briefing: a number of the case's own would tell which it is
+# seed of every briefing, since a number of the case itself would identify the case
+ENTRY_SEED = 20260101
 KEPT, MISSED, BROKEN, NOT_BEGUN, ENTRY_FAILED = (
     "kept",
     "missed",
@@ -37,19 +40,20 @@ KEPT, MISSED, BROKEN, NOT_BEGUN, ENTRY_FAILED = (
     "entry failed",
 )
 FIGURES = ("force_rms_n", "force_peak_n", "path_max_m", "excursion_max_m", "energy_j")
-DISC = 0.25  # [m] diameter of a thruster's disc, assumed: it scales all energies alike
-# [W]/[N]^1.5 of an ideal disc in still water
+DISC = 0.25  # [m] assumed diameter of a thruster's disc, which scales all energies equally
+# [W]/[N]^1.5 for an ideal disc in still water
 _POWER = (2.0 * SEA_WATER * np.pi * (0.5 * DISC) ** 2) ** -0.5
-_SAMPLE_TICKS = 10  # loop steps between samples of the thrusts; propellers lag by more
+# loop steps between samples of the thrusts, which is less than the lag of the propellers
+_SAMPLE_TICKS = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredCase:
-    """One case to be run with one entry; a picklable value for a worker process."""
+    """One case to be run with one entry, as a picklable value for a worker process."""
 
     case: BenchmarkCase
     entry: Entry
-    in_process: bool = False  # no door: the controller runs in the simulation's process
+    in_process: bool = False  # no separate process: the controller runs in the simulation's process
 
 
 class ThrusterEnergy:
@@ -62,15 +66,16 @@ class ThrusterEnergy:
         self.energy = 0.0  # [J]
 
     def observe(self, moment: Moment) -> None:
-        """Adds one sample of the true thrusts."""
+        """Add one sample of the true thrusts."""
         if moment.tick % _SAMPLE_TICKS == 0:
             self.energy += _POWER * float(np.sum(np.abs(moment.truth.thrust) ** 1.5)) * self._dt
 
 
 def score(scored: ScoredCase) -> Row:
-    """Runs an entry on a case; a row of JSON types, also of an error of the run, with one line.
+    """Run an entry on a case and return a row of JSON types; an error of the run gives a row, too,
+    with one line.
 
-    The entry `door` holds wall times, and is the only one that may differ between two runs.
+    The key `door` holds wall times, and is the only one that may differ between two runs.
     """
     row: Row = {
         "case": scored.case.index,
@@ -109,7 +114,7 @@ def entered(
 
     Args:
         scored: Case and entry.
-        full: Record all that a report needs.
+        full: Whether to record everything that a report needs.
 
     Raises:
         UuvError: The case cannot be assembled, or the entry cannot be made.
@@ -141,11 +146,12 @@ def _process(built: Assembly, scored: ScoredCase) -> EntryProcess:
 
 
 def behind_door(built: Assembly, process: EntryProcess) -> Assembly:
-    """The assembly with the controller of a process in the safety wrapper, as every controller.
+    """The assembly with the controller of an entry's process, in the safety wrapper like every
+    controller.
 
     Args:
-        built: Assembled with the default controller.
-        process: Of the entry; its estimator, if it has one, takes the place of navigation.
+        built: Assembly with the default controller.
+        process: Process of the entry; its estimator, if it has one, replaces navigation.
     """
     parts = replace(
         built.parts, controller=SafetyWrapper(RemoteController(process), built.own.model)
@@ -156,7 +162,7 @@ def behind_door(built: Assembly, process: EntryProcess) -> Assembly:
 
 
 def _in_process(built: Assembly, entry: Entry) -> Assembly:
-    """The assembly with the estimator that the entry brings."""
+    """The assembly with the entry's own estimator."""
     if not entry.estimator:
         return built
     parts = replace(built.parts, estimator=estimator(entry.estimator, built.own.model))
@@ -164,9 +170,10 @@ def _in_process(built: Assembly, entry: Entry) -> Assembly:
 
 
 def figures(outcome: Run, energy: float) -> dict[str, Any]:
-    """Figures of a run by the truth, in SI units; None where it ended before it gave one.
+    """Figures of a run from the true state, in SI units; None if the run ended before a figure
+    existed.
 
-    At a hole the force is that across its axis, wanted to be 0.
+    At a hole the force is that across the hole's axis, with a set value of 0.
     """
     metrics = outcome.assessment.metrics
     recording = outcome.recording
@@ -205,7 +212,9 @@ def figures(outcome: Run, energy: float) -> dict[str, Any]:
 
 
 def _class(outcome: Run) -> dict[str, Any]:
-    """Class of a run and its reason: damage first, then how it ended, then the bounds."""
+    """Class of the end of a run and its reason: damage first, then the way it ended, then the
+    bounds.
+    """
     metrics = outcome.assessment.metrics
     recording = outcome.recording
     surface = "contact" in metrics
@@ -228,23 +237,24 @@ def _class(outcome: Run) -> dict[str, Any]:
 
 
 def line(row: Row) -> str:
-    """Line about a case that was run."""
+    """Line about a finished case."""
     return f"case {row['case']:3d}, {row['family']}: {row['class']}" + (
         f": {row['detail']}" if row["detail"] else ""
     )
 
 
 def share(good: int, of: int) -> dict[str, float]:
-    """Share with its exact binomial interval of 95 % (Clopper and Pearson)."""
+    """Share with its exact binomial confidence interval of 95 % (Clopper and Pearson)."""
     low, high = share_interval(good, of, "exact")
     return {"value": good / of, "low": low, "high": high}
 
 
 def median(values: Sequence[float]) -> dict[str, float] | None:
-    """Median with its bootstrap interval of 95 % (fixed seed); None without values.
+    """Median with its bootstrap confidence interval of 95 % (fixed seed); None if there are no
+    values.
 
-    One value has no interval. The median is of the runs that gave the figure: runs that broke off
-    early are counted by the share kept alone.
+    A single value has no interval. The median is taken over the runs that gave the figure. Runs
+    that ended early count only in the share of kept runs.
     """
     if not values:
         return None
@@ -258,7 +268,7 @@ def median(values: Sequence[float]) -> dict[str, float] | None:
 
 
 def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Shares and medians over rows of one entry; force and path without the insertions."""
+    """Shares and medians over rows of one entry; those of force and path exclude insertions."""
     surface = [row for row in rows if row["family"] != INSERTION]
     by_figure = {
         name: median(
@@ -284,7 +294,7 @@ def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def by_family(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
-    """Number of runs and of those kept, by family."""
+    """Number of runs and of kept runs, by family."""
     counts: dict[str, dict[str, int]] = {}
     for row in rows:
         count = counts.setdefault(row["family"], {"runs": 0, "kept": 0})
@@ -294,7 +304,7 @@ def by_family(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
 
 
 def summary(rows: list[Row], about: Mapping[str, Any]) -> Summary:
-    """Summary of the rows of one entry, with what identifies its cases and code."""
+    """Summary of the rows of one entry, with the versions of its cases and code."""
     total = totals(rows)
     families = by_family(rows)
     cells = [(name, f"{count['kept']} of {count['runs']}") for name, count in families.items()]
@@ -302,7 +312,7 @@ def summary(rows: list[Row], about: Mapping[str, Any]) -> Summary:
     lines = [line(row) for row in rows if row["detail"]]
     if total["step_wall_s"] is not None:
         lines.append(
-            f"a step through the door: {1e6 * total['step_wall_s']:.0f} us on average, "
+            f"a step of the entry's process: {1e6 * total['step_wall_s']:.0f} us on average, "
             f"{1e3 * total['step_longest_s']:.1f} ms at most"
         )
 

@@ -1,9 +1,10 @@
-"""Messages of the door: briefing, estimates and set points to the entry, commands back.
+"""Messages between simulation and entry: briefing, estimates and set points to the entry, commands
+back.
 
-A message to the entry at a tick is the estimate as plain numbers, followed by the set points,
-pickled, where they are new. An entry with an estimator of its own gets the measurements first,
-pickled, and sends the estimate as plain numbers. Replies of the entry are never unpickled: a reply
-is a letter, then text or numbers of fixed count.
+A message to the entry at a tick is the estimate as plain numbers, followed by the pickled set
+points if they are new. An entry with its own estimator first gets the pickled measurements, and
+sends the estimate as plain numbers. Replies of the entry are never unpickled. A reply is a letter,
+followed by text or by a fixed number of numbers.
 """
 
 import pickle
@@ -19,14 +20,15 @@ from uuv.sim.interfaces.messages import Command, ContactEstimate, HullLoad, Refe
 from uuv.sim.interfaces.spatial import Array, checked_pose
 
 READY, COMMAND, ESTIMATE, FAILED = b"R", b"C", b"S", b"F"  # first letter of a reply
-LOADED = b"L"  # of the files that the entry has loaded, in JSON, before the reply to its briefing
+# digests of the files that the entry has loaded, in JSON, sent before the reply to its briefing
+LOADED = b"L"
 # first letter of a message that is pickled
 START_ESTIMATOR, START_CONTROLLER, MEASURED = b"I", b"J", b"M"
 _NO_LOAD, _SAME_LOAD, _NEW_LOAD = 0.0, 1.0, 2.0
-_REST = 2 + 7 + 1 + 9  # numbers beside torques and thrusters
-# first letter of a message: an estimate as numbers; one with entries that are rare
+_REST = 2 + 7 + 1 + 9  # number of entries besides torques and thrusters
+# first letter of a message: an estimate as numbers, or one that includes rarely used fields
 _PLAIN, _PICKLED = b"E", b"P"
-# Fields of an estimate in order, with the shapes of those that have none per joint.
+# Fields of an estimate in order, with shapes for those that are not per joint.
 _FIELDS: dict[str, tuple[int, ...]] = {
     "X_WB": (4, 4),
     "v_WB_B": (3,),
@@ -44,31 +46,34 @@ _NUMBERS = ("time", "attitude_sigma", "vision_age", "dvl_age", "imu_age", "imu_j
 
 
 class EntryError(UuvError):
-    """An entry crashed, did not answer in time, or answered what is no command."""
+    """An entry crashed, did not reply in time, or its reply is not a command."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Briefing:
-    """What an entry is told before the work begins."""
+    """Information that an entry gets before the work begins."""
 
-    model: mujoco.MjModel  # the vehicle as it is believed; the object is not in it
-    water_error: float  # [-] share by which the controller's coefficients are to be wrong
-    control: Control  # the entry: name or MODULE:CLASS, and methods replaced
-    # the entry's estimator, MODULE:CLASS; empty: navigation runs beside the simulation
+    model: mujoco.MjModel  # believed model of the vehicle; the object is not in it
+    water_error: float  # [-] share by which the controller's coefficients are made wrong
+    control: Control  # name or MODULE:CLASS of the entry, and methods that are replaced
+    # MODULE:CLASS of the entry's estimator; empty: navigation runs in the simulation
     estimator: str
     task: str  # name of the family of jobs
-    # for the entry's own random numbers; the same in every case, so that it tells nothing about one
+    # seed for the entry's own random numbers; equal in all cases, so that it does not identify a
+    # case
     seed: int
 
 
 class EstimateCodec:
-    """Estimates of one vehicle, with the set points where they are new, as bytes and back."""
+    """Conversion of estimates of one vehicle, with set points if they are new, to bytes and
+    back.
+    """
 
     def __init__(self, joints: int) -> None:
         shapes = {name: shape or (joints,) for name, shape in _FIELDS.items()}
         ends = len(_NUMBERS) + np.cumsum([np.prod(shape, dtype=int) for shape in shapes.values()])
 
-        self._numbers = np.zeros(ends[-1])  # of the message that is being made
+        self._numbers = np.zeros(ends[-1])  # parts of the message that is being made
         starts = (len(_NUMBERS), *ends[:-1].tolist())
         self._parts = [
             (name, slice(start, end), shape)
@@ -80,7 +85,7 @@ class EstimateCodec:
         """The message of a tick.
 
         Args:
-            estimate: Of the tick.
+            estimate: Estimate of the tick.
             reference: New set points; None: those of the last message.
         """
         if estimate.tau_doubt is not None or estimate.ground is not None:
@@ -89,7 +94,9 @@ class EstimateCodec:
         return _PLAIN + self._packed(estimate) + more
 
     def decode(self, message: bytes) -> tuple[StateEstimate, Reference | None]:
-        """The estimate of a message, in new arrays, and its set points; None: no new ones."""
+        """The estimate of a message, in new arrays, and its set points; None if there are no new
+        ones.
+        """
         if message[:1] == _PICKLED:
             return pickle.loads(message[1:])
         more = message[self._size :]
@@ -99,10 +106,10 @@ class EstimateCodec:
         """The reply of an entry's estimator; `tau_doubt` and `ground` are left out.
 
         Raises:
-            TypeError: It is no estimate, or has arrays of another size.
+            TypeError: `estimate` is not an estimate, or has arrays of another size.
         """
         if not isinstance(estimate, StateEstimate):
-            raise TypeError(f"step gave {type(estimate).__name__} in place of a StateEstimate")
+            raise TypeError(f"step: must return a StateEstimate, got {type(estimate).__name__}")
 
         for name, _, shape in self._parts:
             if np.shape(getattr(estimate, name)) != shape:
@@ -116,7 +123,7 @@ class EstimateCodec:
         """The estimate in a reply.
 
         Raises:
-            EntryError: The reply is no estimate, or its `X_WB` is no pose.
+            EntryError: The reply is not an estimate, or its `X_WB` is not a pose.
         """
         if reply[:1] != ESTIMATE or len(reply) != self._size:
             raise EntryError("the reply of the entry is not an estimate")
@@ -146,22 +153,25 @@ class EstimateCodec:
 
 
 class CommandCodec:
-    """Commands of one vehicle as bytes and back, without log entries (`believed`) and faults."""
+    """Conversion of commands of one vehicle to bytes and back, without log entries (`believed`) and
+    faults.
+    """
 
     def __init__(self, joints: int, thrusters: int) -> None:
         self._joints, self._thrusters = joints, thrusters
         self._sent: HullLoad | None = None
         self._got: HullLoad | None = None
-        self._numbers = np.zeros(_REST + joints + thrusters)  # of the reply that is being made
+        # parts of the reply that is being made
+        self._numbers = np.zeros(_REST + joints + thrusters)
 
     def encode(self, command: Command) -> bytes:
         """The command as bytes.
 
         Raises:
-            TypeError: It is no command, or has arrays of another size.
+            TypeError: `command` is not a command, or has arrays of another size.
         """
         if not isinstance(command, Command):
-            raise TypeError(f"step gave {type(command).__name__} in place of a Command")
+            raise TypeError(f"step: must return a Command, got {type(command).__name__}")
 
         for name, size in (("joint_torque", self._joints), ("thrusters", self._thrusters)):
             if np.shape(getattr(command, name)) != (size,):
@@ -193,7 +203,7 @@ class CommandCodec:
         """The command in a reply to an estimate of that time [s].
 
         Raises:
-            EntryError: The reply is no command, or one for another time.
+            EntryError: The reply is not a command, or a command for another time.
         """
         n, m = self._joints, self._thrusters
         if reply[:1] != COMMAND or len(reply) != 1 + 8 * (_REST + n + m):
@@ -202,7 +212,7 @@ class CommandCodec:
         numbers: Array = np.frombuffer(reply[1:]).copy()
         if numbers[0] != time:
             raise EntryError(
-                f"the entry's command is of {numbers[0]:g} s; requested was {time:g} s"
+                f"the entry's command must be for the time {time:g} s, got one for {numbers[0]:g} s"
             )
 
         torque, thrusters = numbers[2 : 2 + n], numbers[2 + n : 2 + n + m]

@@ -49,9 +49,9 @@ from uuv.sim.interfaces.streams import Streams
 from uuv.sim.interfaces.tables import TableReader
 from uuv.sim.runs.run_folder import FORMAT_KEY
 
-_MOST_CASES = 10_000_000  # runs of a campaign: 10 GB of rows
-EXPERIMENT = "campaign"  # whose cases a file of drawn ones holds
-_SEEDS = ("perturbation_seed", "seed")  # drawn for every run
+_MOST_CASES = 10_000_000  # largest number of runs of a campaign, which makes 10 GB of rows
+EXPERIMENT = "campaign"  # name of the experiment in a file of drawn cases
+_SEEDS = ("perturbation_seed", "seed")  # seeds that are drawn for every run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,23 +60,24 @@ class Campaign:
 
     name: str
     base: Scenario
-    # by dotted key of a scenario file; perturbations.KIND.field
+    # by dotted key of a scenario file, or perturbations.KIND.field
     distributions: Mapping[str, Distribution]
     metrics: tuple[str, ...]  # dotted names of metrics.json
     cases: int
     seed: int = 0
     design: Design = "random"
-    # of metrics, at most; none: the verdict of the run
+    # upper bounds of metrics; empty: the verdict of the run decides
     bounds: Mapping[str, float] = field(default_factory=dict)
-    kept: float | None = None  # share of the runs that must keep them; None: no verdict
+    kept: float | None = None  # share of the runs that must keep the bounds; None: no verdict
     limits: Limits = field(default_factory=Limits)
-    # values by dotted key that the cases take in turn, those of the first key fastest
+    # values by dotted key that the cases take in turn; those of the first key change fastest
     grid: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
-    # the same draws once more, with values by dotted key; by name of the version
+    # the same draws again with other values by dotted key, for each named version
     versions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    version_cases: int | None = None  # first cases that are run in the versions; None: all
-    also: Mapping[str, float] = field(default_factory=dict)  # bounds that do not decide
-    never: tuple[str, ...] = ()  # classes or reasons of an end that no run may have
+    # number of first cases that are also run in the versions; None: all
+    version_cases: int | None = None
+    also: Mapping[str, float] = field(default_factory=dict)  # bounds that do not decide about a run
+    never: tuple[str, ...] = ()  # classes or reasons of an end that are forbidden for every run
 
     def __post_init__(self) -> None:
         whole_number(self.cases, "cases", least=1, most=_MOST_CASES)
@@ -96,7 +97,7 @@ class Campaign:
             _checked_key(self.base, name)
         self._check_grid()
 
-        # Each version must give a scenario.
+        # Each version must give a valid scenario.
         for version in ("", *self.versions):
             try:
                 self.runs_of(self.drawn(1), version)[0].scenario()
@@ -105,16 +106,18 @@ class Campaign:
                 raise ConfigurationError(f"{where}{error}") from error
 
     def _check_grid(self) -> None:
-        """Refuses what the cases cannot take in turn."""
+        """Refuse values of the grid that the cases cannot take in turn."""
         taken: set[str] = {*self.distributions}
         for names, levels in self.grid.items():
             if not levels:
-                raise ConfigurationError(f"grid: {names}: at least one value is needed")
+                raise ConfigurationError(f"grid: {names}: must have at least one value, got none")
             keys = keys_of(names)
             for key in keys:
                 _checked_key(self.base, key)
                 if key in taken:
-                    raise ConfigurationError(f"grid: {key} is drawn or taken twice")
+                    raise ConfigurationError(
+                        f"grid: {key}: must not also be drawn, or be in the grid twice"
+                    )
                 taken.add(key)
 
             for level in levels:
@@ -124,7 +127,9 @@ class Campaign:
                     )
 
     def _check_metrics(self) -> None:
-        """Refuses names of metrics that the base's task lacks, and bounds that are no numbers."""
+        """Refuse names of metrics that the base's task does not have, and bounds that are not
+        numbers.
+        """
         allowed = metric_names(self.base)
         for name in self.names:
             if name not in allowed:
@@ -136,11 +141,11 @@ class Campaign:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Metrics that a row keeps."""
+        """Metrics that are kept in a row."""
         return tuple(dict.fromkeys((*self.metrics, *self.bounds, *self.also)))
 
     def drawn(self, cases: int | None = None) -> tuple[DrawnCase, ...]:
-        """What is drawn for each run of the campaign, or for its first `cases`, by dotted key."""
+        """Drawn values for each run of the campaign, or for its first `cases`, by dotted key."""
         count = self.cases if self.design == "latin-hypercube" or cases is None else cases
         draws = drawn(self.distributions, count, self.seed, self.design)
 
@@ -163,11 +168,11 @@ class Campaign:
         return taken
 
     def runs(self, cases: int | None = None) -> list["CampaignRun"]:
-        """The runs of the campaign, or those of its first `cases`, without its versions."""
+        """The runs of the campaign without its versions; `cases` limits them to the first cases."""
         return self.runs_of(self.drawn(cases))
 
     def runs_of(self, drawn: Iterable[DrawnCase], version: str = "") -> list["CampaignRun"]:
-        """Runs of drawn cases in a version of `versions`; "": as the campaign describes them."""
+        """Runs of drawn cases in a version of `versions`; "" is the campaign without a version."""
         nested = as_dict(self.base)
         changed = self.versions[version] if version else {}
         return [
@@ -183,30 +188,30 @@ class Campaign:
         ]
 
     def all_runs(self, drawn: Sequence[DrawnCase]) -> list["CampaignRun"]:
-        """Runs of drawn cases, and of the first of them in each version."""
+        """Runs of drawn cases, and of the first cases in each version."""
         repeated = drawn[: self.version_cases]
         versions = [run for name in self.versions for run in self.runs_of(repeated, name)]
         return self.runs_of(drawn) + versions
 
 
 def keys_of(names: str) -> list[str]:
-    """Keys of an entry of the grid; those that a comma joins take their values together."""
+    """Keys of an entry of the grid; keys joined by a comma take their values together."""
     return [name.strip() for name in names.split(",")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignRun:
-    """One run of a campaign; a small value that a worker can be sent."""
+    """One run of a campaign, as a small value that can be sent to a worker process."""
 
     case: int
     base: Mapping[str, Any]  # tables of the scenario
     values: Mapping[str, Any]  # by dotted key
     metrics: tuple[str, ...]  # dotted names
     version: str = ""  # name of a version of the campaign; empty: none
-    changed: Mapping[str, Any] = field(default_factory=dict)  # values of that version
+    changed: Mapping[str, Any] = field(default_factory=dict)  # values that this version sets
 
     def scenario(self) -> Scenario:
-        """Its scenario.
+        """Scenario of the run.
 
         Raises:
             ConfigurationError: A value is not allowed.
@@ -224,13 +229,14 @@ def read_campaign(
 
     Args:
         file: The file.
-        changed: As for `scenario_file.assigned`, beside the values of its table [set], and in place
-            of draws.
-        trust: Import the classes MODULE:CLASS that it or its base names, which runs their code.
+        changed: Values as for `scenario_file.assigned`, in addition to those of its table [set],
+            and in place of draws.
+        trust: Whether to import classes MODULE:CLASS that the file or its base names, which runs
+            their code.
 
     Raises:
-        ConfigurationError: The file cannot be read, names code without `trust`, or a key or value
-            is none of those allowed; the message names them.
+        ConfigurationError: The file cannot be read, names code without `trust`, or has a key or
+            value that is not allowed; the message names it.
     """
     path = Path(file)
     what = named(path, "campaign")
@@ -250,13 +256,14 @@ def read_drawn(
     """The drawn cases in a file, as a campaign can run them.
 
     Args:
-        file: As `uuv.experiment.drawn_cases` reads it; values by dotted key, as they are drawn.
+        file: File for `uuv.experiment.drawn_cases`, with the drawn values by dotted key.
         campaign: The campaign that is to run them.
-        changed: As for `scenario_file.assigned`: the campaign has these values in all runs, in
-            place of those of the file.
+        changed: Values as for `scenario_file.assigned`, which replace those of the file in all
+            runs.
 
     Raises:
-        ConfigurationError: The file holds no cases of a campaign, or a value that is not allowed.
+        ConfigurationError: The file contains no cases of a campaign, or has a value that is not
+            allowed.
     """
     fixed = assigned(changed)
     drawn = tuple(
@@ -279,7 +286,7 @@ def _schema(schema: str) -> Mapping[str, Any]:
 
 
 def metric_names(scenario: Scenario) -> frozenset[str]:
-    """Dotted names of the numbers and verdicts of a run of `scenario` that a row may keep."""
+    """Dotted names of the numbers and verdicts in the metrics of `scenario` that a row may keep."""
     of_metrics = _numbers(_schema(scenario.task.schema)["properties"], "")
     return frozenset((*of_metrics, *figure_names(scenario)))
 
@@ -292,20 +299,25 @@ def _numbers(properties: Mapping[str, Any], before: str) -> list[str]:
         elif {"number", "integer", "boolean"} & set(np.atleast_1d(entry.get("type", ())).tolist()):
             names.append(before + name)
 
-    # Timings differ between repetitions; the format is no figure.
+    # Timings differ between repetitions, and the format is not a figure.
     return [name for name in names if name != FORMAT_KEY and not name.startswith("timings.")]
 
 
 def _checked_key(base: Scenario, name: str) -> None:
-    """Refuses a parameter that the campaign sets itself, or that is in no table of the scenario."""
+    """Refuse a parameter that the campaign sets itself, or that is not in a table of the
+    scenario.
+    """
     if name in (*_SEEDS, "name"):
-        raise ConfigurationError(f"{name!r} cannot be drawn: the campaign's seed gives it")
+        raise ConfigurationError(
+            f"{name!r}: must not be drawn or set, since the campaign's seed determines it"
+        )
 
     put(as_dict(base), name, None)
 
 
-_LIKE = "like"  # key: another campaign's file, whose keys hold where a file has none
-_OF_VALUES = ("set", "distributions", "grid")  # tables by dotted key of a scenario file
+_LIKE = "like"  # key: another campaign's file, which supplies the keys that a file lacks
+# tables whose keys are dotted keys of a scenario file
+_OF_VALUES = ("set", "distributions", "grid")
 _WORD = {"schema": {"title": "letters, digits, - and _"}}
 _NAMES = {"schema": {"title": "a list of names", "items": {"title": "a name"}}}
 _BASE = f"{', '.join(jobs.JOBS.names())} or a scenario file (.toml)"
@@ -320,13 +332,13 @@ class _MetricNames:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _CampaignFile:
-    """Keys of a campaign's file; `Campaign` says what they are."""
+    """Keys of a campaign's file; see `Campaign` for their meaning."""
 
     base: str = field(metadata={"schema": {"title": _BASE}})
     cases: int = field(metadata={"schema": {"minimum": 1, "maximum": _MOST_CASES}})
-    name: str | None = field(default=None, metadata=_WORD)  # None: that of the file
+    name: str | None = field(default=None, metadata=_WORD)  # None: the name of the file
     quick: bool = False
-    job: Mapping[str, Any] = field(default_factory=dict)  # options of the base, as it takes them
+    job: Mapping[str, Any] = field(default_factory=dict)  # options of the base job
     seed: int = field(default=0, metadata={"schema": {"minimum": 0}})
     design: Design = "random"
     set: Mapping[str, Any] = field(default_factory=dict)  # by dotted key of a scenario file
@@ -346,10 +358,10 @@ _READER = TableReader(places_faults=True)
 
 
 def _document(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Tables of a campaign's file, those of the campaign that it is `like` beneath them.
+    """Tables of a campaign's file, completed by those of the campaign that its key `like` names.
 
     Raises:
-        ConfigurationError: A file cannot be read, or is like itself.
+        ConfigurationError: A file cannot be read, or its key `like` leads back to it.
     """
     document = toml_of(path, "campaign")
     like = document.pop(_LIKE, None)
@@ -360,7 +372,7 @@ def _document(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     if not isinstance(like, str):
         raise ConfigurationError(f"{what}: {_LIKE}: must be a campaign file, got {shown(like)}")
     if path.resolve() in above:
-        raise ConfigurationError(f"{what}: {_LIKE}: it is like itself")
+        raise ConfigurationError(f"{what}: {_LIKE}: must not lead back to the file itself")
 
     other = _document(path.parent / like, (*above, path.resolve()))
     other.pop("name", None)
@@ -370,8 +382,8 @@ def _document(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
 
 
 def _joined(other: dict[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
-    """`other` with the tables of `document` in it; a value that this sets, draws or takes in turn
-    is in no other of these tables.
+    """`other`, updated by the tables of `document`. A key that `document` sets, draws or takes in
+    turn is removed from the other tables.
     """
     value_tables = [document.get(table) for table in _OF_VALUES]
     names = [names for table in value_tables if isinstance(table, Mapping) for names in table]
@@ -389,7 +401,7 @@ def _joined(other: dict[str, Any], document: Mapping[str, Any]) -> dict[str, Any
 def _campaign(
     file: _CampaignFile, path: Path, changed: Mapping[str, Any], *, trust: bool
 ) -> Campaign:
-    """The campaign of a file, with the values that are `changed`, which are no longer drawn."""
+    """The campaign in a file, with the values of `changed`, which are then no longer drawn."""
     name = folder_name(path.stem if file.name is None else file.name, "name")
     nested = as_dict(_base(file, path.parent, trust=trust))
     for key, entry in {**file.set, **changed}.items():
@@ -424,7 +436,7 @@ def _campaign(
 
 
 def _base(file: _CampaignFile, beside: Path, *, trust: bool) -> Scenario:
-    """A job by its name, or a scenario in a file."""
+    """The job with a name, or the scenario in a file."""
     if file.base in jobs.JOBS:
         quick = {"quick": True} if file.quick else {}
         return jobs.named(file.base)(**{**quick, **file.job})
@@ -433,6 +445,6 @@ def _base(file: _CampaignFile, beside: Path, *, trust: bool) -> Scenario:
         near = did_you_mean(file.base, jobs.JOBS.names())
         raise ConfigurationError(f"base: allowed {_BASE}, got {shown(file.base)}{near}")
     if file.quick or file.job:
-        rule = "only with a job as base; a scenario file states its job"
+        rule = "only allowed with a job as base, since a scenario file already states its options"
         raise ConfigurationError(f"{'quick' if file.quick else 'job'}: {rule}")
     return read_scenario(beside / file.base, trust=trust)

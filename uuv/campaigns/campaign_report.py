@@ -1,4 +1,4 @@
-"""Summary of a campaign: share kept, outcomes with their replay commands, distributions."""
+"""Summary of a campaign: share of kept runs, outcomes with their replay commands, distributions."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence, Set
@@ -41,18 +41,22 @@ from uuv.sim.interfaces.palette import (
 from uuv.sim.interfaces.spatial import Array
 
 _QUANTILES = {"least": 0.0, "low": 0.05, "median": 0.5, "high": 0.95, "top": 0.99, "largest": 1.0}
-_COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # of parts of the runs
+_COLORS = (BLUE, ORANGE, GREEN, PURPLE, SKY)  # colours of parts of the runs
 _CLASS_COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), strict=True))
-_SCATTERED = 3  # bounded metrics that are drawn over each parameter
-_DOTS = 5  # scatter plots beside each other
-_PANELS = 3  # histograms beside each other
-_LONG_TAIL = 30.0  # ratio of the 99 % to the median beyond which a histogram's axis is logarithmic
-_SHOWN = 3  # cases of an outcome that the table names
+_SCATTERED = 3  # number of bounded metrics that are plotted over each parameter
+_DOTS = 5  # number of scatter plots in a row
+_PANELS = 3  # number of histograms in a row
+# ratio of the 99th percentile to the median above which a histogram's axis is logarithmic
+_LONG_TAIL = 30.0
+_SHOWN = 3  # number of cases of an outcome that the table names
 
 
 def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
-    """Sensitivities to all draws: of the worst ratio to a bound, of missed, and of each metric."""
-    # Of values that change together the first stands for all: a regression cannot part them.
+    """Sensitivities to all draws: of the worst ratio to a bound, of a missed bound, and of each
+    metric.
+    """
+    # Of values that change together the first represents all, since a regression cannot separate
+    # them.
     together = {key for names in campaign.grid for key in keys_of(names)[1:]}
     done = [is_done(row) for row in rows]
     ratios = [
@@ -77,7 +81,7 @@ def sensitivities(rows: Sequence[Row], campaign: Campaign) -> SensitivityReport:
 
 
 def _draws(row: Row, left_out: Set[str]) -> dict[str, Any]:
-    """What was drawn for a run, by name."""
+    """Drawn values of a run, by name."""
     draws = {**row["values"], **row["drawn"]}
     return {name: value for name, value in draws.items() if name not in left_out}
 
@@ -86,18 +90,20 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     """Summary of a campaign's rows.
 
     Args:
-        rows: Of all its runs.
+        rows: Rows of all runs of the campaign.
         campaign: The campaign.
-        file: Its file, and the options that change it, for the replay commands.
+        file: File of the campaign, and the options that change it, for the replay commands.
     """
-    for row in rows:  # --page sums up what is there, whoever has made it
+    for row in rows:  # --page summarises the existing rows, whoever has made them
         checked_row(row)
     replay = f"uuv campaign {file} --replay"
     plain = [row for row in rows if not row.get("version")]
     if not plain:
-        raise ConfigurationError("no row of the campaign itself, of its versions only")
+        raise ConfigurationError(
+            "the folder has rows of the campaign's versions, but none of the campaign itself"
+        )
 
-    # What came of the runs.
+    # Ends of the runs.
     verdicts = [outcome(row, campaign.bounds) for row in plain]
     number = verdicts.count(KEPT)
     share = verdicts.count(KEPT) / len(plain)
@@ -110,7 +116,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
         wished = ", ".join(f"{name} at most {most:g}" for name, most in campaign.also.items())
         lines.append(f"{kept_and_also(plain, campaign)} of the passed runs also have {wished}")
 
-    # What tells kept from missed, and what a version changes.
+    # Differences between kept and missed runs, and effects of a version.
     sensitivity = sensitivities(plain, campaign)
     bins = reliability(plain, campaign)
     compared = versions(rows, campaign)
@@ -151,7 +157,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
 
 
 def _outcomes(rows: Sequence[Row], verdicts: Sequence[str], replay: str) -> Table:
-    """Outcomes in order of severity, with the first of their cases."""
+    """Outcomes in order of severity, with the first cases of each."""
     counts = Counter(verdicts)
     cells = []
     for verdict in sorted(
@@ -168,13 +174,13 @@ def _outcomes(rows: Sequence[Row], verdicts: Sequence[str], replay: str) -> Tabl
 
 
 def _failed(verdicts: Sequence[str], campaign: Campaign) -> list[str] | None:
-    """Why the campaign is not accepted; None: it has no verdict."""
+    """Reasons why the campaign is not accepted; None if it has no verdict."""
     if campaign.kept is None and not campaign.never:
         return None
     share = verdicts.count(KEPT) / len(verdicts)
     failed = []
     if campaign.kept is not None and share < campaign.kept:
-        failed.append(f"{share:.1%} of the runs passed, required are {campaign.kept:.1%}")
+        failed.append(f"{share:.1%} of the runs passed, but {campaign.kept:.1%} are required")
 
     # A class of ends, or a reason.
     for word in campaign.never:
@@ -248,11 +254,11 @@ def _parts(
 def histogram_figure(
     values: Mapping[str, Mapping[str, Sequence[float]]], bounds: Mapping[str, float]
 ) -> Figure:
-    """Histogram of each metric with its bound; logarithmic where a tail is far above the median.
+    """Histogram of each metric with its bound; logarithmic if a tail is far above the median.
 
     Args:
-        values: Of each metric, by the part of the runs that they are of.
-        bounds: By metric.
+        values: Values of each metric, by part of the runs.
+        bounds: Bounds by metric.
     """
     lines = -(-len(values) // _PANELS)
     figure = Figure(figsize=(WIDTH, 0.3 + 2.1 * lines), layout="constrained")
@@ -291,7 +297,9 @@ def histogram_figure(
 
 
 def _edges(axes: Any, values: Array) -> Array:
-    """Edges of the bars of a histogram; sets a logarithmic axis, or the limits around one value."""
+    """Edges of the bars of a histogram; sets a logarithmic axis, or limits around a single
+    value.
+    """
     low, median, high = np.quantile(values, (0.0, 0.5, 0.99))
     count = int(np.clip(np.sqrt(len(values)) * 2, 5, 40))
     if low > 0.0 and high > _LONG_TAIL * median:
@@ -311,10 +319,10 @@ def scatter_figure(
     """Scatter plots of a metric over each drawn number, coloured by class.
 
     Args:
-        rows: Of the runs.
-        name: Of the metric.
-        bounds: Of the campaign.
-        factors: What was drawn; those of several columns are left out.
+        rows: Rows of the runs.
+        name: Name of the metric.
+        bounds: Bounds of the campaign.
+        factors: Drawn parameters; those of several columns are left out.
     """
     classes = np.array([class_of(outcome(row, bounds)) for row in rows])
     metric = np.array([row["metrics"].get(name) for row in rows], dtype=np.float64)

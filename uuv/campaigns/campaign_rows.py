@@ -1,4 +1,4 @@
-"""Rows of a campaign: one run as a row, whatever became of it."""
+"""Rows of a campaign: each run as one row, also if it failed."""
 
 import traceback
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.tables import TableReader
 
 _TRACE = 2000  # characters of a traceback that a row keeps
-FAILED = "not set up"  # state of a run that ended with an error of ours
+FAILED = "not set up"  # state of a run that ended with an error of the program
 
 
 def one_run(task: CampaignRun) -> dict[str, Any]:
@@ -31,7 +31,7 @@ def one_run(task: CampaignRun) -> dict[str, Any]:
         state = FAILED if expected else CRASHED
         return row | {"state": state, "ended": ended, "code": code, "failed": [text]}
 
-    # The end by all figures; the row keeps those that the campaign names.
+    # The end is decided by all figures; the row keeps those that the campaign names.
     metrics = outcome.assessment.metrics
     figures = {name: _at(metrics, name) for name in metric_names(outcome.scenario)}
     figures |= surface_figures(outcome)
@@ -50,7 +50,7 @@ def one_run(task: CampaignRun) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _CampaignRow:
-    """Entries of a row of a campaign that a summary or a comparison reads."""
+    """Entries of a campaign's row that a summary or a comparison reads."""
 
     case: int
     values: Mapping[str, Any]
@@ -58,29 +58,31 @@ class _CampaignRow:
     metrics: Mapping[str, float | bool | None]
     drawn: Mapping[str, Any] = field(default_factory=dict)
     version: str = ""
-    ended: str = ""  # class of its end; empty: of a campaign before there were classes
+    ended: str = ""  # class of the run's end; empty for a campaign of a version without classes
     code: str = ""
     accepted: bool = False
     failed: list[str] = field(default_factory=list)
 
 
 def checked_row(row: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A row of a campaign as it was read from a file.
+    """Check and return a row of a campaign that was read from a file.
 
     Raises:
-        ConfigurationError: It is none.
+        ConfigurationError: It is not such a row.
     """
     TableReader("a row of a campaign", passes_unknown=True).made(_CampaignRow, row)
     return row
 
 
 def crashed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
-    """Row of a run that was ended from outside for `reason`: time, memory, death of its process."""
+    """Row of a run that was ended from outside for a `reason`: time, memory, or death of its
+    process.
+    """
     return failed_row(task, reason) | {"state": CRASHED, "ended": CRASHED}
 
 
 def failed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
-    """Row of a run that could not be begun for `reason`."""
+    """Row of a run that could not be started, for a `reason`."""
     return {
         "case": task.case,
         "version": task.version,
@@ -98,7 +100,7 @@ def failed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
 
 
 def _at(nested: Any, name: str) -> Any:
-    """Value at a dotted name; None where the run gave none."""
+    """Value at a dotted name; None if the run gave none."""
     for key in name.split("."):
         nested = nested.get(key) if isinstance(nested, Mapping) else None
     return nested

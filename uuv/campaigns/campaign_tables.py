@@ -1,5 +1,5 @@
-"""Tables of a campaign beside its outcomes: by what its cases take in turn, by the probability that
-was stated before contact, and its versions on the same draws.
+"""Further tables of a campaign: runs by the values of the grid, by the probability stated before
+contact, and its versions on the same draws.
 """
 
 import itertools
@@ -17,8 +17,9 @@ from uuv.experiment import Row, Table
 from uuv.sim.evaluation.intervals import median_interval, share_interval
 from uuv.sim.interfaces.spatial import Array
 
-CHANCE = "uncertainty.chance_kept"  # metric: probability to keep the path, before contact
-# bounds of its bins
+# metric: probability, stated before contact, of keeping the path
+CHANCE = "uncertainty.chance_kept"
+# bounds of the bins of that probability
 CHANCES = (0.0, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 1.0)
 _COUNTS = ("pairs", "kept_plain", "kept", "only_plain", "only_version")
 _COLUMNS = (
@@ -30,7 +31,7 @@ _COLUMNS = (
     "largest without it",
     "largest",
 )
-MOST_VALUES = 20  # of a key that the cases take in turn, for a table by its values
+MOST_VALUES = 20  # largest number of values of a grid key for a table by its values
 
 
 def interval(share: int, of: int) -> str:
@@ -40,12 +41,12 @@ def interval(share: int, of: int) -> str:
 
 
 def kept(rows: Sequence[Row], campaign: Campaign) -> int:
-    """Number of runs that are kept."""
+    """Number of runs within their bounds."""
     return sum(outcome(row, campaign.bounds) == KEPT for row in rows)
 
 
 def kept_and_also(rows: Sequence[Row], campaign: Campaign) -> int:
-    """Number of kept runs that are within the bounds of [also] too."""
+    """Number of these runs that are within the bounds of [also] too."""
     return sum(
         outcome(row, campaign.bounds) == KEPT
         and all(within(row, name, most) for name, most in campaign.also.items())
@@ -57,7 +58,7 @@ def kept_and_also(rows: Sequence[Row], campaign: Campaign) -> int:
 
 
 def groups(rows: Sequence[Row], campaign: Campaign) -> Iterator[tuple[str, dict[str, list[Row]]]]:
-    """Rows by the values of each key of the grid that has a few of them."""
+    """Rows by the values of each grid key that has only a few values."""
     for names, levels in campaign.grid.items():
         if 2 <= len(levels) <= MOST_VALUES:
             name, *_ = keys_of(names)
@@ -65,7 +66,7 @@ def groups(rows: Sequence[Row], campaign: Campaign) -> Iterator[tuple[str, dict[
 
 
 def by_value(rows: Sequence[Row], name: str) -> dict[str, list[Row]]:
-    """Rows by a drawn value as text, in the order in which the values come."""
+    """Rows by a drawn value as text, in the order of first appearance."""
     parts: dict[str, list[Row]] = {}
     for row in rows:
         parts.setdefault(value_text(row["values"].get(name)), []).append(row)
@@ -73,14 +74,14 @@ def by_value(rows: Sequence[Row], name: str) -> dict[str, list[Row]]:
 
 
 def value_text(value: Any) -> str:
-    """A value as text: of a vector its components."""
+    """A value as text; a vector as its components."""
     if isinstance(value, list | tuple):
         return f"({', '.join(f'{component:g}' for component in value)})"
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def group_tables(rows: Sequence[Row], campaign: Campaign) -> Iterator[Table]:
-    """Runs kept by each value of a key of the grid, and by the values of the first two."""
+    """Tables of kept runs by each value of a grid key, and by the values of the first two keys."""
     also = ("and within [also]",) if campaign.also else ()
     named = list(groups(rows, campaign))
 
@@ -106,7 +107,7 @@ def _map(
     across: tuple[str, dict[str, list[Row]]],
     campaign: Campaign,
 ) -> Table:
-    """Kept of all by the values of two keys, with medians of the first two metrics."""
+    """Numbers of kept runs by the values of two keys, with medians of the first two metrics."""
     shown = campaign.metrics[:2]
     cells = []
 
@@ -137,7 +138,7 @@ def _cell(rows: Sequence[Row], shown: Sequence[str], campaign: Campaign) -> str:
 
 
 def reliability(rows: Sequence[Row], campaign: Campaign) -> list[dict[str, Any]]:
-    """Runs by the probability stated before contact: how many, its mean, how many were kept."""
+    """Runs by the probability stated before contact: number, mean probability, and number kept."""
     stated = [row for row in rows if row["metrics"].get(CHANCE) is not None]
     probability = np.array([row["metrics"][CHANCE] for row in stated])
     is_kept = np.array([outcome(row, campaign.bounds) == KEPT for row in stated])
@@ -179,7 +180,9 @@ def reliability_table(bins: Sequence[Mapping[str, Any]]) -> Iterator[Table]:
 
 
 def versions(rows: Sequence[Row], campaign: Campaign) -> dict[str, dict[str, Any]]:
-    """Each version against the campaign's runs of the same draws: runs kept, and each metric."""
+    """Each version compared with the campaign's runs of the same draws: runs kept, and each
+    metric.
+    """
     plain = {row["case"]: row for row in rows if not row.get("version")}
     compared = {}
 
@@ -192,7 +195,7 @@ def versions(rows: Sequence[Row], campaign: Campaign) -> dict[str, dict[str, Any
         if not pairs:
             continue
 
-        # Runs kept; McNemar's test is on those that one of both alone kept.
+        # Runs kept. McNemar's test uses the runs that only one of both kept.
         sides = [list(side) for side in zip(*pairs, strict=True)]
         verdicts = [[outcome(row, campaign.bounds) == KEPT for row in side] for side in sides]
         only_plain, only_version, p = mcnemar(*verdicts)
@@ -211,7 +214,9 @@ def versions(rows: Sequence[Row], campaign: Campaign) -> dict[str, dict[str, Any
 
 
 def _paired(name: str, pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
-    """A metric in the pairs that have it in both: differences, and ratios where it is above 0."""
+    """A metric in the pairs in which both runs have it: differences, and ratios of values above
+    0.
+    """
     both = [(a["metrics"].get(name), b["metrics"].get(name)) for a, b in pairs]
     complete: Array = np.array([pair for pair in both if None not in pair], dtype=np.float64)
     if not len(complete):
@@ -234,7 +239,9 @@ def _paired(name: str, pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
 
 
 def version_tables(compared: Mapping[str, Mapping[str, Any]]) -> Iterator[Table]:
-    """Runs kept in each version, and its metrics beside those of the same draws without it."""
+    """Tables of the runs kept in each version, and of its metrics next to those of the same draws
+    without it.
+    """
     if not compared:
         return
 

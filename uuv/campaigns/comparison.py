@@ -23,23 +23,25 @@ from uuv.sim.interfaces.tables import TableReader
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finished:
-    """A campaign that is done, from its folder."""
+    """A finished campaign, read from its folder."""
 
     folder: Path
-    rows: Mapping[int, Row]  # by case
+    rows: Mapping[int, Row]  # rows by case
     bounds: Mapping[str, float]
-    replay: str  # command, without the number of the case
+    replay: str  # command without the case number
 
     @classmethod
     def read(cls, folder: Path) -> "Finished":
         """The campaign in a folder.
 
         Raises:
-            ConfigurationError: It holds none, or one that has not come to its end.
+            ConfigurationError: The folder has no campaign, or an unfinished one.
         """
         rows = read_rows(folder)
         if not rows:
-            raise ConfigurationError(f"{folder}: holds no rows of a campaign")
+            raise ConfigurationError(
+                f"{folder}: must be the folder of a campaign; it has no rows of one"
+            )
 
         try:
             for row in rows:
@@ -49,13 +51,16 @@ class Finished:
                 _About, json_of(file, "metrics of a campaign")
             )
         except ConfigurationError as error:
-            raise ConfigurationError(f"{folder}: holds no finished campaign: {error}") from error
+            raise ConfigurationError(
+                f"{folder}: must be the folder of a finished campaign: {error}"
+            ) from error
 
         rows = [row for row in rows if not row.get("version")]
         by_case = {row["case"]: row for row in rows}
         if len(by_case) < len(rows):
             raise ConfigurationError(
-                f"{folder}: holds several campaigns, {len(rows)} rows of {len(by_case)} cases"
+                f"{folder}: must have rows of one campaign, got {len(rows)} rows of {len(by_case)} "
+                "cases"
             )
         return cls(folder=folder, rows=by_case, bounds=about.bounds, replay=about.replay)
 
@@ -79,25 +84,27 @@ def compared(a: Finished, b: Finished) -> Summary:
         case: (outcome(a.rows[case], a.bounds), outcome(b.rows[case], b.bounds)) for case in cases
     }
 
-    # Kept in A and in B; McNemar's test is on the runs that one alone kept.
+    # Kept in A and in B. McNemar's test uses the runs that only one of both kept.
     is_kept = [[verdicts[i] == KEPT for verdicts in outcomes.values()] for i in (0, 1)]
     only_a, only_b, p = mcnemar(*is_kept)
 
-    # Each metric, in the pairs that have it.
+    # Each metric, in the pairs in which both runs have it.
     figures = _paired(a, b, cases)
     metrics = []
     for name, (left, right) in figures.items():
         if len(left):
             metrics.append(PairedMetric.of(name, left, right, np.random.default_rng(len(cases))))
 
-    # Verdicts that changed, and runs without a partner.
+    # Verdicts that changed, and runs of cases that only one campaign has.
     changed = [
         case
         for case, (verdict_a, verdict_b) in outcomes.items()
         if (verdict_a == KEPT) != (verdict_b == KEPT)
     ]
     alone = [len(campaign.rows) - len(cases) for campaign in (a, b)]
-    unpaired = [f"without a partner: {alone[0]} runs of A, {alone[1]} of B"] if any(alone) else []
+    unpaired = (
+        [f"only in one campaign: {alone[0]} runs of A, {alone[1]} of B"] if any(alone) else []
+    )
 
     return Summary(
         metrics={
@@ -130,26 +137,28 @@ def compared(a: Finished, b: Finished) -> Summary:
 
 
 def _checked(a: Finished, b: Finished) -> list[int]:
-    """The cases that both have, after a check that they can be compared."""
+    """The cases that both campaigns have, after a check that the campaigns can be compared."""
     cases = sorted(a.rows.keys() & b.rows.keys())
     if not cases:
         raise ConfigurationError(f"{a.folder} and {b.folder}: no common case")
 
-    # The draws must be the same, and so must metrics and bounds.
+    # The draws must be equal, and so must metrics and bounds.
     for case in cases:
         left, right = a.rows[case]["values"], b.rows[case]["values"]
         for name in dict.fromkeys((*left, *right)):
             if name not in left or name not in right or left[name] != right[name]:
                 in_a, in_b = shown(left.get(name)), shown(right.get(name))
                 raise ConfigurationError(
-                    f"the draws differ: case {case}, {name}: {in_a} in A, {in_b} in B"
+                    f"the draws must be equal: case {case} has {name} {in_a} in A, {in_b} in B"
                 )
 
     if missing := _metrics_of(a, cases) ^ _metrics_of(b, cases):
-        raise ConfigurationError(f"metrics of one campaign only: {', '.join(sorted(missing))}")
+        raise ConfigurationError(
+            f"both must keep the same metrics; only one has {', '.join(sorted(missing))}"
+        )
     if a.bounds != b.bounds:
         raise ConfigurationError(
-            f"the bounds differ: {shown(dict(a.bounds))} in A, {shown(dict(b.bounds))} in B"
+            f"the bounds must be equal: {shown(dict(a.bounds))} in A, {shown(dict(b.bounds))} in B"
         )
 
     return cases
@@ -160,7 +169,7 @@ def _metrics_of(campaign: Finished, cases: Sequence[int]) -> set[str]:
 
 
 def _paired(a: Finished, b: Finished, cases: Sequence[int]) -> dict[str, tuple[Array, Array]]:
-    """Values of each metric in A and B, of the runs with a value in both."""
+    """Values of each metric in A and B, of the runs that have a value in both."""
     names = dict.fromkeys(name for case in cases for name in a.rows[case]["metrics"])
 
     figures = {}
@@ -227,7 +236,7 @@ def _pictures(figures: Mapping[str, tuple[Array, Array]]) -> Iterator[tuple[str,
     if figures:
         yield (
             "Run by run",
-            "One dot a run, by its value in A and in B; on the line both are equal.",
+            "One dot for each run, by its values in A and in B; on the line both are equal.",
             _dots(figures),
         )
 

@@ -1,4 +1,6 @@
-"""Distributions of a campaign's parameters, and draws: at random, Sobol, or Latin hypercube."""
+"""Distributions of a campaign's parameters, and designs of the draws: random, Sobol, or Latin
+hypercube.
+"""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -13,25 +15,28 @@ from uuv.sim.interfaces.streams import Streams
 
 Design = Literal["random", "sobol", "latin-hypercube"]
 DESIGNS: tuple[Design, ...] = get_args(Design)
-STEP = "step"  # key of a distribution beside its kind
-_MOST_STEPS = 2.0**53  # of a value: beyond, whole numbers are no longer exact in a double
-_DRAWS = 1  # marks the stream of the designs
+STEP = "step"  # key of a distribution in addition to its kind
+# largest number of steps in a value; whole numbers beyond it are not exact in a double
+_MOST_STEPS = 2.0**53
+_DRAWS = 1  # identifies the random stream of the designs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution:
-    """Distribution of one parameter, as a map from the unit cube; what a file gives as `{ uniform =
-    [0, 1] }`.
+    """Distribution of one parameter, as a map from the unit cube. In a file it is written `{
+    uniform = [0, 1] }`.
     """
 
     kind: str  # a key of KINDS
-    values: tuple[Any, ...]  # two ends, or the categories
-    step: float | None = None  # the value is rounded to its multiples, at least one
+    values: tuple[Any, ...]  # lower and upper end, or the categories
+    step: float | None = None  # values are rounded to multiples of `step`, but not below one step
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             known = ", ".join(KINDS) + did_you_mean(self.kind, KINDS)
-            raise ConfigurationError(f"no distribution {shown(self.kind)}; there are {known}")
+            raise ConfigurationError(
+                f"distribution: must be one of {known}, got {shown(self.kind)}"
+            )
 
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)
@@ -40,14 +45,15 @@ class Distribution:
             )
             if not largest < _MOST_STEPS * self.step:
                 raise ConfigurationError(
-                    f"{STEP}: at most {_MOST_STEPS:g} of them in a value, got {shown(self.step)}"
+                    f"{STEP}: must be larger than 1/{_MOST_STEPS:g} of the largest value, got "
+                    f"{shown(self.step)}"
                 )
 
-        # Categories; all others have two ends.
+        # Categories; all other kinds have two ends.
         if self.kind == "categorical":
             if not self.values or self.step is not None:
                 raise ConfigurationError(
-                    f"categorical: needs values and no {STEP}, got {shown(list(self.values))}"
+                    f"categorical: must have values and no `{STEP}`, got {shown(list(self.values))}"
                 )
             return
 
@@ -56,7 +62,7 @@ class Distribution:
                 f"{self.kind}: must be two numbers, got {shown(list(self.values))}"
             )
 
-        # The ends rise, and are positive where the kind asks for it.
+        # The ends must increase, and be positive if the kind requires it.
         low, high = (finite_number(value, self.kind) for value in self.values)
         if (
             low > high
@@ -73,7 +79,7 @@ class Distribution:
         """The distribution in a table of a file.
 
         Raises:
-            ConfigurationError: It is none.
+            ConfigurationError: The table is not a distribution.
         """
         if not isinstance(table, Mapping) or len(kinds := [*table.keys() - {STEP}]) != 1:
             allowed = ", ".join(f"{{ {kind} = [...] }}" for kind in KINDS)
@@ -86,7 +92,7 @@ class Distribution:
 
     @property
     def dimensions(self) -> int:
-        """Number of coordinates of the unit cube that a value takes."""
+        """Number of coordinates of the unit cube that one value uses."""
         return KINDS[self.kind].dimensions
 
     def at(self, u: Array) -> Any:
@@ -97,11 +103,11 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """Map of a kind of distribution from the unit cube."""
+    """Map from the unit cube for one kind of distribution."""
 
     value: Callable[[Sequence[Any], Array], Any]
     dimensions: int = 1
-    positive: bool = False  # both ends must be
+    positive: bool = False  # whether both ends must be positive
 
 
 def _between(ends: Sequence[float], u: float) -> float:
@@ -109,7 +115,7 @@ def _between(ends: Sequence[float], u: float) -> float:
 
 
 def _direction(ends: Sequence[float], u: Array) -> list[float]:
-    """Vector of uniform length between `ends`, and uniform direction on the sphere."""
+    """Vector with uniform length between `ends`, and uniform direction on the sphere."""
     length = _between(ends, u[0])
     rise = 2.0 * u[1] - 1.0
     azimuth = 2.0 * np.pi * u[2]
@@ -136,12 +142,12 @@ def drawn(
 ) -> list[dict[str, Any]]:
     """Values of the parameters by name, for each case.
 
-    At random, each parameter has a stream of its own, so neither more cases nor another parameter
-    change what is drawn. More cases of a Sobol design keep those before them; a Latin hypercube is
-    one of a number of cases.
+    In a random design, each parameter has its own stream, so that neither more cases nor another
+    parameter change the draws. A Sobol design with more cases keeps the earlier cases. A Latin
+    hypercube depends on the number of cases.
 
     Args:
-        distributions: By parameter.
+        distributions: Distributions by parameter.
         cases: Number of cases.
         seed: Seed of the campaign.
         design: Kind of design.
@@ -160,7 +166,7 @@ def drawn(
 
     if not d:
         return [{} for _ in range(cases)]
-    from scipy.stats import qmc  # costs a second
+    from scipy.stats import qmc  # the import takes a second
 
     if design == "sobol":
         if d > qmc.Sobol.MAXDIM:
@@ -171,7 +177,7 @@ def drawn(
     else:
         points = qmc.LatinHypercube(d, rng=rng).random(cases)
 
-    # A point has the coordinates of all parameters, one after the other.
+    # A point has the coordinates of all parameters in sequence.
     ends = np.cumsum([distribution.dimensions for distribution in distributions.values()])[:-1]
     return [
         {

@@ -1,4 +1,4 @@
-"""Runs in pairs of the same draw: differences and ratios of a metric, and shares kept."""
+"""Runs in pairs with the same draw: differences and ratios of a metric, and shares of kept runs."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ from uuv.sim.interfaces.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairedMetric:
-    """A metric in the runs that both campaigns have, B less A."""
+    """A metric in the runs that both campaigns have, as differences B - A."""
 
     name: str
-    pairs: int  # runs with a value in both
+    pairs: int  # number of runs with a value in both
     median_a: float
     median_b: float
-    median: float  # of the differences
+    median: float  # median of the differences
     low: float
-    high: float  # bootstrap interval of it
-    p: float  # Wilcoxon's signed ranks, two-sided; 1 if nothing differs
-    less: int  # runs in which B is below A
+    high: float  # bootstrap interval of this median
+    p: float  # p of Wilcoxon's signed ranks, two-sided; 1 if nothing differs
+    less: int  # number of runs in which B is below A
     equal: int
     more: int
 
     @classmethod
     def of(cls, name: str, a: Array, b: Array, rng: np.random.Generator) -> "PairedMetric":
-        """The metric from its values (pairs,) in both campaigns, at least one."""
-        # Differences of the pairs; their median with its interval.
+        """The metric from its values (pairs,) in both campaigns, at least one pair."""
+        # Differences of the pairs, and their median with its interval.
         change = b - a
         interval = bootstrap_interval(np.median, change, rng=rng, resamples=RESAMPLES)
         return cls(
@@ -49,8 +49,10 @@ class PairedMetric:
 
 
 def mcnemar(a: Iterable[bool], b: Iterable[bool]) -> tuple[int, int, float]:
-    """Pairs true in A alone, in B alone, and the exact two-sided p that they differ by chance."""
-    # Only the pairs that differ count: of these, as many either way if nothing is changed.
+    """Numbers of pairs true only in A and only in B, and the exact two-sided p of McNemar's
+    test.
+    """
+    # Only pairs that differ count. Without an effect, equally many are expected in each direction.
     pairs = list(zip(a, b, strict=True))
     only_a, only_b = sum(x and not y for x, y in pairs), sum(y and not x for x, y in pairs)
     p = float(binomtest(only_a, only_a + only_b).pvalue) if only_a + only_b else 1.0

@@ -1,4 +1,4 @@
-"""What came of a run: how it ended, in classes, and figures that its metrics.json does not hold."""
+"""Outcome of a run: class of its end, and figures that its metrics.json does not contain."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from uuv.tasks.surface_work import SurfaceWorkTask
 if TYPE_CHECKING:
     from uuv.runner import Run
 
-# How a run ends; a run that is done is kept, or has missed a bound.
+# Ends of a run; a finished run is kept, or has missed a bound.
 DONE, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED = (
     "done",
     "broken off",
@@ -25,22 +25,23 @@ DONE, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED = (
     "crashed",
 )
 KEPT, MISSED = "kept", "missed"
-CLASSES = (KEPT, MISSED, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED)  # by severity
+# classes in order of severity
+CLASSES = (KEPT, MISSED, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED)
 _APPROACHED = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
 OVER_SET, UNFOLDING = "contact.force_over_set", "hull.unfolding_max_m"
 OBJECT_SIGMA = "uncertainty.object_sigma_m"
-SURFACE_FIGURES = (OVER_SET, UNFOLDING, OBJECT_SIGMA)  # of work on a surface
+SURFACE_FIGURES = (OVER_SET, UNFOLDING, OBJECT_SIGMA)  # figures of work on a surface
 
 
 def ending(outcome: "Run", figures: Mapping[str, Any]) -> tuple[str, str]:
-    """Class and reason of the end of a run; the reason is empty if it is done.
+    """Class and reason of the end of a run; the reason is empty if the run is done.
 
-    Damage comes before an abort, and what is not finite before both.
+    Damage takes precedence over an abort, and a figure that is not finite over both.
 
     Args:
         outcome: The run.
-        figures: Its figures by dotted name, those of `surface_figures` among them.
+        figures: Figures of the run by dotted name, including those of `surface_figures`.
     """
     numbers = [value for value in figures.values() if isinstance(value, int | float)]
     if not np.isfinite(numbers).all():
@@ -55,14 +56,14 @@ def ending(outcome: "Run", figures: Mapping[str, Any]) -> tuple[str, str]:
     if final.state is WorkState.DONE:
         return DONE, ""
 
-    # Not done: whether the tool had begun to approach.
+    # Not done: distinguishes whether the tool had begun to approach.
     begun = outcome.recording.within(*_APPROACHED, *outcome.assembly.placed.begun).any()
     reason = "not finished in time" if final.abort is None else final.abort.value
     return (BROKEN if begun else REFUSED), reason
 
 
 def ending_by(error: Exception) -> tuple[str, str]:
-    """Class and reason of a run that an error has ended."""
+    """Class and reason of a run that ended with an error."""
     if isinstance(error, HydrodynamicsError):
         return DIVERGED, "unstable motion"
     return (REFUSED if isinstance(error, UuvError) else CRASHED), type(error).__name__
@@ -88,14 +89,18 @@ def figure_names(scenario: Scenario) -> tuple[str, ...]:
 
 
 def force_over_set(recording: Recording, first: float) -> float:
-    """Greatest ratio of true normal to set force; before the work the latter is `first` [N]."""
+    """Largest ratio of true normal force to set force; before the work the set force is `first`
+    [N].
+    """
     before = np.where(recording.within(WorkState.WORK), 0.0, first)
     set_force = np.maximum(recording["set_force"].scalar, before)
     return float((recording["contact_most"].scalar / np.maximum(set_force, 1.0)).max())
 
 
 def unfolding(recording: Recording) -> float | None:
-    """Largest distance [m] of the hull from a constant reference while the arm unfolds, or None."""
+    """Largest distance [m] of the hull from a constant reference while the arm unfolds; None if
+    there is none.
+    """
     resting = np.all(np.diff(recording["p_WB_reference"].value, axis=0) == 0.0, axis=1)
     still = np.append(resting, True) & recording.within(WorkState.CLOSE_IN, WorkState.TARE)
     if not still.any():

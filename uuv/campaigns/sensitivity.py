@@ -11,20 +11,20 @@ from scipy.stats import beta, mannwhitneyu, rankdata
 from uuv.sim.evaluation.intervals import LEVEL, TAILS, middle
 from uuv.sim.interfaces.spatial import Array
 
-SEEDS = ("seed", "perturbation_seed", "variation_seed")  # drawn, but of no order
-RESAMPLES = 1000  # of the bootstrap
-FIRST = 5  # parameters that a ranking names
-ANY = "any reason"  # beside the single ones
-FEWEST_FAILED = 3  # runs of one reason that are compared with the others
-_PART = 500_000  # weights of runs at a time: bounds the memory
-# added to correlations: a column that is constant in a resample then has coefficient 0
+SEEDS = ("seed", "perturbation_seed", "variation_seed")  # drawn parameters that have no order
+RESAMPLES = 1000  # number of resamples in the bootstrap
+FIRST = 5  # number of parameters that a ranking names
+ANY = "any reason"  # the name for all reasons together
+FEWEST_FAILED = 3  # smallest number of runs with one reason that are compared with the others
+_PART = 500_000  # number of weights of runs at a time, which bounds the memory
+# added to correlations, so that a column that is constant in a resample has coefficient 0
 _RIDGE = 1e-10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
-    """A drawn parameter as columns of a regression: one for a number, one less than its categories
-    for a category.
+    """A drawn parameter as columns of a regression: one column for a number, and for a category one
+    less than there are categories.
     """
 
     name: str
@@ -36,25 +36,25 @@ class Sensitivity:
     """Sensitivity of one response to all parameters; arrays are in the order of `names`."""
 
     names: tuple[str, ...]
-    runs: int  # used
-    # (k,) partial rank correlation; of a parameter with several columns its modulus
+    runs: int  # number of runs that were used
+    # (k,) partial rank correlation; its modulus for a parameter with several columns
     coefficient: Array
     low: Array  # (k,) lower end of the bootstrap interval
     high: Array  # (k,) upper end
-    null: Array  # (k,) modulus that a parameter without effect exceeds in 5 % of the tables
-    p: Array  # (k,) probability of this modulus or more without effect
-    place: Array  # (k, 2) interval of its place in the ranking by modulus, from 1
+    null: Array  # (k,) modulus that a parameter without effect exceeds in 5 % of such tables
+    p: Array  # (k,) probability of this modulus or a larger one without an effect
+    place: Array  # (k, 2) interval of the rank by modulus, from 1
     explained: float  # R^2 of the ranks on all parameters
     adjusted: float  # the same, adjusted for the number of columns
-    explained_by_first: float  # R^2 on the first parameters of the ranking alone
+    explained_by_first: float  # R^2 on only the first parameters of the ranking
 
     @property
     def ranking(self) -> list[int]:
-        """Indices of the parameters, the largest modulus first."""
+        """Indices of the parameters, in order of decreasing modulus."""
         return np.argsort(-np.abs(self.coefficient), kind="stable").tolist()
 
     def as_metrics(self) -> dict[str, Any]:
-        """Content for metrics.json, the parameters in the order of the ranking."""
+        """Content for metrics.json, with the parameters in the order of the ranking."""
         return {
             "runs": self.runs,
             "explained": self.explained,
@@ -76,11 +76,11 @@ class Sensitivity:
 
 
 def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
-    """Parameters that vary, from the drawn values of all runs.
+    """Parameters that vary between the runs, from their drawn values.
 
-    A number is a column. A vector gives its length and each component. Text and booleans give a
-    column for each category but the first in the alphabet, so two categories are one column with a
-    sign. Seeds are left out.
+    A number gives one column. A vector gives columns for its length and each component. Text and
+    booleans give a column for each category except the first in the alphabet, so that two
+    categories are one column with a sign. Seeds are left out.
 
     Args:
         draws: Drawn values by name, for each run; a run may lack some.
@@ -105,7 +105,7 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
         ):
             factors.append(Factor(name, np.array(column, dtype=np.float64)[:, None]))
         else:
-            # A column for each category but the first.
+            # A column for each category except the first.
             words = [None if value is None else str(value) for value in column]
             kinds = sorted({word for word in words if word is not None})
             columns = [
@@ -126,27 +126,29 @@ def factors_of(draws: Sequence[Mapping[str, Any]]) -> list[Factor]:
 
 
 def fewest_runs(factors: Sequence[Factor]) -> int:
-    """Runs that `sensitivity` needs: 63 % of them, a resample, must still determine all columns."""
+    """Number of runs that `sensitivity` needs: a resample, 63 % of them, must still determine all
+    columns.
+    """
     return 2 * (sum(factor.columns.shape[1] for factor in factors) + 1)
 
 
 def sensitivity(
     factors: Sequence[Factor], response: Array, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Sensitivity | None:
-    """Partial rank correlation of each parameter with a response [Marino 2008]; None with too few
-    runs, or no spread.
+    """Partial rank correlation of each parameter with a response [Marino 2008]; None if there are
+    too few runs, or if the response does not vary.
 
-    Columns and response become ranks, and the coefficient of a parameter is the correlation of what
-    the linear regression on all others leaves of both. That of a parameter with several columns is
-    the root of their partial R^2. Intervals are percentiles of a bootstrap over the runs with the
-    ranks held. Without an effect the squared coefficient follows a beta distribution, exact for
-    normal residuals, which gives `null` and `p`.
+    Columns and response are converted to ranks. The coefficient of a parameter is the correlation
+    of the residuals of both after a linear regression on all other parameters. The coefficient of a
+    parameter with several columns is the root of their partial R^2. Intervals are percentiles of a
+    bootstrap over the runs with fixed ranks. Without an effect the squared coefficient follows a
+    beta distribution, exact for normal residuals, which gives `null` and `p`.
 
     Args:
         factors: Parameters, from `factors_of`.
-        response: (runs,) values; NaN: the run is left out; infinite ones rank last.
-        rng: Of the bootstrap.
-        resamples: Of the bootstrap.
+        response: (runs,) Values. Runs with NaN are left out, and infinite values rank last.
+        rng: Random generator of the bootstrap.
+        resamples: Number of resamples.
     """
     if not factors:
         return None
@@ -163,7 +165,7 @@ def sensitivity(
 
     coefficients, explained = _coefficients(table, np.ones((1, n)), owner)
 
-    # Bootstrap over the runs, with the ranks held.
+    # Bootstrap over the runs with fixed ranks.
     drawn = np.empty((resamples, len(factors)))
     at_once = max(1, _PART // n)
     for begin in range(0, resamples, at_once):
@@ -174,12 +176,12 @@ def sensitivity(
     low, high = middle(drawn)
     places = rankdata(-np.abs(drawn), axis=1, method="ordinal")
 
-    # Degrees of freedom of the squared coefficient without an effect, halved.
+    # Half the degrees of freedom of the squared coefficient without an effect.
     sizes = np.bincount(owner) / 2.0
     left = (n - 1 - k) / 2.0
     estimate = coefficients[0]
 
-    # R^2 of the first parameters of the ranking alone.
+    # R^2 on only the first parameters of the ranking.
     first = np.argsort(-np.abs(estimate), kind="stable")[:FIRST]
     alone = np.isin(owner, first)
     _, by_first = _coefficients(
@@ -208,7 +210,7 @@ def _coefficients(
 
     Args:
         table: (n, k + 1) columns and response.
-        weights: (samples, n) times that a row is in a sample.
+        weights: (samples, n) Number of times that a row is in a sample.
         owner: (k,) parameter of each column.
     """
     centred = table - (weights @ table / weights.sum(axis=1)[:, None])[:, None, :]
@@ -240,8 +242,8 @@ def _coefficients(
 
 
 def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float]) -> float:
-    """Largest ratio of a metric to its bound; infinite where a metric is missing, or beyond a bound
-    of 0 or less.
+    """Largest ratio of a metric to its bound; infinite if a metric is missing, or beyond a bound of
+    0 or less.
     """
     ratios = [0.0]
     for name, most in bounds.items():
@@ -255,23 +257,24 @@ def worst_ratio(values: Mapping[str, float | None], bounds: Mapping[str, float])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReasonShift:
-    """Where the runs that failed for one reason lie in the range of a parameter."""
+    """Position of the runs that failed for one reason in the range of a parameter."""
 
     reason: str
     parameter: str
-    runs: int  # with that reason
-    median_rank: float  # of these runs among all, 0 lowest, 1 highest
-    p: float  # Mann-Whitney, two-sided, against all other runs
+    runs: int  # number of runs with that reason
+    median_rank: float  # median rank of these runs among all; 0 lowest, 1 highest
+    p: float  # p of the two-sided Mann-Whitney test against all other runs
 
 
 def shifts(factors: Sequence[Factor], reasons: Sequence[Sequence[str]]) -> list[ReasonShift]:
-    """Where the runs that failed for a reason lie in the range of each parameter with one column.
+    """Positions of the runs that failed for a reason in the range of each parameter with one
+    column.
 
-    For each reason of at least three runs, and for all reasons together.
+    The result has an entry for each reason of at least three runs, and for all reasons together.
 
     Args:
         factors: Parameters, such as the first five of a ranking.
-        reasons: Why each run failed: none, one or several.
+        reasons: Reasons why each run failed; a run may have several or none.
     """
     moved = []
     named = dict.fromkeys(reason for several in reasons for reason in several)

@@ -1,4 +1,4 @@
-"""Sensitivity on a page: which parameters explain the failures and each figure."""
+"""Page of sensitivities: parameters that explain the failures and each figure."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -25,17 +25,17 @@ from uuv.sim.interfaces.spatial import Array
 
 MISSED, WORST = "missed", "worst ratio to a bound"  # responses that rank the parameters
 _ORIGIN = "perturbations."  # left out of labels
-_CHANCE = 1.0 - LEVEL  # share of the parameters without effect that leave the null level
-_SMALLEST = 1e-4  # of a p that is shown
+_CHANCE = 1.0 - LEVEL  # share of the parameters without effect that are beyond the null level
+_SMALLEST = 1e-4  # smallest p that is shown as a number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SensitivityReport:
-    """Sensitivities of the responses of a table of runs; empty where the runs do not allow any."""
+    """Sensitivities of the responses of a table of runs; empty if the runs do not allow any."""
 
-    found: Mapping[str, Sensitivity]  # by response
+    found: Mapping[str, Sensitivity]  # sensitivities by response
     factors: Sequence[Factor]
-    shifts: Sequence[ReasonShift]  # of the parameters that explain the failures best
+    shifts: Sequence[ReasonShift]  # shifts of the parameters that explain the failures best
     runs: int
     needed: int
 
@@ -50,8 +50,9 @@ class SensitivityReport:
 
         Args:
             draws: Drawn values by name, of each run.
-            responses: (runs,) values by response; the first that allows it ranks the parameters.
-            reasons: Why each run failed: none, one or several.
+            responses: (runs,) values by response. The first response with a sensitivity ranks the
+                parameters.
+            reasons: Reasons why each run failed; a run may have several or none.
         """
         factors = factors_of(draws)
         by_response = {}
@@ -61,7 +62,7 @@ class SensitivityReport:
             if measured is not None:
                 by_response[name] = measured
 
-        # The first parameters of the ranking, against the reasons of the failures.
+        # The first parameters of the ranking, compared with the reasons of the failures.
         first: list[Factor] = []
         if by_response:
             first = [factors[i] for i in next(iter(by_response.values())).ranking[:FIRST]]
@@ -85,7 +86,7 @@ class SensitivityReport:
 
     @property
     def lines(self) -> list[str]:
-        """Sentence where there is no result."""
+        """Sentence that explains a missing result."""
         if self.found or not self.factors:
             return []
         why = (
@@ -96,7 +97,7 @@ class SensitivityReport:
         return [f"no sensitivity to the {len(self.factors)} drawn parameters: {why}"]
 
     def tables(self) -> Iterator[Table]:
-        """The ranking, and the reasons of failures against it."""
+        """Tables of the ranking, and of the reasons of failures against it."""
         if not self.found:
             return
 
@@ -124,7 +125,7 @@ class SensitivityReport:
                 )
                 for i in main.ranking[:FIRST]
             ],
-            # How much of the variance they explain.
+            # Share of the variance that they explain.
             caption=f"Partial rank correlation over {main.runs} runs, {len(main.names)} "
             f"parameters. These {min(FIRST, len(main.names))} explain "
             f"{main.explained_by_first:.0%} of the variance of the ranks, all "
@@ -159,7 +160,9 @@ class SensitivityReport:
         )
 
     def pictures(self) -> Iterator[tuple[str, str, Figure]]:
-        """Bars of the responses that tell kept from missed, and the matrix of all."""
+        """Bars of the responses that separate kept from missed runs, and the matrix of all
+        responses.
+        """
         ranked = {
             name: response for name, response in self.found.items() if name in (WORST, MISSED)
         }
@@ -193,7 +196,9 @@ def shown_p(p: float) -> str:
 
 
 def bar_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
-    """Bars with intervals, a panel for each response; the parameters in the order of the first."""
+    """Bars with intervals, in a panel for each response; parameters in the order of the first
+    panel.
+    """
     main = next(iter(by_response.values()))
     order = main.ranking[::-1]
     positions = np.arange(len(order))
@@ -204,7 +209,7 @@ def bar_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
         coefficients = response.coefficient[order]
         beyond = np.abs(coefficients) > response.null[order]
 
-        # Band without an effect, then the coefficient with its interval.
+        # Band without an effect, and the coefficient with its interval.
         axes.barh(
             positions,
             2.0 * response.null[order],
@@ -246,7 +251,7 @@ def matrix_figure(by_response: Mapping[str, Sensitivity]) -> Figure:
     axes = figure.subplots()
     axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
 
-    # Coefficients in the cells; bold: beyond the null level.
+    # Coefficients in the cells; bold if beyond the null level.
     for (i, j), coefficient in np.ndenumerate(matrix):
         strong = "white" if abs(coefficient) > 0.6 else INK
         weight = "bold" if beyond[i, j] else "normal"

@@ -1,4 +1,4 @@
-"""Verdict on a row of a campaign: kept, the bounds that it missed, or how it ended."""
+"""Verdict on a row of a campaign: kept, missed with the bounds that it missed, or its end."""
 
 from collections.abc import Mapping
 
@@ -7,9 +7,10 @@ from uuv.experiment import Row
 
 
 def outcome(row: Row, bounds: Mapping[str, float]) -> str:
-    """Kept; missed, with the metrics beyond their bounds; or class and reason of another end.
+    """Outcome of a row: kept; missed, with the metrics beyond their bounds; or class and reason of
+    another end.
 
-    Without bounds the verdict of the run decides. A metric without a value is missed.
+    Without bounds the verdict of the run decides. A metric without a value counts as missed.
     """
     if not is_done(row):
         return ": ".join(filter(None, (row.get("ended") or row["state"], row["code"])))
@@ -21,7 +22,7 @@ def outcome(row: Row, bounds: Mapping[str, float]) -> str:
 
 
 def is_done(row: Row) -> bool:
-    """True if the work was finished, and nothing came to harm."""
+    """True if the work was finished without damage."""
     return (row.get("ended") or row["state"]) == DONE
 
 
@@ -31,7 +32,7 @@ def class_of(verdict: str) -> str:
 
 
 def severity(verdict: str) -> int:
-    """Rank of an outcome: kept first; what is no class of today's last."""
+    """Rank of an outcome by severity: kept first; a class that is unknown to this version last."""
     word = class_of(verdict)
     return CLASSES.index(word) if word in CLASSES else len(CLASSES)
 
@@ -48,7 +49,9 @@ def beyond(row: Row, bounds: Mapping[str, float]) -> list[str]:
 
 
 def reasons(row: Row, bounds: Mapping[str, float]) -> list[str]:
-    """Why a run is not kept: each metric beyond its bound, or class and reason of its end."""
+    """Reasons why a run is not kept: each metric beyond its bound, or class and reason of its
+    end.
+    """
     verdict = outcome(row, bounds)
     if verdict == KEPT:
         return []

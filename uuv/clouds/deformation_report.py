@@ -12,7 +12,7 @@ from uuv.models.meshes.ply_files import write_ply
 from uuv.perception.toolpath.deformation import DeformationMap
 from uuv.sim.interfaces.spatial import Array
 
-_COLOURS = matplotlib.colormaps["RdBu_r"]  # red: growth, blue: dents
+_COLOURS = matplotlib.colormaps["RdBu_r"]  # red: fouling, blue: dents
 _MARGIN = 10  # [px] margin around the compared area
 
 
@@ -34,7 +34,7 @@ def table(deformation: DeformationMap) -> Table:
 
 
 def figures(deformation: DeformationMap) -> dict[str, Any]:
-    """The regions and the noise of the map for a JSON file, all digits kept."""
+    """The regions and the noise of the map for a JSON file, with all digits."""
     return {
         "size_m": deformation.size_m,
         "noise_m": deformation.noise_m,
@@ -55,7 +55,9 @@ def figures(deformation: DeformationMap) -> dict[str, Any]:
 
 
 def picture_of_deviations(deformation: DeformationMap, title: str) -> Figure:
-    """Image of the deviations in the sensor's view, regions numbered; not compared is grey."""
+    """Image of the deviations in the sensor's view, with numbered regions; pixels without
+    comparison are grey.
+    """
     rows, columns = np.nonzero(np.isfinite(deformation.deviation))
     window = tuple(
         slice(max(0, int(at.min()) - _MARGIN), int(at.max()) + _MARGIN + 1)
@@ -65,7 +67,7 @@ def picture_of_deviations(deformation: DeformationMap, title: str) -> Figure:
     label = deformation.label[window]
     depth = deformation.points_S[window][..., 2]
 
-    # Grey where there was a range, colours where it was compared.
+    # Grey for pixels with a range, and colours for those that were compared.
     figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.subplots()
     grey = np.full((*off.shape, 4), 1.0)
@@ -97,7 +99,7 @@ def picture_of_deviations(deformation: DeformationMap, title: str) -> Figure:
 
 
 def save_cloud(deformation: DeformationMap, file: Path) -> None:
-    """Writes the compared points, sensor frame, as a PLY file in the colours of the image."""
+    """Write the compared points, in the sensor frame, to a PLY file in the colours of the image."""
     points, off = deformation.cloud_S
     write_ply(
         file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(deformation)))[:, :3]

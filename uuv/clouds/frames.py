@@ -1,8 +1,8 @@
-"""How a scene is seen: sensors at the world's origin, viewpoints, and coarse starts.
+"""Views of a scene: sensors at the world's origin, viewpoints, and coarse start poses.
 
-The world frame of a scene is the camera's frame C. Scenes whose content is drawn in other ways,
-known objects (`object_scenes`), kinds of them (`scene_kinds`) or shapes of a grammar, are all
-seen by these.
+The world frame of a scene is the camera's frame C. These sensors see all scenes, however their
+content is drawn: known objects (`object_scenes`), kinds of scenes (`scene_kinds`), or shapes of a
+grammar.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,16 +34,16 @@ MIDDLE = np.array([0.5 * (OPTICS.width - 1), 0.5 * (OPTICS.height - 1)])  # [px]
 _ORIGIN = readonly(np.zeros(3))
 _STEREO = SensorModel(focal=FOCAL)
 _SONAR = sonar_model(BEAMS.pitch)
-_FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
+_FOUND = (0.01, 5.0)  # share of the range, and [deg]: largest errors of a correctly identified pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """Depth camera: its true noise, and the noise model that perception uses."""
+    """Depth camera with its true noise, and the noise model that perception uses."""
 
     stereo: StereoNoise | None = None  # None: no stereo noise, only `white`
     white: float = 0.0  # [m] standard deviation along the ray, independent from pixel to pixel
-    optics: Optics = OPTICS  # behind a port, C is the camera of the calibration
+    optics: Optics = OPTICS  # with a port, C is the camera frame of the calibration
     model: SensorModel = _STEREO
 
     def frame(self, model: mujoco.MjModel, rng: np.random.Generator) -> DepthImage:
@@ -53,12 +53,12 @@ class Camera:
             model: The scene in C.
             rng: Draws the noise.
         """
-        # C is the camera that the calibration says, so that the lens lies behind it.
+        # C is the camera frame of the calibration; the true lens lies behind it.
         lens = pose(None, [0.0, 0.0, -self.optics.rectified.center])
         camera = DepthCamera(model, "world", lens, optics=self.optics, noise=self.stereo)
         _, image = camera.step(camera.init(rng), resting(model))
 
-        # White noise is along the ray, and the image holds depth.
+        # White noise is along the ray, while the image holds depth.
         if self.white > 0.0:
             u, v = (
                 np.arange(n) - c
@@ -71,16 +71,18 @@ class Camera:
         return image
 
     def look(self, model: mujoco.MjModel, rng: np.random.Generator) -> Scan:
-        """Scan of one depth frame; arguments as in `frame`."""
+        """Scan from one depth frame; the arguments are those of `frame`."""
         return Scan.from_depth(self.frame(model, rng))
 
     def readings(self, model: mujoco.MjModel, rng: np.random.Generator) -> Array:
-        """Depth (h, w) [m] of one frame, NaN without a reading; arguments as in `frame`."""
+        """Depth (h, w) [m] of one frame, NaN without a reading; the arguments are those of
+        `frame`.
+        """
         return self.frame(model, rng).depth
 
     def exact(self, model: mujoco.MjModel) -> np.ndarray:
-        """Depth (h, w) [m] of the scene along the rays that the calibration assumes, inf where
-        there is nothing.
+        """Depth (h, w) [m] of the scene along the rays that the calibration assumes, inf where no
+        surface is hit.
         """
         pinhole_optics = Optics(
             width=self.optics.width, height=self.optics.height, focal=self.optics.rectified.focal
@@ -102,7 +104,7 @@ class Imager:
     model: SensorModel = _SONAR
 
     def look(self, model: mujoco.MjModel, rng: np.random.Generator) -> Scan:
-        """Scan of one ping, lone echoes removed.
+        """Scan from one ping, without isolated echoes.
 
         Args:
             model: The scene in C.
@@ -112,12 +114,12 @@ class Imager:
         return Scan.from_cloud(without_isolated_echoes(sonar.ping(resting(model), rng)))
 
     def readings(self, model: mujoco.MjModel, rng: np.random.Generator) -> Array:
-        """Ranges (h, w) [m] of one ping, NaN without an echo; arguments as in `look`."""
+        """Ranges (h, w) [m] of one ping, NaN without an echo; the arguments are those of `look`."""
         sonar = Sonar(model, "world", np.eye(4), beams=self.beams, noise=self.noise)
         return np.linalg.norm(sonar.ping(resting(model), rng), axis=-1)
 
     def exact(self, model: mujoco.MjModel) -> Array:
-        """Ranges (h, w) [m] of the scene without errors of the echoes, NaN without one."""
+        """Ranges (h, w) [m] of the scene without echo errors; NaN without an echo."""
         sonar = Sonar(model, "world", np.eye(4), beams=self.beams, noise=None)
         return np.linalg.norm(sonar.ping(resting(model), np.random.default_rng(0)), axis=-1)
 
@@ -132,18 +134,20 @@ CAMERAS = ("stereo", "white")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObjectScene:
-    """One frame of one object, with the truth and the coarse start of identification."""
+    """One frame of one object, with the true pose and the coarse start pose of the
+    identification.
+    """
 
-    target: TargetModel  # the known model, which is searched for
+    target: TargetModel  # the known model, which the identification searches for
     sensor: Camera | Imager
     seed: int
-    model: mujoco.MjModel  # of all that is visible, in C
+    model: mujoco.MjModel  # scan of all that is visible, in C
     scan: Scan
     X_CT: Array  # (4, 4) true pose
     approach: Array  # (3,) [m] coarse position of the target's centre, in C
     orientation: Array  # (3, 3) coarse rotation of T in C
-    range_m: float  # [m] from the camera to the point that it is aimed at
-    hidden: float = 0.0  # share of the object's image behind others
+    range_m: float  # [m] from the camera to its aim point
+    hidden: float = 0.0  # share of the object's image that is hidden by others
 
     def error(self, X_CT: Array) -> tuple[float, float]:
         """Error of an estimated pose (4, 4) in C, modulo the declared symmetry.
@@ -167,21 +171,21 @@ class ObjectScene:
 
 
 def sensor_of(sensor: str | Camera | Imager) -> Camera | Imager:
-    """A sensor, or the one of that name in SENSORS.
+    """A sensor, given itself or by its name in SENSORS.
 
     Raises:
-        ConfigurationError: There is none of that name; the message lists the known ones.
+        ConfigurationError: There is no sensor of that name; the message lists the known ones.
     """
     if not isinstance(sensor, str):
         return sensor
 
     if sensor not in SENSORS:
-        raise ConfigurationError(f"no sensor {sensor!r}; there are {sorted(SENSORS)}")
+        raise ConfigurationError(f"sensor: must be one of {sorted(SENSORS)}, got {sensor!r}")
     return SENSORS[sensor]
 
 
 def resting(model: mujoco.MjModel, qpos: Array | None = None) -> mujoco.MjData:
-    """Bodies' poses of a scene at rest, by default where its model has them.
+    """Poses of the bodies of a scene at rest, by default those of its model.
 
     Args:
         model: The scene.
@@ -241,8 +245,8 @@ def camera_pose(eye: Array, at: Array = _ORIGIN, roll: float = 0.0) -> Array:
 def coarse_pose(
     target: TargetModel, X_CT: Array, shift: tuple[float, Array], turn: tuple[float, Array]
 ) -> tuple[Array, Array]:
-    """What a coarse detection says of an object: position (3,) [m] of its centre and rotation
-    (3, 3) of T, in C.
+    """Pose that a coarse detection reports for an object: position (3,) [m] of its centre and
+    rotation (3, 3) of T, in C.
 
     Args:
         target: The object.
@@ -257,8 +261,8 @@ def coarse_pose(
 
 
 def pinhole(step: int) -> Array:
-    """Lines of sight (h, w, 3) in C of every `step`-th pixel of the camera, scaled to a depth
-    of 1.
+    """Lines of sight (h, w, 3) in C, for every `step`-th pixel of the camera, scaled to a depth of
+    1.
     """
     x, y = np.meshgrid(
         (np.arange(0, OPTICS.width, step) - MIDDLE[0]) / FOCAL,

@@ -24,16 +24,17 @@ from uuv.site import with_growth_and_dents
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_TOO_LARGE = 20.0  # times the extent of the cloud: a larger object means a mistake in the units
+# multiple of the cloud's extent above which a model's size indicates a mistake in the units
+_TOO_LARGE = 20.0
 _SHOWN = 20_000  # largest number of points of each cloud in the picture
 
 
 def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
-    """The models of `options.among` by name, those of a folder one by one.
+    """The models of `options.among` by name; a folder gives one model for each file.
 
     Raises:
-        ConfigurationError: An unknown name, an unreadable file, a folder without models, or two
-            models of one name.
+        ConfigurationError: A name is unknown, a file cannot be read, a folder has no models, or two
+            models have the same name.
     """
     files = [
         file
@@ -42,11 +43,11 @@ def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
     ]
     models: dict[str, TargetModel] = {}
     for file in files:
-        # A scale is for files: named objects have their size.
+        # A scale applies to files only, since named objects have their size.
         model = targets.of(file, options.mesh_scale if Path(file).suffix else None)
         if model.name in models:
             raise ConfigurationError(
-                f"--among: every model needs a name of its own, {model.name!r} is there twice"
+                f"--among: the names of the models must differ, got {model.name!r} twice"
             )
         models[model.name] = model
     return models
@@ -54,23 +55,23 @@ def models_among(options: IdentificationOptions) -> dict[str, TargetModel]:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A scan, as `identify` takes it, with what is known beforehand."""
+    """A scan as input of `identify`, with the information known beforehand."""
 
     cloud: Any  # points or Scan
     approach: Any  # (3,) [m], None if unknown
     orientation: Any  # (3, 3), None if unknown
     sensor: SensorModel
-    notes: list[str]  # on the input
-    scene: ObjectScene | None  # that was simulated
+    notes: list[str]  # notes on the input
+    scene: ObjectScene | None  # the scene, if it was simulated
 
 
 def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str, float]) -> Seen:
     """The cloud, or the simulated scene with `target`, of `options`.
 
     Args:
-        options: Those of the command.
+        options: Options of the command.
         target: Object of the simulated scene.
-        sizes: Radius [m] of each model that is looked for, by name.
+        sizes: Radius [m] of each model that is searched for, by name.
 
     Raises:
         ConfigurationError: The cloud is unusable, its units do not match a model's, or a number is
@@ -88,8 +89,8 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
         for name, radius in sizes.items():
             if 2.0 * radius > _TOO_LARGE * extent:
                 raise ConfigurationError(
-                    f"{name!r} is {2.0 * radius:.3g} m across, the cloud {extent:.3g} m: is one "
-                    "of them in millimetres? Give --scale (of the cloud) or --mesh-scale"
+                    f"{name!r} is {2.0 * radius:.3g} m across, the cloud {extent:.3g} m; if one of "
+                    "them is in millimetres, give --scale (for the cloud) or --mesh-scale"
                 )
 
         return Seen(
@@ -118,7 +119,7 @@ def seen_by(options: IdentificationOptions, target: TargetModel, sizes: dict[str
 def found_in(
     options: IdentificationOptions, target: TargetModel
 ) -> tuple[Identification, list[str]]:
-    """Identifies the object in the cloud or simulated scene of `options`; also returns notes.
+    """Identify the object in the cloud or simulated scene of `options`; also return notes.
 
     Raises:
         ConfigurationError: The cloud is unusable, its units do not match the object's, or a number
@@ -141,20 +142,18 @@ def found_in(
 def recognised_in(
     options: IdentificationOptions, models: dict[str, TargetModel]
 ) -> tuple[Recognition, list[str]]:
-    """Recognises which of `models` is in the cloud or scene of `options`; also returns notes.
+    """Recognise which of `models` is in the cloud or scene of `options`; also return notes.
 
     Raises:
-        ConfigurationError: As `found_in` does, and for another method than that of the library.
+        ConfigurationError: As for `found_in`, or the method is not that of the library.
     """
     if options.method != "planes":
-        raise ConfigurationError(
-            f"--among: models are compared by --method planes only, got {options.method}"
-        )
+        raise ConfigurationError(f"--among: needs --method planes, got {options.method}")
 
     shown = next(iter(models.values())) if options.cloud is not None else targets.of(options.object)
     observed = seen_by(options, shown, {name: model.radius for name, model in models.items()})
 
-    # Each model has axes of its own: a coarse attitude is none of theirs.
+    # Each model has its own axes, so that a coarse attitude of one object does not apply.
     orientation = None if options.rotation is None else observed.orientation
     recognition = recognise(
         observed.cloud,
@@ -196,12 +195,12 @@ def report(identification: Identification, target: TargetModel, notes: list[str]
     """Contents of identification.json; numbers that are not finite become None.
 
     Args:
-        identification: Its result.
+        identification: Result of the identification.
         target: Model of the object.
         notes: Notes on the input.
 
     Returns:
-        Dictionary that JSON can hold; SI units, poses (4, 4) in the sensor's frame.
+        Dictionary for a JSON file, in SI units, with poses (4, 4) in the sensor's frame.
     """
 
     def number(value: float) -> float | None:
@@ -240,11 +239,11 @@ def report(identification: Identification, target: TargetModel, notes: list[str]
         "reason": identification.reason,
         "X_sensor_target": identification.X_sensor_target.tolist(),
         "center_m": transform_points(identification.X_sensor_target, target.center).tolist(),
-        # How well it fits, and how certain it is.
+        # Quality of the fit, and its uncertainty.
         "check": None if identification.check is None else figures(identification.check),
         "covariance": None if covariance is None else doubt(covariance),
         "score": identification.score,
-        # Poses that the cloud cannot tell apart.
+        # Poses that the cloud cannot distinguish.
         "symmetry": {
             "axis": None if symmetry.axis is None else symmetry.axis.tolist(),
             "turns": symmetry.turns,
@@ -263,7 +262,7 @@ def report(identification: Identification, target: TargetModel, notes: list[str]
 
 
 def candidates_of(recognition: Recognition) -> list[dict[str, Any]]:
-    """The candidates of a recognition as JSON can hold them, the likeliest first."""
+    """The candidates of a recognition for a JSON file, the most likely first."""
     return [
         {
             "object": candidate.name,

@@ -1,10 +1,10 @@
-"""Random scenes for identification: a known object near the seabed, stones around it, one frame, a
-coarse start pose.
+"""Random scenes for identification: a known object near the seabed with stones around it, one
+frame, and a coarse start pose.
 
 The world frame is the camera's frame C. A seed gives the same scene for every sensor, so that
-sensors and methods can be compared scene by scene. `scene_kinds` makes scenes that are right or
-wrong in a known way, `placing` puts bodies beside, on and before each other, and `frames` is how
-all of them are seen.
+sensors and methods can be compared scene by scene. `scene_kinds` makes scenes with a known
+difficulty or fault. `placing` places bodies next to, on and in front of each other. `frames`
+contains the sensors that see the scenes.
 """
 
 from functools import cache
@@ -34,11 +34,12 @@ from uuv.sim.interfaces.spatial import (
 )
 
 RANGES = (1.0, 2.0)  # [m] from the camera to the object
-# Objects whose centre does not show their height: camera aim p_T [m], elevations [rad].
+# Aim points p_T [m] and elevations [rad] of the camera, for objects whose centre does not show
+# their height.
 _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
 # Default range of the camera's elevation above the horizon of T [rad].
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))
-_ROLL = np.deg2rad(10.0)  # [rad] largest roll of the camera, either way
+_ROLL = np.deg2rad(10.0)  # [rad] largest roll of the camera in either direction
 _STONES = 3  # on the seabed
 _CLEAR = 0.08  # [m] least distance of a stone from the sphere around the object
 
@@ -74,10 +75,10 @@ def object_scene(
         sensor: The sensor, or its name in SENSORS.
         ranges: [m] least and largest range.
         start_error: [m], [rad] bounds of the coarse start's error, uniform.
-        gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed.
-            0 means that they lie on it, None neither seabed nor stones.
-        there: The true object; None: `target`.
-        absent: Leave the object out of the scene.
+        gap: [m] Bounds of the distance from the lowest part of object and stand down to the seabed.
+            0: they lie on the seabed. None: there are neither seabed nor stones.
+        there: The object that is truly in the scene; None: `target`.
+        absent: Whether the object is left out of the scene.
         X_CN: (4, 4) pose from which the same scene is seen instead, in the camera frame of the
             seed's view; the result is in N. None: the seed's view.
         look: Number of the look, which draws its noise.
@@ -92,20 +93,20 @@ def object_scene(
     target = target_of(target) if isinstance(target, str) else target
     sensor = sensor_of(sensor)
 
-    # What is where, in the camera's frame.
+    # Poses in the camera's frame.
     X_CT, range_m = seeded_view(target, seed, ranges)
     if X_CN is not None:
         X_CT = inverse(X_CN) @ X_CT
     shown = there or target
 
-    # The scene; an absent object still decides where the ground is.
+    # The scene; the height of the ground depends on the object even if the object is absent.
     spec = mujoco.MjSpec()
     if not absent:
         shown.add_to(spec, X_CT, felt=False)
     if gap is not None:
         _add_surroundings(spec, np.random.default_rng([seed, 1]), X_CT, shown, gap)
 
-    # The frame; further looks have noise of their own.
+    # The frame; each further look has its own noise.
     model = spec.compile()
     noise = np.random.default_rng([seed, 2, look] if look else [seed, 2])
     scan = sensor.look(model, noise)
@@ -125,10 +126,10 @@ def object_scene(
 
 
 def check_limits(ranges: tuple[float, float], start_error: tuple[float, float]) -> None:
-    """Refuses bounds of the range [m] and of the coarse start's error [m], [rad].
+    """Refuse invalid bounds of the range [m] and of the coarse start's error [m], [rad].
 
     Raises:
-        ConfigurationError: Which one, what is allowed, and what it is.
+        ConfigurationError: The message names the bounds, the allowed values and the given ones.
     """
     if not 0.0 < ranges[0] <= ranges[1] < np.inf:
         raise ConfigurationError(f"ranges: must be 0 < near <= far [m], got {ranges}")
@@ -140,7 +141,7 @@ def seeded_view(
     target: TargetModel, seed: int, ranges: tuple[float, float] = RANGES
 ) -> tuple[Array, float]:
     """Pose X_CT (4, 4) of the object in the view of `seed`, and its range [m] within `ranges`,
-    whatever else is in the scene.
+    independent of everything else in the scene.
     """
     rng = np.random.default_rng([seed, 0])
     aim, climb = _AIM.get(target.name, (target.center, _CLIMB))
@@ -151,7 +152,7 @@ def seeded_view(
 def _coarse_start(
     target: TargetModel, X_CT: Array, seed: int, most: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """What `coarse_pose` gives with errors of at most `most` [m], [rad]."""
+    """Result of `coarse_pose` with errors of at most `most` [m], [rad]."""
     rng = np.random.default_rng([seed, 3])
     aside, axis = rng.normal(size=(2, 3))
     distance, angle = rng.uniform(size=2) * most
@@ -161,8 +162,8 @@ def _coarse_start(
 def _view(
     rng: np.random.Generator, aim: Array, range_m: float, climb: tuple[float, float]
 ) -> Array:
-    """X_CT of a nearly level camera at `range_m` [m] from `aim` (3,) [m] in T, pointed slightly
-    beside it.
+    """X_CT of a nearly level camera at `range_m` [m] from `aim` (3,) [m] in T, with the optical
+    axis slightly off this point.
     """
     low, high = np.sin(climb)
     heading, up, roll = rng.uniform([-np.pi, low, -_ROLL], [np.pi, high, _ROLL])
@@ -172,7 +173,7 @@ def _view(
 
 def _lowest(target: TargetModel) -> float:
     """z_T [m] of the lowest point of object and stand."""
-    # stands are made of boxes
+    # stands consist of boxes
     stand = [
         float(solid.X_TS[2, 3] - np.abs(solid.X_TS[2, :3]) @ np.array(solid.size))
         for solid in target.stand
@@ -187,7 +188,7 @@ def _add_surroundings(
     shown: TargetModel,
     gap: tuple[float, float],
 ) -> None:
-    """A seabed below what is in the object's place, and stones on it."""
+    """Add a seabed below the object that is in the scene, and stones on it."""
     floor = _lowest(shown) - float(rng.uniform(*gap))
     add_seabed(spec, X_CT, floor)
     for _ in range(_STONES):
@@ -208,9 +209,7 @@ def add_seabed(spec: mujoco.MjSpec, X_CT: Array, height: float) -> None:
 def _add_stone(
     spec: mujoco.MjSpec, rng: np.random.Generator, X_CT: Array, target: TargetModel, floor: float
 ) -> None:
-    """An ellipsoid half in the seabed beside the object, so that it neither touches nor hides
-    it.
-    """
+    """Add a stone, an ellipsoid half in the seabed, that neither touches nor hides the object."""
     center_C = transform_points(X_CT, target.center)
     for _ in range(20):
         size = rng.uniform(0.03, 0.15, 3)
@@ -221,7 +220,7 @@ def _add_stone(
         )
         p_C = transform_points(X_CT, p_T)
 
-        # Behind the object, or beside it in the image.
+        # Behind the object, or next to it in the image.
         apart = np.arccos(
             np.clip(p_C @ center_C / (np.linalg.norm(p_C) * np.linalg.norm(center_C)), -1.0, 1.0)
         )

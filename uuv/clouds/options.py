@@ -1,4 +1,6 @@
-"""Options of the identification of an object in a cloud, and its inputs, read before compiling."""
+"""Options of the identification of an object in a cloud, and checks of its inputs before
+compiling.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -57,20 +59,20 @@ class IdentificationOptions:
     def __post_init__(self) -> None:
         if self.sigma is None:
             return
-        from uuv.perception.clouds.scan import SIGMA_ALLOWED  # brings numba
+        from uuv.perception.clouds.scan import SIGMA_ALLOWED  # this import loads numba
 
         least, most = SIGMA_ALLOWED
         if not least <= self.sigma <= most:
             raise ConfigurationError(
-                f"--sigma: must lie in {least:g} to {most:g} m (at 1 m), got {self.sigma}"
+                f"--sigma: must be {least:g} to {most:g} m (at a range of 1 m), got {self.sigma}"
             )
 
 
 def check_inputs(options: IdentificationOptions) -> None:
-    """Refuses an object that there is not, and files that are neither mesh nor cloud.
+    """Refuse an unknown object, and files that are neither mesh nor cloud.
 
     Raises:
-        ConfigurationError: Which one, what is allowed, and what was given.
+        ConfigurationError: The message names the option, the allowed values and the given one.
     """
     from uuv.models.meshes.surfel_files import check_surfels
     from uuv.models.objects import targets
@@ -81,5 +83,5 @@ def check_inputs(options: IdentificationOptions) -> None:
     if options.among and options.cloud is None:
         names = (*names, options.object)
     for name in names:
-        if not Path(name).is_dir():  # a folder is read whole, once
+        if not Path(name).is_dir():  # a folder is read as a whole, once
             targets.of(name, options.mesh_scale if Path(name).suffix else None)

@@ -1,7 +1,7 @@
-"""Placing of bodies in a scene: at rest, in touch with each other, heaped, beside an object, or
-before it.
+"""Placing of bodies in a scene: at rest, in contact with each other, in a heap, next to an object,
+or in front of it.
 
-Frame F stands at the object with z up, on or above a level seabed.
+Frame F has its origin at the object, on or above a level seabed, and z up.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,18 +18,18 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, rotation_f
 
 Rng = np.random.Generator
 
-COARSE = 4  # [px] between the rays by which occlusion is estimated
-_CARRIED = 1e-6  # [radii] rounding of a side of the convex hull
-_AFAR = 4.0  # [m] from which a body is pushed towards the others
-_TRIES = 8  # places tried for each object of a heap
-_TOUCH = 600  # points of each body that look for the first contact
-_GOAL = 0.05  # [-] by which an occlusion may miss its goal
-_SLIGHT = 0.03  # [-] least goal of an occlusion that is wanted
-_VEILS = 60  # occluders tried
+COARSE = 4  # [px] between the rays that estimate occlusion
+_CARRIED = 1e-6  # [radii] tolerance for the distance of points from a side of the convex hull
+_AFAR = 4.0  # [m] distance at which a body starts when it is pushed towards the others
+_TRIES = 8  # number of places tried for each object of a heap
+_TOUCH = 600  # number of points of each body that are tested for the first contact
+_GOAL = 0.05  # [-] tolerance of an occlusion
+_SLIGHT = 0.03  # [-] smallest occlusion that is aimed for
+_VEILS = 60  # number of occluders tried
 
 
 class Shape(Protocol):
-    """What is placed: a mesh, the centroid of its surface at the origin of its frame T."""
+    """Shape to be placed: a mesh, with the centroid of its surface at the origin of its frame T."""
 
     @property
     def vertices(self) -> Array:
@@ -43,29 +43,29 @@ class Shape(Protocol):
 
     @property
     def radius(self) -> float:
-        """Radius [m] of a sphere that holds it."""
+        """Radius [m] of a sphere around T's origin that contains the mesh."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """A body in the scene: its surface, and points on it that look for contact."""
+    """A body in the scene: its surface, and points on the surface that are tested for contact."""
 
-    p: Array  # (3,) [m] by which it was moved since it was made
-    _shell: Shell  # in F, before that
-    _rays: RayScene  # of that surface
+    p: Array  # (3,) [m] displacement since the body was made
+    _shell: Shell  # (V, 3) vertices in F before that displacement
+    _rays: RayScene  # ray caster of that surface
     _points: Array  # (n, 3) [m] on that surface
 
     @classmethod
     def of(cls, solid: Shell, rng: Rng) -> "Body":
-        """Body of a solid in F; `rng` draws its points."""
+        """Body made from a solid in F; `rng` draws its points."""
         vertices, triangles = solid
         corner = vertices[triangles]
         area = np.linalg.norm(
             np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
         )
 
-        # uniform over the surface, and besides some of the corners, which often touch first
+        # points uniform over the surface, and some of the corners, which often touch first
         which = rng.choice(len(area), _TOUCH, p=area / area.sum())
         points = np.einsum("ni,nij->nj", rng.dirichlet(np.ones(3), _TOUCH), corner[which])
         some = rng.permutation(len(vertices))[:_TOUCH]
@@ -78,8 +78,8 @@ class Body:
         return replace(self, p=self.p + p)
 
     def distance(self, origins: Array, directions: Array) -> np.ndarray:
-        """Distances (n,) from `origins`, (n, 3) or (3,) [m] in F, in units of the `directions` (n,
-        3).
+        """Distances (n,) to the body from `origins`, (n, 3) or (3,) [m] in F, in units of the
+        `directions` (n, 3).
         """
         return self._rays.distance(origins - self.p, directions)
 
@@ -105,22 +105,22 @@ class Body:
 
 
 def any_rotation(rng: Rng) -> Array:
-    """Rotation (3, 3), uniform over all."""
+    """Uniformly distributed rotation (3, 3)."""
     q = rng.normal(size=4)
     v = q[1:]
     return exp_so3(2.0 * np.arctan2(np.linalg.norm(v), q[0]) * v / np.linalg.norm(v))
 
 
 def resting_attitude(shape: Shape, rng: Rng) -> Array:
-    """Rotation (3, 3) in which a shape rests on flat ground, z up: on a side of its convex hull
-    that carries it.
+    """Rotation (3, 3) in which a shape rests on flat ground, z up, on a side of its convex hull on
+    which it is stable.
     """
     hull = ConvexHull(shape.vertices)
     normals = hull.equations[:, :3]
     offsets = -hull.equations[:, 3]
 
-    # The foot of the centroid, which is the origin, must lie on the side. On the nearest side it
-    # does.
+    # The projection of the centroid, which is the origin, must lie on the side. For the nearest
+    # side this holds.
     way = any_rotation(rng)[0]
     limits = offsets + _CARRIED * shape.radius
     down = next(
@@ -135,7 +135,7 @@ def resting_attitude(shape: Shape, rng: Rng) -> Array:
 
 def free_way(body: Body, others: Sequence[Body], way: Array) -> float:
     """Distance [m] by which a body can move along the unit vector `way` until it meets another; inf
-    if it does not.
+    if it meets none.
     """
     free = np.inf
     for other in others:
@@ -148,8 +148,8 @@ def free_way(body: Body, others: Sequence[Body], way: Array) -> float:
 
 
 def slid(body: Body, others: Sequence[Body], way: Array, gap: float) -> Body | None:
-    """A body pushed from afar along `way` up to `gap` [m] before the first of `others`; None if it
-    passes them.
+    """A body moved from far away along `way` until it is `gap` [m] in front of the first of
+    `others`; None if it passes them.
     """
     start = body.moved(-_AFAR * way)
     free = free_way(start, others, way)
@@ -157,13 +157,13 @@ def slid(body: Body, others: Sequence[Body], way: Array, gap: float) -> Body | N
 
 
 def heaped(shapes: Sequence[Shape], rng: Rng, around: Sequence[Body] = ()) -> list[Array]:
-    """Poses X_FT (4, 4) of shapes that touch each other; each is let down on the others, or pushed
-    against them.
+    """Poses X_FT (4, 4) of shapes in contact with each other. Each shape is lowered onto the
+    others, or pushed against them.
 
     Args:
-        shapes: The shapes, in the order in which they come.
-        rng: Draws attitudes and ways.
-        around: Bodies that stand on the ground, z_F = 0, already.
+        shapes: The shapes, in the order in which they are placed.
+        rng: Draws attitudes and directions of motion.
+        around: Bodies that already stand on the ground, z_F = 0.
     """
     poses: list[Array] = []
     bodies = list(around)
@@ -179,7 +179,7 @@ def heaped(shapes: Sequence[Shape], rng: Rng, around: Sequence[Body] = ()) -> li
                 _pushed, standing, bodies, rng
             )
 
-        # The lowest one, and of those on the ground the one nearest to the middle.
+        # The lowest body; among those on the ground, the one nearest to the middle.
         body = min(options, key=_height_and_reach)
         X = pose(R, body.solid[0][0] - R @ shape.vertices[0])
         poses.append(X)
@@ -188,7 +188,7 @@ def heaped(shapes: Sequence[Shape], rng: Rng, around: Sequence[Body] = ()) -> li
 
 
 def _let_down(body: Body, others: Sequence[Body], rng: Rng) -> Body | None:
-    """A body let down on others, near the middle; None if it passes them."""
+    """A body lowered onto others, near the middle; None if it passes them."""
     above = body.moved(np.array([*rng.normal(0.0, 0.3 * body.extent, 2), _AFAR]))
     fall = free_way(above, others, np.array([0.0, 0.0, -1.0]))
     return above.moved(np.array([0.0, 0.0, -fall])) if fall < _AFAR else None
@@ -206,7 +206,7 @@ def _tried(
     others: Sequence[Body],
     rng: Rng,
 ) -> list[Body]:
-    """What became of several tries to place a body against others."""
+    """Best result of several tries to place a body against others."""
     return [placed for _ in range(_TRIES) if (placed := placing(body, others, rng)) is not None]
 
 
@@ -224,20 +224,20 @@ def beside(
     ground: float,
     rng: Rng,
 ) -> Body | None:
-    """A shape at rest on the ground beside a body, pushed towards it until it is near or meets
-    another.
+    """A shape at rest on the ground next to a body, moved towards it until it is near, or until it
+    meets another body.
 
     Args:
-        body: The body that it comes to.
-        others: Bodies that it may meet before.
+        body: The body that the shape is moved towards.
+        others: Bodies that the shape may meet before.
         shape: The shape.
-        heading: [rad] of the side about z_F from which it comes.
-        gap: [m] that it keeps; 0: it touches.
+        heading: [rad] Direction about z_F from which the shape comes.
+        gap: [m] Distance that remains; 0: contact.
         ground: [m] height of the seabed.
-        rng: Draws its attitude.
+        rng: Draws the attitude of the shape.
 
     Returns:
-        The new body; None if it should touch and meets nothing.
+        The new body; None if contact was requested and the shape meets nothing.
     """
     vertices = shape.vertices @ resting_attitude(shape, rng).T
     vertices[:, 2] += ground - vertices[:, 2].min()
@@ -245,16 +245,16 @@ def beside(
     start = Body.of((vertices, shape.triangles), rng)
 
     placed = slid(start, [body, *others], -way, gap)
-    if placed is None and gap > 0.0:  # it is lower than the body
+    if placed is None and gap > 0.0:  # the shape is lower than the body
         placed = start.moved((body.reach + shape.radius + gap) * way)
-    elif placed is None and not others:  # it is lifted to the height of the body
+    elif placed is None and not others:  # the shape is lifted to the height of the body
         lift = float(np.mean(body.points[:, 2]) - np.mean(start.points[:, 2]))
         placed = slid(start.moved(np.array([0.0, 0.0, lift])), [body], -way, 0.0)
     return placed
 
 
 def stone(body: Body, ground: float, rng: Rng) -> Body:
-    """Ellipsoid half in the seabed at height `ground` [m], clear of a body."""
+    """Ellipsoid half in the seabed at height `ground` [m], without contact with a body."""
     size = rng.uniform(0.02, 0.12, 3)
     reach = body.reach + size.max() + rng.uniform(0.03, 0.6)
     heading = rng.uniform(-np.pi, np.pi)
@@ -265,8 +265,8 @@ def stone(body: Body, ground: float, rng: Rng) -> Body:
 
 
 def hidden_by(body: Body, others: Sequence[Body], X_CF: Array) -> tuple[Array, np.ndarray]:
-    """Coarse view of a body: points (n, 3) [m] in F that a camera would see of it alone, and which
-    of them are hidden.
+    """Coarse view of a body: points (n, 3) [m] in F that a camera would see of the body alone, and
+    a mask of those that are hidden.
 
     Args:
         body: The body.
@@ -289,14 +289,14 @@ def hidden_by(body: Body, others: Sequence[Body], X_CF: Array) -> tuple[Array, n
 def veil(
     body: Body, others: Sequence[Body], X_CF: Array, share: tuple[float, float], rng: Rng
 ) -> list[Body] | None:
-    """Rods, boards and stones between camera and object, so that a share of its image is hidden.
+    """Rods, boards and stones between camera and object, so that they hide a share of its image.
 
     Args:
         body: The object.
-        others: Bodies that hide a part of it already.
+        others: Bodies that already hide a part of it.
         X_CF: (4, 4) pose of F in the camera's frame.
         share: Bounds of the share that is to be hidden.
-        rng: Draws the goal within these, and the occluders.
+        rng: Draws the goal within these bounds, and the occluders.
 
     Returns:
         The occluders; None if others hide too much, or no occluder fits.
@@ -328,7 +328,9 @@ def veil(
 
 
 def _occluder(rng: Rng, spread: float) -> Shell:
-    """Rod, board or stone around the origin that hides a part of an object of that spread [m]."""
+    """Rod, board or stone around the origin that hides part of an object with a size of `spread`
+    [m].
+    """
     form = ("rod", "board", "stone")[int(rng.integers(3))]
     size = spread * rng.uniform(0.08, 0.45)
     if form == "rod":
@@ -339,9 +341,9 @@ def _occluder(rng: Rng, spread: float) -> Shell:
 
 
 def seabed(ground: float, rng: Rng) -> Shell:
-    """Seabed at height `ground` [m] in F: flat, or with ripples below that height."""
-    count = 110  # of lines
-    half = 3.0  # [m] of its side
+    """Seabed at height `ground` [m] in F: flat, or with ripples whose crests are at that height."""
+    count = 110  # number of lines
+    half = 3.0  # [m] length of its side
     grid = np.linspace(-half, half, count)
     x, y = np.meshgrid(grid, grid)
 
@@ -355,7 +357,7 @@ def seabed(ground: float, rng: Rng) -> Shell:
         wave = c * x + s * y + 0.05 * np.sin(3.0 * (c * y - s * x))
         height = deep * (np.sin(2.0 * np.pi * wave / length) - 1.0)
 
-    # two triangles to a cell, from its corners
+    # two triangles for each cell, from the corners of the cell
     index = np.arange(count * count).reshape(count, count)
     a = index[:-1, :-1].ravel()
     b = index[:-1, 1:].ravel()

@@ -1,8 +1,8 @@
-"""Kinds of scenes with an object: it is clean, partly hidden, fouled or in a heap; another object
-stands there, none, or too little of it is visible.
+"""Kinds of scenes: the object is clean, partly hidden, fouled, in a heap, replaced by another
+object, absent, or too little of it is visible.
 
-Built on the scenes of `uuv.clouds.object_scenes`; occluders are added as parts of the object's
-stand, growth and a heap as parts of the mesh that is in its place.
+The scenes are those of `uuv.clouds.object_scenes`. Occluders are added as parts of the object's
+stand. Fouling and a heap are parts of the mesh in the object's place.
 """
 
 from collections.abc import Mapping
@@ -30,21 +30,23 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 from uuv.sim.interfaces.streams import Streams
 
-KINDS: Mapping[str, bool] = {  # name: the object is there, and enough of it is visible
+KINDS: Mapping[str, bool] = {  # value: the object is in the scene, and enough of it is visible
     "clean": True,
-    "hidden": True,  # 20 to 50 % of its visible part is hidden
-    # 30 % of the surface, 10 to 40 mm thick, or at most a tenth of the object's radius
+    "hidden": True,  # 20 to 50 % of the object's visible part is hidden
+    # 30 % of the surface is fouled, 10 to 40 mm thick, or at most a tenth of the object's radius
     "fouled": True,
-    "heap": True,  # on the seabed, others on it and beside it; at most 60 % is hidden
-    "hidden_most": False,  # 70 to 90 %
-    "other": False,  # another object, or the same in another size
+    # the object is on the seabed, others are on it and next to it; at most 60 % of it is hidden
+    "heap": True,
+    "hidden_most": False,  # 70 to 90 % of the object is hidden
+    "other": False,  # another object, or the same object in another size
     "absent": False,
 }
-_HIDDEN = {"hidden": (0.2, 0.45), "hidden_most": (0.72, 0.85)}  # share of the image, drawn
-_HEAP = 5  # objects of a heap
-_SIZES = (0.4, 1.0)  # of the others, in extents of the object
-_MOST_HIDDEN = 0.6  # share of the object's image in a heap
-_HEAPS = 40  # heaps tried
+# share of the image to hide, drawn between these bounds
+_HIDDEN = {"hidden": (0.2, 0.45), "hidden_most": (0.72, 0.85)}
+_HEAP = 5  # number of objects in a heap
+_SIZES = (0.4, 1.0)  # size of the other objects, in extents of the object
+_MOST_HIDDEN = 0.6  # largest hidden share of the object's image in a heap
+_HEAPS = 40  # number of heaps tried
 UNEVEN = "uneven starfish"
 NAMES: tuple[str, ...] = (*targets.available(), UNEVEN)
 _FINE = 60_000  # largest number of triangles after a subdivision
@@ -62,21 +64,21 @@ def object_of(name: str) -> TargetModel:
 
 
 def uneven_starfish() -> TargetModel:
-    """Starfish whose five arms differ in length by up to 16 %: a turn by 72 deg is nearly a
+    """Starfish whose five arms differ in length by up to 16 %: a rotation by 72 deg is nearly a
     symmetry.
     """
     sides = 200
     rings = 12
     height = 0.035  # [m]
 
-    # Outline: a disc with arms, each a bump of the radius.
+    # Outline: a disc with arms, each of which is a bump of the radius.
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     radius = np.full(sides, 0.055)
     for k, length in enumerate((1.0, 0.93, 1.05, 0.97, 1.08)):
         aside = np.angle(np.exp(1j * (angle - 2.0 * np.pi * k / 5.0)))
         radius = np.maximum(radius, 0.03 + 0.18 * length * np.exp(-((aside / 0.28) ** 2)))
 
-    # Rings from the top, where they meet in a point, down to the rim of the flat base.
+    # Rings from the top, where they meet in a point, down to the edge of the flat base.
     share = np.arange(1, rings + 1) / rings
     top = np.stack(
         [
@@ -88,7 +90,7 @@ def uneven_starfish() -> TargetModel:
     )
     vertices = np.vstack([[[0.0, 0.0, height]], top.reshape(-1, 3), [[0.0, 0.0, 0.0]]])
 
-    # Triangles: a fan at the top, two for each patch between rings, a fan below.
+    # Triangles: a fan at the top, two for each patch between rings, and a fan at the base.
     i = np.arange(sides)
     j = (i + 1) % sides
     faces = [np.column_stack([np.zeros_like(i), 1 + i, 1 + j])]
@@ -113,20 +115,19 @@ def draw(
     Args:
         name: Object in NAMES.
         kind: Kind of scene in KINDS.
-        seed: Draws the scene and what is changed in it.
+        seed: Draws the scene and its changes.
         sensor: Name in `uuv.clouds.frames.SENSORS`.
-        X_CN: (4, 4) pose from which it is seen instead, as in `object_scene`; None: the seed's
-            view.
+        X_CN: (4, 4) pose of another view, as in `object_scene`; None: the seed's view.
         look: Number of the look, which draws its noise.
 
     Raises:
         ConfigurationError: A name is unknown.
     """
     if kind not in KINDS:
-        raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
+        raise ConfigurationError(f"kind of scene: must be one of {sorted(KINDS)}, got {kind!r}")
     target = object_of(name)
 
-    # What the kind changes; every change draws from a stream of its own.
+    # Changes of this kind of scene; every change draws from its own stream.
     streams = Streams(seed)
     shown = target
     content: dict[str, Any] = {}
@@ -147,7 +148,7 @@ def draw(
             shown = replace(target, stand=(*target.stand, *solids))
         case "heap":
             shown, hidden = in_heap(target, seeded_view(target, seed)[0], streams["heap"])
-            content["gap"] = (0.0, 0.0)  # it lies on the seabed
+            content["gap"] = (0.0, 0.0)  # the object lies on the seabed
 
     scene = object_scene(target, seed, sensor, there=shown, X_CN=X_CN, look=look, **content)
     return replace(scene, hidden=hidden)
@@ -170,7 +171,7 @@ def other_than(target: TargetModel, rng: np.random.Generator) -> TargetModel:
 def fouled(
     target: TargetModel, rng: np.random.Generator, thick: tuple[float, float], cover: float = 0.3
 ) -> TargetModel:
-    """`target` with random mounds of growth along its normals.
+    """`target` with random mounds of fouling along its normals.
 
     Args:
         target: The clean object.
@@ -203,8 +204,8 @@ def in_heap(
 ) -> tuple[TargetModel, float]:
     """The object among others that touch it or each other, as one mesh in T.
 
-    The object stands upright. The others come from NAMES, in a size of their own, and are let down
-    on it or pushed against it.
+    The object stands upright. The others are objects of NAMES in drawn sizes, and are lowered onto
+    it or pushed against it.
 
     Args:
         target: The object.
@@ -212,13 +213,13 @@ def in_heap(
         rng: Draws the others and their poses.
 
     Returns:
-        The heap; share of the object's image that the others hide.
+        The heap, and the share of the object's image that the others hide.
 
     Raises:
         ConfigurationError: Every heap that was tried hides too much.
     """
     lowest = target.vertices[:, 2].min()
-    X_TF = pose(p=[*target.center[:2], lowest])  # F stands under the object, on the seabed
+    X_TF = pose(p=[*target.center[:2], lowest])  # F has its origin under the object, on the seabed
     upright = moved((target.vertices, target.triangles), inverse(X_TF))
     body = Body.of(upright, rng)
     others = [name for name in NAMES if name != target.name]
@@ -248,8 +249,8 @@ def in_heap(
 
 
 def _resized(target: TargetModel, extent: float) -> TargetModel:
-    """An object with its largest side `extent` [m] long, the centroid of its surface at the origin
-    of T.
+    """An object scaled to a largest side of `extent` [m], with the centroid of its surface at the
+    origin of T.
     """
     vertices = target.vertices - area_centroid(target.vertices, target.triangles)
     scale = extent / np.ptp(vertices, axis=0).max()
@@ -268,7 +269,7 @@ def occluders(
         rng: Draws the spheres.
 
     Returns:
-        Spheres in T; share that they hide.
+        Spheres in T, and the share that they hide.
     """
     X_TC = inverse(X_CT)
     rays = pinhole(_RAYS).reshape(-1, 3)
@@ -306,7 +307,7 @@ def wrong_poses(X_CT: Array, target: TargetModel, streams: Streams) -> dict[str,
     Args:
         X_CT: (4, 4) true pose.
         target: The object.
-        streams: Draw the directions, each wrong pose from a stream of its own.
+        streams: Draw the directions, with one stream for each wrong pose.
 
     Returns:
         Poses (4, 4) in C by name.

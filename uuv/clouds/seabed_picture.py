@@ -28,7 +28,7 @@ def picture(plan: SeabedPlan) -> Figure:
         )
         above.plot(T[:, 0], T[:, 1], "r-", lw=1, label="profile")
 
-        # The profile from the side, over the length along it.
+        # The profile from the side, over its length.
         along = np.concatenate(
             [[0.0], np.cumsum(np.linalg.norm(np.diff(T[:, :2], axis=0), axis=1))]
         )
@@ -67,5 +67,6 @@ def picture(plan: SeabedPlan) -> Figure:
         aside.set_ylim(middle - half, middle + half)
         aside.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
-    above.legend(fontsize="small", loc="upper right")  # "best" is slow among thousands of points
+    # the location "best" is slow for thousands of points
+    above.legend(fontsize="small", loc="upper right")
     return figure

@@ -1,1 +1,3 @@
-"""Parts of a loop: sensors, controller and models of a scenario, the arm's deck calibration."""
+"""Components of a loop: sensors, controller and models of a scenario, and the arm's calibration on
+deck.
+"""

@@ -1,4 +1,4 @@
-"""Ablations: parts of the controller that stand for a method that is left out (`--without`)."""
+"""Ablations: replacements in the controller for a method that is left out (`--without`)."""
 
 from collections.abc import Set
 from typing import Any, get_args
@@ -12,17 +12,17 @@ from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.controllers.whole_body.tool_control import FromReference
 from uuv.models.vehicle import Vehicle
 
-# by the method that leaves it out
+# keyword argument, by the method that it leaves out
 _TERMS: dict[str, Term] = {f"{term}-term": term for term in get_args(Term)}
 
 
 def ablated(without: Set[str], model: mujoco.MjModel, water_error: float) -> dict[str, Any]:
-    """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
+    """Keyword arguments of `WorkController` that leave methods out; empty if nothing is left out.
 
     Args:
-        without: methods to leave out, each one of `uuv.methods.Method`.
-        model: the vehicle's model of itself.
-        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+        without: Methods to leave out, each one of `uuv.methods.Method`.
+        model: The vehicle's model of itself.
+        water_error: [-] Share by which its hydrodynamic coefficients are wrong.
 
     Returns:
         `force_law`, `drift` and `feedforward`, as far as they differ from the controller's own.

@@ -1,4 +1,4 @@
-"""Factories for parts of a run: models of the vehicle, sensor, controller."""
+"""Factories for components of a run: models of the vehicle, sensor, controller."""
 
 from collections.abc import Callable, Set
 from dataclasses import replace
@@ -31,20 +31,20 @@ from uuv.sim.sensors.depth_camera import DepthCamera
 from uuv.sim.sensors.sonar import BEAMS, Sonar
 from uuv.sim.sensors.survey import Survey
 
-_ESTIMATOR = "estimator"  # begins the messages about it
+_ESTIMATOR = "estimator"  # begins the messages about the controller
 
 
 def believed_and_built(
     vehicle: VehicleSetup, belief: Belief, task: Task
 ) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
-    """Specs of the vehicle as its controller knows it (believed) and as it is (built).
+    """Specs of the vehicle in its controller's model (believed) and in reality (built).
 
-    Both are equal but for the arm errors that are asked for.
+    Both are equal except for the requested errors of the arm.
 
     Args:
-        vehicle: The vehicle as it is.
-        belief: What it believes of itself.
-        task: Its task, which tells the tool, and the parts that are not needed.
+        vehicle: The real vehicle.
+        belief: Differences of its model of itself.
+        task: Task of the vehicle, which determines the tool, and the parts that are not needed.
 
     Returns:
         Believed spec, built spec, lines about computed parts and the arm for the terminal (empty:
@@ -70,11 +70,12 @@ def believed_and_built(
         true = dh_geometry.with_errors(arm, np.random.default_rng(vehicle.arm_errors))
         dh_geometry.move(built, arm, true, ARM_BASE_BODY)
 
-    # The arm as calibrated, which the controller believes.
+    # The calibrated arm, which the controller believes.
     known = arm
     summary = ""
     if belief.calibrated or belief.arm is not None:
-        from uuv.components import deck_calibration  # only here: its kernels compile on import
+        # imported only here, since its kernels compile on import
+        from uuv.components import deck_calibration
 
         if belief.calibrated:
             rng = np.random.default_rng([vehicle.arm_errors or 0, 1])
@@ -101,7 +102,7 @@ def exteroceptive_sensor(
         The sensor, and its model; None: the default model.
 
     Raises:
-        ConfigurationError: There is no such sensor; the message lists those that there are.
+        ConfigurationError: There is no such sensor; the message lists the known ones.
     """
     return SENSORS.load(kind, model=model, X_BS=X_BS)
 
@@ -118,17 +119,18 @@ def sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | Non
 
 def survey(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
     """None: the object's pose is known (--sensor survey)."""
-    del X_BS  # nothing looks
+    del X_BS  # no sensor is needed
     return Survey(model), None
 
 
 def as_published(methods: Set[str], model: mujoco.MjModel, water_error: float) -> dict[str, Any]:
-    """Keyword arguments of `WorkController` for methods of [Konoplin 2022]; none if none is chosen.
+    """Keyword arguments of `WorkController` for methods of [Konoplin 2022]; empty if no method is
+    chosen.
 
     Args:
-        methods: each one of `uuv.methods.PublishedMethod`.
-        model: the vehicle's model of itself.
-        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+        methods: Methods, each one of `uuv.methods.PublishedMethod`.
+        model: The vehicle's model of itself.
+        water_error: [-] Share by which its hydrodynamic coefficients are wrong.
 
     Returns:
         `force_law` and `compliance`, and `estimator`, as far as they differ from the controller's
@@ -148,9 +150,9 @@ def controller(control: Control, model: mujoco.MjModel, *, water_error: float) -
     """The controller of a scenario, made of the vehicle's own model and wrapped in SafetyWrapper.
 
     Args:
-        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects
-            take the place of (`ablated`, `as_published`). Another inverse kinematics than "hybrid",
-            and a servo for elastic gears, go to it in its tuning.
+        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that are replaced
+            (`ablated`, `as_published`). An inverse kinematics other than "hybrid", and a servo for
+            elastic gears, are passed in the controller's tuning.
         model: The vehicle's model of itself.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
@@ -179,7 +181,7 @@ def controller(control: Control, model: mujoco.MjModel, *, water_error: float) -
 
 
 def estimator(name: str, model: mujoco.MjModel) -> Estimator:
-    """An estimator of a user's own, made of the vehicle's own model.
+    """Estimator of a user, made from the vehicle's model of itself.
 
     Args:
         name: MODULE:CLASS.
@@ -193,7 +195,7 @@ def estimator(name: str, model: mujoco.MjModel) -> Estimator:
 
 
 def _part(make: Callable[[], Any], name: str, option: str) -> Any:
-    """A part with a period and the methods `init` and `step`."""
+    """Make a component with a period and the methods `init` and `step`."""
     try:
         part = make()
         finite_number(part.period, "period [s]", above=0.0)
@@ -202,11 +204,13 @@ def _part(make: Callable[[], Any], name: str, option: str) -> Any:
             method for method in ("init", "step") if not callable(getattr(part, method, None))
         ]
         if lacking:
-            raise TypeError(f"it has no method {' and no '.join(lacking)}")
+            raise TypeError(
+                f"it must have the methods `init` and `step`, it has no {' and no '.join(lacking)}"
+            )
     except UuvError as error:
         raise ConfigurationError(f"{option} {shown(name)}: {error}") from error
     except (Exception, SystemExit) as error:
         raise ConfigurationError(
-            f"{option} {shown(name)}: cannot be made of a model; {cause_of(error, __file__)}"
+            f"{option} {shown(name)}: cannot be made from a model; {cause_of(error, __file__)}"
         ) from error
     return part

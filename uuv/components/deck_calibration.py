@@ -1,4 +1,4 @@
-"""Arm calibration on deck before the dive: by simulated touches, or from a file."""
+"""Arm calibration on deck before the dive: from simulated touches, or from a file."""
 
 from pathlib import Path
 
@@ -11,13 +11,13 @@ from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.spatial import Array
 
-POINTS, TOUCHES = 4, 21  # number of points, touches of each
+POINTS, TOUCHES = 4, 21  # number of points, and of touches of each
 HAND = 1e-4  # [m] standard deviation of a touch along each axis
 LENGTH_ERROR = 5e-5  # [m] standard deviation of the one known distance
-CONE = np.deg2rad(60.0)  # [rad] half angle of the tool's directions about vertical
-PLACES_TRIED = 2000  # random postures tried before ReachError
-OWN_TOOL = 0.03  # [m] from the nominal tip: a tool within this is taken for the vehicle's own
-DOWN = (0.0, 0.0, 1.0)  # in the arm's base, whose z axis points away from the hull
+CONE = np.deg2rad(60.0)  # [rad] half angle of the cone of the tool's directions about the vertical
+PLACES_TRIED = 2000  # number of random postures tried before ReachError
+OWN_TOOL = 0.03  # [m] distance from the nominal tip within which a tool counts as the vehicle's own
+DOWN = (0.0, 0.0, 1.0)  # direction in the arm's base, whose z axis points away from the hull
 
 
 def farthest(points: Array) -> tuple[int, int]:
@@ -38,9 +38,10 @@ def touched(
     noise: float = HAND,
     way: ArrayLike = DOWN,
 ) -> tuple[list[Array], Array]:
-    """Simulates touches by the arm as built.
+    """Simulate touches by the true arm.
 
-    Points are drawn well apart, where the arm reaches with its flange about `way`.
+    Points are drawn well apart, within reach of the arm with its flange close to the direction
+    `way`.
 
     Args:
         arm: True kinematics.
@@ -53,7 +54,7 @@ def touched(
         way: (3,) direction of the tool in the arm's base.
 
     Returns:
-        Joint values (m, n) [rad], one array for each point; true points (k, 3) [m] in the arm's
+        Joint values (m, n) [rad], one array for each point, and true points (k, 3) [m] in the arm's
         base.
 
     Raises:
@@ -66,7 +67,7 @@ def touched(
     series: list[Array] = []
     places: list[Array] = []
     for _ in range(PLACES_TRIED):
-        # A point well apart from the others, with the tool along the way.
+        # A point well apart from the others, with the tool along `way`.
         q = rng.uniform(bounds[:, 0], bounds[:, 1])
         p = arm.tips(q[None], tcp)[0]
         if any(float(np.linalg.norm(p - other)) < apart for other in places):
@@ -74,8 +75,8 @@ def touched(
         if arm.flange(q[None])[0, :3, 2] @ np.asarray(way) < np.cos(CONE):
             continue
 
-        # Touches have flange directions of their own. A point reached with a posture far from the
-        # limits takes many.
+        # Each touch has its own flange direction. A point reached in a posture far from the limits
+        # allows many directions.
         try:
             series += simulation.touch(
                 arm, tcp, rng, points=p[None], touches=touches, noise=noise, postures=postures
@@ -88,15 +89,15 @@ def touched(
             return series, np.array(places)
 
     raise ReachError(
-        f"the arm reaches {len(places)} positions from {touches} directions each; {points} are "
-        "needed"
+        f"deck calibration: the arm must reach {points} positions from {touches} directions each, "
+        f"it reaches {len(places)}"
     )
 
 
 def calibrate_on_deck(
     believed: SerialArm, built: SerialArm, rng: np.random.Generator
 ) -> tuple[SerialArm, str]:
-    """Calibrates the believed arm from simulated touches of the built one.
+    """Calibrate the believed arm from simulated touches of the true one.
 
     Args:
         believed: Nominal arm.
@@ -104,7 +105,7 @@ def calibrate_on_deck(
         rng: Draws the touches and the error of the known distance.
 
     Returns:
-        Identified arm with its tip as flange, summary line for the terminal.
+        Identified arm with its tip as flange, and summary line for the terminal.
     """
     series, places = touched(built, np.zeros(3), built.limits, rng)
     i, j = farthest(places)
@@ -132,10 +133,10 @@ def _pairs(calibration: Calibration) -> int:
 
 
 def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
-    """Arm from a file that uuv calibrate wrote, for a vehicle whose arm is `believed`.
+    """Arm from a file that `uuv calibrate` wrote, for a vehicle whose arm is `believed`.
 
     Returns:
-        Arm with its tip as flange, summary line for the terminal.
+        Arm with its tip as flange, and summary line for the terminal.
 
     Raises:
         ConfigurationError: The file has other joints, or was calibrated with another tool.
@@ -144,14 +145,14 @@ def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
     names = source.arm.joint_names
     if names != believed.joint_names:
         raise ConfigurationError(
-            f"belief.arm {file}: joints {', '.join(names)}; the vehicle has "
-            f"{', '.join(believed.joint_names)}"
+            f"belief.arm {file}: must have the joints of the vehicle, "
+            f"{', '.join(believed.joint_names)}, got {', '.join(names)}"
         )
 
     aside = float(np.linalg.norm(source.tcp))
     if aside > OWN_TOOL:
         raise ConfigurationError(
-            f"belief.arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from that "
-            f"of the vehicle; the limit is {1e3 * OWN_TOOL:.0f} mm"
+            f"belief.arm {file}: must be calibrated with the vehicle's tool, within "
+            f"{1e3 * OWN_TOOL:.0f} mm of its tip; the tip in the file is {1e3 * aside:.0f} mm away"
         )
     return source.arm.with_tip(source.tcp), f"arm of {file}"

@@ -1,4 +1,4 @@
-"""A job's site with an operator in place of the planner, and the figures of what he did there."""
+"""A job's site with an operator in place of the planner, and figures of the operator's work."""
 
 import math
 from dataclasses import dataclass
@@ -28,21 +28,22 @@ if TYPE_CHECKING:
     from uuv.sim.interfaces.spatial import Array
     from uuv.sim.loop.recording import Recording
 
-_AROUND = 150.0  # [s] simulated before the inputs begin, and after they end
-_STRIDE = 0.1  # [s] between the places of the tip whose distances are a way: its jitter is none
+_AROUND = 150.0  # [s] simulated time before the first input, and after the last
+# [s] between tip positions whose distances add up to the path length, so that jitter does not count
+_STRIDE = 0.1
 _FORCE_ERROR = 15.0  # [N] RMS, acceptance bound
-_EXCESS = 1.5  # share of the set force that the true one may reach
+_EXCESS = 1.5  # largest overshoot of the true force, as a share of the set force
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveFigures:
-    """What an operator did with the tool."""
+    """Figures of an operator's work with the tool."""
 
-    pressed_s: float | None  # under force control
-    force_error_rms_n: float | None  # true less set force, where that has settled
-    force_peak_n: float | None  # true, in the whole run
-    force_peak_share: float | None  # of the largest set force
-    wiped_m: float | None  # way of the tool along the surface under force control
+    pressed_s: float | None  # time under force control
+    force_error_rms_n: float | None  # true force less set force, where the set force has settled
+    force_peak_n: float | None  # largest true force in the whole run
+    force_peak_share: float | None  # ratio to the largest set force
+    wiped_m: float | None  # path length of the tool along the surface under force control
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +55,7 @@ class DriveMetrics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenWork(PlacedTask):
-    """Work of a task at its site, driven by an operator; of the task only the site remains."""
+    """Work at the site of a task, driven by an operator; only the site of the task is used."""
 
     begun: ClassVar[tuple[WorkState, ...]] = (
         WorkState.CLOSE_IN,
@@ -62,7 +63,7 @@ class DrivenWork(PlacedTask):
         WorkState.WORK,
     )
     work: PlacedTask
-    vehicle: OwnVehicle  # as it knows itself
+    vehicle: OwnVehicle  # the vehicle's model of itself
     operator: Operator
     source: OperatorInputs
 
@@ -71,11 +72,13 @@ class DrivenWork(PlacedTask):
         """The work of a scenario with an operator.
 
         Raises:
-            ConfigurationError: There is no operator, or his inputs cannot be read.
+            ConfigurationError: There is no operator, or the operator's inputs cannot be read.
         """
         operator = scenario.control.operator
         if operator is None:
-            raise ConfigurationError(f"scenario {scenario.name!r} has no operator")
+            raise ConfigurationError(
+                f"scenario {scenario.name!r} must have an operator (key `operator`), got none"
+            )
         live = operator.inputs == KEYBOARD
         source = KeyInputs() if live else OperatorInputs.read(operator.inputs)
         return cls(work=work, vehicle=vehicle, operator=operator, source=source)
@@ -87,13 +90,15 @@ class DrivenWork(PlacedTask):
 
     @property
     def longest(self) -> float:
-        """Limit [s] of the simulated time: the inputs, and what goes before and after them."""
+        """Limit [s] of the simulated time: duration of the inputs, and the time before and after
+        them.
+        """
         driven = min(self.source.duration, LONGEST) + self.operator.delay
-        return _AROUND + math.ceil(driven)  # whole steps of any physics
+        return _AROUND + math.ceil(driven)  # a whole number of steps for any physics step
 
     @property
     def X_WB(self) -> "Array":
-        """That of the task."""
+        """Initial hull pose of the task."""
         return self.work.X_WB
 
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
@@ -101,32 +106,32 @@ class DrivenWork(PlacedTask):
         return self.work.scene(vehicle)
 
     def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
-        """Those of the task."""
+        """Sensors of the task."""
         return self.work.sensors(model)
 
     def estimator(self, navigation: "Estimator") -> "Estimator":
-        """That of the task."""
+        """Estimator of the task."""
         return self.work.estimator(navigation)
 
     def finder(self, sensor: "SensorModel | None", seed: int) -> "TargetFinder | None":
-        """None: the operator looks for himself."""
+        """None: the operator has no finder."""
         del sensor, seed
 
     def controller(self) -> "Controller | None":
-        """That of the task."""
+        """Controller of the task."""
         return self.work.controller()
 
     def planner(self) -> "TaskPlanner":
-        """The operator's."""
+        """The operator, in place of a planner."""
         from uuv.controllers.driving.driven_task import driven_task
 
         known = self.vehicle.at_work()
         return driven_task(known, self.source, self.operator.delay, X_WB=self.X_WB)
 
     def assess(self, ran: "RunResult", seed: int) -> Assessment:
-        """Force error and peak against their bounds, where a force was set."""
+        """Force error and peak compared with their bounds, if a force was set."""
         figures = drive_figures(ran.recording)
-        # Of a drive without force control nothing is asked.
+        # A drive without force control has no bounds.
         pressed = figures.pressed_s is not None
         checks = [
             Requirement("time in contact", figures.pressed_s, None, "s"),
@@ -149,14 +154,14 @@ class DrivenWork(PlacedTask):
         return Assessment.of(ran.recording, metrics, checks, seed=seed, wall_s=ran.wall_s)
 
     def write_files(self, folder: Path) -> tuple[Path, ...]:
-        """The inputs, by which the run can be repeated."""
+        """Write the inputs, with which the run can be repeated."""
         file = folder / INPUTS_FILE
         write_whole(file, self.source.text())
         return (file,)
 
 
 def drive_figures(recording: "Recording") -> DriveFigures:
-    """Force and way of a driven tool; None where no force was set."""
+    """Force and path length of a driven tool; None if no force was set."""
     work = recording.within(WorkState.WORK)
     if not work.any():
         return unmeasured(DriveFigures)
@@ -180,7 +185,8 @@ def drive_figures(recording: "Recording") -> DriveFigures:
 
 
 def way_across(tip: "Array", axis: "Array", touches: np.ndarray) -> float:
-    """Way [m] of a tip across the tool axis, between neighbouring rows that are both in contact.
+    """Path length [m] of a tip across the tool axis, between neighbouring rows that are both in
+    contact.
 
     Args:
         tip: (N, 3) [m], W.

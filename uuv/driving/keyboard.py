@@ -1,4 +1,6 @@
-"""MuJoCo's viewer as an operator's window: it shows the vehicle and takes his keys."""
+"""MuJoCo's viewer as an operator's window, which shows the vehicle and takes the operator's
+keys.
+"""
 
 import copy
 import threading
@@ -15,16 +17,16 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import Moment
 from uuv.sim.plant.plant import Plant
 
-_PERIOD = 0.04  # [s] on the wall between two pictures, at least
-_CLOSING = 5.0  # [s] at most
+_PERIOD = 0.04  # [s] wall time between two images, at least
+_CLOSING = 5.0  # [s] wall time between two images, at most
 _NO_SCREEN = (
-    "drive: the keyboard needs MuJoCo's viewer, and that a screen (DISPLAY); without one: "
+    "drive: keyboard control needs MuJoCo's viewer and a screen (DISPLAY); without them give "
     "--inputs FILE"
 )
 
 
 def refuse_without_screen() -> None:
-    """Refuses the keyboard where no window can be opened.
+    """Refuse keyboard control if no window can be opened.
 
     Raises:
         ConfigurationError: There is no screen, or no viewer.
@@ -43,7 +45,9 @@ def refuse_without_screen() -> None:
 
 
 class ViewerLook:
-    """How a viewer draws, kept against its own keys: digits hide groups, letters toggle flags."""
+    """Drawing settings of a viewer, restored after the viewer's own keys: digits hide groups,
+    letters toggle flags.
+    """
 
     def __init__(self, option: mujoco.MjvOption, scene: mujoco.MjvScene | None) -> None:
         """Keep the present state of an option, and of the flags of a scene."""
@@ -58,12 +62,12 @@ class ViewerLook:
 
 
 class Window:
-    """Observer with a window of its own on the run; closed, the inputs end."""
+    """Observer that shows the run in a window; closing the window ends the inputs."""
 
     slow_ticks = (10,)
 
     def __init__(self, plant: Plant, X_WB: Array, keys: KeyInputs) -> None:
-        """Open the window on a copy of the plant's model; it looks at the hull's pose `X_WB`."""
+        """Open the window on a copy of the plant's model, looking at the hull's pose `X_WB`."""
         import mujoco.viewer
 
         self._plant = plant
@@ -71,7 +75,7 @@ class Window:
         self._model = copy.copy(plant.model)
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = plant.data.qpos
-        self._shown = 0.0  # [s] on the wall of the last picture
+        self._shown = 0.0  # [s] wall time of the last image
         before = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
             self._model,
@@ -94,7 +98,7 @@ class Window:
         if time.perf_counter() - self._shown < _PERIOD:
             return
 
-        # The plant's pose in the window's own data
+        # The plant's pose in the window's copy of the data
         self._shown = time.perf_counter()
         with self._viewer.lock():
             self._data.qpos[:] = self._plant.data.qpos
@@ -102,22 +106,24 @@ class Window:
             mujoco.mj_kinematics(self._model, self._data)
             self._kept.restore()
 
-        # What the operator goes by
-        if hasattr(self._viewer, "set_texts"):  # MuJoCo 3.3 on
+        # Information for the operator
+        if hasattr(self._viewer, "set_texts"):  # from MuJoCo 3.3 on
             font = mujoco.mjtFontScale.mjFONTSCALE_150
             corner = mujoco.mjtGridPos.mjGRID_TOPLEFT
             self._viewer.set_texts((font, corner, "\n".join([*_panel(moment), *HELP]), ""))
         self._viewer.sync()
 
     def close(self) -> None:
-        """Close the window, and wait for what draws in it: it must not outlive the screen."""
+        """Close the window, and wait for its drawing thread, which must end before the screen is
+        closed.
+        """
         self._viewer.close()
         for thread in self._drawing:
             thread.join(_CLOSING)
 
 
 def _panel(moment: Moment) -> tuple[str, ...]:
-    """What the operator goes by: phase, force, thrust."""
+    """Information for the operator: phase, force, thrust."""
     reference = moment.reference
     command = moment.command
     felt = command.contact.normal

@@ -8,7 +8,7 @@
     while not timestep.last():
         timestep = environment.step(policy(timestep))
 
-docs/environments.md tells the rest. Names are imported on first use.
+See docs/environments.md for the rest. Names are imported on first use.
 """
 
 import os
@@ -19,13 +19,13 @@ from importlib import import_module
 from uuv.sim.interfaces.extras import check_dm_control_physics, without_dm_control
 from uuv.sim.interfaces.lazy_names import names_of_stub
 
-_BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # by library, that draw without a screen
+_BACKENDS = {"EGL": "egl", "OSMesa": "osmesa"}  # renderers that draw without a screen, by library
 
 
 def _choose_renderer() -> None:
-    """Without a screen, choose a renderer that needs none: dm_control's GLFW would fail."""
+    """Without a screen, choose a renderer that needs none, since dm_control's GLFW would fail."""
     screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    # by the user, or by dm_control already
+    # set by the user, or by dm_control already
     chosen = "MUJOCO_GL" in os.environ or "dm_control" in sys.modules
     if chosen or screen or sys.platform != "linux":
         return
@@ -37,7 +37,8 @@ def _choose_renderer() -> None:
 _choose_renderer()
 try:
     import_module("dm_control.composer")
-except Exception as error:  # of any type: dm_control generates its classes from MuJoCo's names
+# an exception of any type, since dm_control generates its classes from MuJoCo's names
+except Exception as error:
     raise without_dm_control(error) from error
 check_dm_control_physics()
 

@@ -1,8 +1,9 @@
-"""What an agent commands: thrusters, joint torques or velocities, a wrench, or the tool.
+"""Actions of an agent: commands to thrusters, joint torques or velocities, a wrench, or tool
+motion.
 
-All actions are numbers in [-1, 1]. Thrusters and torques go to the plant as they are. Joint
-velocities and the tool's motion and force are set points of the project's own controllers, which
-run inside the environment at their own rates on the true state.
+All actions are numbers in [-1, 1]. Thruster commands and torques are passed to the plant unchanged.
+Joint velocities and the tool's motion and force are set points of the project's own controllers,
+which run inside the environment at their own rates on the true state.
 """
 
 from abc import ABC, abstractmethod
@@ -32,14 +33,14 @@ _ZERO = np.zeros(3)
 
 
 class Actions(Protocol):
-    """Kind of action of one environment; it has the state of the present episode.
+    """Kind of action of one environment, with its state in the present episode.
 
-    A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), called
-    once an episode after `start`, runs compiled within an action. One without is asked for its
-    `command` at every step of the plant.
+    A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), which is
+    called once in each episode after `start`, runs compiled within an action. For a kind without
+    it, `command` is called at every step of the plant.
     """
 
-    names: tuple[str, ...]  # of the numbers of an action
+    names: tuple[str, ...]  # names of the numbers of an action
 
     def start(self, truth: Truth) -> None:
         """Begin an episode at this state."""
@@ -55,7 +56,7 @@ class Actions(Protocol):
 
 
 def spec(actions: Actions) -> specs.BoundedArray:
-    """dm_env's specification of an action; its name lists the numbers, as dm_control's own does."""
+    """dm_env's specification of an action. Its name lists the numbers, as in dm_control."""
     names = actions.names
     return specs.BoundedArray(
         (len(names),), np.float64, minimum=-1.0, maximum=1.0, name="\t".join(names)
@@ -63,10 +64,11 @@ def spec(actions: Actions) -> specs.BoundedArray:
 
 
 def checked_action(action: Array, actions: Actions) -> Array:
-    """The action (k,), within [-1, 1]; numbers beyond are taken as the nearest bound.
+    """The action (k,), clipped to [-1, 1].
 
     Raises:
-        ConfigurationError: No numbers, another shape, or a number that is not finite.
+        ConfigurationError: The action is not numeric, has another shape, or has a number that is
+            not finite.
     """
     try:
         numbers = np.asarray(action, dtype=np.float64)
@@ -78,7 +80,7 @@ def checked_action(action: Array, actions: Actions) -> Array:
 
 
 class ThrusterSpeeds:
-    """Normalised propeller speeds; a PD law holds the arm folded."""
+    """Normalised propeller speeds as action; a PD law holds the arm folded."""
 
     def __init__(self, believed: OwnVehicle) -> None:
         """Take the vehicle.
@@ -89,7 +91,8 @@ class ThrusterSpeeds:
         self.names = believed.vehicle.thruster_names
         if not self.names:
             raise ConfigurationError(
-                "the vehicle has no thrusters, so an agent has nothing to command"
+                "actions: the vehicle must have thrusters, since the agent commands them; it has "
+                "none"
             )
 
         self._arm = ArmHold(believed.vehicle, believed.vehicle.q_home)
@@ -105,7 +108,7 @@ class ThrusterSpeeds:
         self._thrusters = action
 
     def command(self, truth: Truth) -> Command:
-        """Those speeds, and torques that hold the arm."""
+        """Command of these speeds, and torques that hold the arm."""
         torque = self._arm.torque(truth)
         return Command(time=truth.time, joint_torque=torque, thrusters=self._thrusters, scan=False)
 
@@ -120,10 +123,11 @@ class ThrusterSpeeds:
 
 
 class HullWrench(ThrusterSpeeds):
-    """Force (3,) and moment (3,) on the hull, hull axes, which the vehicle allocates to thrusters.
+    """Force (3,) and moment (3,) on the hull as action, in hull axes; thrust allocation turns them
+    into commands.
 
-    A full action is half of what the thrusters give along or about that axis alone. The arm is held
-    folded.
+    A full action along or about one axis is half of the largest force or moment that the thrusters
+    can give there alone. The arm is held folded.
     """
 
     def __init__(self, believed: OwnVehicle) -> None:
@@ -154,7 +158,9 @@ class HullWrench(ThrusterSpeeds):
 
 
 class ThrustersAndTorques:
-    """Normalised propeller speeds (m,), then joint torques (n,) as shares of the drives' limits."""
+    """Normalised propeller speeds (m,), followed by joint torques (n,) as shares of the drives'
+    limits.
+    """
 
     def __init__(self, believed: OwnVehicle) -> None:
         """Take the vehicle."""
@@ -174,7 +180,7 @@ class ThrustersAndTorques:
         self._action = action
 
     def command(self, truth: Truth) -> Command:
-        """Those speeds and torques."""
+        """Command of these speeds and torques."""
         m = self._thrusters
         torque = self._action[m:] * self._limits
         return Command(time=truth.time, joint_torque=torque, thrusters=self._action[:m], scan=False)
@@ -192,7 +198,9 @@ class ThrustersAndTorques:
 
 
 class Controlled(ABC):
-    """Base of actions that are set points of `WorkController`; the hull is held where it began."""
+    """Base of actions that are set points of `WorkController`; the hull is held at its initial
+    pose.
+    """
 
     names: tuple[str, ...] = ()
 
@@ -203,15 +211,18 @@ class Controlled(ABC):
             ConfigurationError: The vehicle has no arm.
         """
         if not len(believed.vehicle.joints):
-            raise ConfigurationError(f"{type(self).__name__}: the vehicle has no arm to move")
+            raise ConfigurationError(
+                f"{type(self).__name__}: the vehicle must have an arm, it has none"
+            )
         if not believed.vehicle.thruster_names:
             raise ConfigurationError(
-                f"{type(self).__name__}: the vehicle has no thrusters to hold it"
+                f"{type(self).__name__}: the vehicle must have thrusters for station keeping, it "
+                "has none"
             )
 
         self._controller = WorkController(believed.model)
         self._true = TrueState()
-        self._inputs: Inputs | None = None  # what the controller sees
+        self._inputs: Inputs | None = None  # estimate that the controller gets
         self._state: WorkControllerState | None = None
         self._X_WB = np.eye(4)
         self._q = np.array(believed.vehicle.q_home)
@@ -219,11 +230,11 @@ class Controlled(ABC):
 
     @property
     def estimate(self) -> StateEstimate | None:
-        """Estimate of which the newest command was made; at first, that at the begin."""
+        """Estimate that the newest command was made from; at first, the initial estimate."""
         return None if self._inputs is None else self._inputs.seen()
 
     def start(self, truth: Truth) -> None:
-        """Hold hull and arm where they are."""
+        """Hold hull and arm at their present poses."""
         self._inputs = Inputs(self._true.take(truth))
         estimate = self._inputs.seen()
         self._X_WB, self._q = estimate.X_WB, truth.q.copy()
@@ -232,7 +243,7 @@ class Controlled(ABC):
 
     def command(self, truth: Truth) -> Command:
         """Command of the controller."""
-        assert self._inputs is not None  # of `start`
+        assert self._inputs is not None  # the command made by `start`
         assert self._state is not None
 
         self._true.take(truth)
@@ -244,10 +255,10 @@ class Controlled(ABC):
         return self.last
 
     def _controlled(self, truth: Truth) -> ActionDrive:
-        """The controller as a kernel, for set points that are moved by their velocities alone."""
+        """The controller as a kernel, for set points that change only by their velocities."""
         inputs = self._inputs
         state = self._state
-        assert inputs is not None  # of `start`
+        assert inputs is not None  # the reference made by `start`
         assert state is not None
 
         tick = self._controller.tick_on(state, inputs)
@@ -275,10 +286,14 @@ class Controlled(ABC):
 
     @abstractmethod
     def reference(self, time: float) -> Reference:
-        """Set points at `time` [s]: those of the reference's own time, moved by its velocities."""
+        """Set points at `time` [s], extrapolated from the reference's own time by its
+        velocities.
+        """
 
     def _reference(self, time: float, **set_points: Any) -> Reference:
-        """Set points of `time`: hold hull and joints, but for what is wanted."""
+        """Set points at `time` [s] that hold hull and joints, except for the fields that are
+        given.
+        """
         held: dict[str, Any] = {
             "X_WG": None,
             "v_WG_W": _ZERO,
@@ -306,7 +321,7 @@ class JointVelocities(Controlled):
     """Joint velocities (n,) as shares of `fastest`; station keeping holds the hull."""
 
     def __init__(self, believed: OwnVehicle, *, fastest: float = 0.5) -> None:
-        """Take the vehicle, and the speed [rad/s] of a full action."""
+        """Take the vehicle, and the speed [rad/s] that corresponds to a full action."""
         super().__init__(believed)
         self.names = believed.vehicle.joint_names
         self._limits = believed.vehicle.q_limits
@@ -315,7 +330,7 @@ class JointVelocities(Controlled):
         self._qd = np.zeros(len(self.names))
 
     def start(self, truth: Truth) -> None:
-        """Hold hull and arm where they are."""
+        """Hold hull and arm at their present poses."""
         super().start(truth)
         self._qd, self._begin = np.zeros_like(truth.q), truth.time
 
@@ -329,7 +344,9 @@ class JointVelocities(Controlled):
         self._qd = (ahead - self._q) / period
 
     def action_to(self, q: Array, within: float) -> Array:
-        """Action (n,) that brings the joints to angles (n,) [rad] `within` [s], within limits."""
+        """Action (n,) that moves the joints to angles (n,) [rad] within `within` [s], clipped to
+        the bounds.
+        """
         q_now = self._q if self.estimate is None else self._joints_at(self.estimate.time)
         return np.clip((q - q_now) / within / self._fastest, -1.0, 1.0)
 
@@ -337,7 +354,7 @@ class JointVelocities(Controlled):
         return self._q + (time - self._begin) * self._qd
 
     def reference(self, time: float) -> Reference:
-        """Joint angles moving at the velocities."""
+        """Set points with joint angles that move at the velocities."""
         del time
         return self._reference(self._begin, q=self._q, qd=self._qd)
 
@@ -347,18 +364,19 @@ class JointVelocities(Controlled):
 
 
 class ToolTwist(Controlled):
-    """Velocity (3,), angular velocity (3,) of the tool, tool axes, over limits; force; compliance.
+    """Velocity (3,) and angular velocity (3,) of the tool, in tool axes and as shares of limits;
+    force; compliance.
 
-    The seventh number is the share of `largest` [N] that the tool presses with; at 0 and below the
-    force is not controlled. Above 0 the eighth lets the tool yield across its axis. Station keeping
-    holds the hull. The tool's set point stays within `LEASH` of the tool.
+    The seventh number is the set force as a share of `largest` [N]; the force is not controlled if
+    it is 0 or negative. If the eighth number is above 0, the tool is compliant across its axis.
+    Station keeping holds the hull. The tool's set point stays within `LEASH` of the tool.
     """
 
     LEASH = 0.15  # [m]
-    SPEED, TURN = 0.05, 0.3  # [m/s], [rad/s] of full actions
+    SPEED, TURN = 0.05, 0.3  # [m/s], [rad/s] velocities that correspond to full actions
 
     def __init__(self, believed: OwnVehicle, *, largest: float = 100.0) -> None:
-        """Take the vehicle, and the force [N] of a full action."""
+        """Take the vehicle, and the force [N] that corresponds to a full action."""
         super().__init__(believed)
         self.names = (
             *(f"v_{axis}" for axis in "xyz"),
@@ -376,7 +394,7 @@ class ToolTwist(Controlled):
         self._begin = 0.0
 
     def start(self, truth: Truth) -> None:
-        """Hold hull and tool where they are."""
+        """Hold hull and tool at their present poses."""
         super().start(truth)
         self._X_WG, self._begin = tool_pose(truth), truth.time
         self._v_WG_W, self._w_WG_W, self._set_force, self._compliant = (
@@ -390,7 +408,7 @@ class ToolTwist(Controlled):
         """Take a twist and a force."""
         assert self.estimate is not None
 
-        # The new twist begins where the tool's set point is now.
+        # The new twist begins at the present set point of the tool.
         self._X_WG = self.tool_at(self.estimate.time)
         self._begin = self.estimate.time
         R_WG = self._X_WG[:3, :3]
@@ -406,12 +424,12 @@ class ToolTwist(Controlled):
         return extrapolated(self._X_WG, self._v_WG_W, self._w_WG_W, time - self._begin, 0.0, _ZERO)
 
     def command(self, truth: Truth) -> Command:
-        """Command of the controller, for a set point that is not too far off."""
+        """Command of the controller, with a set point that is kept near the tool."""
         keep_near(self._X_WG, self._v_WG_W, truth.time - self._begin, truth.p_WG, self.LEASH)
         return super().command(truth)
 
     def reference(self, time: float) -> Reference:
-        """The tool moving at its twist."""
+        """Set points with the tool moving at its twist."""
         del time
         return self._reference(
             self._begin,
@@ -428,19 +446,20 @@ class ToolTwist(Controlled):
         finish = drive.done
 
         def done(answer: int) -> Command:
-            self._X_WG[:] = drive.reference.X_WG  # the leash has moved it
+            self._X_WG[:] = drive.reference.X_WG  # the limit of distance has moved the set point
             return finish(answer)
 
         return replace(drive, leash=self.LEASH, done=done)
 
     def action_to(self, X_WG: Array, force: float, compliant: bool, period: float) -> Array:
-        """The action (8,) that brings the set point to a pose (4, 4) in `period` [s], limited.
+        """The action (8,) that moves the set point to a pose (4, 4) in `period` [s], clipped to the
+        bounds.
 
         Args:
-            X_WG: (4, 4) tool pose wanted at the end.
-            force: [N] to press with; 0: the force is not controlled.
-            compliant: Yield across the tool's axis.
-            period: [s] of the action.
+            X_WG: (4, 4) tool pose at the end.
+            force: [N] Set force; 0: the force is not controlled.
+            compliant: Whether the tool yields across its axis.
+            period: [s] Duration of the action.
         """
         assert self.estimate is not None
 

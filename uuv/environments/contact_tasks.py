@@ -22,19 +22,20 @@ from uuv.sim.interfaces.spatial import Array, pose, readonly
 from uuv.sim.plant.truth import Truth
 from uuv.tasks.surface_work import work_bounds
 
-STANDOFF = 0.06  # [m] of the tool off the surface at the start
-OFFSET, TURN = 0.02, 0.02  # [m], [rad] largest errors of the hull's place at the start
+STANDOFF = 0.06  # [m] distance of the tool from the surface at the start
+OFFSET, TURN = 0.02, 0.02  # [m], [rad] largest errors of the initial hull pose
 HELD = 2.0  # [s] for which a force must be held
-TOUCHED = 0.3  # [s] of a tap
+TOUCHED = 0.3  # [s] duration of a tap
 BELOW = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH - 1.5]))  # pose X_WT of objects to work on
-NEAR = 0.1  # [m] distance from the place of work at which the reward for being there is a tenth
+NEAR = 0.1  # [m] distance from the place of work at which the reward for position is a tenth
 
 
 class ContactTask(VehicleTask):
-    """Base of work on an object fixed to the world; the arm begins unfolded before the surface.
+    """Base of work on an object fixed to the world. The arm begins unfolded in front of the
+    surface.
 
-    The goal's numbers: the next place of the path in tool axes (3,) [m], the path's tool axis there
-    in tool axes (3,), and the set force [N].
+    The goal consists of the next point of the path in tool axes (3,) [m], the path's tool axis
+    there in tool axes (3,), and the set force [N].
     """
 
     def __init__(
@@ -51,16 +52,16 @@ class ContactTask(VehicleTask):
 
         Args:
             sea: The arena.
-            vehicle: Its vehicle.
-            actions: What the agent commands.
-            place: Where the work is.
+            vehicle: Vehicle in the arena.
+            actions: Actions of the agent.
+            place: Place of the work.
             force: [N] set force.
-            sparse: Reward success alone.
+            sparse: Whether only success is rewarded.
         """
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.place = place
         self.force = force
-        self._next: tuple[float, Array] | None = None  # arc length [m] and pose of the next place
+        self._next: tuple[float, Array] | None = None  # arc length [m] and pose of the next point
 
         self.object = WorkObjectEntity(place.target)
         put(sea, self.object, place.X_WT)
@@ -77,24 +78,24 @@ class ContactTask(VehicleTask):
     slides = True  # the tool slides on the object
 
     def begin(self, random_state: Random) -> tuple[Array, Array]:
-        """The hull near its place, the tool at the stand-off."""
+        """Begin with the hull near its place of work, and the tool at the stand-off."""
         return near(
             self.place.placement.X_WB, random_state, offset=OFFSET, turn=TURN
         ), self.place.placement.q_start
 
     def next_s(self) -> float:
-        """Arc length [m] of the next place of the path."""
+        """Arc length [m] of the next point of the path."""
         return 0.0
 
     def next_pose(self) -> Array:
-        """Tool pose X_WG (4, 4) at the next place."""
+        """Tool pose X_WG (4, 4) at the next point."""
         s = self.next_s()
         if self._next is None or self._next[0] != s:
             self._next = s, self.place.tool_at(s)
         return self._next[1]
 
     def goal(self, truth: Truth) -> Mapping[str, Array]:
-        """Next place, axis there, and set force."""
+        """Next point, axis there, and set force."""
         X_WG = self.next_pose()
         R_GW = truth.R_WG.T
 
@@ -105,7 +106,7 @@ class ContactTask(VehicleTask):
         }
 
     def nearness(self, truth: Truth) -> float:
-        """Reward for being at the next place with the tool's axis along the path's."""
+        """Reward for the tool at the next point with its axis along the path's axis."""
         X_WG = self.next_pose()
         gap = float(np.linalg.norm(truth.p_pad - X_WG[:3, 3]))
         across = float(truth.R_WG[:, 2] @ X_WG[:3, 2])
@@ -125,7 +126,9 @@ class ContactTask(VehicleTask):
 
 
 class PressPoint(ContactTask):
-    """Press at a point: done once the set force has been held for HELD within the jobs' bounds."""
+    """Press at a point. The work is done once the set force was held for HELD within the bounds of
+    the jobs.
+    """
 
     @cached_property
     def _judge(self) -> PressedAt:
@@ -135,19 +138,19 @@ class PressPoint(ContactTask):
 
     @property
     def judge(self) -> PressedAt:
-        """The force held at the path's begin."""
+        """Judge of the force held at the first point of the path."""
         return self._judge
 
     def shaped(self, truth: Truth) -> float:
-        """Half for being there, half for the force."""
+        """Half of the reward for the pose, half for the force."""
         nearness = self.nearness(truth)
         return 0.5 * nearness + 0.5 * nearness * self.pressing(truth)
 
 
 class WipePath(ContactTask):
-    """Move the tool along a path under a set force; the goal's place is ahead on the path."""
+    """Move the tool along a path with a set force; the goal is a point ahead on the path."""
 
-    AHEAD = 0.01  # [m] of the place reached
+    AHEAD = 0.01  # [m] distance of the goal ahead of the point reached
 
     @cached_property
     def _judge(self) -> WipedAlong:
@@ -155,16 +158,18 @@ class WipePath(ContactTask):
 
     @property
     def judge(self) -> WipedAlong:
-        """The whole path under the force."""
+        """Judge of the whole path with the force."""
         return self._judge
 
     def next_s(self) -> float:
-        """A little ahead of the place reached."""
+        """Arc length a little ahead of the point reached."""
         end = float(self.place.path.s[-1])
         return min(self.judge.s + self.AHEAD, end) if self.judge.s > 0.0 else 0.0
 
     def shaped(self, truth: Truth) -> float:
-        """A third each for the pose, for the force there, and for the share of the path done."""
+        """A third each for the pose, for the force there, and for the completed share of the
+        path.
+        """
         nearness = self.nearness(truth)
 
         return (
@@ -186,7 +191,7 @@ class TapPoints(ContactTask):
         points: Sequence[float],
         sparse: bool = False,
     ) -> None:
-        """As `ContactTask`; `points` are arc lengths [m] from 0 on."""
+        """Same as `ContactTask`; `points` are arc lengths [m] >= 0."""
         super().__init__(sea, vehicle, actions, place, force=force, sparse=sparse)
         self.points = tuple(points)
 
@@ -195,15 +200,15 @@ class TapPoints(ContactTask):
 
     @property
     def judge(self) -> TappedAt:
-        """All points touched."""
+        """Judge of all points touched."""
         return self._judge
 
     def next_s(self) -> float:
-        """The next point."""
+        """Arc length of the next point."""
         return self.points[min(self._judge.count, len(self.points) - 1)]
 
     def shaped(self, truth: Truth) -> float:
-        """The share of the points touched, and a part of the next for pose and force there."""
+        """Share of the points touched, and a part of the next one for pose and force there."""
         count = len(self.points)
         nearness = self.nearness(truth)
         return (
@@ -213,7 +218,9 @@ class TapPoints(ContactTask):
 
 
 class InsertSampler(ContactTask):
-    """Put a sampler into a hole of a manifold to a depth; forces beyond the bounds spoil it."""
+    """Insert a sampler into a hole of a manifold to a depth; the work fails if forces exceed their
+    bounds.
+    """
 
     slides = False
 
@@ -227,36 +234,36 @@ class InsertSampler(ContactTask):
         *,
         sparse: bool = False,
     ) -> None:
-        """As `ContactTask`; the path leads along the hole's axis."""
+        """Same as `ContactTask`; the path runs along the hole's axis."""
         super().__init__(
             sea, vehicle, actions, place, force=InsertionBounds().axial_force, sparse=sparse
         )
         self.hole = hole
-        self.largest_force = np.inf  # the judge knows the bounds
+        self.largest_force = np.inf  # the judge has the bounds
         self._judge = InsertedTo(hole)
 
     @property
     def judge(self) -> InsertedTo:
-        """The depth reached."""
+        """Judge of the depth reached."""
         return self._judge
 
     def next_s(self) -> float:
-        """The mouth, and from there on the end."""
+        """Arc length of the mouth and, once it is reached, of the end."""
         return float(self.place.path.s[-1]) if self._judge.depth > 0.0 else 0.0
 
     def shaped(self, truth: Truth) -> float:
-        """Half for being before the mouth, half for the depth."""
+        """Half of the reward for the pose at the mouth, half for the depth."""
         depth = max(self._judge.depth, 0.0) / self.hole.depth
         return 0.5 * max(self.nearness(truth), min(1.0, depth)) + 0.5 * min(1.0, depth)
 
 
 def place_on(vehicle: VehicleEntity, target: TargetModel, path: str, *, force: float) -> WorkPlace:
-    """Place of work on a path of an object that lies 1.5 m under the middle of the site."""
+    """Place of work on a path of an object that lies 1.5 m below the centre of the site."""
     return on_path(vehicle.own, target, target.path(path), BELOW, force=force, standoff=STANDOFF)
 
 
 def place_at_hole(vehicle: VehicleEntity, block: Manifold, hole: str, depth: float) -> WorkPlace:
-    """Place of work at a hole of a manifold that lies 1.5 m under the middle of the site."""
+    """Place of work at a hole of a manifold that lies 1.5 m below the centre of the site."""
     path = axis_path(BELOW, block.hole(hole), depth)
     force = InsertionBounds().axial_force
     return standing(vehicle.own, block.target, path, BELOW, force=force, standoff=STANDOFF)

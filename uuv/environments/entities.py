@@ -4,11 +4,10 @@
     sea.add_free_entity(vehicle)
     physics = mjcf.Physics.from_mjcf_model(sea.mjcf_model)  # or composer.Environment(task)
 
-dm_control steps its own physics. Around each of its steps the vehicle drives thrusters and joints
-and reads contacts by `uuv.sim.plant.plant.Plant` over the same MjModel and MjData, so a trajectory
-is that of the plant bit for bit. What a
-step leaves in MjData is of its beginning: positions are brought up to date after it, all the rest
-after each action.
+dm_control steps its own physics. Before and after each of its steps, the vehicle commands thrusters
+and joints and reads contacts by a `uuv.sim.plant.plant.Plant` with the same MjModel and MjData. A
+trajectory therefore has the same bits as that of the plant. After a step, MjData holds values from
+the start of the step. Positions are updated after each step, all other values after each action.
 """
 
 import warnings
@@ -63,15 +62,15 @@ from uuv.sim.sensors.arm_camera import beside_tool
 from uuv.sim.water.current import Current
 from uuv.sim.water.water_motion import FLOW, take_last
 
-_PLANE = 12.0  # [m] half side of the seabed
+_PLANE = 12.0  # [m] half the side of the seabed
 Random = np.random.RandomState
 
 
 class Sea(composer.Arena):
-    """Water with a steady current and gusts, drawn anew in each episode, above a flat seabed.
+    """Water with a steady current and gusts, drawn in each episode, above a flat seabed.
 
-    `Sea(speed=0.0, gust=0.0, *, depth=10.0, current_W=None, name="sea")`; `Sea._build` tells the
-    arguments.
+    `Sea(speed=0.0, gust=0.0, *, depth=10.0, current_W=None, name="sea")`; `Sea._build` describes
+    the arguments.
     """
 
     def _build(
@@ -86,19 +85,19 @@ class Sea(composer.Arena):
         """Build the sea.
 
         Args:
-            speed: [m/s] of the horizontal current, from a new direction in each episode; a number,
-                or a variation of composer that is evaluated then.
-            gust: [m/s] standard deviation of gusts per axis.
-            depth: [m] of the seabed below the surface, z = 0.
-            current_W: (3,) [m/s] the same current in every episode, in place of `speed`.
-            name: of the model.
+            speed: [m/s] Speed of the horizontal current, whose direction is drawn in each episode;
+                a number, or a variation of composer that is evaluated in each episode.
+            gust: [m/s] Standard deviation of gusts per axis.
+            depth: [m] Depth of the seabed below the surface, z = 0.
+            current_W: (3,) [m/s] Fixed current for every episode, in place of `speed`.
+            name: Name of the model.
 
         Raises:
             ConfigurationError: A number is out of range.
         """
         super()._build(name=name)
 
-        # The current: a speed that composer draws is no number to check.
+        # The current. A speed that composer draws is not a number that could be checked.
         self._speed = speed if current_W is None else 0.0
         self._gust = finite_number(gust, "gust [m/s]", least=0.0, most=2.0)
         if not isinstance(self._speed, variation.Variation) and not callable(self._speed):
@@ -110,10 +109,11 @@ class Sea(composer.Arena):
         self._stream: int | None = None
 
         root = self.mjcf_model
-        # composer's arena gives mass to frames
+        # the arena of composer gives mass to frames
         root.compiler.boundmass = root.compiler.boundinertia = 0
         root.option.integrator, root.option.cone = "implicitfast", "elliptic"
-        root.option.noslip_iterations = 0  # composer's arena has 5, which take the dry inertia
+        # the arena of composer has 5 iterations, which use the dry inertia
+        root.option.noslip_iterations = 0
 
         # Light, haze and colours of the water.
         root.visual.headlight.set_attributes(ambient=[0.45, 0.45, 0.45], diffuse=[0.5, 0.5, 0.5])
@@ -157,16 +157,16 @@ class Sea(composer.Arena):
         """Attach an entity.
 
         Raises:
-            ConfigurationError: It is a second vehicle: the flow is that around one.
+            ConfigurationError: The entity is a second vehicle, but the flow is for one.
         """
         if isinstance(entity, VehicleEntity) and any(
             isinstance(entity, VehicleEntity) for entity in self._attached
         ):
-            raise ConfigurationError("Sea: has a vehicle already; one scene takes one vehicle")
+            raise ConfigurationError("Sea: must have one vehicle only; it already has one")
         return super().attach(entity, attach_site)
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Draw the current of the episode; the vehicle in it reads `flow`."""
+        """Draw the current of the episode, which the vehicle in the sea reads by `flow`."""
         heading = random_state.uniform(-np.pi, np.pi)
         stream = int(random_state.randint(2**31))
         self._stream = stream
@@ -187,7 +187,7 @@ class Sea(composer.Arena):
 
 
 class ToolEntity(composer.Entity):
-    """Tool at the end of an arm: its pad or sampler on its slide, and the site of its tip."""
+    """Tool at the end of an arm: its pad or sampler on a slide joint, and the site of its tip."""
 
     def _build(
         self,
@@ -200,8 +200,8 @@ class ToolEntity(composer.Entity):
 
         Args:
             vehicle: A name of `uuv.models.available()`, or an MJCF file.
-            tool: A tool of `uuv.models.tools.tools.TOOLS` in place of its own.
-            part: Its MJCF and the folder of the files that it names, where they are known.
+            tool: A tool of `uuv.models.tools.tools.TOOLS` in place of the vehicle's own.
+            part: MJCF of the tool and the folder of the files that it names, if they are known.
 
         Raises:
             ConfigurationError: The vehicle has no tool of its own.
@@ -209,12 +209,14 @@ class ToolEntity(composer.Entity):
         if part is None:
             parts = parts_of(vehicle_spec(vehicle, tool))
             if parts.tool is None:
-                raise ConfigurationError(f"vehicle {vehicle!r} has no tool that could be taken off")
+                raise ConfigurationError(
+                    f"vehicle {vehicle!r} must have a tool that can be detached"
+                )
             part = parts.tool, parts.folder
 
         self._root = root_of(part[0], "tool", part[1])
 
-        # Camera beside the tool.
+        # Camera next to the tool.
         X_GC = beside_tool()
         self.tip.parent.add(
             "camera",
@@ -239,7 +241,7 @@ class ToolEntity(composer.Entity):
 
 
 class ArmEntity(composer.Entity):
-    """Arm of a vehicle, from its base to the flange that carries the tool."""
+    """Arm of a vehicle, from its base to the flange for the tool."""
 
     def _build(
         self,
@@ -253,17 +255,19 @@ class ArmEntity(composer.Entity):
 
         Args:
             vehicle: A name of `uuv.models.available()`, or an MJCF file.
-            tool: To attach to its flange; None: the vehicle's own.
-            part: Its MJCF and the folder of the files that it names, where they are known.
-            bare: Attach no tool.
+            tool: Tool for its flange; None: the vehicle's own.
+            part: MJCF of the arm and the folder of the files that it names, if they are known.
+            bare: Whether to leave the flange without a tool.
 
         Raises:
-            ConfigurationError: The vehicle has no arm that could be taken off.
+            ConfigurationError: The vehicle has no arm that can be detached.
         """
         if part is None:
             parts = parts_of(vehicle_spec(vehicle))
             if parts.arm is None:
-                raise ConfigurationError(f"vehicle {vehicle!r} has no arm that could be taken off")
+                raise ConfigurationError(
+                    f"vehicle {vehicle!r} must have an arm that can be detached"
+                )
             part = parts.arm, parts.folder
             if tool is None and parts.tool is not None and not bare:
                 tool = ToolEntity(vehicle, part=(parts.tool, parts.folder))
@@ -288,7 +292,7 @@ class ArmEntity(composer.Entity):
 
     @property
     def joints(self) -> list[Any]:
-        """Joints of the arm, base to tip."""
+        """Joints of the arm, from base to tip."""
         return self._root.find_all("joint", exclude_attachments=True)
 
     @property
@@ -298,10 +302,11 @@ class ArmEntity(composer.Entity):
 
 
 class VehicleEntity(composer.Entity):
-    """A vehicle with its water, thrusters, arm and tool; add it to a `Sea` by `add_free_entity`.
+    """A vehicle with its hydrodynamics, thrusters, arm and tool, to be added to a `Sea` by
+    `add_free_entity`.
 
     `VehicleEntity(vehicle="uuv_puma", *, tool=None, sensors=(), perturbations=(), name="vehicle")`;
-    `VehicleEntity._build` tells the arguments.
+    `VehicleEntity._build` describes the arguments.
     """
 
     def _build(
@@ -318,20 +323,19 @@ class VehicleEntity(composer.Entity):
         Args:
             vehicle: A name of `uuv.models.available()`, or an MJCF file with the parts of
                 `uuv.models.naming`.
-            tool: A tool of `uuv.models.tools.tools.TOOLS` in place of its own.
-            sensors: Whose readings are observables beside the true state, each with its own rate,
-                delay and noise.
-            perturbations: Deviations of the true vehicle from its model, drawn anew in each
-                episode.
-            name: of the model.
+            tool: A tool of `uuv.models.tools.tools.TOOLS` in place of the vehicle's own.
+            sensors: Sensors whose readings are observables in addition to the true state, each with
+                its own rate, delay and noise.
+            perturbations: Deviations of the true vehicle from its model, drawn in each episode.
+            name: Name of the model.
 
         Raises:
-            ConfigurationError: There is no such vehicle or tool, or it has no free hull.
+            ConfigurationError: There is no such vehicle or tool, or the vehicle has no free hull.
         """
         _check_each("sensors", sensors, "init", "step", "period")
         _check_each("perturbations", perturbations, "on_vehicle", "rng")
 
-        # Hull, arm and tool, each a model of its own.
+        # Hull, arm and tool as separate models.
         self.spec = vehicle_spec(vehicle, tool)
         parts: VehicleParts = parts_of(self.spec)
         self._root = root_of(parts.hull, name, parts.folder)
@@ -346,10 +350,11 @@ class VehicleEntity(composer.Entity):
 
         self.kind = vehicle
         self.own = OwnVehicle.of(self.spec.copy(), _ANYTHING)
-        self._root.size.nuserdata = FLOW.size  # where the plant keeps the current
+        self._root.size.nuserdata = FLOW.size  # entries in which the plant keeps the current
 
         self._plant: Plant | None = None
-        self.command: Command | None = None  # of the next step; None: thrusters and motors off
+        # command of the next step; None: thrusters and motors off
+        self.command: Command | None = None
         self.readings = SensorReadings(sensors)
         self._variation = ModelVariation(self.spec, perturbations) if perturbations else None
 
@@ -368,7 +373,9 @@ class VehicleEntity(composer.Entity):
         )
 
     def _add_camera(self, site: Any) -> None:
-        """MuJoCo camera at the site of the vehicle's own, its OpenCV axes half turned about x."""
+        """MuJoCo camera at the site of the vehicle's camera, rotated from OpenCV axes by half a
+        turn about x.
+        """
         R = np.empty(9)
         camera = self.own.model.site(CAMERA_SITE)
         mujoco.mju_quat2Mat(R, camera.quat)
@@ -382,7 +389,9 @@ class VehicleEntity(composer.Entity):
         return VehicleObservables(self)
 
     def observe(self, *, sensors: bool) -> None:
-        """Enable the sensors' readings alone, or else the true state of hull, arm and tool."""
+        """Enable only the sensors' readings, or without sensors the true state of hull, arm and
+        tool.
+        """
         for entity in self.iter_entities():
             of_sensors = getattr(entity.observables, "of_sensors", {})
             for name, observable in entity.observables.as_dict(fully_qualified=False).items():
@@ -400,29 +409,31 @@ class VehicleEntity(composer.Entity):
 
     @property
     def plant(self) -> Plant:
-        """The plant over the physics of the environment.
+        """The plant that works on the physics of the environment.
 
         Raises:
             ConfigurationError: The model has not been compiled by an environment yet.
         """
         if self._plant is None:
             raise ConfigurationError(
-                "vehicle: it has no physics yet; make a composer.Environment of its task first"
+                "vehicle: has no physics yet; first make a composer.Environment with its task"
             )
         return self._plant
 
     @property
     def drawn(self) -> dict[str, float]:
-        """Means of the factors that the perturbations drew for the present episode, by name."""
+        """Mean values of the factors that the perturbations drew for the present episode, by
+        name.
+        """
         return {} if self._variation is None else self._variation.drawn
 
     @property
     def truth(self) -> Truth:
-        """True state, as `uuv.sim.plant.truth.Truth` says; live views."""
+        """True state (`uuv.sim.plant.truth.Truth`), as views."""
         return self.plant.truth
 
     def names(self) -> PartNames:
-        """What the parts are called in the whole scene."""
+        """Names of the vehicle's parts in the whole scene."""
         names = {
             "hull": self._find("body", HULL_BODY),
             "arm_base": self._find("body", ARM_BASE_BODY),
@@ -443,15 +454,15 @@ class VehicleEntity(composer.Entity):
     def place(
         self, physics: mjcf.Physics, X_WB: Array | None = None, q: Array | None = None
     ) -> None:
-        """Set hull and arm at rest: for a task's `initialize_episode`.
+        """Place hull and arm at rest; called by a task's `initialize_episode`.
 
         Args:
-            physics: Of the environment.
-            X_WB: (4, 4) hull pose; None: the model's.
-            q: (n,) [rad] joint angles; None: folded, as the model's keyframe `home` has it.
+            physics: Physics of the environment.
+            X_WB: (4, 4) hull pose; None: the pose in the model.
+            q: (n,) [rad] joint angles; None: folded, as in the model's keyframe `home`.
 
         Raises:
-            ConfigurationError: No pose, or another shape.
+            ConfigurationError: `X_WB` is not a pose, or `q` has another shape.
         """
         vehicle, data = self.plant.vehicle, physics.data
         q = (
@@ -469,9 +480,12 @@ class VehicleEntity(composer.Entity):
         )
 
     def after_compile(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Give the new model its wet constants, and make the plant over it."""
+        """Compute the constants of the new model with added mass, and make the plant that works on
+        it.
+        """
         model = physics.model.ptr
-        physics.legacy_step = False  # contacts of a step are read before the next one replaces them
+        # contacts of a step are read before the next step replaces them
+        physics.legacy_step = False
 
         hydrodynamics.install()
         hydrodynamics.set_constants(model)
@@ -490,7 +504,7 @@ class VehicleEntity(composer.Entity):
         self._plant = self._over(physics)
 
     def _over(self, physics: mjcf.Physics) -> Plant:
-        """The plant over a physics."""
+        """The plant that works on a physics."""
         return Plant(
             physics.model.ptr,
             current=Current(np.zeros(3)),
@@ -499,7 +513,7 @@ class VehicleEntity(composer.Entity):
         )
 
     def initialize_episode(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Begin at the state that the task has set, in the water of the sea."""
+        """Begin at the state that the task has set, with the current of the sea."""
         if self._variation is not None:
             self._variation.draw(random_state)
             self._plant = self._over(physics)  # thrusters are read from the model
@@ -516,7 +530,7 @@ class VehicleEntity(composer.Entity):
         self.readings.start(self.truth, random_state)
 
     def before_substep(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Drive thrusters and joints."""
+        """Command thrusters and joints."""
         plant, command = self.plant, self.command
         if command is not None and not isinstance(command, Command):
             raise ConfigurationError(
@@ -532,17 +546,17 @@ class VehicleEntity(composer.Entity):
         return Command(time=0.0, joint_torque=np.zeros(n), thrusters=np.zeros(m), scan=False)
 
     def after_substep(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Read contacts, set the next flow, and bring positions up to date."""
+        """Read contacts, set the next current, and update positions."""
         plant = self.plant
         plant.finish()
         mujoco.mj_kinematics(plant.model, plant.data)
         plant.truth.time = float(plant.data.time)
 
     def after_step(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Bring everything up to date, for observations and pictures.
+        """Update all values, for observations and images.
 
         Raises:
-            control.PhysicsError: Of dm_control; the simulation diverged.
+            control.PhysicsError: Exception of dm_control; the simulation diverged.
         """
         try:
             self.plant.observe(again=True)
@@ -557,9 +571,9 @@ class WorkObjectEntity(composer.Entity):
         """Build the object.
 
         Args:
-            target: Its model, of `uuv.models.objects.targets`.
-            stand: Add its stand.
-            name: of the model.
+            target: Model of the object, from `uuv.models.objects.targets`.
+            stand: Whether to add its stand.
+            name: Name of the model.
         """
         self.target = target
         spec = mujoco.MjSpec()
@@ -573,13 +587,15 @@ class WorkObjectEntity(composer.Entity):
 
     @property
     def geoms(self) -> list[Any]:
-        """Its geoms that collide."""
+        """Geoms of the object that collide."""
         geoms = self._root.find("body", TARGET_BODY).find_all("geom")
         return [geom for geom in geoms if geom.contype != 0 or geom.conaffinity != 0]
 
 
 def _in_parent(site: Any, X: Array) -> Array:
-    """A pose (4, 4) in a site's axes, in those of the body that carries it."""
+    """Pose (4, 4) in a site's axes, converted to the axes of the body that the site is attached
+    to.
+    """
     R = np.empty(9)
     mujoco.mju_quat2Mat(
         R, np.array([1.0, 0.0, 0.0, 0.0]) if site.quat is None else np.array(site.quat, np.float64)
@@ -602,26 +618,29 @@ def put(sea: Sea, entity: composer.Entity, X_WT: Array) -> Any:
 def let_slide(
     sea: Sea, vehicle: VehicleEntity, entity: WorkObjectEntity, *, speed: float, force: float
 ) -> None:
-    """Contact of a sliding tool without lifting, as `uuv.models.site.sliding_contact` has it.
+    """Set the contact of a sliding tool so that friction does not lift it
+    (`uuv.models.site.sliding_contact`).
 
     Args:
         sea: The arena.
-        vehicle: Its vehicle, with a tool.
+        vehicle: Vehicle in the arena, with a tool.
         entity: The object.
-        speed: [m/s] at which the tool slides.
-        force: [N] that presses it.
+        speed: [m/s] Speed of the sliding tool.
+        force: [N] Normal force on the tool.
     """
     pads = (part.mjcf_model.find("geom", TOOL_GEOM) for part in vehicle.iter_entities())
     pad = next((geom for geom in pads if geom), None)
     if pad is None:
-        raise ConfigurationError(f"vehicle: to slide it needs a tool, a geom named {TOOL_GEOM!r}")
+        raise ConfigurationError(
+            f"vehicle: must have a tool for sliding, which is a geom named {TOOL_GEOM!r}"
+        )
 
     tool_geom = vehicle.own.model.geom(TOOL_GEOM)
     root = sea.mjcf_model
     time = friction_time(vehicle.own.model, speed=speed, force=force)
     root.option.impratio = friction_stiffness(time)
 
-    # Pairs take the tool's friction, unless the object's own shapes have priority.
+    # Contact pairs use the tool's friction, unless the object's own shapes have priority.
     sliding, spinning, rolling = tool_geom.friction
     for geom in entity.geoms:
         if (geom.priority or 0) > tool_geom.priority[0] or not geom.name:
@@ -639,17 +658,19 @@ def let_slide(
 
 
 def _check_each(name: str, objects: Any, *methods: str) -> None:
-    """Refuse what is no list of objects with these attributes.
+    """Refuse a value that is not a list of objects with these attributes.
 
     Raises:
-        ConfigurationError: It is not; the message says what was given.
+        ConfigurationError: `objects` is not such a list.
     """
     if not isinstance(objects, Sequence) or isinstance(objects, str):
         raise ConfigurationError(f"{name}: expected a list, got {shown(objects)}")
     for candidate in objects:
         if isinstance(candidate, type) or not all(hasattr(candidate, method) for method in methods):
             hint = f"; did you mean {candidate.__name__}()?" if isinstance(candidate, type) else ""
-            raise ConfigurationError(f"{name}: {shown(candidate)} is none of them{hint}")
+            raise ConfigurationError(
+                f"{name}: every entry must be one of them, got {shown(candidate)}{hint}"
+            )
 
 
 def _dry(model: mujoco.MjModel) -> list[str]:
@@ -665,7 +686,7 @@ def _dry(model: mujoco.MjModel) -> list[str]:
 
 
 class _Anything:
-    """Every part is dispensable: what a task needs it checks itself."""
+    """Requirements without any part, since a task checks the parts that it needs."""
 
     def __contains__(self, name: object) -> bool:
         return True

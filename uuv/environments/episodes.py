@@ -21,9 +21,9 @@ class Episode:
     total: float  # sum of rewards
     steps: int
     success: bool
-    ended: str  # damage, what spoiled the work, or empty
+    ended: str  # damage, reason of a failure, or empty
     last: Mapping[str, Any]  # observation at the end
-    discount: float  # at the end: 0 after damage
+    discount: float  # discount at the end: 0 after damage
 
 
 def run_episode(
@@ -36,10 +36,11 @@ def run_episode(
     """Run one episode.
 
     Args:
-        environment: Of the suite.
-        policy: Gives the actions.
-        stop_when_done: End it when the work is done; its rewards then lack the rest.
-        observe: Called with observation, action and the reward that followed.
+        environment: Environment of the suite.
+        policy: Policy that returns the actions.
+        stop_when_done: Whether to end the episode when the work is done; rewards after that are
+            then missing.
+        observe: Function that is called with observation, action and the following reward.
     """
     moment = environment.reset()
     total = 0.0
@@ -69,7 +70,7 @@ def run_episode(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Score:
-    """Episodes of one policy on one task."""
+    """Result of episodes of one policy on one task."""
 
     episodes: tuple[Episode, ...]
 
@@ -94,7 +95,7 @@ class Score:
         )
 
     def __str__(self) -> str:
-        """In words."""
+        """The score in words."""
         return (
             f"{self.solved:.0%} solved, return {self.mean:.1f} +- {self.error:.1f} "
             f"({len(self.episodes)} episodes)"
@@ -105,7 +106,7 @@ def score(environment: composer.Environment, policy: Policy, episodes: int = 20)
     """Success rate and mean return of a policy over whole episodes.
 
     Raises:
-        ConfigurationError: Fewer than one episode is asked for.
+        ConfigurationError: Fewer than one episode is requested.
     """
     whole_number(episodes, "episodes", least=1)
     return Score(episodes=tuple(run_episode(environment, policy) for _ in range(episodes)))
@@ -121,15 +122,15 @@ def record_episodes(
 ) -> Score:
     """Record episodes in a Parquet file.
 
-    One row per moment: "episode", "step", each observation and "discount", and the "action" that
-    was taken there with the "reward" that followed; the last moment of an episode has no action.
-    "success" is that of the whole episode. Arrays are lists of one length. Each episode is a row
-    group of its own, written when it ends: a run that dies leaves the episodes before. The metadata
-    tell the task, the names of the actions' numbers, the period and the vehicle.
+    Each row is one time step: "episode", "step", each observation, "discount", the "action" that
+    was taken, and the following "reward". The last time step of an episode has no action. "success"
+    refers to the whole episode. Arrays are lists of fixed length. Each episode is a row group,
+    written when the episode ends, so that a run that dies leaves the earlier episodes. The metadata
+    contain the task, the names of the actions' numbers, the period and the vehicle.
 
     Args:
-        environment: Of the suite.
-        policy: Gives the actions.
+        environment: Environment of the suite.
+        policy: Policy that returns the actions.
         file: Parquet file to write, in an existing folder; an older one is replaced.
         episodes: Number of episodes.
         task: Name to write into the metadata.
@@ -138,7 +139,7 @@ def record_episodes(
         The score.
 
     Raises:
-        ConfigurationError: The folder does not exist, or fewer than one episode is asked for.
+        ConfigurationError: The folder does not exist, or fewer than one episode is requested.
         MissingLibraryError: pyarrow is missing.
     """
     with wanted():
@@ -151,7 +152,7 @@ def record_episodes(
     done: list[Episode] = []
     writer: Any = None
 
-    # Metadata of the file, whose columns the first episode decides.
+    # Metadata of the file; the first episode determines its columns.
     names = (environment.action_spec().name or "").replace("\t", ",")
     metadata = {"task": task, "actions": names, "period_s": str(environment.control_timestep())}
     task_object: Any = environment.task

@@ -6,7 +6,7 @@
     while not timestep.last():
         timestep = environment.step(policy(timestep))
 
-They know the true state of the environment that they are made for.
+Experts use the true state of the environment that they are made for.
 """
 
 from collections.abc import Callable, Iterable
@@ -54,28 +54,31 @@ from uuv.sim.interfaces.messages import AbortCode, Reference, StateEstimate, Wor
 from uuv.sim.interfaces.spatial import Array, inverse
 
 STANDOFF = 0.05  # [m] from the surface at which the tool begins its approach
-QUIET = RestLimits(time=1.0)  # when the hull counts as at rest before the work
-FORCE_RATE = 60.0  # [N/s] of set forces
+# [m/s], [rad/s] speeds below which the hull counts as at rest before the work
+QUIET = RestLimits(time=1.0)
+FORCE_RATE = 60.0  # [N/s] largest rate of set forces
 _STILL = np.zeros(3)
 _Kind = TypeVar("_Kind")
 
 
 class Policy(Protocol):
-    """Policy: the action (k,) for a moment of the environment."""
+    """Policy: returns the action (k,) for a time step of the environment."""
 
     def __call__(self, timestep: dm_env.TimeStep, /) -> Array:
-        """Action for a moment of the environment; at a first one the policy begins anew."""
+        """Action for a time step of the environment; at the first one of an episode the policy
+        restarts.
+        """
         ...
 
 
 def zero(environment: composer.Environment) -> Policy:
-    """Policy that does nothing: the middle of every action's range."""
+    """Policy that always returns the middle of every action's range."""
     size = environment.action_spec().shape
     return lambda _: np.zeros(size)
 
 
 def at_random(environment: composer.Environment, rng: np.random.Generator) -> Policy:
-    """Policy of random actions, uniform in the bounds."""
+    """Policy of random actions, uniform within the bounds."""
     size = environment.action_spec().shape
     return lambda _: rng.uniform(-1.0, 1.0, size)
 
@@ -84,8 +87,8 @@ def expert(environment: composer.Environment) -> Policy:
     """Policy of the project's own controllers for the task of an environment.
 
     Raises:
-        ConfigurationError: There is none for the task, or not for its kind of action, or this is no
-            environment of dm_control.
+        ConfigurationError: There is no expert for the task or for its kind of action, or
+            `environment` is not one of dm_control.
     """
     if not isinstance(environment, composer.Environment):
         raise ConfigurationError(
@@ -98,11 +101,13 @@ def expert(environment: composer.Environment) -> Policy:
 
 @singledispatch
 def _expert(task: composer.Task) -> Policy:
-    raise ConfigurationError(f"there is no expert for {type(task).__name__}")
+    raise ConfigurationError(f"expert: there is none for {type(task).__name__}")
 
 
 class StationExpert:
-    """Station keeping and allocation as policy, on a rest-to-rest move to the pose to hold."""
+    """Station keeping and thrust allocation as policy, with a rest-to-rest move to the pose to
+    hold.
+    """
 
     def __init__(self, task: HoldStation) -> None:
         """Set up for a task with thrusters as action."""
@@ -124,7 +129,7 @@ class StationExpert:
         task = self._task
         estimate = self._true.estimate(task.truth)
 
-        # A new episode: the move from the start to the goal.
+        # A new episode starts with the move from the start to the goal.
         if timestep.first() or self._state is None:
             self._state = self._control.init()
             limits = HullMotion()
@@ -156,7 +161,9 @@ def _station(task: HoldStation) -> Policy:
 
 
 class ReachExpert:
-    """Inverse kinematics by MKPS as policy; the joints move to the solution within their speeds."""
+    """Inverse kinematics by MKPS as policy; the joints move to the solution within their speed
+    limits.
+    """
 
     def __init__(self, task: ReachPose, actions: JointVelocities) -> None:
         """Set up for a task with joint velocities as action."""
@@ -186,33 +193,37 @@ def _reach(task: ReachPose) -> Policy:
 
 
 class Align(Phase):
-    """Bring the tool to the stand-off before the path, until it is there."""
+    """Phase that moves the tool to the stand-off in front of the path."""
 
     def __init__(
         self, tip: Callable[[StateEstimate], Array], within: float = 2e-3, seconds: float = 0.3
     ) -> None:
-        """Take the tip's estimated position (3,) [m], its tolerance [m], and the time there [s]."""
+        """Take the tip's estimated position (3,) [m], its tolerance [m], and the time [s] it must
+        be kept.
+        """
         self._tip = tip
         self._within = within
         self._seconds = seconds
 
     def enter(self, held: Held, now: Context) -> list[float]:
-        """Begin; the state is the time since when the tool is there."""
+        """Begin; the state is the time since which the tool is at the stand-off."""
         return [now.time]
 
     def step(self, state: list[float], held: Held, now: Context) -> Outcome:
-        """Done once the tool has been there for a while."""
+        """Done once the tool has been at the stand-off for that time."""
         if float(np.linalg.norm(self._tip(now.estimate) - held.tool()[0][:3, 3])) > self._within:
             state[0] = now.time
         return PhaseEvent.DONE if now.time - state[0] > self._seconds else None
 
     def setpoint(self, state: list[float], held: Held, now: Context) -> Setpoint:
-        """The tool at the stand-off."""
+        """Set point with the tool at the stand-off."""
         return Setpoint(X_WG=held.tool()[0])
 
 
 class WorkExpert:
-    """A table of the jobs' phases as policy: its set points of tool and force, as twists."""
+    """A table of the jobs' phases as policy: converts its set points of tool and force to
+    twists.
+    """
 
     def __init__(
         self, task: ContactTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]
@@ -258,13 +269,15 @@ class WorkExpert:
         return actions.action_to(X_WG, force, reference.compliant, period)
 
 
-_OFF = {Reaction.RETREAT: "parked"}  # a phase that gives up
+_OFF = {Reaction.RETREAT: "parked"}  # a phase has aborted
 
 
 def _begin(
     task: ContactTask, *, offset: float, depth: float, then: str
 ) -> Iterable[tuple[str, TaskRow]]:
-    """Rows up to the stand-off: the hull comes to rest, the tool before the path's first point."""
+    """Rows up to the stand-off: the hull comes to rest, and the tool moves in front of the first
+    point.
+    """
 
     def stand(held: Held, now: Context) -> None:
         del now
@@ -298,7 +311,7 @@ def _pressing(task: ContactTask, then: str) -> Iterable[tuple[str, TaskRow]]:
 
 
 def _leaving(then: str) -> Iterable[tuple[str, TaskRow]]:
-    """Rows off the surface."""
+    """Rows in which the tool leaves the surface."""
     limits = contact.ApproachLimits(standoff=STANDOFF)
     done = PhaseEvent.DONE
     yield (
@@ -369,14 +382,14 @@ def _insert(task: InsertSampler) -> Policy:
 
 
 def _wants(task: VehicleTask, kind: type[_Kind]) -> _Kind:
-    """The task's actions, which an expert takes only if they are of one kind.
+    """The task's actions; refused if they are not of the kind that the expert needs.
 
     Raises:
-        ConfigurationError: They are of another.
+        ConfigurationError: The actions are of another kind.
     """
     if not isinstance(task.actions, kind):
         raise ConfigurationError(
-            f"the expert of {type(task).__name__} acts by {kind.__name__}, not by "
+            f"the expert of {type(task).__name__} needs the actions {kind.__name__}, got "
             f"{type(task.actions).__name__}"
         )
     return task.actions

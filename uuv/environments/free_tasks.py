@@ -15,33 +15,37 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, cross, exp_so3, inverse, log_so3, pose, readonly
 from uuv.sim.plant.truth import Truth
 
-START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
-START_TURN = 0.3  # [rad] largest, about the vertical
-# [m] position error up to which the reward is full, and further error at which it is a tenth
+START_OFFSET = 0.5  # [m] largest initial distance per axis from the pose to hold
+START_TURN = 0.3  # [rad] largest initial rotation about the vertical
+# [m] position error up to which the reward is full, and further error at which the reward is a
+# tenth
 CLOSE = 0.05, 0.5
 ALIGNED = 0.05, 0.5  # [rad] the same for the attitude error
 STATION_TIME, ARRIVED_TIME, REACHED_TIME = 5.0, 2.0, 1.0  # [s] for which the goal must be kept
-FARTHEST_WAYPOINT = 2.0  # [m] per horizontal axis from the start; half as much up and down
-WAYPOINT_TURN = 0.8  # [rad] largest, about the vertical
-# [m] distance of the tip up to which the reward is full, and further one at which it is a tenth
+# [m] largest distance of the waypoint per horizontal axis; half of it vertically
+FARTHEST_WAYPOINT = 2.0
+WAYPOINT_TURN = 0.8  # [rad] largest rotation of the waypoint about the vertical
+# [m] distance of the tip up to which the reward is full, and further distance at which it is a
+# tenth
 REACHED = 0.02, 0.3
 POINTED = 0.1, 1.0  # [rad] the same for the tool's axis
-# (4, 4) pose of the hull in the middle of the site
+# (4, 4) pose of the hull at the centre of the site
 MIDDLE = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH]))
-SPREAD = 0.35  # [rad] of each joint about the ready posture, in which goals to reach are drawn
+SPREAD = 0.35  # [rad] range of each joint about the ready posture in which goals are drawn
 
 
 class HoldStation(VehicleTask):
     """Hold a hull pose in a current, from a random start nearby.
 
-    Done once the hull has been within CLOSE and ALIGNED for STATION_TIME. The goal: its position
-    (3,) [m] and rotation vector (3,) [rad] in hull axes.
+    The work is done once the hull has been within CLOSE and ALIGNED for STATION_TIME. The goal
+    consists of the position (3,) [m] and the rotation vector (3,) [rad] of the pose to hold, in
+    hull axes.
     """
 
     def __init__(
         self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
     ) -> None:
-        """As `VehicleTask`."""
+        """Same as `VehicleTask`."""
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self.X_WH = np.eye(4)  # pose to hold
         self._judge = KeptFor(self._at_goal, self.seconds)
@@ -51,11 +55,11 @@ class HoldStation(VehicleTask):
 
     @property
     def judge(self) -> KeptFor:
-        """Kept for a while."""
+        """Judge: the pose was kept for some time."""
         return self._judge
 
     def begin(self, random_state: Random) -> tuple[Array, None]:
-        """The start, near the pose to hold."""
+        """Draw the start, near the pose to hold."""
         self.X_WH = MIDDLE
         return near(self.X_WH, random_state, offset=START_OFFSET, turn=START_TURN), None
 
@@ -72,74 +76,76 @@ class HoldStation(VehicleTask):
         return distance <= CLOSE[0] and angle <= ALIGNED[0]
 
     def goal(self, truth: Truth) -> Mapping[str, Array]:
-        """Pose to hold."""
+        """The pose to hold, as numbers."""
         X_BH = self.X_BH(truth)
         return {"goal_position": X_BH[:3, 3], "goal_attitude": log_so3(X_BH[:3, :3])}
 
     def shaped(self, truth: Truth) -> float:
-        """1 at the pose, falling with distance and angle."""
+        """Reward 1 at the pose, decreasing with distance and angle."""
         distance, angle = self._off(truth)
         close = rewards.tolerance(distance, bounds=(0.0, CLOSE[0]), margin=CLOSE[1])
         return close * rewards.tolerance(angle, bounds=(0.0, ALIGNED[0]), margin=ALIGNED[1])
 
 
 class GoToWaypoint(HoldStation):
-    """Go to a hull pose some metres away and stay there; as `HoldStation`, for ARRIVED_TIME."""
+    """Go to a hull pose some metres away and stay there for ARRIVED_TIME; otherwise like
+    `HoldStation`.
+    """
 
     seconds = ARRIVED_TIME
 
     def begin(self, random_state: Random) -> tuple[Array, None]:
-        """The waypoint, and the start in the middle of the site."""
+        """Draw the waypoint; the start is at the centre of the site."""
         most = np.array([FARTHEST_WAYPOINT, FARTHEST_WAYPOINT, 0.5 * FARTHEST_WAYPOINT])
         turn = exp_so3([0.0, 0.0, random_state.uniform(-WAYPOINT_TURN, WAYPOINT_TURN)])
         self.X_WH = MIDDLE @ pose(turn, random_state.uniform(-most, most))
         return MIDDLE, None
 
     def shaped(self, truth: Truth) -> float:
-        """1 at the pose; a tenth at the farthest waypoint."""
+        """Reward 1 at the pose, and a tenth at the largest distance of a waypoint."""
         distance, angle = self._off(truth)
         close = rewards.tolerance(distance, bounds=(0.0, CLOSE[0]), margin=1.5 * FARTHEST_WAYPOINT)
         return close * rewards.tolerance(angle, bounds=(0.0, ALIGNED[0]), margin=WAYPOINT_TURN)
 
 
 class ReachPose(VehicleTask):
-    """Bring the tool's tip to a place, and its axis to a direction, while the hull hovers.
+    """Move the tool's tip to a point, and its axis to a direction, while the hull hovers.
 
-    The goal is a place that the arm can reach from the ready posture; it is fixed to the world.
-    Done once the tip has been within REACHED and the axis within POINTED for REACHED_TIME. The
-    goal's numbers: its position (3,) [m] and the rotation vector (3,) [rad] that turns the tool's
-    axis to it, in tool axes.
+    The point is fixed to the world, and within reach of the arm from the ready posture. The work is
+    done once the tip has been within REACHED and the axis within POINTED for REACHED_TIME. The goal
+    consists of the position (3,) [m] of the point, and of the rotation vector (3,) [rad] that turns
+    the tool's axis to the direction, in tool axes.
     """
 
     def __init__(
         self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
     ) -> None:
-        """As `VehicleTask`.
+        """Same as `VehicleTask`.
 
         Raises:
             ConfigurationError: The vehicle has no arm.
         """
         if not len(vehicle.own.vehicle.joints):
-            raise ConfigurationError("to reach, the vehicle needs an arm")
+            raise ConfigurationError("ReachPose: the vehicle must have an arm")
 
         super().__init__(sea, vehicle, actions, sparse=sparse)
         self._chain: Chain = vehicle.own.chain()
-        self.X_WH = np.eye(4)  # tool pose to reach; its turn about the tool's axis is free
+        self.X_WH = np.eye(4)  # tool pose to reach; its rotation about the tool's axis is free
         self._judge = KeptFor(self._at_goal, REACHED_TIME)
 
         self.add_goals(FARTHEST, goal_position=3, goal_turn=3)
 
     @property
     def judge(self) -> KeptFor:
-        """Kept for a while."""
+        """Judge: the pose was kept for some time."""
         return self._judge
 
     def begin(self, random_state: Random) -> tuple[Array, Array]:
-        """The goal, and the arm at another posture near the ready one."""
+        """Draw the goal, and the initial posture of the arm near the ready one."""
         vehicle = self.vehicle.own.vehicle
         X_WB = near(MIDDLE, random_state, offset=0.1, turn=0.2)
 
-        # The goal is reachable: the tool's pose at another posture within the limits.
+        # The goal is reachable, since it is the tool's pose at another posture within the limits.
         low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
         n = len(vehicle.joints)
         start, goal = (
@@ -151,7 +157,7 @@ class ReachPose(VehicleTask):
         return X_WB, start
 
     def goal(self, truth: Truth) -> Mapping[str, Array]:
-        """Place and direction in tool axes."""
+        """Point and direction of the goal in tool axes."""
         R_GW = truth.R_WG.T
         return {
             "goal_position": R_GW @ (self.X_WH[:3, 3] - truth.p_WG),
@@ -175,7 +181,7 @@ class ReachPose(VehicleTask):
         return distance <= REACHED[0] and angle <= POINTED[0]
 
     def shaped(self, truth: Truth) -> float:
-        """1 at the goal, falling with distance and angle."""
+        """Reward 1 at the goal, decreasing with distance and angle."""
         distance, angle = self._off(truth)
         close = rewards.tolerance(distance, bounds=(0.0, REACHED[0]), margin=REACHED[1])
         return close * rewards.tolerance(angle, bounds=(0.0, POINTED[0]), margin=POINTED[1])

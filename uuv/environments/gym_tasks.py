@@ -1,4 +1,4 @@
-"""The tasks in Gymnasium, by registered ids: importing this module registers them.
+"""The tasks in Gymnasium under ids, which are registered by the import of this module.
 
     import gymnasium
     import uuv.environments.gym_tasks
@@ -6,7 +6,7 @@
     environment = gymnasium.make("uuv/Hover-v0")
     observation, info = environment.reset(seed=0)
 
-A worker that is spawned imports nothing by itself: there the id is
+A spawned worker process does not import this module. The id to use there is
 "uuv.environments.gym_tasks:uuv/Hover-v0".
 """
 
@@ -26,7 +26,7 @@ from uuv.sim.interfaces.spatial import Array, shown
 NAMESPACE, VERSION = "uuv", "v0"
 _MODULE = "uuv.environments.gym_tasks"
 _METADATA = {"render_modes": ["rgb_array"], "render_fps": 50}
-_BEYOND = 1e6  # bound of a number whose specification states none
+_BEYOND = 1e6  # bound of an observation whose specification states none
 Observation = dict[str, Array]
 
 
@@ -34,7 +34,8 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     """A task of the suite: observations by name, actions in [-1, 1], success in `info`.
 
     `terminated` means damage, `truncated` that the time is over. `info` has "is_success", "failed"
-    (what spoiled the work) and "damage". A seed given to `reset` seeds all that follows.
+    (the reason of a failure) and "damage". A seed given to `reset` seeds all following random
+    numbers.
     """
 
     metadata = _METADATA
@@ -48,17 +49,18 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        """Make a task of the suite, or take an environment of one's own.
+        """Make a task of the suite, or take a user's environment.
 
         Args:
-            domain: As `suite.load`.
-            task: As `suite.load`.
-            environment: In place of a task of the suite; its task is a `VehicleTask`.
+            domain: As for `suite.load`.
+            task: As for `suite.load`.
+            environment: Environment to use in place of a task of the suite; its task is a
+                `VehicleTask`.
             render_mode: "rgb_array", or None.
             options: Further arguments of `suite.load`.
 
         Raises:
-            ConfigurationError: As `suite.load`, or there is no such render mode.
+            ConfigurationError: As for `suite.load`, or there is no such render mode.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigurationError(f"render_mode {shown(render_mode)}: allowed rgb_array or None")
@@ -82,7 +84,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode."""
         super().reset(seed=seed)
-        if seed is not None:  # the same episodes as of `suite.load(seed=seed)`
+        if seed is not None:  # the same episodes as from `suite.load(seed=seed)`
             self.environment.random_state.seed(seed % 2**32)
         moment = self.environment.reset()
         self._over = False
@@ -115,10 +117,10 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
         )
 
     def render(self) -> np.ndarray | None:
-        """Picture (240, 320, 3) of the scene; None without a render mode.
+        """Image (240, 320, 3) of the scene; None without a render mode.
 
         Raises:
-            MissingLibraryError: There is no GL to draw with.
+            MissingLibraryError: No GL is available for rendering.
         """
         return picture(self.environment.physics) if self.render_mode == "rgb_array" else None
 
@@ -139,7 +141,7 @@ class TaskEnvironment(gymnasium.Env[Any, Any]):
 
 
 def _box(spec: specs.Array) -> spaces.Box:
-    """Box of an observation; one without stated bounds gets wide ones."""
+    """Box space of an observation; an observation without stated bounds gets wide ones."""
     low = np.full(spec.shape, getattr(spec, "minimum", -_BEYOND), np.float64)
     high = np.full(spec.shape, getattr(spec, "maximum", _BEYOND), np.float64)
     return spaces.Box(np.maximum(low, -_BEYOND), np.minimum(high, _BEYOND), spec.shape, np.float64)

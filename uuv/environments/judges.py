@@ -1,10 +1,10 @@
 """Judges of episodes: whether the work was done, by the rules and bounds of `uuv.sim.evaluation`.
 
-A judge watches true states that last for some time each; in contact it sees every step of the
-plant. `done` stays true once it is. `failed` is a sentence, empty while nothing is wrong.
+A judge gets true states, each with its duration; in contact it gets every step of the plant. `done`
+stays true once it is true. `failed` is a sentence, or empty if nothing has failed.
 
-A judge of contact with a method `watch_steps(steps, dt)` is given several steps at once, after
-compiled substeps: rows of `uuv.environments.ticks.action_ticks`.
+After compiled substeps, a judge of contact with a method `watch_steps(steps, dt)` gets several
+steps at once, as rows of `uuv.environments.ticks.action_ticks`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -22,12 +22,12 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth
 
-# Of a row, in the order of `ContactStep`.
+# Entries of a row, in the order of `ContactStep`.
 _FORCES = [row.STEP_NORMAL, row.STEP_LEAST, row.STEP_MOST]
 
 
 class Judge(Protocol):
-    """Judge of one episode after another."""
+    """Judge of one episode after the other."""
 
     done: bool
     failed: str
@@ -42,7 +42,9 @@ class Judge(Protocol):
 
 
 class KeptFor:
-    """Judge: success once a condition has held for some time without a break."""
+    """Judge of a condition: success once the condition has held for some time without
+    interruption.
+    """
 
     def __init__(self, condition: Callable[[Truth], bool], seconds: float) -> None:
         self._condition = condition
@@ -64,41 +66,41 @@ class KeptFor:
 
 
 class ContactStep(NamedTuple):
-    """A step in contact, as judges of a set force see it."""
+    """A step in contact, as input of judges of a set force."""
 
-    s: float  # [m] arc length of the place nearest to the pad
-    deviation: float  # [m] its distance on the surface
+    s: float  # [m] arc length of the path point nearest to the pad
+    deviation: float  # [m] distance of that point on the surface
     normal: float  # [N] normal force, mean over the step
-    least: float  # [N]
-    most: float  # [N]
+    least: float  # [N] smallest normal force
+    most: float  # [N] largest normal force
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetForce:
-    """A force [N] to press with along a path, or at its begin, and the bounds of the job."""
+    """Set force [N] along a path, or at its first point, and the bounds of the job."""
 
     path: ToolPath
     force: float
     bounds: Bounds = field(default_factory=Bounds)
 
     def touch(self, truth: Truth) -> ContactStep:
-        """What a judge needs of a state."""
+        """Input of a judge from a true state."""
         s, deviation = place_on_path(self.path, truth.p_pad)
         forces = truth.contact_normal, truth.contact_least, truth.contact_most
         return ContactStep(s, deviation, *forces)
 
     def touches(self, steps: Array) -> Iterable[ContactStep]:
-        """The same of several steps, rows of `watch_steps`."""
+        """The same for several steps, which are rows of `watch_steps`."""
         places = places_on_path(self.path, _three(steps, row.STEP_PAD))
         return map(ContactStep, *places.T.tolist(), *steps[:, _FORCES].T.tolist())
 
     def running(self) -> RunningForce:
-        """The error of the force, to be judged step by step."""
+        """Error of the force, for judgement step by step."""
         return RunningForce(self.force, self.bounds)
 
 
 class PressedAt:
-    """Done once the set force has been held at a point for a time, within the bounds."""
+    """Judge: success once the set force was held at a point for some time, within the bounds."""
 
     def __init__(self, at: SetForce, seconds: float) -> None:
         self._at = at
@@ -112,11 +114,11 @@ class PressedAt:
         self._error.start()
 
     def watch(self, truth: Truth, dt: float) -> None:
-        """Count the time, and the force's error in it; beyond a bound both begin anew."""
+        """Count the time, and the force error in it; an error out of bounds restarts both."""
         self._judge(self._at.touch(truth), dt)
 
     def watch_steps(self, steps: Array, dt: float) -> None:
-        """As `watch`, for several steps."""
+        """Same as `watch`, for several steps."""
         for touch in self._at.touches(steps):
             self._judge(touch, dt)
 
@@ -125,7 +127,7 @@ class PressedAt:
         bounds = self._at.bounds
         error = self._error
 
-        # Beyond a bound the time begins anew.
+        # An error out of bounds restarts the time.
         peak = force_peak(touch.least, touch.most, at.force)
         if peak > bounds.force_error_max or touch.deviation > bounds.path_deviation:
             error.start()
@@ -141,10 +143,12 @@ class PressedAt:
 
 
 class WipedAlong:
-    """Done once the tool has gone along the whole path under the set force, within bounds.
+    """Judge: success once the tool has moved along the whole path with the set force, within
+    bounds.
 
-    The work begins with the first contact at the path's start under half the set force, and is
-    judged once the force is settled. Losing contact, or leaving a bound, spoils it for good.
+    The work begins with the first contact at the path's start with half the set force, and is
+    judged once the force has settled. Loss of contact, or a value out of bounds, is a final
+    failure.
     """
 
     REACHED = 0.99  # share of the path's length
@@ -166,7 +170,7 @@ class WipedAlong:
         self._judge(self._along.touch(truth), dt)
 
     def watch_steps(self, steps: Array, dt: float) -> None:
-        """As `watch`, for several steps."""
+        """Same as `watch`, for several steps."""
         for touch in self._along.touches(steps):
             self._judge(touch, dt)
 
@@ -185,9 +189,9 @@ class WipedAlong:
         if self.done or self.failed:
             return
 
-        # Force and progress; deviations count once the force has settled.
+        # Force and progress; deviations count after the force has settled.
         wrong = error.add(touch.normal, touch.least, touch.most, dt)
-        if s > self.s and s < self.s + 10.0 * bound:  # no leap across a bend
+        if s > self.s and s < self.s + 10.0 * bound:  # progress may not jump across a bend
             self.s = s
         if error.since < unsettled(0.0):
             return
@@ -200,7 +204,9 @@ class WipedAlong:
 
 
 class TappedAt:
-    """Done once the tool has touched points of a path in turn, off the surface in between."""
+    """Judge: success once the tool has touched points of a path in turn, without contact in
+    between.
+    """
 
     def __init__(self, along: SetForce, points: Sequence[float], seconds: float) -> None:
         """Take force and path, arc lengths [m] of the points, and the time [s] at each."""
@@ -222,7 +228,7 @@ class TappedAt:
         self._judge(self._along.touch(truth), dt)
 
     def watch_steps(self, steps: Array, dt: float) -> None:
-        """As `watch`, for several steps."""
+        """Same as `watch`, for several steps."""
         for touch in self._along.touches(steps):
             self._judge(touch, dt)
 
@@ -248,10 +254,12 @@ class TappedAt:
 
 
 class InsertedTo:
-    """Done once the tip has reached a depth in a hole; force beyond the bounds spoils it."""
+    """Judge: success once the tip has reached a depth in a hole; a force out of bounds is a
+    failure.
+    """
 
     def __init__(self, hole: TrueHole, bounds: InsertionBounds | None = None) -> None:
-        """Take the hole with the depth to reach."""
+        """Take the hole, which contains the depth to reach, and the bounds."""
         self._hole = hole
         self._bounds = bounds or InsertionBounds()
         self.start()
@@ -268,12 +276,12 @@ class InsertedTo:
         self._judge(truth.p_pad[None], truth.contact_force_W[None])
 
     def watch_steps(self, steps: Array, dt: float) -> None:
-        """As `watch`, for several steps."""
+        """Same as `watch`, for several steps."""
         del dt
         self._judge(_three(steps, row.STEP_PAD), _three(steps, row.STEP_FORCE))
 
     def _judge(self, p_W: Array, f_W: Array) -> None:
-        """Judge places (k, 3) [m] of the tip, and forces (k, 3) [N] on it."""
+        """Judge positions (k, 3) [m] of the tip, and forces (k, 3) [N] on it."""
         hole = self._hole
         bounds = self._bounds
         tip_H = hole.tips(p_W)
@@ -293,5 +301,5 @@ class InsertedTo:
 
 
 def _three(steps: Array, first: int) -> Array:
-    """Three numbers of each row, from an entry on."""
+    """Three entries of each row, beginning with the entry `first`."""
     return steps[:, first : first + 3]

@@ -1,4 +1,6 @@
-"""MJCF of a vehicle for composer: whole, or hull, arm and tool apart, with every digit kept."""
+"""MJCF of a vehicle for composer, as a whole or separated into hull, arm and tool, with all
+digits.
+"""
 
 import copy
 from collections.abc import Iterator
@@ -16,18 +18,18 @@ from uuv.sim.interfaces.errors import ConfigurationError, one_line
 
 MOUNT = "mount"  # site of hull or arm at which the next part is attached
 _PLACE = ("pos", "quat")
-# elements that may tie parts together
+# elements that may couple parts
 _JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleParts:
-    """MJCF of hull, arm and tool, each a model; None: the vehicle has no such part."""
+    """MJCF of hull, arm and tool, as separate models; None if the vehicle has no such part."""
 
     hull: str
     arm: str | None
     tool: str | None
-    folder: str = ""  # of the files that they name, such as meshes
+    folder: str = ""  # folder of the files that they name, such as meshes
 
 
 def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
@@ -35,8 +37,8 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
 
     Args:
         xml: MJCF.
-        name: Of the model.
-        folder: Of the files that it names.
+        name: Name of the model.
+        folder: Folder of the files that it names.
 
     Raises:
         ConfigurationError: PyMJCF cannot read it, for instance because a file is missing.
@@ -46,7 +48,7 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
         document.remove(section)
     for custom in document.findall("custom"):
         for text in custom.findall("text"):
-            # says how a keyframe was found; PyMJCF would lose the text
+            # text that says how a keyframe was computed; PyMJCF would lose it
             if text.get("name", "").startswith(COMPUTED):
                 custom.remove(text)
 
@@ -55,7 +57,7 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
 
     try:
         root = mjcf.from_xml_string(etree.tostring(document).decode(), model_dir=folder)
-    except Exception as error:  # of any type: PyMJCF's parser raises its own
+    except Exception as error:  # an exception of any type, since PyMJCF's parser raises its own
         raise ConfigurationError(
             f"{name}: dm_control cannot read its MJCF: {one_line(str(error), 200)}"
         ) from error
@@ -67,8 +69,8 @@ def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
 def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     """Hull, arm and tool of a vehicle.
 
-    The hull loses its free joint, which the scene gives it. Parts that tendons, equalities, contact
-    pairs or sensors may tie together stay in one piece, as do those of a vehicle without an arm.
+    The free joint of the hull is removed, since the scene adds it. Parts that tendons, equalities,
+    contact pairs or sensors may couple stay in one model, and so does a vehicle without an arm.
 
     Raises:
         ConfigurationError: The vehicle has no body `hull`.
@@ -78,7 +80,7 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
 
     hull = _named(whole, "body", HULL_BODY)
     if hull is None:
-        raise ConfigurationError(f"vehicle: has no body {HULL_BODY!r}, which is to float freely")
+        raise ConfigurationError(f"vehicle: must have a body {HULL_BODY!r}, which floats freely")
     for joint in [*hull.findall("freejoint"), *hull.findall("joint")]:
         hull.remove(joint)
 
@@ -101,7 +103,7 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
 
 
 def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Element]:
-    """What the last driven link carries: tip and pad, each with the bodies of its mount."""
+    """Bodies at the last driven link: tip and pad, each with the bodies of its mount."""
     driven = {actuator.get("joint") for actuator in document.iterfind("actuator/*")}
     pad = _named(document, "body", PAD_BODY)
     carried: list[etree._Element] = []
@@ -112,7 +114,8 @@ def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Elemen
             at = at.getparent()
             if at.getparent() is None or at.tag == "worldbody":
                 raise ConfigurationError(
-                    f"vehicle: {part.tag} {part.get('name')!r} is carried by no driven joint"
+                    f"vehicle: {part.tag} {part.get('name')!r} must be on a link that a driven "
+                    "joint moves"
                 )
 
         if at not in carried:
@@ -121,7 +124,7 @@ def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Elemen
 
 
 def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etree._Element]:
-    """Cut sibling elements out; a site MOUNT takes their place, with the pose of a first body."""
+    """Cut sibling elements out; a site MOUNT replaces them, at the pose of the first body."""
     first = parts[0]
     parent = first.getparent()
     mount = etree.SubElement(parent, "site", name=_free_name(document, MOUNT))
@@ -143,7 +146,9 @@ def _cut_out(document: etree._Element, parts: list[etree._Element]) -> list[etre
 
 
 def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Element:
-    """A model with settings, defaults, assets, actuators of `whole`, and `tree` as its world."""
+    """A model with settings, defaults, assets and actuators of `whole`, and with `tree` as its
+    world.
+    """
     document = copy.deepcopy(whole)
     for world in document.findall("worldbody"):
         document.remove(world)
@@ -153,7 +158,7 @@ def _document(whole: etree._Element, tree: list[etree._Element]) -> etree._Eleme
 
 
 def _keep_own_actuators(document: etree._Element) -> None:
-    """Remove actuators of joints and sites that the document does not have."""
+    """Remove actuators of joints and sites that are not in the document."""
     parts = {
         (element.tag, element.get("name"))
         for element in document.iterfind(".//worldbody//*")
@@ -172,7 +177,7 @@ def _keep_own_actuators(document: etree._Element) -> None:
 
 
 def _inherited_class(part: etree._Element) -> str | None:
-    """Default class that bodies above give to `part`, unless it names its own."""
+    """Default class that `part` inherits from the bodies above it, unless it names its own."""
     for above in part.iterancestors("body"):
         if above.get("childclass"):
             return above.get("childclass")

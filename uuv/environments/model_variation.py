@@ -10,21 +10,21 @@ from uuv.perturbations.perturbation import Perturbation, perturb
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 
-# Numbers of a model that perturbations of a vehicle change, by what they belong to.
+# Arrays of a model that perturbations of a vehicle change, by kind of element.
 _OF_BODY = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_user")
 _OF_DOF = ("dof_damping", "dof_frictionloss", "dof_armature")
 _OF_JOINT = ("jnt_stiffness", "jnt_user", "jnt_range")
 _OF_GEOM = ("geom_friction", "geom_solref", "geom_solimp", "geom_size")
 _OF_ACTUATOR = ("actuator_user", "actuator_gear", "actuator_ctrlrange", "actuator_gainprm")
-Finder = Callable[[str, str], str]  # full name in the scene, by kind and own name
+Finder = Callable[[str, str], str]  # full name in the scene, by kind and name in the vehicle
 
 
 class ModelVariation:
     """The perturbations of one vehicle in one scene.
 
     Raises:
-        ConfigurationError: A perturbation changes the scene, the loop or the timestep: an episode
-            cannot.
+        ConfigurationError: A perturbation changes the scene, the loop or the timestep, which cannot
+            change between episodes.
     """
 
     def __init__(self, spec: mujoco.MjSpec, perturbations: Sequence[Perturbation]) -> None:
@@ -32,8 +32,8 @@ class ModelVariation:
         for perturbation in perturbations:
             if type(perturbation).on_vehicle is Perturbation.on_vehicle:
                 raise ConfigurationError(
-                    f"perturbation {type(perturbation).__name__}: acts on scene or loop; an "
-                    "episode varies the vehicle alone"
+                    f"perturbation {type(perturbation).__name__}: must act on the vehicle only, "
+                    "since an episode cannot vary scene or loop"
                 )
 
         self._spec = spec
@@ -42,19 +42,19 @@ class ModelVariation:
         self._scene: mujoco.MjModel | None = None
         self._rows: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._pairs = np.zeros(0, dtype=np.int64)
-        self.drawn: dict[str, float] = {}  # means of the factors of the present episode
+        self.drawn: dict[str, float] = {}  # mean values of the factors of the present episode
 
     def bind(self, scene: mujoco.MjModel, find: Finder) -> None:
         """Look the vehicle's named parts up in the compiled model of a scene.
 
         Args:
             scene: The model to vary.
-            find: Full name of a part.
+            find: Function that returns the full name of a part.
         """
         nominal = self._nominal
         self._scene = scene
 
-        # Rows of the same part in vehicle and scene, by kind.
+        # Rows of the same part in the models of vehicle and scene, by kind.
         for kind, word, total in (
             (mujoco.mjtObj.mjOBJ_BODY, "body", nominal.nbody),
             (mujoco.mjtObj.mjOBJ_JOINT, "joint", nominal.njnt),
@@ -91,8 +91,8 @@ class ModelVariation:
         """Draw the factors of an episode, and write the vehicle's numbers into the scene.
 
         Raises:
-            ConfigurationError: A perturbation changes the timestep, or the vehicle lacks what it
-                changes.
+            ConfigurationError: A perturbation changes the timestep, or changes a part that the
+                vehicle lacks.
         """
         assert self._scene is not None
         spec = self._spec.copy()
@@ -102,7 +102,7 @@ class ModelVariation:
 
         if varied.opt.timestep != self._nominal.opt.timestep:
             raise ConfigurationError(
-                "perturbation: needs another timestep, which an episode cannot change"
+                "perturbation: must not need another timestep, since an episode cannot change it"
             )
 
         for word, fields in (
@@ -120,7 +120,7 @@ class ModelVariation:
             sliding, spinning, rolling = varied.geom(TOOL_GEOM).friction
             scene.pair_friction[self._pairs] = [sliding, sliding, spinning, rolling, rolling]
 
-        # Masses of subtrees, which MuJoCo computes at compilation only.
+        # Masses of subtrees, which MuJoCo computes only at compilation.
         scene.body_subtreemass[:] = scene.body_mass
         for body in range(scene.nbody - 1, 0, -1):
             scene.body_subtreemass[scene.body_parentid[body]] += scene.body_subtreemass[body]

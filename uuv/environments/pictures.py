@@ -1,4 +1,6 @@
-"""Pictures of an environment by dm_control's renderer, where there is a GL, and its viewer."""
+"""Images of an environment by dm_control's renderer, if a GL is available, and dm_control's
+viewer.
+"""
 
 import os
 import sys
@@ -11,23 +13,23 @@ from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from uuv.sim.interfaces.spatial import shown, whole_number
 
 SIZE = 240, 320  # [px] height and width
-CAMERA = "vehicle/overview"  # beside the vehicle, moving with it
+CAMERA = "vehicle/overview"  # next to the vehicle, moving with it
 MOST = 1080, 1920  # [px] largest height and width
 
 
 def picture(
     physics: mjcf.Physics, *, size: tuple[int, int] = SIZE, camera: str | int = CAMERA
 ) -> np.ndarray:
-    """Picture (height, width, 3) uint8 of a scene.
+    """Image (height, width, 3) uint8 of a scene.
 
     Args:
-        physics: Of the environment.
+        physics: Physics of the environment.
         size: [px] height and width.
         camera: Name or number of a camera of the scene.
 
     Raises:
         ConfigurationError: There is no such camera, or the size is out of range.
-        MissingLibraryError: There is no GL to draw with.
+        MissingLibraryError: No GL is available for rendering.
     """
     height, width = (
         whole_number(pixels, "size [px]", least=1, most=most)
@@ -37,11 +39,12 @@ def picture(
     model = physics.model.ptr
     names = [model.camera(i).name for i in range(model.ncam)]
     if camera not in names and camera not in range(model.ncam):
-        raise ConfigurationError(f"camera {shown(camera)}: there are {', '.join(names)}")
+        raise ConfigurationError(f"camera: must be one of {', '.join(names)}, got {shown(camera)}")
 
     try:
         return physics.render(height, width, camera_id=camera)
-    except Exception as error:  # of any type: dm_control's backends raise their own
+    # an exception of any type, since dm_control's backends raise their own
+    except Exception as error:
         raise MissingLibraryError(_no_gl(error)) from error
 
 
@@ -49,7 +52,7 @@ def view(environment: Any, policy: Any = None) -> None:
     """Open dm_control's viewer on an environment, with a policy of `uuv.environments.experts`.
 
     Raises:
-        MissingLibraryError: There is no screen or no GL.
+        MissingLibraryError: No screen or no GL is available.
     """
     if sys.platform == "linux" and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
@@ -62,7 +65,7 @@ def view(environment: Any, policy: Any = None) -> None:
         from dm_control import viewer
 
         viewer.launch(environment, policy=policy, title="uuv-arm")
-    except Exception as error:  # of any type: GLFW and GL raise their own
+    except Exception as error:  # an exception of any type, since GLFW and GL raise their own
         raise MissingLibraryError(_no_gl(error)) from error
 
 

@@ -1,8 +1,8 @@
 """Observables of vehicle, arm and tool: the true state, and readings of the project's own sensors.
 
-A reading has the rate, delay, bias and noise of its sensor: composer's updater calls it at the
-sensor's period and delivers it after the sensor's delay. All numbers of one sensor's message come
-from one sample.
+A reading has the rate, delay, bias and noise of its sensor. The updater of composer calls the
+sensor at its period and delivers the reading after its delay. All numbers of one sensor's message
+come from one sample.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -23,21 +23,21 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import ticks_per_period
 from uuv.sim.plant.truth import Truth
 
-FARTHEST = 100.0  # [m] bound of positions; an episode ends long before
+FARTHEST = 100.0  # [m] bound of positions, which no episode reaches
 FARTHEST_TURN = 2.0 * np.pi  # [rad] bound of rotation vectors
 FASTEST = 20.0  # [m/s, rad/s] bound of velocities
 STRONGEST = 1e4  # [N, N m] bound of forces and torques
-_NOT_NUMBERS = ("time", "noise")  # fields of a message that are no reading
+_NOT_NUMBERS = ("time", "noise")  # fields of a message that are not readings
 
 
 class SensedVehicle(Protocol):
-    """What readings need of a vehicle.
+    """Interface of a vehicle that readings need.
 
     Attributes:
-        own: Its model, compiled alone.
-        spec: The same, uncompiled.
-        truth: Its present state.
-        readings: Its sensors.
+        own: Model of the vehicle, compiled alone.
+        spec: Specification of this model, not compiled.
+        truth: Present state of the vehicle.
+        readings: Sensors of the vehicle.
     """
 
     own: OwnVehicle
@@ -50,19 +50,23 @@ class SensorReadings:
     """The sensors of one vehicle, and the newest message of each."""
 
     def __init__(self, sensors: Sequence[Sensor]) -> None:
-        """Take the sensors; each sort may come once.
+        """Take the sensors, at most one of each class.
 
         Raises:
-            ConfigurationError: Two are of one class, or one looks at a scene on request.
+            ConfigurationError: Two sensors have the same class, or a sensor takes images of a scene
+                on request.
         """
         names = [type(sensor).__name__ for sensor in sensors]
         if len(set(names)) < len(names):
-            raise ConfigurationError(f"sensors: each class may come once, got {', '.join(names)}")
+            raise ConfigurationError(
+                f"sensors: there may be one of each class only, got {', '.join(names)}"
+            )
 
         for sensor, name in zip(sensors, names, strict=True):
             if not sensor.period > 0.0:
                 raise ConfigurationError(
-                    f"sensor {name}: takes pictures on request; use a camera of the physics"
+                    f"sensor {name}: cannot be used here, since it takes images on request; use a "
+                    "camera of the physics"
                 )
 
         self.sensors = tuple(sensors)
@@ -82,7 +86,7 @@ class SensorReadings:
             self.read(index, truth)
 
     def read(self, index: int, truth: Truth) -> Measurement | None:
-        """Message of a sensor at the time of `truth`; one sample per time."""
+        """Message of a sensor at the time of `truth`, with one sample for each time."""
         if not self._states:
             self.start(truth, np.random.RandomState(0))
         time, message = self._newest[index]
@@ -149,7 +153,7 @@ def _snake(name: str) -> str:
 
 
 class BoundedNumbers(observable.Generic):
-    """Observable of numbers (k,) within bounds, which its specification states."""
+    """Observable with numbers (k,) within bounds, which are in its specification."""
 
     def __init__(self, read: Callable[[Any], Array], size: int, bound: float) -> None:
         """Take the function of the physics, the number of values, and their largest magnitude."""
@@ -189,14 +193,17 @@ def _vehicle_of(entity: Any) -> SensedVehicle:
     while not hasattr(entity, "readings"):
         if entity.parent is None:
             raise ConfigurationError(
-                f"{entity.mjcf_model.model}: is attached to no vehicle, which knows its true state"
+                f"{entity.mjcf_model.model}: must be attached to a vehicle, which has its true "
+                "state"
             )
         entity = entity.parent
     return entity
 
 
 class VehicleObservables(composer.Observables):
-    """True state of the hull, and readings of the vehicle's sensors; all off until enabled."""
+    """True state of the hull, and readings of the vehicle's sensors; all are disabled until
+    enabled.
+    """
 
     def __init__(self, entity: Any) -> None:
         super().__init__(entity)

@@ -1,4 +1,4 @@
-"""Registry of the tasks, as dm_control's `suite`: domains and tasks by name, with tags.
+"""Registry of the tasks, like dm_control's `suite`: domains and tasks by name, with tags.
 
     environment = suite.load("barrel", "press", seed=0)
 
@@ -45,10 +45,11 @@ from uuv.sim.interfaces.protocols import Sensor
 from uuv.sim.interfaces.spatial import number, shown, whole_number
 from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 
-FORCE = 60.0  # [N] to press and wipe with
-WIPED = 0.3  # [m] of the path to wipe
-HOLE, DEPTH, CLEARANCE = "a", 0.06, 2e-3  # of the insertion: hole, [m] to reach, [m] radial
-FASTEST_CURRENT, GUST = 0.2, 0.02  # [m/s] in free water; half of it at work
+FORCE = 60.0  # [N] set force of pressing and wiping
+WIPED = 0.3  # [m] length of the path to wipe
+# insertion: name of the hole, depth to reach [m], radial clearance [m]
+HOLE, DEPTH, CLEARANCE = "a", 0.06, 2e-3
+FASTEST_CURRENT, GUST = 0.2, 0.02  # [m/s] current in free water; half of it at work
 Seed = int | np.random.RandomState | None
 
 ACTIONS: dict[str, Callable[[OwnVehicle], Actions]] = {
@@ -65,10 +66,10 @@ class SuiteEntry:
     """One task of the suite."""
 
     make: Callable[[VehicleEntity, Actions, bool], VehicleTask]
-    actions: str  # usual kind
-    time_limit: float  # [s] usual
+    actions: str  # default kind of action
+    time_limit: float  # [s] default duration of an episode
     tags: tuple[str, ...]
-    tool: str | None = None  # in place of the vehicle's own
+    tool: str | None = None  # tool in place of the vehicle's own
 
 
 def _free(
@@ -109,7 +110,8 @@ def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTa
     tool = find(vehicle.own.model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
     if vehicle.own.model.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
         raise ConfigurationError(
-            f"to insert, the vehicle's tool, its geom {TOOL_GEOM!r}, must be a capsule, the sampler"
+            f"insertion: the vehicle's tool, which is its geom {TOOL_GEOM!r}, must be a capsule (a "
+            "sampler)"
         )
 
     radius = float(vehicle.own.model.geom_size[tool, 0])
@@ -178,23 +180,24 @@ def load(
 
     Args:
         domain: "water", "barrel" or "manifold".
-        task: A task of it, see ALL_TASKS; or both in the first argument, as "water/hover".
-        seed: Of all random numbers; None: other ones every time.
+        task: A task of the domain, see ALL_TASKS; both may also be given in the first argument,
+            such as "water/hover".
+        seed: Seed of all random numbers; None: a new seed every time.
         vehicle: A name of `uuv.models.available()`, or an MJCF file.
-        actions: A kind of ACTIONS; None: the task's usual one.
-        sensors: Whose readings are observed in place of the true state.
-        perturbations: Deviations of the vehicle from its model, drawn anew in each episode.
-        sparse: Reward success alone.
-        time_limit: [s] of an episode; None: the task's usual one.
-        period: [s] between actions; None: 0.02.
+        actions: A kind of ACTIONS; None: the default of the task.
+        sensors: Sensors whose readings are observed in place of the true state.
+        perturbations: Deviations of the vehicle from its model, drawn in each episode.
+        sparse: Whether only success is rewarded.
+        time_limit: [s] Duration of an episode; None: the default of the task.
+        period: [s] Time between actions; None: 0.02.
 
     Returns:
         dm_control's environment.
 
     Raises:
-        ConfigurationError: There is no such task or kind of action, or the vehicle is not fit for
-            it.
-        ReachError: The vehicle's arm does not reach the work from anywhere.
+        ConfigurationError: There is no such task or kind of action, or the vehicle lacks a part
+            that the task needs.
+        ReachError: The vehicle's arm does not reach the work from any hull pose.
     """
     if not task and isinstance(domain, str) and "/" in domain:
         domain, task = domain.split("/", 1)
@@ -229,13 +232,13 @@ def environment(
     Observations have no buffer axis.
 
     Args:
-        task: Of this package, or one's own.
-        seed: Of all random numbers; None: other ones every time.
-        time_limit: [s] of an episode.
+        task: Task of this package, or a user's own.
+        seed: Seed of all random numbers; None: a new seed every time.
+        time_limit: [s] Duration of an episode.
 
     Raises:
-        ConfigurationError: The time limit is not above 0, or the seed is no whole number or
-            RandomState.
+        ConfigurationError: The time limit is not above 0, or the seed is neither a whole number nor
+            a RandomState.
     """
     limit = number(time_limit, "time_limit [s]")
     if not limit > 0.0:
@@ -246,7 +249,7 @@ def environment(
 
     return Environment(
         task,
-        # times are sums of steps, a little above or below
+        # times are sums of steps, and may be a little above or below the exact value
         time_limit=limit - 0.5 * task.physics_timestep,
         random_state=seed,
         strip_singleton_obs_buffer_dim=True,

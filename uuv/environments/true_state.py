@@ -1,4 +1,4 @@
-"""The true state as an estimate: what controllers inside an environment use as navigation."""
+"""The true state as an estimate, which controllers inside an environment use as navigation."""
 
 import math
 from typing import Any, NamedTuple
@@ -18,14 +18,14 @@ _EXACT = JointTorqueSensors(noise=0.0, bias=0.0)
 
 
 class Sight(NamedTuple):
-    """What an estimate is made of; views of a truth."""
+    """Inputs of an estimate, as views of a truth."""
 
     torques: Array  # (1,) memory of torque sensors without errors
     R_WB: Array  # (3, 3)
     p_WB: Array  # (3,) [m]
     v_WB_W: Array  # (3,) [m/s]
     w_WB_B: Array  # (3,) [rad/s]
-    acceleration: Array  # (6,) of the free joint
+    acceleration: Array  # (6,) acceleration of the free joint
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
     qdd: Array  # (n,) [rad/s^2]
@@ -69,7 +69,7 @@ def take_truth(sight, time, estimate):
         estimate.q[j] = sight.q[j]
         estimate.qd[j] = sight.qd[j]
 
-    # The sensors' noise is zero: the same numbers of its block serve every time.
+    # The sensors' noise is zero, so the same numbers of its block serve every time.
     sight.torques[0].used = 0
     transmit(
         sight.torques,
@@ -85,13 +85,15 @@ def take_truth(sight, time, estimate):
 
 @kernel
 def take_boxed_truth(box, time):
-    """`take_truth`, of the box of a `Seeing`."""
+    """Same as `take_truth`, for the box of a `Seeing`."""
     seeing = box.record
     take_truth(seeing.sight, time, seeing.estimate)
 
 
 class TrueState:
-    """Makes estimates of the truth of one vehicle; torques are those at the gear outputs."""
+    """Makes estimates that equal the truth of one vehicle; torques are those at the gear
+    outputs.
+    """
 
     def __init__(self) -> None:
         self._torques: Any = _EXACT.init(np.random.default_rng(0))
@@ -100,7 +102,7 @@ class TrueState:
         self._box: Any = None
 
     def of(self, truth: Truth) -> Seeing:
-        """The truth, and the record of the estimate; both stay until another truth is given."""
+        """The truth, and the record of the estimate; both are kept until another truth is given."""
         if self._seeing is None or truth is not self._truth:
             estimate = estimate_record(len(truth.q))
             estimate.position_sigma[:] = SIGMA
@@ -132,7 +134,7 @@ class TrueState:
         )
 
     def take(self, truth: Truth) -> EstimateRecord:
-        """The record of the estimate, brought up to date."""
+        """The record of the estimate, updated."""
         seeing = self.of(truth)
         take_boxed_truth(self._box, truth.time)
         return seeing.estimate

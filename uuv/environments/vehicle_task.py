@@ -21,17 +21,17 @@ from uuv.sim.loop.rollout import ticks_per_period
 from uuv.sim.plant.truth import Truth
 
 CONTROL_PERIOD = 0.02  # [s] between actions
-SITE_DEPTH = 5.0  # [m] below the surface of the sea, z = 0, at which the suite's tasks happen
-BOX = 5.0  # [m] half edge of the box about the start; outside it the episode ends
+SITE_DEPTH = 5.0  # [m] depth of the suite's tasks below the surface of the sea, z = 0
+BOX = 5.0  # [m] half the edge of the box about the start; outside it the episode ends
 Random = np.random.RandomState
 
 
 class VehicleTask(composer.Task):
     """Base of tasks: a vehicle in the sea, with goal, reward and judge.
 
-    A task of your own overrides `goal`, `shaped` and `judge`, and what it draws in `begin`. Rewards
-    are in [0, 1]: `shaped` per action, or with `sparse` 1 from the moment that the judge calls the
-    work done. An episode ends with discount 0 on damage (a collision, a force beyond the task's
+    A user's task overrides `goal`, `shaped` and `judge`, and `begin` for its own draws. Rewards are
+    in [0, 1]: `shaped` for each action or, with `sparse`, 1 as soon as the judge regards the work
+    as done. An episode ends with discount 0 on damage (a collision, a force beyond the task's
     limit) and outside the BOX; success does not end it.
     """
 
@@ -42,9 +42,9 @@ class VehicleTask(composer.Task):
 
         Args:
             sea: The arena.
-            vehicle: Its vehicle.
-            actions: What the agent commands.
-            sparse: Reward success alone.
+            vehicle: Vehicle in the arena.
+            actions: Actions of the agent.
+            sparse: Whether only success is rewarded.
         """
         self._sea, self.vehicle, self.actions, self._sparse = sea, vehicle, actions, sparse
 
@@ -53,17 +53,18 @@ class VehicleTask(composer.Task):
         vehicle.observe(sensors=bool(vehicle.readings.sensors))
 
         self._goals: OrderedDict[str, observable.Observable] = OrderedDict()
-        self._goal: tuple[int, Mapping[str, Array]] | None = None  # step of the plant, and its goal
+        # number of the plant's step, and the goal there
+        self._goal: tuple[int, Mapping[str, Array]] | None = None
         self._X_WB = np.eye(4)
 
-        self.largest_force = np.inf  # [N] of contact, beyond which it is damage
-        self.damage = ""  # what ended the episode before its time
-        self._fresh = True  # the controllers have not begun yet
+        self.largest_force = np.inf  # [N] contact force above which contact counts as damage
+        self.damage = ""  # reason why the episode ended early
+        self._fresh = True  # the controllers have not started yet
 
-    # the judge watches every step of the physics, not only the state after each action
+    # True if the judge gets every step of the physics, not only the state after each action
     in_contact = False
 
-    # What a task defines
+    # To be defined by a task
 
     @property
     @abstractmethod
@@ -72,7 +73,7 @@ class VehicleTask(composer.Task):
 
     @abstractmethod
     def goal(self, truth: Truth) -> Mapping[str, Array]:
-        """Numbers of the observation that tell what to do, by name; each (k,)."""
+        """Goal as numbers of the observation, by name; each (k,)."""
 
     @abstractmethod
     def shaped(self, truth: Truth) -> float:
@@ -82,13 +83,13 @@ class VehicleTask(composer.Task):
     def begin(self, random_state: Random) -> tuple[Array, Array | None]:
         """Draw the first hull pose X_WB (4, 4) and joint angles (n,) [rad]; None: folded."""
 
-    # What it has from there
+    # Inherited by a task
 
     def set_period(self, period: float) -> None:
-        """Set the time [s] between actions; before the environment is made.
+        """Set the time [s] between actions; to be called before the environment is made.
 
         Raises:
-            ConfigurationError: It is no whole multiple of the vehicle's physics step.
+            ConfigurationError: The period is not a whole multiple of the vehicle's physics step.
         """
         timestep = float(self.vehicle.own.model.opt.timestep)
         ticks_per_period(
@@ -98,7 +99,9 @@ class VehicleTask(composer.Task):
         self._timestep = timestep
 
     def add_goals(self, bound: float, **sizes: int) -> None:
-        """State the numbers that `goal` gives: count of each name, and their largest magnitude."""
+        """Declare the result of `goal`: the number of values of each name, and their largest
+        magnitude.
+        """
         for name, size in sizes.items():
             self._goals[name] = BoundedNumbers(self._reader(name, size), size, bound)
             self._goals[name].enabled = True
@@ -110,7 +113,8 @@ class VehicleTask(composer.Task):
             if name not in goal:
                 stated = ", ".join(self._goals)
                 raise ConfigurationError(
-                    f"{type(self).__name__}.goal: gives no {name!r}; stated are {stated}"
+                    f"{type(self).__name__}.goal: must return the declared names {stated}; "
+                    f"{name!r} is missing"
                 )
 
             return fitting(
@@ -120,7 +124,7 @@ class VehicleTask(composer.Task):
         return read
 
     def _present_goal(self) -> Mapping[str, Array]:
-        """`goal` of the present step; one evaluation serves all its names."""
+        """`goal` of the present step, evaluated once for all its names."""
         tick = self.vehicle.plant.tick
         if self._goal is None or self._goal[0] != tick:
             self._goal = tick, self.goal(self.truth)
@@ -143,12 +147,12 @@ class VehicleTask(composer.Task):
 
     @property
     def task_observables(self) -> OrderedDict[str, observable.Observable]:
-        """What to do."""
+        """Observables with the goal of the task."""
         return self._goals
 
     @property
     def is_success(self) -> bool:
-        """True once the work is done, without damage."""
+        """True once the work is done without damage."""
         return self.judge.done and not self.damage
 
     def action_spec(self, physics: mjcf.Physics) -> specs.BoundedArray:
@@ -168,7 +172,7 @@ class VehicleTask(composer.Task):
         """Take the action.
 
         Raises:
-            ConfigurationError: Another shape, or a number that is not finite.
+            ConfigurationError: The action has another shape, or a number that is not finite.
         """
         action = checked_action(action, self.actions)
         if self._fresh:
@@ -186,7 +190,7 @@ class VehicleTask(composer.Task):
         self.vehicle.command = self.actions.command(truth)
 
     def watch_steps(self, steps: Array) -> None:
-        """Judge the states before substeps, rows (k, STEP) of `ticks.action_ticks`."""
+        """Judge the states before substeps, given as rows (k, STEP) of `ticks.action_ticks`."""
         judge: Any = self.judge
         if self.in_contact:
             judge.watch_steps(steps, self._timestep)
@@ -207,10 +211,12 @@ class VehicleTask(composer.Task):
 
         offset = self._X_WB[:3, :3].T @ (truth.p_WB - self._X_WB[:3, 3])
         if not self.damage and np.abs(offset).max() > BOX:
-            self.damage = "out of the box"
+            self.damage = "outside the allowed box"
 
     def _damaged(self, collision: bool, most: float) -> None:
-        """Note a collision, or a largest force [N] beyond the limit; the first stands."""
+        """Record a collision, or a largest force [N] above the limit; only the first is
+        recorded.
+        """
         if self.damage:
             return
         if collision:

@@ -1,4 +1,6 @@
-"""Where a vehicle works in an environment: path, hull pose and posture, chosen as jobs do."""
+"""Place of work in an environment: path, hull pose and posture, chosen in the same way as for
+jobs.
+"""
 
 from dataclasses import dataclass
 
@@ -20,7 +22,7 @@ from uuv.sim.interfaces.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorkPlace:
-    """An object at its pose, a tool path on it in W, and where the hull stands to work it."""
+    """An object at its pose, a tool path on it in W, and the hull pose for the work."""
 
     target: TargetModel
     X_WT: Array  # (4, 4)
@@ -33,7 +35,7 @@ class WorkPlace:
         return -scenes.seabed_height(self.target, self.X_WT)
 
     def line(self, offset: float) -> ToolLine:
-        """Tool line whose depths count from `offset` [m] off the surface."""
+        """Tool line with depths that count from `offset` [m] above the surface."""
         return ToolLine(path=self.path, placement=self.placement, offset=offset)
 
     def tool_at(self, s: float, depth: float = 0.0) -> Array:
@@ -56,13 +58,13 @@ def on_path(
         believed: The vehicle.
         target: The object.
         path: Tool path on it, in T.
-        X_WT: (4, 4) its pose.
-        force: [N] to press with.
-        standoff: [m] from which the tool approaches.
+        X_WT: (4, 4) pose of the object.
+        force: [N] Set force.
+        standoff: [m] Distance from which the tool approaches.
 
     Raises:
         ConfigurationError: The vehicle lacks a part.
-        ReachError: From no hull pose does the arm take the path.
+        ReachError: The arm reaches the path from no hull pose.
     """
     return standing(
         believed,
@@ -83,7 +85,7 @@ def standing(
     force: float,
     standoff: float,
 ) -> WorkPlace:
-    """Place of work on a tool path in W; as `on_path`."""
+    """Place of work on a tool path in W; the arguments are those of `on_path`."""
     check_parts(believed.model, but=("camera", "home", "ready"))
 
     known = believed.at_work()
@@ -92,7 +94,7 @@ def standing(
         chain=known.chain,
         model=target,
         hull_box=known.hull_box,
-        # the hull does not travel
+        # the hull does not move along the path
         limits=StandingLimits(force=force, standoff=standoff, roomy=0.0),
         floor=scenes.seabed_height(target, X_WT),
         holding=ThrustMargin.of(believed.model),

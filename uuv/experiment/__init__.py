@@ -1,6 +1,7 @@
-"""Experiments: many cases in worker processes, resumed after an interruption, summed up on a page.
+"""Experiments: many cases in worker processes, resumed after an interruption and summarised on a
+page.
 
-Names are imported on first use: rows need pyarrow, which a single run does without.
+Names are imported on first use, since rows need pyarrow, which a single run does not.
 """
 
 from uuv.sim.interfaces.lazy_names import names_of_stub

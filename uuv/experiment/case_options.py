@@ -1,4 +1,6 @@
-"""Options of an experiment: a class made of the fields of its case, and the cases it asks for."""
+"""Options of an experiment: a class made from the fields of its case, and the cases that they
+select.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, make_dataclass
@@ -16,7 +18,7 @@ RUNS = "runs"
 
 @dataclass(kw_only=True)
 class ExperimentOptions(HarnessOptions):
-    """Options of every experiment, beside those of its cases."""
+    """Options of every experiment, in addition to those of its cases."""
 
     run: bool = True
     """Run the cases that are missing (--no-run: the page of the rows that are there)."""
@@ -29,21 +31,23 @@ _NAMES_OF_OPTIONS = {entry.name for entry in fields(ExperimentOptions)} | {RUNS}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CaseSpace:
-    """Which cases an experiment has, and how options choose among them."""
+    """Cases of an experiment, and the selection of cases by options."""
 
     base: type[Any]  # dataclass whose fields are the options
-    seeds: int  # default number of seeds; 0: the base has none
-    vary: Mapping[str, Sequence[Any]]  # values of fields; their product is run
-    paired: bool  # each seed with each combination; else the seeds are spread over them
-    expand: Callable[[Any], Iterable[Any]] | None  # cases of one base; None: it is the case
+    seeds: int  # default number of seeds; 0: the base has no seed
+    vary: Mapping[str, Sequence[Any]]  # values of fields; all their combinations are run
+    # True: each seed with each combination; False: the seeds are spread over the combinations
+    paired: bool
+    # cases that one base gives; None: the base is the case
+    expand: Callable[[Any], Iterable[Any]] | None
 
     def __post_init__(self) -> None:
         known = [entry.name for entry in fields(self.base)]
         for name in (*self.vary, *([SEED] if self.seeds else [])):
             if name not in known:
                 raise ConfigurationError(
-                    f"{self.base.__name__} has no field {name!r} to vary; it has "
-                    f"{', '.join(known)}{did_you_mean(name, known)}"
+                    f"varied field of {self.base.__name__}: must be one of {', '.join(known)}, got "
+                    f"{name!r}{did_you_mean(name, known)}"
                 )
 
         for name in known:
@@ -92,11 +96,11 @@ class CaseSpace:
         )
 
     def cases(self, options: Any) -> list[Any]:
-        """Cases that options ask for, in their order.
+        """Cases selected by options, in their order.
 
         Raises:
-            ConfigurationError: A value that is varied is none of those that there are, or a case
-                refuses its values.
+            ConfigurationError: A varied value is not among the known ones, or a case refuses its
+                values.
         """
         for name, levels in self.vary.items():
             _check_words(name, getattr(options, name), levels)
@@ -108,7 +112,7 @@ class CaseSpace:
         return [case for base in self._bases(options) for case in self.expand(base)]
 
     def _bases(self, options: Any) -> Iterator[Any]:
-        """The base for each combination of varied values, and each seed."""
+        """The base for each combination of varied values and each seed."""
         fixed = {
             entry.name: getattr(options, entry.name)
             for entry in fields(self.base)
@@ -130,16 +134,16 @@ class CaseSpace:
 
 
 def _check_words(name: str, values: Sequence[Any], known: Sequence[Any]) -> None:
-    """Refuses words that are none of those that are varied; a number may be any."""
+    """Refuse words that are not among the known ones; a number may have any value."""
     option = f"--{name.replace('_', '-')}"
     if not values:
-        raise ConfigurationError(f"{option}: needs at least one value")
+        raise ConfigurationError(f"{option}: must have at least one value, got none")
 
     for level in values:
         if isinstance(level, str) and level not in known:
             listed = ", ".join(map(str, known))
             raise ConfigurationError(
-                f"{option}: no {level!r}; there are {listed}{did_you_mean(level, known)}"
+                f"{option}: must be one of {listed}, got {level!r}{did_you_mean(level, known)}"
             )
 
 

@@ -1,8 +1,9 @@
-"""Keeper of a Ray cluster: a process that outlives the study and ends what its cluster left.
+"""Keeper of a Ray cluster: a process that outlives the study and ends the remaining processes of
+its cluster.
 
-The kernel ends a cluster's head with the process that has started it. The two agents of a node go
-on for 60 s (`ray._private.utils.publish_error_to_driver`): they report the death of their node to a
-cluster that is gone.
+The operating system ends a cluster's head together with the process that has started it. The two
+agents of a node continue for 60 s (`ray._private.utils.publish_error_to_driver`), because they try
+to report the death of their node to a cluster that no longer exists.
 """
 
 import os
@@ -17,31 +18,32 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _PROC = Path("/proc")
-_PERIOD = 0.1  # [s] between two looks
-# looks without a process, until all of them count as gone: one that ends may have started another
+_PERIOD = 0.1  # [s] between two searches for processes
+# number of searches without a result after which all processes count as ended, since a process that
+# ends may have started another
 _QUIET = 5
-_LOOKS = 300  # at most: a process that the kernel does not end is left
+_LOOKS = 300  # at most this many searches; a process that cannot be ended is left
 
 
 @contextmanager
 def kept_cluster() -> Iterator[str | None]:
-    """Gives a folder, and ends all others that write there with the block or with this process,
-    whichever is first.
+    """Context manager that provides a folder, and ends all other processes that write there when
+    the block or this process ends, whichever is first.
 
-    Each process of a cluster keeps its logs open. Its environment would not tell: Ray overwrites
-    that with its name. The folder is removed after an orderly end of the block. Without /proc, thus
-    outside Linux, nothing is ended.
+    The processes of a cluster are recognised by their open log files. Their environment cannot be
+    used, since Ray overwrites it with the process name. The folder is removed after an orderly end
+    of the block. Without /proc, that is, outside Linux, no process is ended.
 
     Yields:
-        The folder, for Ray's `_temp_dir`; None outside Linux: Ray's own.
+        The folder, for Ray's `_temp_dir`; None outside Linux, where Ray uses its own.
     """
     if not (_PROC / "self" / "fd").exists():
         yield None
         return
     folder = tempfile.mkdtemp(prefix="uuv_ray_", dir=os.environ.get("RAY_TMPDIR"))
     command = [sys.executable, "-I", "-S", __file__, folder, str(os.getpid())]
-    # A session of its own: what ends the study by a signal to its group, as Ctrl-C does, leaves the
-    # keeper.
+    # The keeper has its own session, so that a signal to the study's group, such as Ctrl-C, does
+    # not end it.
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -54,7 +56,7 @@ def kept_cluster() -> Iterator[str | None]:
 
 
 def _end_all(folder: str, but: str) -> None:
-    """Ends the processes that write in a folder, but not one of them."""
+    """End the processes that write in a folder, except the process `but`."""
     quiet = 0
     for _ in range(_LOOKS):
         ended = [_ended(process, folder) for process in _PROC.glob("[0-9]*") if process.name != but]
@@ -65,9 +67,9 @@ def _end_all(folder: str, but: str) -> None:
 
 
 def _ended(process: Path, folder: str) -> bool:
-    """True if a process, as its folder in /proc, wrote in the folder; it is ended then."""
+    """End a process, given by its folder in /proc, if it wrote in the folder; True if it did."""
     try:
-        # before the look: its number may become another one's
+        # opened before the test, because the process number may be used again by another process
         handle = os.pidfd_open(int(process.name))
     except OSError:
         return False
@@ -75,7 +77,7 @@ def _ended(process: Path, folder: str) -> bool:
         if not any(_writes(file, folder) for file in (process / "fd").iterdir()):
             return False
         signal.pidfd_send_signal(handle, signal.SIGKILL)
-    except OSError:  # it is another user's, or gone
+    except OSError:  # the process belongs to another user, or has ended
         return False
     finally:
         os.close(handle)
@@ -83,15 +85,15 @@ def _ended(process: Path, folder: str) -> bool:
 
 
 def _writes(file: Path, folder: str) -> bool:
-    """True if an open file, as its link in /proc, lies in the folder and is open for writing."""
+    """True if an open file, given by its link in /proc, is in the folder and open for writing."""
     try:
         return os.readlink(file).startswith(f"{folder}{os.sep}") and bool(
             file.lstat().st_mode & 0o200
         )
-    except OSError:  # closed since
+    except OSError:  # closed in the meantime
         return False
 
 
 if __name__ == "__main__":
-    sys.stdin.buffer.read()  # ends with the block, or with the study
+    sys.stdin.buffer.read()  # the pipe closes with the block, or with the study
     _end_all(*sys.argv[1:])

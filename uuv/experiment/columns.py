@@ -2,8 +2,8 @@
 
     force_rms: float = column("force RMS", "N", digits=2)
 
-A row has a column for each field of its case, which is an option of the command too, and one for
-each field of what `run` returns.
+A row has a column for each field of its case, which is also an option of the command, and for each
+field of the result of `run`.
 """
 
 import re
@@ -15,22 +15,22 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.help_texts import help_texts
 
 _METADATA = "column"  # key of a field's metadata
-_UNIT = re.compile(r"\[([^\]]+)\]")  # of an option, in its help text
-_SAME = 1e-6  # relative; floating-point libraries of other machines differ by less
+_UNIT = re.compile(r"\[([^\]]+)\]")  # key of an option's description, in its help text
+_SAME = 1e-6  # relative tolerance; floating-point libraries of other machines differ by less
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResultColumn:
-    """How a column of rows is named, shown and compared."""
+    """Name, format and comparison of a column of rows."""
 
-    name: str  # in the rows
-    label: str = ""  # in tables; empty: the name
-    unit: str = ""  # in tables
-    digits: int | None = None  # decimals; None: three significant digits
-    factor: float = 1.0  # from the value in the row to the unit
-    # what the keys of a value that is a table are, such as "order"; empty: a plain value
+    name: str  # name in the rows
+    label: str = ""  # name in tables; empty: the name in the rows
+    unit: str = ""  # unit in tables
+    digits: int | None = None  # number of decimals; None: three significant digits
+    factor: float = 1.0  # factor from the value in the row to the unit
+    # meaning of the keys if a value is a table, such as "order"; empty: a plain value
     by: str = ""
-    # relative deviation of the value when the run is done again that is none; None: never compared
+    # relative deviation of a repeated run's value that counts as equal; None: never compared
     tolerance: float | None = _SAME
 
     @property
@@ -71,16 +71,16 @@ def column(
     tolerance: float | None = _SAME,
     default: Any = MISSING,
 ) -> Any:
-    """Field of a row; the name of the field is that of the column.
+    """Field of a row, whose name is the name of the column.
 
     Args:
-        label: What tables call it.
+        label: Name of the column in tables.
         unit: Unit in tables.
         digits: Decimals; None: three significant digits.
-        factor: From the value in the row to the unit.
-        by: What the keys are of a value that is a table, such as "method".
-        tolerance: Relative deviation of the value, when the run is done again, that counts as none;
-            None: it is never compared, such as a computing time.
+        factor: Factor from the value in the row to the unit.
+        by: Meaning of the keys if a value is a table, such as "method".
+        tolerance: Relative deviation of a repeated run's value that counts as equal; None: the
+            value is never compared, such as a computing time.
         default: Default of the field.
     """
     declared = ResultColumn(
@@ -90,10 +90,10 @@ def column(
 
 
 def columns_of(case: type[Any], row: type[Any]) -> dict[str, ResultColumn]:
-    """Columns by name: those of the case, then those of what its run gives.
+    """Columns by name: those of the case, followed by those of the result of its run.
 
     Raises:
-        ConfigurationError: Both have a field of one name.
+        ConfigurationError: Case and row have a field of the same name.
     """
     columns: dict[str, ResultColumn] = {}
     texts = help_texts(case)
@@ -105,8 +105,8 @@ def columns_of(case: type[Any], row: type[Any]) -> dict[str, ResultColumn]:
     for entry in fields(row):
         if entry.name in columns:
             raise ConfigurationError(
-                f"{row.__name__}.{entry.name}: {case.__name__} has a field of that name; a row "
-                "holds both"
+                f"{row.__name__}.{entry.name}: the name must differ from the fields of "
+                f"{case.__name__}, since a row holds both"
             )
         declared: ResultColumn = entry.metadata.get(_METADATA, ResultColumn(name=entry.name))
         columns[entry.name] = replace(declared, name=entry.name)
@@ -117,28 +117,29 @@ def known_column(columns: Mapping[str, ResultColumn], name: str, what: str) -> R
     """The column `name`, for `what`, which begins the message.
 
     Raises:
-        ConfigurationError: There is none.
+        ConfigurationError: There is no such column.
     """
     if name not in columns:
         known = ", ".join(columns)
         raise ConfigurationError(
-            f"{what}: no column {name!r}; there are {known}{did_you_mean(name, columns)}"
+            f"{what}: must be one of the columns {known}, got {name!r}{did_you_mean(name, columns)}"
         )
     return columns[name]
 
 
 def check_names(columns: Mapping[str, ResultColumn], row: Mapping[str, Any], where: str) -> None:
-    """Refuses a row with other columns: of an earlier version of the experiment.
+    """Refuse a row with other columns, which is from another version of the experiment.
 
     Raises:
-        ConfigurationError: It lacks one or has one too many; the message begins with `where`.
+        ConfigurationError: The row lacks a column or has an unknown one; the message begins with
+            `where`.
     """
     lacking = [name for name in columns if name not in row]
     unknown = [name for name in row if name not in columns]
 
     if lacking or unknown:
         faults = [f"no column {', '.join(lacking)}"] if lacking else []
-        faults += [f"{', '.join(unknown)} is none of its columns"] if unknown else []
+        faults += [f"{', '.join(unknown)} is not one of its columns"] if unknown else []
         raise ConfigurationError(
             f"{where}: rows of another version of the experiment: {'; '.join(faults)}"
         )
@@ -147,12 +148,12 @@ def check_names(columns: Mapping[str, ResultColumn], row: Mapping[str, Any], whe
 def records_by(
     columns: Mapping[str, ResultColumn], rows: Sequence[Mapping[str, Any]], keys: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Rows with plain values where the columns have tables with these keys.
+    """Rows in which columns of tables with these keys are replaced by plain values.
 
     Args:
-        columns: By name.
-        rows: Of the experiment.
-        keys: What the keys of tables are, such as "order"; others are names of columns.
+        columns: Columns by name.
+        rows: Rows of the experiment.
+        keys: Meanings of the keys of tables, such as "order"; other words are names of columns.
 
     Returns:
         One record for each row and key; none for a row whose tables are None.
@@ -173,5 +174,5 @@ def records_by(
 
 
 def with_unit(label: str, unit: str) -> str:
-    """Label with its unit behind it."""
+    """Label followed by its unit."""
     return f"{label} [{unit}]" if unit else label

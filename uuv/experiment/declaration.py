@@ -1,4 +1,4 @@
-"""Experiment: a case, what a run of it gives, and a page, declared in one file that is a command.
+"""Experiment: a case, the row of its run, and a page, declared in one file that is also a command.
 
     @experiment("views", seeds=200, vary={"kind": KINDS, "object": NAMES})
     def looks_needed(case: ViewCase) -> ViewRow: ...
@@ -8,8 +8,8 @@
     if __name__ == "__main__":
         run_scenario(looks_needed.main)
 
-The fields of the case are the options of the command, those of the row the columns of its table.
-Workers, resume and engines are those of `uuv.experiment.harness.Study`.
+The fields of the case are the options of the command, and the fields of the row are the columns of
+its table. `uuv.experiment.harness.Study` provides workers, resumption and engines.
 """
 
 import inspect
@@ -39,14 +39,14 @@ from uuv.sim.runs.run_folder import RUNS
 
 Case = TypeVar("Case")
 Outcome = TypeVar("Outcome")
-DATA = "data"  # field of a case: folder of measured data, which not every machine has
+DATA = "data"  # field of a case: folder of measured data, which is not available on every machine
 
 
 class Experiment(Generic[Case, Outcome]):
     """An experiment: the function `run` over many cases, a command, and a page.
 
-    It is called like the function. `page`, `line` (printed when a row is there) and `limits` (time
-    and memory of a run) may be set.
+    An experiment is called like its function. `page`, `line` (printed for each new row) and
+    `limits` (time and memory of a run) may be set.
     """
 
     def __init__(
@@ -65,43 +65,43 @@ class Experiment(Generic[Case, Outcome]):
         self.space = space
         self.case = case
         self.columns = columns
-        self.quick = quick  # options of the quick subset
+        self.quick = quick  # options of the subset for a quick check
         self.limits: Limits = NO_LIMITS
         self.line: Callable[[Row], str] = lambda _: ""
         self._failed = failed
         self._page = Page()
 
-        # as functools.wraps does: a worker imports it by these names
+        # like functools.wraps: a worker imports the experiment by these names
         self.__module__ = run.__module__
         self.__qualname__ = run.__qualname__
         self.__doc__ = run.__doc__
 
     def __call__(self, case: Case) -> Outcome:
-        """What `run` gives for a case."""
+        """Result of `run` for a case."""
         return self.run(case)
 
     def __reduce__(self) -> str:
-        """A worker imports the experiment under the name of its function."""
+        """Pickle as the name of the function, under which a worker imports the experiment."""
         return self.__qualname__
 
     @property
     def page(self) -> Page:
-        """The page; one that names what is no column is refused when it is set."""
+        """The page; a page that names an unknown column is refused when it is set."""
         return self._page
 
     @page.setter
     def page(self, page: Page) -> None:
-        """Sets the page.
+        """Set the page.
 
         Raises:
-            ConfigurationError: It names what is no column.
+            ConfigurationError: The page names an unknown column.
         """
         page.check(self.columns)
         self._page = page
 
     @property
     def about(self) -> str:
-        """Description: docstring of the experiment's module, else of its function."""
+        """Description: docstring of the experiment's module or, without one, of its function."""
         module = sys.modules.get(self.__module__)
         return inspect.cleandoc((module and module.__doc__) or self.__doc__ or self.name)
 
@@ -112,11 +112,11 @@ class Experiment(Generic[Case, Outcome]):
 
     @property
     def case_names(self) -> tuple[str, ...]:
-        """Names of the columns that tell cases apart."""
+        """Names of the columns that identify a case."""
         return tuple(entry.name for entry in fields(self.case))
 
     def case_key(self, case: Case) -> str:
-        """Digest of a case by its columns, equal to `row_key` of its row."""
+        """Digest of a case from its columns, equal to `row_key` of its row."""
         return key_of(vars_of(case))
 
     def row_key(self, row: Row) -> str:
@@ -125,7 +125,9 @@ class Experiment(Generic[Case, Outcome]):
 
     @property
     def needs_data(self) -> bool:
-        """Whether its cases are taken from a folder of measured data, option --data."""
+        """Whether the cases are taken from a folder of measured data, given by the option
+        --data.
+        """
         return any(entry.name == DATA for entry in fields(self.space.base))
 
     @cached_property
@@ -134,10 +136,10 @@ class Experiment(Generic[Case, Outcome]):
         return self.space.options(self.about)
 
     def options_with(self, values: Mapping[str, Any]) -> ExperimentOptions:
-        """Options with some values, by name, and the others by default.
+        """Options with the given values, by name, and defaults for the others.
 
         Raises:
-            ConfigurationError: There is no such option, or one without a default is left out.
+            ConfigurationError: There is no such option, or an option without a default is left out.
         """
         self.check_options(values)
         lacking = [
@@ -153,32 +155,34 @@ class Experiment(Generic[Case, Outcome]):
         return self.options(**values)
 
     def check_options(self, names: Iterable[str]) -> None:
-        """Refuses names that are no options.
+        """Refuse names that are not options.
 
         Raises:
-            ConfigurationError: Which one, and those that there are.
+            ConfigurationError: The message names the unknown option and the known ones.
         """
         known = [entry.name for entry in fields(self.options)]
         for name in names:
             if name not in known:
                 raise ConfigurationError(
-                    f"experiment {self.name}: no option {name!r}; there are "
-                    f"{', '.join(known)}{did_you_mean(name, known)}"
+                    f"experiment {self.name}: option must be one of {', '.join(known)}, got "
+                    f"{name!r}{did_you_mean(name, known)}"
                 )
 
     def main(self) -> int:
-        """Command of the experiment: parses the command line, runs or resumes; the exit code."""
+        """Command of the experiment: parses the command line, runs or resumes, and returns the exit
+        code.
+        """
         from uuv.start import parse
 
-        if self.__module__ == "__main__":  # workers need its module by name
+        if self.__module__ == "__main__":  # workers need its module under the module's name
             return _imported(self).main()
         return self.carry_out(parse(self.options))
 
     def carry_out(self, options: ExperimentOptions) -> int:
-        """Runs the cases that are missing, prints and writes the page; returns the exit code.
+        """Run the missing cases, print and write the page, and return the exit code.
 
         Raises:
-            UuvError: As `Study.carry_out`, or an option asks for no case.
+            UuvError: As for `Study.carry_out`, or the options select no case.
         """
         study = self.study(options)
         if options.run:
@@ -196,11 +200,11 @@ class Experiment(Generic[Case, Outcome]):
         return RUNS / folder_name(self.name, "name")
 
     def study(self, options: ExperimentOptions) -> Study[Case]:
-        """The cases that options ask for, as a study.
+        """The cases that the options select, as a study.
 
         Raises:
-            ConfigurationError: They ask for none, a value is not allowed, or a file of drawn cases
-                is of another experiment.
+            ConfigurationError: The options select no case, a value is not allowed, or a file of
+                drawn cases belongs to another experiment.
         """
         if options.drawn is None:
             cases = self.space.cases(options)
@@ -218,15 +222,15 @@ class Experiment(Generic[Case, Outcome]):
         )
 
     def row(self, case: Case) -> Row:
-        """Runs a case; its row has the fields of the case, then those of the outcome.
+        """Run a case; the row has the fields of the case, followed by those of the result.
 
         Raises:
-            ConfigurationError: The run refused its case; the message says which one.
+            ConfigurationError: The run refused its case; the message names the case.
         """
         try:
             return self._row(case, self.run(case))
         except UuvError as error:
-            if self._failed is not None:  # the error has a column of its own
+            if self._failed is not None:  # the error has its own column
                 raise
 
             listed = ", ".join(f"{key} {shown(value)}" for key, value in vars_of(case).items())
@@ -236,7 +240,7 @@ class Experiment(Generic[Case, Outcome]):
         """The page for some rows.
 
         Raises:
-            ConfigurationError: They are of another version of the experiment.
+            ConfigurationError: The rows are from another version of the experiment.
         """
         for row in rows:
             check_names(self.columns, row, f"experiment {self.name}")
@@ -250,7 +254,7 @@ class Experiment(Generic[Case, Outcome]):
         if not is_dataclass(outcome) or isinstance(outcome, type):
             kind = type(outcome).__name__
             raise ConfigurationError(
-                f"experiment {self.name}: a run must give its row, a dataclass; got {kind}"
+                f"experiment {self.name}: a run must return its row, a dataclass, got {kind}"
             )
 
         parts = (case, outcome)
@@ -267,29 +271,34 @@ def experiment(
     quick: Mapping[str, Any] | None = None,
     failed: Callable[[Any, str], Any] | None = None,
 ) -> Callable[[Callable[[Case], Outcome]], Experiment[Case, Outcome]]:
-    """Makes an experiment of a function that takes a case and returns a row, both frozen
-    dataclasses; the fields of the case are options, and what stands below them is their help.
+    """Make an experiment of a function that takes a case and returns a row, both frozen
+    dataclasses. The fields of the case are options, and the string below a field is its help text.
 
     Args:
-        name: Of the experiment, its folder in runs/ and its page.
-        seeds: Default number of seeds; the field `seed` of a case counts up from --seed. 0: none.
+        name: Name of the experiment, of its folder in runs/ and of its page.
+        seeds: Default number of seeds; the field `seed` of a case counts up from --seed. 0: the
+            cases have no seed.
         vary: Values of fields of the case, whose combinations are run.
-        paired: Each seed is run with every combination; else the seeds go round them.
-        cases: Function from options, a dataclass by the annotation of its argument, to their cases;
-            default: options are a case. `seeds` and `vary` are of the options then.
-        quick: Options of a subset of the default cases, of at most a minute, by which
-            `uuv results --check` checks the kept rows.
-        failed: Row of a case whose run raised an error; default: that ends the experiment.
+        paired: True: each seed is run with every combination. False: the seeds are distributed over
+            the combinations in turn.
+        cases: Function that returns the cases for options, whose dataclass is the annotation of its
+            argument; `seeds` and `vary` then refer to the options. Default: the options are a case.
+        quick: Options of a subset of the default cases, of at most a minute, with which `uuv
+            results --check` checks the kept rows.
+        failed: Function that returns the row of a case whose run raised an error; default: an error
+            ends the experiment.
 
     Raises:
-        ConfigurationError: The function has no such annotations, or a name is no field.
+        ConfigurationError: The function has no such annotations, or a name is not a field.
     """
 
     def decorated(run: Callable[[Case], Outcome]) -> Experiment[Case, Outcome]:
         case = _argument(run)
         row = get_type_hints(run).get("return")
         if not isinstance(row, type) or not is_dataclass(row):
-            raise ConfigurationError(f"{run.__name__}: must return a dataclass, by annotation")
+            raise ConfigurationError(
+                f"{run.__name__}: the annotation of its result must be a dataclass"
+            )
 
         base = case if cases is None else _argument(cases)
         space = CaseSpace(base=base, seeds=seeds, vary=vary or {}, paired=paired, expand=cases)
@@ -305,7 +314,7 @@ def experiment(
 
 
 def experiments_in(module: ModuleType) -> list[Experiment[Any, Any]]:
-    """Experiments that a module declares, in their order."""
+    """Experiments that a module declares, in the order of declaration."""
     return [
         entry
         for entry in vars(module).values()
@@ -314,7 +323,7 @@ def experiments_in(module: ModuleType) -> list[Experiment[Any, Any]]:
 
 
 def vars_of(part: Any) -> dict[str, Any]:
-    """Values of a dataclass's fields by name, as they are."""
+    """Values of a dataclass's fields by name, not copied."""
     return {entry.name: getattr(part, entry.name) for entry in fields(part)}
 
 
@@ -322,28 +331,25 @@ def _argument(function: Callable[..., Any]) -> type[Any]:
     """Dataclass that annotates the first argument of a function.
 
     Raises:
-        ConfigurationError: It is none.
+        ConfigurationError: The annotation is not a dataclass.
     """
     hints = get_type_hints(function)
     hints.pop("return", None)
     kind = next(iter(hints.values()), None)
     if not isinstance(kind, type) or not is_dataclass(kind):
         raise ConfigurationError(
-            f"{function.__name__}: its argument must be a dataclass, by annotation"
+            f"{function.__name__}: the annotation of its argument must be a dataclass"
         )
     return kind
 
 
 def _imported(declared: Experiment[Any, Any]) -> Experiment[Any, Any]:
-    """An experiment of the main script, imported under the name of its module.
-
-    Raises:
-        ConfigurationError: Another module has that name.
-    """
+    """An experiment declared in the main script, imported under the name of its module."""
     main = sys.modules["__main__"]
     file = Path(str(main.__file__)).resolve()
 
-    # by `python -m`; below scripts/; or anywhere, for Python searches the folder of a script first
+    # by `python -m`, below scripts/, or anywhere, since Python searches the folder of a script
+    # first
     if main.__spec__ is not None:
         name = main.__spec__.name
     elif file.is_relative_to(EXPERIMENTS):

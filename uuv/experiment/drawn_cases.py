@@ -1,8 +1,8 @@
-"""Drawn cases in a file: what an experiment drew for each case, to run the same cases again.
+"""Drawn cases in a file: values that an experiment drew for each case, to run the same cases again.
 
     {"experiment": "contact", "cases": [{"case": 0, "values": {"seed": 7, "site.gust": 0.02}}]}
 
-The file is JSON: a number comes back to its last digit.
+The file is JSON and keeps all digits of a number.
 """
 
 from collections import Counter
@@ -21,23 +21,23 @@ from uuv.sim.runs.saving import write_json
 Case = TypeVar("Case")
 _ANY: Mapping[str, Sequence[Any]] = MappingProxyType({})
 _WHAT = "drawn cases"
-_MOST_BYTES = 64_000_000  # of a file
+_MOST_BYTES = 64_000_000  # largest size of a file
 _READER = TableReader("the table")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnCase:
-    """What was drawn for one case of an experiment."""
+    """Values drawn for one case of an experiment."""
 
-    case: int = field(metadata={"schema": {"minimum": 0}})  # its number
-    values: Mapping[str, Any]  # by name; the experiment says which names there are
+    case: int = field(metadata={"schema": {"minimum": 0}})  # number of the case
+    values: Mapping[str, Any]  # values by name; the experiment defines the names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnCases:
     """Content of a file of drawn cases."""
 
-    experiment: str  # whose cases they are
+    experiment: str  # name of the experiment that drew them
     cases: tuple[DrawnCase, ...]
 
 
@@ -49,8 +49,8 @@ def read_cases(file: str | Path, experiment: str) -> tuple[DrawnCase, ...]:
         experiment: Name of the experiment that is to run them.
 
     Raises:
-        ConfigurationError: The file cannot be read, holds no cases or those of another experiment,
-            or has a number twice.
+        ConfigurationError: The file cannot be read, has no cases or those of another experiment, or
+            has a case number twice.
     """
     where = named(file, _WHAT)
     document = json_of(file, _WHAT, _MOST_BYTES)
@@ -65,7 +65,7 @@ def read_cases(file: str | Path, experiment: str) -> tuple[DrawnCase, ...]:
         )
 
     if not content.cases:
-        raise ConfigurationError(f"{where}: cases: at least one is needed")
+        raise ConfigurationError(f"{where}: cases: must have at least one entry, got none")
     ((number, count),) = Counter(case.case for case in content.cases).most_common(1)
     if count > 1:
         raise ConfigurationError(f"{where}: case {number} is in it {count} times")
@@ -81,11 +81,11 @@ def made_cases(
         file: The file.
         experiment: Name of the experiment that is to run them.
         kind: Dataclass of its cases.
-        levels: Values of what the experiment varies, by name; a word must be one of them, a number
-            may be any.
+        levels: Values of the varied fields, by name. A word must be one of these values, while a
+            number may have any value.
 
     Raises:
-        ConfigurationError: As `read_cases`, or a value is none that `kind` or `levels` allow.
+        ConfigurationError: As for `read_cases`, or `kind` or `levels` do not allow a value.
     """
     cases = []
     for drawn in read_cases(file, experiment):
@@ -102,11 +102,11 @@ def made_cases(
 
 
 def write_cases(file: str | Path, experiment: str, cases: Sequence[DrawnCase]) -> None:
-    """Writes drawn cases as JSON.
+    """Write drawn cases as JSON.
 
     Args:
         file: The file.
-        experiment: Name of the experiment whose cases they are.
+        experiment: Name of the experiment that drew them.
         cases: The cases.
     """
     write_json(file, asdict(DrawnCases(experiment=experiment, cases=tuple(cases))))

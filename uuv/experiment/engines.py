@@ -1,6 +1,6 @@
-"""Engines: where the runs of a study are carried out.
+"""Engines, which carry out the runs of a study on one machine or on a cluster.
 
-All of them give the same rows, in any order.
+All engines give the same rows, in any order.
 """
 
 import os
@@ -16,38 +16,38 @@ EngineName = Literal["processes", "ray"]
 
 
 class Engine(Protocol):
-    """Carries out the runs of a study."""
+    """Engine that carries out the runs of a study."""
 
     @property
     def place(self) -> str:
-        """Where the runs are carried out, in a few words."""
+        """Place of the runs, in a few words."""
         ...
 
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
     ) -> Iterator[Sequence[tuple[Task, Result]]]:
-        """Carries out all tasks and yields each with its result, in order of completion, those
-        together that are there.
+        """Carry out all tasks and yield each with its result, in order of completion; finished
+        tasks are yielded together.
 
         Args:
             tasks: Picklable tasks.
-            run: Result of a task. It and `died` must be importable by a fresh Python under their
-                module's name.
-            died: Result of a task whose process died each time.
+            run: Function that returns the result of a task. `run` and `died` must be importable by
+                a fresh Python under their module's name.
+            died: Function that returns the result of a task whose process died each time.
 
         Yields:
             Some tasks, at least one, with their results.
 
         Raises:
-            ConfigurationError: The engine is not to be had here, or is lost.
+            ConfigurationError: The engine is not available here, or the connection to it is lost.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class ThisProcess:
-    """Carries out one run after the other in the process of the study; an interruption of it costs
-    the run.
+    """Engine that carries out one run after the other in the process of the study. An interruption
+    of the process loses the present run.
     """
 
     place: str = "this process"
@@ -55,27 +55,27 @@ class ThisProcess:
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
     ) -> Iterator[Sequence[tuple[Task, Result]]]:
-        """As `Engine.results`."""
+        """Same as `Engine.results`."""
         del died
         return ([(task, run(task))] for task in tasks)
 
 
 @dataclass(frozen=True, slots=True)
 class LocalProcesses:
-    """Carries out runs in processes of this machine."""
+    """Engine that carries out runs in processes of this machine."""
 
     workers: int
     limits: Limits
 
     @property
     def place(self) -> str:
-        """As `Engine.place`."""
+        """Same as `Engine.place`."""
         return f"{self.workers} processes" if self.workers > 1 else "one process"
 
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
     ) -> Iterator[Sequence[tuple[Task, Result]]]:
-        """As `Engine.results`."""
+        """Same as `Engine.results`."""
         from uuv.experiment.local_processes import run_all
 
         return ([outcome] for outcome in run_all(tasks, self.workers, run, died, self.limits))
@@ -87,7 +87,7 @@ def _processes(workers: int, tasks: int, limits: Limits) -> Engine:
 
 
 def _ray(workers: int, tasks: int, limits: Limits) -> Engine:
-    from uuv.experiment.ray_cluster import RayCluster  # an extra
+    from uuv.experiment.ray_cluster import RayCluster  # an optional package
 
     del tasks
     return RayCluster(workers, limits)
@@ -100,15 +100,15 @@ _ENGINES: Mapping[EngineName, Callable[[int, int, Limits], Engine]] = {
 
 
 def engine_for(name: EngineName, workers: int, tasks: int, limits: Limits) -> Engine:
-    """Engine of a name.
+    """Engine with a name.
 
     Args:
-        name: As the option --engine.
-        workers: As the option --workers.
-        tasks: Number of tasks that it will get; without any it is this process.
-        limits: Of each run.
+        name: Name as in the option --engine.
+        workers: Number as in the option --workers.
+        tasks: Number of tasks that the engine will get; without tasks it is this process.
+        limits: Limits of each run.
 
     Raises:
-        ConfigurationError: It is not installed.
+        ConfigurationError: The engine is not installed.
     """
     return _ENGINES[name](workers, tasks, limits) if tasks else ThisProcess()

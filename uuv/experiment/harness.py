@@ -1,4 +1,6 @@
-"""Study harness: runs the cases of an experiment in worker processes, resumes, and sums up."""
+"""Study harness: runs the cases of an experiment in worker processes, resumes them, and summarises
+the rows.
+"""
 
 import hashlib
 import json
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
 Case = TypeVar("Case")
 NOT_ACCEPTED = 1  # exit code
 DIED = "its process died"
-_WIDTH = 160  # [characters] of a line where the output is no terminal
+_WIDTH = 160  # [characters] width of a line if the output is not a terminal
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +83,13 @@ class Table:
 class Summary:
     """Summary of all rows of a study."""
 
-    metrics: Mapping[str, Any]  # for metrics.json
+    metrics: Mapping[str, Any]  # figures for metrics.json
     tables: Sequence[Table] = ()
-    lines: Sequence[str] = ()  # printed below the tables
-    pictures: Iterable[tuple[str, str, "Figure"]] = ()  # title, caption and figure, for the report
-    caption: str = ""  # below the title of the report
-    failed: Sequence[str] | None = None  # missed bounds; None: the study has no bounds
+    lines: Sequence[str] = ()  # lines printed below the tables
+    # title, caption and figure of each picture, for the report
+    pictures: Iterable[tuple[str, str, "Figure"]] = ()
+    caption: str = ""  # text below the title of the report
+    failed: Sequence[str] | None = None  # missed bounds; None if the study has no bounds
 
     @property
     def accepted(self) -> bool:
@@ -101,7 +104,7 @@ class Summary:
         )
 
     def print_to(self, console: Console) -> None:
-        """Prints tables, lines and verdict."""
+        """Print tables, lines and verdict."""
         for table in self.tables:
             console.print(table.printed())
         for line in self.lines:
@@ -110,7 +113,7 @@ class Summary:
             console.print(verdict("; ".join(self.failed)))
 
     def write_page(self, file: Path, title: str, made_by: Mapping[str, Any], pace: str) -> None:
-        """Writes report.html.
+        """Write report.html.
 
         Args:
             file: HTML file.
@@ -145,9 +148,9 @@ class Summary:
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """What a worker sends back for one case."""
+    """Result of one case, which a worker sends back."""
 
-    row: Row | None  # None: it failed
+    row: Row | None  # row; None if the case failed
     error: str
     wall_s: float | None
     cpu_s: float | None
@@ -157,19 +160,21 @@ class _Done:
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Generic[Case]):
-    """Experiment over many cases: `run_one` gives the row of a case, `summarise` sums all rows up.
+    """Experiment over many cases: `run_one` returns the row of a case, and `summarise` the summary
+    of all rows.
 
-    A case holds everything that its row depends on besides the code, and is picklable: a number, a
-    tuple, or a frozen dataclass. `run_one` must be importable by a fresh Python under its module's
-    name.
+    A case contains everything, except the code, that its row depends on. It is picklable: a number,
+    a tuple, or a frozen dataclass. `run_one` must be importable by a fresh Python under its
+    module's name.
     """
 
     cases: Sequence[Case]
     run_one: Callable[[Case], Mapping[str, Any]]
-    summarise: Callable[[list[Row]], Summary]  # the rows are in the order of the cases
-    # row of a case that failed; None: the study ends
+    summarise: Callable[[list[Row]], Summary]  # cases; the rows are in their order
+    # function for the row of a case that failed; None: a failure ends the study
     failed: Callable[[Case, str], Mapping[str, Any]] | None = None
-    line: Callable[[Row], str] = lambda _: ""  # printed when a row is there; empty: nothing
+    # function for the line printed for a new row; empty: nothing is printed
+    line: Callable[[Row], str] = lambda _: ""
     # digests of files that no process of the study may load
     code: Mapping[str, str] = field(default_factory=dict)
     # options that all rows of its folder share, by name
@@ -178,10 +183,11 @@ class Study(Generic[Case]):
     def carry_out(
         self, name: str, options: PoolOptions, title: str, limits: Limits = NO_LIMITS
     ) -> int:
-        """Runs the cases missing in the study's folder, then prints and writes the results of all.
+        """Run the cases that the study's folder lacks, then print and write the results of all
+        cases.
 
-        The folder gets rows/ with the rows as Parquet, study.json with what they depend on,
-        metrics.json and report.html.
+        The folder gets rows/ with the rows as Parquet, study.json with the options, versions and
+        code that they depend on, metrics.json and report.html.
 
         Args:
             name: Name of the study, and of its folder in runs/.
@@ -193,8 +199,8 @@ class Study(Generic[Case]):
             The exit code.
 
         Raises:
-            UuvError: A case failed and the study does not allow for that, or the folder is of no
-                use.
+            UuvError: A case failed and the study does not allow failures, or the folder cannot be
+                used.
         """
         console = _console()
         folder = (
@@ -204,11 +210,11 @@ class Study(Generic[Case]):
         began = time.perf_counter()
         made_by = provenance(name, options)
         with RowLog.open(folder, anew=options.anew, of=self.of) as log:
-            # Cases without a row yet.
+            # Cases that have no row yet.
             left = {key: case for key, case in keyed.items() if not log.has(key)}
             if len(left) < len(keyed):
                 console.print(
-                    f"{len(keyed) - len(left)} of {len(keyed)} runs are there already",
+                    f"{len(keyed) - len(left)} of {len(keyed)} runs are already done",
                     highlight=False,
                 )
 
@@ -225,7 +231,8 @@ class Study(Generic[Case]):
             return self._conclude(folder, rows, title, made_by, pace, console)
 
     def sum_up(self, name: str, options: PoolOptions, title: str) -> int:
-        """Prints and writes the results of the rows that are there, without a run, of any code.
+        """Print and write the results of the existing rows, without any run, whatever code made
+        them.
 
         Args:
             name: Name of the study, and of its folder in runs/.
@@ -245,7 +252,7 @@ class Study(Generic[Case]):
         rows_by_key = by_case(read_rows(folder), folder)
         rows = [rows_by_key[key] for case in self.cases if (key := key_of(case)) in rows_by_key]
         if not rows:
-            raise ConfigurationError(f"{folder} holds no row of this experiment")
+            raise ConfigurationError(f"{folder}: has no row of this experiment")
 
         pace = f"{len(rows)} of {len(self.cases)} runs; {_pace(rows, 0, '', 0.0)}"
         return self._conclude(folder, rows, title, provenance(name, options), pace, _console())
@@ -259,7 +266,7 @@ class Study(Generic[Case]):
         pace: str,
         console: Console,
     ) -> int:
-        """Prints and writes the summary of `rows`; returns the exit code."""
+        """Print and write the summary of `rows`, and return the exit code."""
         summary = self.summarise([without_log(row) for row in rows])
         works_in(folder)
         write_json(
@@ -280,7 +287,7 @@ class Study(Generic[Case]):
         limits: Limits,
         console: Console,
     ) -> None:
-        """Runs the cases in `left`, by key, and adds their rows to the log."""
+        """Run the cases in `left`, by key, and add their rows to the log."""
         progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -296,7 +303,8 @@ class Study(Generic[Case]):
         with progress:
             bar = progress.add_task("runs", total=len(left))
 
-            # One message of results after the other; its rows are on the disk before the next one.
+            # Messages of results are handled one by one; the rows of a message are on disk before
+            # the next one.
             for outcomes in engine.results(list(left.values()), run, _died):
                 rows, error = self._rows_of(outcomes)
                 for _, done in outcomes:
@@ -314,7 +322,9 @@ class Study(Generic[Case]):
     def _rows_of(
         self, outcomes: Sequence[tuple[Case, _Done]]
     ) -> tuple[list[tuple[Case, Row, Timing]], str]:
-        """Rows and times of the cases that have a row, and the first error of the others, or ""."""
+        """Rows and times of the cases that have a row, and the first error of the other cases, or
+        "".
+        """
         rows: list[tuple[Case, Row, Timing]] = []
         error = ""
 
@@ -324,7 +334,7 @@ class Study(Generic[Case]):
                 error = error or (f"{case}: {DIED}" if done.error == DIED else done.error)
                 continue
 
-            # A failed case has the row that the study gives it.
+            # The row of a failed case is defined by the study.
             row = (
                 as_json(self.failed(case, done.error))
                 if row is None and self.failed is not None
@@ -341,13 +351,15 @@ def _console() -> Console:
 
 
 def key_of(case: Any) -> str:
-    """Digest of a case's content, by which its row is found again."""
+    """Digest of a case's content, under which its row is stored."""
     content = json.dumps(_plain(case), sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
 def as_json(value: Any) -> Any:
-    """`value` in JSON types, as read back from a file: numbers that are not finite become None."""
+    """`value` in JSON types, as it is read back from a file; numbers that are not finite become
+    None.
+    """
     return _finite(json.loads(json.dumps(_plain(value))))
 
 
@@ -361,7 +373,7 @@ def _timed(
     except UuvError as failure:
         row, error = None, str(failure)
     except TimeLimitError:
-        row, error = None, f"not done within {limit_s:g} s"
+        row, error = None, f"not finished within {limit_s:g} s"
     except MemoryError:
         row, error = None, "out of memory"
     return _Done(row, error, time.perf_counter() - wall, time.process_time() - cpu, new_digests())
@@ -372,14 +384,14 @@ def _died(_: Any) -> _Done:
 
 
 def _pace(rows: Sequence[Row], done: int, machine: str, wall_s: float) -> str:
-    """Sentence about the computing time of all rows, and of those that were done now."""
+    """Sentence about the computing time of all rows, and of the rows made in this session."""
     cpu = sum(row[TIMING]["cpu_s"] or 0.0 for row in rows)
     done_now = f"; {done} of them now, in {wall_s:.0f} s on {machine}" if done else ""
     return f"{len(rows)} runs in {cpu:.0f} s of one core{done_now}."
 
 
 def _plain(value: Any) -> Any:
-    """`value` in types that `json` writes; tells floats apart that are not finite."""
+    """`value` in types that `json` writes, which keep infinite and NaN floats distinct."""
     if is_dataclass(value) and not isinstance(value, type):
         return {entry.name: _plain(getattr(value, entry.name)) for entry in fields(value)}
     if isinstance(value, Mapping):

@@ -1,4 +1,6 @@
-"""Files that a result depends on: sources of loaded modules outside packages, and their data."""
+"""Files that a result depends on: sources of loaded modules of project and user, and their data
+files.
+"""
 
 import hashlib
 import os
@@ -12,17 +14,17 @@ from uuv.sim.interfaces.files import regular
 from uuv.sim.runs.command_line import is_installed
 from uuv.sim.runs.provenance import HOME
 
-PACKAGES = frozenset(("uuv", "experiments"))  # the project's, wherever it is installed
+PACKAGES = frozenset(("uuv", "experiments"))  # folder of the project, wherever it is installed
 
-_MOST_BYTES = 1_000_000_000  # of a file
+_MOST_BYTES = 1_000_000_000  # largest size of a file
 
 
 def loaded_files() -> frozenset[str]:
-    """Source files of the project's and the user's modules that this process has loaded, and the
-    data beside them.
+    """Source files of the project's and the user's modules that this process has loaded, and their
+    data files.
 
-    Data are all other files in a package's folder. Paths are relative to the checkout where they
-    lie in it.
+    Data files are all other files in a package's folder. Paths of files in the checkout are
+    relative to it.
     """
     files: set[str] = set()
     for name, module in list(sys.modules.items()):
@@ -34,11 +36,11 @@ def loaded_files() -> frozenset[str]:
 
 
 def new_digests() -> dict[str, str]:
-    """Digests of those `loaded_files` that this process has not told before; what it has told, it
-    does not read again.
+    """Digests of those `loaded_files` that this process has not reported before. Reported files are
+    not read again.
 
-    So a process that loads a changed file later than another one tells another digest of it. With
-    them are those that processes started by this one have told since (`told_by_another`).
+    A process that loads a file after it was changed therefore reports another digest. The result
+    includes digests that child processes have reported since the last call (`told_by_another`).
     """
     files = loaded_files() - _reported
     _reported.update(files)
@@ -48,17 +50,15 @@ def new_digests() -> dict[str, str]:
 
 
 def told_by_another(code: Mapping[str, str]) -> None:
-    """Takes the digests of files that a process started by this one has loaded; `new_digests` tells
-    them on.
-    """
+    """Take the digests of files that a child process has loaded; `new_digests` includes them."""
     _of_others.update(code)
 
 
 def file_of(module: str) -> str:
-    """File of a module that is not imported here, named as by `loaded_files`.
+    """File of a module that is not imported here, named as in `loaded_files`.
 
     Raises:
-        ImportError: There is no such module, or it has no file.
+        ImportError: There is no such module, or the module has no file.
     """
     try:
         spec = find_spec(module)
@@ -75,19 +75,19 @@ _of_others: dict[str, str] = {}
 
 
 def digests(files: Iterable[str]) -> dict[str, str]:
-    """Digest of the content of each of `files`, named as by `loaded_files`; empty for one that is
-    not there.
+    """Digest of the content of each of `files`, named as in `loaded_files`; empty for a missing
+    file.
     """
     return {file: _digest(HOME / file) for file in sorted(files)}
 
 
 @cache
 def _with_data(package: str, file: str) -> tuple[str, ...]:
-    """A module's file and its data; none for one that is installed and not of the project."""
+    """A module's file and its data files; none for an installed module of another project."""
     if package not in PACKAGES and is_installed(Path(file)):
         return ()
 
-    # Beside a module of a package, all files of its folder but sources.
+    # For a module of a package: all files of its folder except sources.
     path = Path(file).resolve()
     files = [path]
     if (path.parent / "__init__.py").exists():
@@ -104,12 +104,12 @@ def _named(file: Path) -> str:
 
 
 def _digest(file: Path) -> str:
-    """Digest of a file; empty for what is none, or too large to be source or data of the
+    """Digest of a file; empty if there is none, or if it is too large to be source or data of the
     project.
     """
     try:
         with regular(file, "file") as stream:
             large = os.fstat(stream.fileno()).st_size > _MOST_BYTES
             return "" if large else hashlib.file_digest(stream, "sha256").hexdigest()[:16]
-    except (OSError, ValueError):  # also a name that is none
+    except (OSError, ValueError):  # also for a name that is not a file name
         return ""

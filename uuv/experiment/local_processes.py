@@ -1,4 +1,6 @@
-"""Local processes by loky: fresh memory for each run; a worker that dies costs its own only."""
+"""Local processes by loky: fresh memory for each run, and a worker that dies loses only its own
+run.
+"""
 
 import os
 import warnings
@@ -24,29 +26,30 @@ def run_all(
     died: Callable[[Task], Result],
     limits: Limits = NO_LIMITS,
 ) -> Iterator[tuple[Task, Result]]:
-    """Runs all tasks in worker processes and yields each task with its result, in order of
+    """Run all tasks in worker processes and yield each task with its result, in order of
     completion.
 
     A result depends neither on the other tasks nor on the process. A process that dies breaks its
-    pool: the tasks that were under way are done again, one at a time, so that one which kills its
-    process is told from the others. Both functions must be importable by a fresh Python under their
+    pool. The tasks that were running are then repeated, one at a time, so that a task that kills
+    its process is identified. Both functions must be importable by a fresh Python under their
     module's name.
 
     Args:
         tasks: Picklable tasks.
         workers: Number of processes.
-        run: Result of a task.
-        died: Result of a task whose process died each time.
-        limits: Memory of a worker, and how often a task whose process died is done again.
+        run: Function that returns the result of a task.
+        died: Function that returns the result of a task whose process died each time.
+        limits: Memory of a worker, and number of repetitions of a task whose process died.
 
     Yields:
         Task, result.
     """
-    from uuv import first_start  # not in the workers: it loads the compiler
+    from uuv import first_start  # not imported in the workers, since it loads the compiler
 
-    first_start.build()  # else every worker would compile the same
+    first_start.build()  # otherwise every worker would compile the same kernels
     waiting: list[Task] = list(reversed(tasks))
-    suspects: list[tuple[Task, int]] = []  # and how often their process has died
+    # tasks, and the number of times that their process has died
+    suspects: list[tuple[Task, int]] = []
     while waiting or suspects:
         alone = bool(suspects)
         source = [task for task, _ in suspects] if alone else waiting
@@ -57,7 +60,7 @@ def run_all(
             while source or under_way:
                 while source and len(under_way) < size:
                     task = source[-1]
-                    # raises if the pool broke since the last one
+                    # raises if the pool broke since the last result
                     under_way[pool.submit(run, task)] = task
                     source.pop()
                 for done in wait(under_way, return_when=FIRST_COMPLETED).done:
@@ -82,9 +85,9 @@ def run_all(
 def _pool(workers: int, limits: Limits) -> "ProcessPoolExecutor":
     from loky import ProcessPoolExecutor
 
-    # one thread for each worker: the workers share the cores
+    # one thread for each worker, since the workers share the cores
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    # loky replaces a worker that has grown by 300 MB, and says so; no run is lost by that.
+    # loky replaces a worker that has grown by 300 MB, and warns of it; no run is lost.
     warnings.filterwarnings(
         "ignore", "A worker (stopped|was restarted) while some jobs", UserWarning
     )

@@ -1,4 +1,4 @@
-"""One core for what measures computing times, whatever threads the libraries would use."""
+"""One core for measurements of computing times, independent of the threads of libraries."""
 
 import os
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Keeps this process on one of its cores meanwhile; does nothing where the system cannot."""
+    """Context manager that keeps this process on one of its cores, if the system supports it."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return

@@ -9,7 +9,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 
 
 class PoolOptions(Protocol):
-    """What `Study.carry_out` reads of a command's options."""
+    """Options of a command that `Study.carry_out` reads."""
 
     engine: EngineName
     workers: int
@@ -47,10 +47,10 @@ class StudyOptions(HarnessOptions):
 
 
 def at_least(options: Any, **least: int) -> None:
-    """Checks options by name against their least values; None passes.
+    """Check options by name against their smallest values; None is allowed.
 
     Raises:
-        ConfigurationError: One is too small.
+        ConfigurationError: An option is too small.
     """
     for name, bound in least.items():
         number = getattr(options, name)

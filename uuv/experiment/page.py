@@ -1,4 +1,4 @@
-"""Page of an experiment: shares, tables, histograms and bounds, each a line of its declaration.
+"""Page of an experiment: shares, tables, histograms and bounds, each declared in one line.
 
     looks_needed.page = (
         Page()
@@ -7,7 +7,7 @@
         .histogram("looks", by="order")
     )
 
-The same page is printed, written as report.html, and stands in docs/results.
+The same page is printed, written to report.html, and part of docs/results.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,29 +25,29 @@ from uuv.experiment.statistic import Record, Statistic, flattened, stat, statist
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Where = Callable[[Record], Any]  # whether a record counts
+Where = Callable[[Record], Any]  # function that decides whether a record counts
 Columns = Mapping[str, ResultColumn]
 ALL = "all"  # label of the last line of a table, over all records
-_MOST_WHOLE = 20  # distinct whole numbers that a histogram shows one by one
-_BINS = 10  # of a histogram of numbers
+_MOST_WHOLE = 20  # largest number of distinct whole numbers for which a histogram has one bar each
+_BINS = 10  # number of bins of a histogram of other numbers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PagePart:
-    """What one element of a page gives for some rows."""
+    """Result of one element of a page for some rows."""
 
     metrics: Mapping[str, Any] = field(default_factory=dict)
     tables: Sequence[Table] = ()
     lines: Sequence[str] = ()
     pictures: Iterable[tuple[str, str, "Figure"]] = ()
-    failed: Sequence[str] | None = None  # missed bounds; None: it has none
+    failed: Sequence[str] | None = None  # missed bounds; None if the element has no bounds
 
 
 class Element(Protocol):
-    """One element of a page."""
+    """Element of a page."""
 
     def check(self, columns: Columns) -> None:
-        """Refuses names that are no columns."""
+        """Refuse names that are not columns."""
         ...
 
     def part(self, rows: Sequence[Row], columns: Columns) -> PagePart:
@@ -64,11 +64,12 @@ class Page:
     def share(
         self, of: str | Callable[[Record], Any], label: str = "", *, where: Where | None = None
     ) -> Self:
-        """Adds a line: the share of rows for which `of` is true, with its 95 % interval.
+        """Add a line with the share of rows for which `of` is true, and its 95 % confidence
+        interval.
 
         Args:
-            of: ResultColumn, or function of a row; rows where it is None are left out.
-            label: What the line says before the figure; default: the label of the column.
+            of: Name of a column, or function of a row; rows for which it is None are left out.
+            label: Text before the figure; default: the label of the column.
             where: Rows that count; default: all.
         """
         return self._with(_Share(stat("share", of, label), where))
@@ -83,15 +84,15 @@ class Page:
         where: Where | None = None,
         total: bool = False,
     ) -> Self:
-        """Adds a table of statistics, a line for each group of rows.
+        """Add a table of statistics, with a line for each group of rows.
 
         Args:
             title: Title.
             columns: Statistics, or names of columns whose value is the same in a group.
-            by: Columns whose values make the groups, or what the keys of columns are.
-            across: Likewise; its values stand side by side.
+            by: Columns whose values define the groups, or meanings of the keys of columns.
+            across: The same for groups that are side by side.
             where: Rows that count; default: all.
-            total: Adds a line over all rows.
+            total: Label of a further line over all rows.
         """
         groups = (by,) if isinstance(by, str) else tuple(by)
         return self._with(_Table(title, tuple(columns), groups, across, where, total))
@@ -105,12 +106,12 @@ class Page:
         where: Where | None = None,
         none: str = "none",
     ) -> Self:
-        """Adds a histogram of a column.
+        """Add a histogram of a column.
 
         Args:
             of: ResultColumn of numbers.
             title: Title; default: the label of the column.
-            by: ResultColumn, or what the keys of columns are, whose values have bars of their own.
+            by: Column, or meaning of the keys of columns, whose values have separate bars.
             where: Rows that count; default: all.
             none: Label of the bar of missing values.
         """
@@ -125,24 +126,25 @@ class Page:
         by: str | Sequence[str] = (),
         where: Where | None = None,
     ) -> Self:
-        """Adds a bound: exit code 0, and "accepted" on the page, only if the statistic is in it.
+        """Add a bound. The exit code is 0, and the page says "accepted", only if the statistic is
+        within the bound.
 
         Args:
             of: Statistic; a share is compared without its interval.
             most: Upper bound in the unit of the row.
             least: Lower bound.
-            by: As in a table: each group has to be within the bound; default: all rows together.
+            by: As for a table; each group must be within the bound. Default: all rows together.
             where: Rows that count; default: all.
         """
         groups = (by,) if isinstance(by, str) else tuple(by)
         return self._with(_Bound(of, most, least, groups, where))
 
     def add(self, function: Callable[[list[Row]], Any]) -> Self:
-        """Adds what a function of all rows returns; nothing while there are no rows.
+        """Add the result of a function of all rows; nothing is added if there are no rows.
 
-        A `Table`, a line of text, a mapping of figures for metrics.json, a picture as (title,
-        caption, figure), or a list of these. A figure may be a function that draws it, which is
-        asked for it when a report is written.
+        The result is a `Table`, a line of text, a mapping of figures for metrics.json, a picture as
+        (title, caption, figure), or a list of these. A figure may be a function that draws it,
+        which is called when a report is written.
         """
         return self._with(_Special(function))
 
@@ -151,10 +153,10 @@ class Page:
         return self
 
     def check(self, columns: Columns) -> None:
-        """Refuses an element that names what is no column.
+        """Refuse an element that names an unknown column.
 
         Raises:
-            ConfigurationError: Which one.
+            ConfigurationError: The message names the element and the column.
         """
         for element in self._elements:
             element.check(columns)
@@ -163,9 +165,9 @@ class Page:
         """The page for some rows.
 
         Args:
-            rows: Of the experiment, in the order of its cases.
-            columns: Of the rows, by name.
-            caption: Below the title.
+            rows: Rows of the experiment, in the order of its cases.
+            columns: Columns of the rows, by name.
+            caption: Text below the title.
         """
         parts = [element.part(rows, columns) for element in self._elements]
         bounds = [part.failed for part in parts if part.failed is not None]
@@ -345,7 +347,7 @@ class _Bound:
         return PagePart(failed=failed)
 
     def _missed(self, statistic: Statistic, records: Sequence[Record]) -> str:
-        """How a group misses the bound; empty if it does not."""
+        """How a group misses the bound; empty if the group is within it."""
         numbers = statistic.numbers(records)
         if not numbers:
             return "no value" if records else "no row"
@@ -360,7 +362,7 @@ class _Bound:
 
 @dataclass(frozen=True, slots=True)
 class _Special:
-    """What a function of the rows gives."""
+    """Element made from the result of a function of the rows."""
 
     function: Callable[[list[Row]], Any]
 
@@ -384,14 +386,14 @@ class _Special:
 
 
 def _pictures(items: Sequence[Any]) -> "Iterator[tuple[str, str, Figure]]":
-    """Pictures, each drawn when it is asked for."""
+    """Pictures, each drawn when it is requested."""
     for title, caption, figure in items:
         drawn: Any = figure() if callable(figure) else figure
         yield title, caption, drawn
 
 
 def _check_key(columns: Columns, key: str, what: str) -> None:
-    """Refuses a key of groups that is neither a column nor what the keys of columns are."""
+    """Refuse a key of groups that is neither a column nor a meaning of the keys of columns."""
     if key not in {column.by for column in columns.values() if column.by}:
         known_column(columns, key, what)
 
@@ -424,8 +426,10 @@ def _left_out(statistics: Sequence[Statistic], records: Sequence[Record]) -> str
 def _bars(
     groups: Mapping[str, Sequence[Any]], column: ResultColumn, none: str
 ) -> tuple[list[str], dict[str, list[int]]]:
-    """Labels of the bars, and their heights by group: whole numbers one by one, others in bins."""
-    # whole numbers have a bar each, others one for each bin
+    """Labels of the bars, and their heights by group: one bar for each whole number, bins for
+    others.
+    """
+    # whole numbers have one bar each, other numbers one for each bin
     known = [value for values in groups.values() for value in values if value is not None]
     whole = all(isinstance(value, int) for value in known) and column.factor == 1.0
     if whole and (not known or max(known) - min(known) < _MOST_WHOLE):

@@ -18,8 +18,8 @@ from uuv.experiment.worker import Limits, limit_memory
 from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.kernels import store
 
-# Read when Ray is imported. Under `uv run` it would start each worker by uv, in a copy of this
-# folder; nothing is sent home from here.
+# Read when Ray is imported. Under `uv run`, Ray would start each worker by uv, in a copy of this
+# folder. The other setting disables Ray's usage reports.
 os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
 try:
@@ -27,37 +27,38 @@ try:
     lost: Any = import_module("ray.exceptions")
 except ImportError as error:
     raise ConfigurationError(
-        "--engine ray: Ray is not installed here; ./uvw sync --extra cluster, or pip install "
-        "'uuv-arm[cluster]'"
+        "--engine ray: Ray is not installed; install it by ./uvw sync --extra cluster, or pip "
+        "install 'uuv-arm[cluster]'"
     ) from error
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 ADDRESS = "RAY_ADDRESS"  # Ray's own variable: address of a cluster
-# tasks that wait or run, for each processor of the cluster: the next one is there when one is done
+# number of waiting or running tasks for each processor of the cluster, so that no processor has to
+# wait
 _AHEAD = 2
-_LOOK = 5.0  # [s] between two looks how many processors there are: a cluster may grow
+_LOOK = 5.0  # [s] between two queries of the number of processors, since a cluster may grow
 _THREADS = "OMP_NUM_THREADS"
-# Ray takes them, and prints a trace of its stack; they are the command's
+# signals that Ray handles by printing a stack trace; the command handles them itself
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_HANDED_ON = (store.FOLDER, store.LIMIT)  # variables of this process that workers get
+_HANDED_ON = (store.FOLDER, store.LIMIT)  # environment variables of this process that workers get
 
 
 @dataclass(frozen=True, slots=True)
 class RayCluster:
-    """Carries out runs on the cluster of RAY_ADDRESS, or on one started here for the study.
+    """Engine that carries out runs on the cluster of RAY_ADDRESS, or on one started here for the
+    study.
 
-    A task takes one processor and is a message of a few kB; results come back the same way. A run
-    whose worker or node is lost is done again as often as `Limits.retries` says, wherever there is
-    room.
+    A task uses one processor, and is sent as a message of a few kB, and so is its result. A run
+    whose worker or node is lost is repeated up to `Limits.retries` times, on any free processor.
     """
 
-    workers: int  # processors of a cluster that is started here; 0: all
+    workers: int  # number of processors of a cluster that is started here; 0: all
     limits: Limits
 
     @property
     def place(self) -> str:
-        """As `Engine.place`."""
+        """Same as `Engine.place`."""
         return (
             f"the Ray cluster {os.environ[ADDRESS]}"
             if os.environ.get(ADDRESS)
@@ -67,10 +68,10 @@ class RayCluster:
     def results(
         self, tasks: Sequence[Task], run: Callable[[Task], Result], died: Callable[[Task], Result]
     ) -> Iterator[Sequence[tuple[Task, Result]]]:
-        """As `Engine.results`."""
+        """Same as `Engine.results`."""
         from uuv import first_start
 
-        first_start.build()  # else every worker would compile the same
+        first_start.build()  # otherwise every worker would compile the same kernels
         with (
             nullcontext() if os.environ.get(ADDRESS) else kept_cluster() as folder,
             _connected(self.workers, folder),
@@ -80,11 +81,12 @@ class RayCluster:
 
 @contextmanager
 def _connected(workers: int, folder: str | None) -> Iterator[None]:
-    """Connects to the cluster; ends what was started, and the tasks under way, in the end.
+    """Context manager that connects to the cluster; at its end it stops a cluster started here, and
+    all running tasks.
 
     Args:
-        workers: As in `RayCluster`.
-        folder: For the files of a cluster that is started here; None: Ray's own.
+        workers: As for `RayCluster`.
+        folder: Folder for the files of a cluster that is started here; None: Ray's own.
     """
     exists = os.environ.get(ADDRESS)
     settings = {_THREADS: "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
@@ -107,7 +109,7 @@ def _connected(workers: int, folder: str | None) -> Iterator[None]:
             f"--engine ray: no cluster{where}: {one_line(str(error))}"
         ) from error
 
-    # Ray has put its own handlers of signals there.
+    # Ray has replaced the signal handlers, which are restored here.
     for number, handler in handlers.items():
         signal.signal(number, handler)
     try:
@@ -119,8 +121,10 @@ def _connected(workers: int, folder: str | None) -> Iterator[None]:
 def _carried_out(
     tasks: Sequence[Task], run: Any, died: Callable[[Task], Result], limits: Limits
 ) -> Iterator[Sequence[tuple[Task, Result]]]:
-    """The tasks with their results; `run` is the reference of a function that the cluster holds."""
-    # again, if need be, by this loop: it counts the deaths
+    """The tasks with their results; `run` is a reference to a function that is stored in the
+    cluster.
+    """
+    # repetitions are made by this loop, which counts the deaths
     remote: Any = ray.remote(num_cpus=1, max_retries=0)(_run_task)
     waiting = deque(range(len(tasks)))
     deaths = [0] * len(tasks)
@@ -133,12 +137,12 @@ def _carried_out(
             room = max(1, int(_AHEAD * ray.cluster_resources().get("CPU", 1.0)))
             looked = time_s
 
-        # As many tasks under way as the cluster has room for.
+        # Submit as many tasks as the cluster has room for.
         while waiting and len(under_way) < room:
             number = waiting.popleft()
             under_way[remote.remote(run, tasks[number], limits)] = number
 
-        # Results that are there, at least one.
+        # Wait for finished results, at least one.
         ray.wait(list(under_way), num_returns=1)
         done, _ = ray.wait(list(under_way), num_returns=len(under_way), timeout=0.0)
         outcomes: list[tuple[Task, Result]] = []
@@ -151,10 +155,11 @@ def _carried_out(
                 raise error.as_instanceof_cause() from None
             except (lost.LocalRayletDiedError, lost.RuntimeEnvSetupError) as error:
                 raise ConfigurationError(
-                    f"--engine ray: the cluster is lost ({one_line(str(error))}); the rows are "
-                    "kept, the same command continues"
+                    "--engine ray: the connection to the cluster was lost "
+                    f"({one_line(str(error))}); the rows are kept, and the same command continues "
+                    "the study"
                 ) from error
-            except lost.RayError:  # its worker or node is gone, or the result with it
+            except lost.RayError:  # the worker or node is lost, or the result with it
                 deaths[number] += 1
                 if deaths[number] <= limits.retries:
                     waiting.append(number)

@@ -1,4 +1,6 @@
-"""Rows of a study on disk, and what they depend on: one process writes, one code."""
+"""Rows of a study on disk, with the code and options that they depend on; only one process
+writes.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,12 +17,13 @@ from uuv.sim.runs.provenance import versions
 from uuv.sim.runs.run_folder import alone_in
 from uuv.sim.runs.saving import write_json
 
-Timing = Mapping[str, float | None]  # wall and processor time of a run [s]; None: its process died
+# wall and processor time of a run [s]; None if its process died
+Timing = Mapping[str, float | None]
 KEY, TIMING = "case_id", "timing"  # entries that the log adds to a row
-ABOUT = "study.json"  # what the rows depend on
-METRICS, PAGE = "metrics.json", "report.html"  # files made from the rows of a log
-_EARLIER = "results.jsonl"  # rows before they were Parquet
-_NAMED = 4  # changed files that a message names
+ABOUT = "study.json"  # file with the code and options that the rows depend on
+METRICS, PAGE = "metrics.json", "report.html"  # files that are made from the rows of a log
+_EARLIER = "results.jsonl"  # file of rows in the format before Parquet
+_NAMED = 4  # number of changed files that a message names
 
 
 class RowLog:
@@ -29,18 +32,18 @@ class RowLog:
     def __init__(
         self, folder: Path, *, anew: bool = False, of: Mapping[str, Any] | None = None
     ) -> None:
-        """Opens the log in `folder`.
+        """Open the log in `folder`.
 
-        For one process at a time: see `open`.
+        Only one process may do so at a time: see `open`.
 
         Args:
             folder: Existing folder.
-            anew: Delete old rows.
+            anew: Whether to delete old rows.
             of: Options that all its rows share, of JSON types, by name.
 
         Raises:
             ConfigurationError: The rows were made by other code or with other options, or the
-                folder holds other files.
+                folder contains other files.
         """
         self.folder = folder
         self._of = dict(of or {})
@@ -51,18 +54,19 @@ class RowLog:
             if path.is_file() and not path.name.startswith(".")
         ]
 
-        # Rows need their study.json, and a folder of other files is left alone.
+        # Rows need their study.json. A folder with other files is left unchanged.
         if not self._about.exists() and has_rows(folder) and not anew:
             raise ConfigurationError(
-                f"{folder} holds rows, but {ABOUT} is missing, so their code and options are "
-                "unknown; restore it, or --anew discards them"
+                f"{folder} has rows, but {ABOUT} is missing, so their code and options are "
+                "unknown; restore that file, or discard the rows by --anew"
             )
         if foreign and not self._about.exists() and not has_rows(folder):
             raise ConfigurationError(
-                f"{folder} holds files that are not of an experiment ({', '.join(sorted(foreign))})"
+                f"{folder} has files that do not belong to an experiment "
+                f"({', '.join(sorted(foreign))})"
             )
 
-        for part in folder.glob(".*.parquet.*"):  # of a process that was killed
+        for part in folder.glob(".*.parquet.*"):  # temporary files of a process that was killed
             part.unlink()
         if anew:
             delete_rows(folder)
@@ -71,11 +75,11 @@ class RowLog:
 
         if (folder / _EARLIER).exists():
             raise ConfigurationError(
-                f"{folder} holds rows of an earlier version ({_EARLIER}); --anew discards them, "
-                "or take another --out"
+                f"{folder} has rows of an earlier version ({_EARLIER}); discard them by --anew, or "
+                "give another --out"
             )
 
-        # Old rows must be of the same options and the same code.
+        # Old rows must have the same options and the same code.
         self._code: dict[str, str] = {}
         self._settings: Mapping[str, Any] = {}
         if has_rows(folder):
@@ -90,16 +94,16 @@ class RowLog:
                     for of in (before, self._of)
                 )
                 raise ConfigurationError(
-                    f"{folder} holds runs of {present}, requested are those of {requested}; --anew "
-                    "discards them, or take another --out"
+                    f"{folder} has runs of {present}, but runs of {requested} are requested; "
+                    "discard the former by --anew, or give another --out"
                 )
 
             if changed := self._changed(about):
                 more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
                 raise ConfigurationError(
-                    f"{folder} holds runs of other code (changed: "
-                    f"{', '.join(changed[:_NAMED])}{more}); --anew discards them, or take another "
-                    "--out"
+                    f"{folder} has runs of other code (changed: "
+                    f"{', '.join(changed[:_NAMED])}{more}); discard them by --anew, or give "
+                    "another --out"
                 )
         else:
             self._write_about()
@@ -118,40 +122,40 @@ class RowLog:
 
         Args:
             folder: Folder of the study.
-            anew: Delete old rows.
+            anew: Whether to delete old rows.
             of: Options that all its rows share, of JSON types, by name.
 
         Raises:
-            ConfigurationError: As `RowLog` does, or another process works in the folder.
+            ConfigurationError: As for `RowLog`, or another process works in the folder.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise ConfigurationError(
-                f"--out {folder}: cannot be made a folder ({error.strerror})"
+                f"--out {folder}: the folder cannot be created ({error.strerror})"
             ) from error
         with alone_in(folder):
             yield cls(folder, anew=anew, of=of)
 
     def has(self, key: str) -> bool:
-        """True if that case has a row of a run that ended; one whose process died is done again."""
+        """True if the case has a row of a run that ended; a run whose process died is repeated."""
         return key in self.rows and self.rows[key][TIMING]["wall_s"] is not None
 
     def depends_on(self, code: Mapping[str, str]) -> None:
-        """Adds files, by name as of `loaded_files`, to those that the rows depend on.
+        """Add files, named as in `loaded_files`, to those that the rows depend on.
 
         Args:
-            code: Their digests, as a process of the study has read them.
+            code: Digests of the files, as read by a process of the study.
 
         Raises:
-            ConfigurationError: A process has read another content of a file than an earlier one.
+            ConfigurationError: Two processes have read different contents of a file.
         """
         if other := [
             file for file, digest in code.items() if self._code.get(file, digest) != digest
         ]:
             raise ConfigurationError(
-                f"{', '.join(other[:_NAMED])}: changed during the experiment, or different on "
-                "another machine; the existing rows are of the earlier content"
+                f"{', '.join(other[:_NAMED])}: changed during the experiment, or differs between "
+                "machines; the existing rows belong to the earlier content"
             )
 
         if code.keys() - self._code.keys():
@@ -159,23 +163,23 @@ class RowLog:
             self._write_about()
 
     def made_with(self, settings: Mapping[str, Any]) -> None:
-        """Puts the settings of the study, of JSON types, into study.json."""
+        """Write the settings of the study, which are JSON types, to study.json."""
         if settings != self._settings:
             self._settings = settings
             self._write_about()
 
     def add(self, done: Iterable[tuple[str, Row, Timing]]) -> None:
-        """Adds rows, in place of those of the same cases; they are on the disk when this returns.
+        """Add rows, which replace those of the same cases. They are on disk when this returns.
 
         Args:
-            done: Key of a case, its result, of JSON types, and its times; for each.
+            done: For each case its key, its result in JSON types, and its times.
 
         Raises:
             ConfigurationError: A file cannot be written.
         """
         rows = {key: {**row, KEY: key, TIMING: dict(timing)} for key, row, timing in done}
 
-        # Rows of known cases are replaced, the others follow.
+        # Rows of known cases are replaced; the other rows are appended.
         self._table.replace(
             {self._numbers[key]: row for key, row in rows.items() if key in self._numbers}
         )
@@ -206,18 +210,18 @@ def by_case(rows: Iterable[Row], folder: Path) -> dict[str, Row]:
     """Rows of a log by the key of their case.
 
     Raises:
-        ConfigurationError: One has none, or lacks what the log adds to a row.
+        ConfigurationError: A row has no key, or lacks other entries that the log adds.
     """
     reader = TableReader("a row", passes_unknown=True)
     try:
         return {reader.made(_Logged, row).case_id: row for row in rows}
     except ConfigurationError as error:
-        raise ConfigurationError(f"{folder}: {error}; --anew discards the rows") from error
+        raise ConfigurationError(f"{folder}: {error}; discard the rows by --anew") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Times:
-    """Times of a run, as a row holds them."""
+    """Computing times of a run, as stored in a row."""
 
     wall_s: float | None
     cpu_s: float | None
@@ -225,7 +229,7 @@ class _Times:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Logged:
-    """What the log adds to a row; the fields are KEY and TIMING."""
+    """Entries that the log adds to a row; the fields are KEY and TIMING."""
 
     case_id: str
     timing: _Times
@@ -243,10 +247,10 @@ class RowsAbout:
 
 
 def about_of(folder: Path) -> RowsAbout:
-    """What the rows in a folder depend on.
+    """Code and options that the rows in a folder depend on.
 
     Raises:
-        ConfigurationError: There is no such file, or it holds something else.
+        ConfigurationError: The file is missing, or has other content.
     """
     return _read_about(folder / ABOUT)
 
@@ -255,9 +259,9 @@ def _read_about(file: Path) -> RowsAbout:
     try:
         return TableReader(ABOUT).made(RowsAbout, json_of(file, "study"))
     except ConfigurationError as error:
-        raise ConfigurationError(f"{error} ({file}); --anew discards the rows") from error
+        raise ConfigurationError(f"{error} ({file}); discard the rows by --anew") from error
 
 
 def without_log(row: Row) -> Row:
-    """A row without what the log adds to it."""
+    """A row without the entries that the log adds."""
     return {name: value for name, value in row.items() if name not in (KEY, TIMING)}

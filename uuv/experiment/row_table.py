@@ -1,4 +1,4 @@
-"""Rows of a study as Parquet files: typed columns, dotted names, whole at every moment."""
+"""Rows of a study as Parquet files with typed columns and dotted names, complete at any time."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,41 +14,42 @@ from uuv.sim.runs.saving import write_whole
 
 Row = dict[str, Any]  # result of one case, of JSON types
 
-SCHEMA_VERSION = 1  # of the files; another one is refused
-ROWS = "rows"  # folder of the files
-LAYOUT = "_layout"  # column: the row's nesting, in JSON, with a letter for each value (`_leaf`)
-CHUNK = 256  # rows of a file
-_MOST_BYTES = 64_000_000  # of a file, and of its content unpacked
-# metadata of a file, of a column
+SCHEMA_VERSION = 1  # version of the files; other versions are refused
+ROWS = "rows"  # name of the folder of the files
+# name of a column: the nesting of the row, in JSON, with a letter for each value (`_leaf`)
+LAYOUT = "_layout"
+CHUNK = 256  # number of rows in a file
+_MOST_BYTES = 64_000_000  # largest size of a file, and of its unpacked content
+# keys of the metadata of a file, and of a column
 _VERSION_KEY = b"uuv_arm.schema_version"
 _JSON = {b"uuv_arm.encoding": b"json"}
-_EXACT = 2**53  # whole numbers up to here are exact in a double
+_EXACT = 2**53  # largest whole number up to which all are exact in a double
 
 
 class RowTable:
     """Table of rows in the folder `rows`: one file for each 256 rows, in the order in which the
-    rows came.
+    rows were added.
 
     A value that is nested in tables has a column with a dotted name: `figures.force_rms_n`. Columns
     are boolean, int64, double, text, lists of these, or JSON as text where the values are of
     several types. A new row replaces the last file by a longer one, atomically; a new column, or a
-    column of a wider type, replaces the files one by one from the first. So a reader finds whole
-    rows, none twice, at every moment.
+    column of a wider type, replaces the files one by one from the first. A reader therefore finds
+    complete rows, none of them twice, at any time.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Reads the rows that are there.
+        """Read the existing rows.
 
         Args:
             folder: Folder of the study; `rows` in it is created with the first row.
 
         Raises:
-            ConfigurationError: A file cannot be read, or is of another version.
+            ConfigurationError: A file cannot be read, or has another version.
         """
         self._home = folder / ROWS
         self.rows: list[Row] = []
         self._kinds: dict[str, pa.DataType | None] = {}  # type of each column; None: JSON as text
-        self._last = pa.table({})  # content of the file that is not full
+        self._last = pa.table({})  # content of the last file if it is not full
 
         uneven = False
         for file in _files(self._home):
@@ -68,19 +69,19 @@ class RowTable:
             self._last = pa.table({})
 
     def extend(self, rows: Sequence[Row]) -> None:
-        """Adds rows; they are on the disk when this returns. Each file is written once.
+        """Add rows. They are on disk when this returns, and each file is written once.
 
         Raises:
-            ConfigurationError: A file cannot be written, or two values of a row have one name.
+            ConfigurationError: A file cannot be written, or two values of a row have the same name.
         """
         self._widen(rows)
         for start in range(0, len(rows), CHUNK):
             self._append(rows[start : start + CHUNK])
 
     def replace(self, rows: Mapping[int, Row]) -> None:
-        """Puts rows in place of those with the numbers that are their keys; writes each file once.
+        """Replace the rows whose numbers are the keys of `rows`, writing each file once.
 
-        They are on the disk when this returns. Raises as `extend`.
+        The new rows are on disk when this returns. The exceptions are those of `extend`.
         """
         self._widen([*rows.values()])
         files: dict[int, dict[int, Row]] = {}
@@ -97,7 +98,7 @@ class RowTable:
                 self._last = table
 
     def _widen(self, rows: Sequence[Row]) -> None:
-        """Makes the columns wide enough for new rows, in all files if there are some."""
+        """Make the columns wide enough for new rows, also in existing files."""
         kinds = dict(self._kinds)
         for row in rows:
             for name, entry in _flat(row):
@@ -115,7 +116,7 @@ class RowTable:
             raise
 
     def _append(self, rows: Sequence[Row]) -> None:
-        """Adds at most CHUNK rows, to the file that is not full and to another one."""
+        """Add at most CHUNK rows, to the file that is not full and to a new one."""
         room = CHUNK - len(self.rows) % CHUNK
         for part in (rows[:room], rows[room:]):
             if not part:
@@ -130,7 +131,9 @@ class RowTable:
             self._last = last if last.num_rows < CHUNK else pa.table({})
 
     def _write_all(self) -> None:
-        """Writes all files anew with the present columns, the first one first: pandas reads it."""
+        """Write all files again with the present columns, beginning with the first, which pandas
+        reads.
+        """
         for number in range(-(-len(self.rows) // CHUNK)):
             self._last = self._table(self.rows[number * CHUNK : (number + 1) * CHUNK])
             self._write(number, self._last)
@@ -140,13 +143,14 @@ class RowTable:
     def _write(self, number: int, table: pa.Table) -> None:
         if self._home.is_symlink():
             raise ConfigurationError(
-                f"{self._home}: is a link; its rows would be written to the target of the link"
+                f"{self._home}: must be a folder, got a link; the rows would be written to the "
+                "target of the link"
             )
         try:
             self._home.mkdir(exist_ok=True)
         except OSError as error:
             raise ConfigurationError(
-                f"{self._home}: cannot be made a folder ({error.strerror})"
+                f"{self._home}: the folder cannot be created ({error.strerror})"
             ) from error
 
         content = pa.BufferOutputStream()
@@ -172,19 +176,20 @@ class RowTable:
 
 
 def read_rows(folder: str | Path) -> list[Row]:
-    """Rows of a study or campaign as they were made, nested; for tables, read `rows` with pandas.
+    """Rows of a study or campaign, nested as they were made; to get tables, read `rows` with
+    pandas.
 
     Args:
         folder: Folder of the study.
 
     Raises:
-        ConfigurationError: A file cannot be read, or is of another version.
+        ConfigurationError: A file cannot be read, or has another version.
     """
     return [row for file in _files(Path(folder) / ROWS) for row in _rows_of(file)]
 
 
 def delete_rows(folder: Path) -> None:
-    """Deletes the files of a `RowTable` in `folder`, the last one first."""
+    """Delete the files of a `RowTable` in `folder`, the last one first."""
     for file in reversed(_files(folder / ROWS)):
         file.unlink()
 
@@ -209,7 +214,7 @@ def _read(file: Path) -> pa.Table:
 
         if metadata.num_rows > CHUNK or unpacked > _MOST_BYTES:
             raise ConfigurationError(
-                f"{file}: more than {CHUNK} rows or {_MOST_BYTES} bytes; remove it"
+                f"{file}: has more than {CHUNK} rows or {_MOST_BYTES} bytes; remove it"
             )
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:
@@ -223,8 +228,8 @@ def _read(file: Path) -> pa.Table:
     version = (table.schema.metadata or {}).get(_VERSION_KEY, b"none").decode()
     if version != str(SCHEMA_VERSION):
         raise ConfigurationError(
-            f"{file}: schema version {version}; this code reads {SCHEMA_VERSION}; --anew discards "
-            "the rows, or take another --out"
+            f"{file}: schema version must be {SCHEMA_VERSION}, got {version}; discard the rows by "
+            "--anew, or give another --out"
         )
 
     return table
@@ -238,7 +243,7 @@ def _kinds_of(schema: pa.Schema) -> dict[str, pa.DataType | None]:
 
 
 def _flat(row: Row) -> Iterator[tuple[str, Any]]:
-    """Name and value of each column of a row, its layout last."""
+    """Name and value of each column of a row, with its layout as the last column."""
     columns: dict[str, Any] = {}
     layout = _laid_out(row, "", columns)
     yield from columns.items()
@@ -246,20 +251,22 @@ def _flat(row: Row) -> Iterator[tuple[str, Any]]:
 
 
 def _laid_out(value: Any, name: str, columns: dict[str, Any]) -> Any:
-    """Layout of `value`; adds its columns to `columns`."""
+    """Layout of `value`, whose columns are added to `columns`."""
     if isinstance(value, Mapping):
         return {
             key: _laid_out(entry, f"{name}.{key}" if name else key, columns)
             for key, entry in value.items()
         }
     if name in columns or name == LAYOUT:
-        raise ConfigurationError(f"a row has two values of the name {name!r}")
+        raise ConfigurationError(f"row: names of values must differ, got {name!r} twice")
     columns[name] = value
     return _leaf(value)
 
 
 def _leaf(value: Any) -> str:
-    """Letter for what a column does not tell of a value: i whole, f not, n none; empty: nothing."""
+    """Letter for the type of a value if the column does not imply it: i whole number, f float, n
+    None; else empty.
+    """
     if value is None:
         return "n"
     if isinstance(value, list):
@@ -278,7 +285,7 @@ def _decoded(table: pa.Table, file: Path) -> list[Row]:
         return _nested_rows(table)
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ConfigurationError(
-            f"{file}: is no table of rows ({error}); repair or remove it"
+            f"{file}: is not a table of rows ({error}); repair or remove it"
         ) from error
 
 
@@ -314,13 +321,13 @@ def _as_laid_out(value: Any, kind: type | None) -> Any:
 
 
 def _kind(value: Any) -> pa.DataType | None:
-    """Type of a column that holds `value`; None: JSON as text."""
+    """Type of a column for `value`; None: JSON as text."""
     if isinstance(value, list):
         kind: pa.DataType | None = pa.null()
         for entry in value:
             kind = _wider(kind, None if isinstance(entry, list | Mapping) else _kind(entry))
 
-        # the layout has one letter for a list
+        # the layout has only one letter for a list
         mixed = len({type(entry) for entry in value} - {type(None)}) > 1
         return None if kind is None or mixed else pa.list_(kind)
     if isinstance(value, bool):
@@ -343,7 +350,7 @@ def _is_utf8(value: str) -> bool:
 
 
 def _wider(first: pa.DataType | None, second: pa.DataType | None) -> pa.DataType | None:
-    """Type that holds the values of both, exactly."""
+    """Type that can hold the values of both types exactly."""
     if first == second or first is None or second is None:
         return first if first == second else None
     if pa.types.is_null(first) or pa.types.is_null(second):

@@ -1,10 +1,12 @@
-"""Statistics of the rows of an experiment: a number, or a few, of a group of rows, as a cell.
+"""Statistics of the rows of an experiment: one or a few numbers of a group of rows, as a cell of a
+table.
 
     stat("mean", "looks", none=8)
     stat("share", lambda row: row["looks"] == 2, "second look sufficed")
 
-A value that is a list, one for each push for instance, counts with all its entries. What is no
-statistic of single rows, such as the overshoot of a mean response, is a function of all of them:
+A value that is a list, for instance one value for each push, counts with all its entries. A
+quantity that is not a statistic of single rows, such as the overshoot of a mean response, is a
+function of all rows:
 
     stat("group", overshoot_of_mean, "overshoot", unit="%")
 """
@@ -20,7 +22,7 @@ from uuv.sim.evaluation.intervals import share_interval
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.spatial import Array
 
-Record = Mapping[str, Any]  # a row, with plain values where its columns have tables
+Record = Mapping[str, Any]  # a row in which columns of tables are replaced by plain values
 Kind = Literal[
     "value",
     "mean",
@@ -50,7 +52,7 @@ _NUMBERS: dict[str, Callable[[Array], float]] = {
     "sem": lambda values: float(values.std(ddof=1) / np.sqrt(len(values))),
     "total": lambda values: float(values.sum()),
 }
-_SHARE_DIGITS = 1  # decimals of a share in %
+_SHARE_DIGITS = 1  # number of decimals of a share in %
 _SPREAD = ("median", "p95", "largest")
 _WORDS = {
     "p10": "10 %",
@@ -69,15 +71,16 @@ class Statistic:
     """A statistic of one quantity over a group of records."""
 
     kind: Kind
-    of: str | Callable[[Any], Any]  # column, or function of a record, of kind group of all
+    # column, or function of a record; for the kind "group" a function of all records
+    of: str | Callable[[Any], Any]
     label: str
     column: ResultColumn  # unit and format
-    none: float | None = None  # counts in place of a value that is None, which else is left out
-    among: str = ""  # column with the number of trials, of a share of counts
+    none: float | None = None  # value that replaces a missing value, which is left out by default
+    among: str = ""  # column with the number of trials, for a share of counts
 
     @property
     def heading(self) -> str:
-        """What tables call it."""
+        """Name of the statistic in tables."""
         unit = "%" if self.kind == "share" else "" if self.kind == "count" else self.column.unit
         return with_unit(self.label, unit)
 
@@ -93,10 +96,10 @@ class Statistic:
 
         if callable(self.of):
             if not self.label:
-                raise ConfigurationError(f"{what}: a statistic of a function needs a label")
+                raise ConfigurationError(f"{what}: a statistic of a function must have a label")
             return self
 
-        # what the column says, unless the statistic says otherwise
+        # properties of the column, unless the statistic has its own
         column = known_column(columns, self.of, what)
         words = _WORDS.get(self.kind, self.kind)
         plain = column.label or column.name.replace("_", " ")
@@ -111,7 +114,7 @@ class Statistic:
         )
 
     def values(self, records: Sequence[Record]) -> list[Any]:
-        """Values of the quantity, lists flattened, those that are None left out or replaced."""
+        """Values of the quantity, with lists flattened, and None left out or replaced."""
         if self.kind == "group":
             items = [self.of(records) if callable(self.of) else None]
         else:
@@ -127,13 +130,15 @@ class Statistic:
         return entry is None and self.none is None
 
     def missing(self, records: Sequence[Record]) -> int:
-        """Number of records without a value, which are left out."""
+        """Number of records that have no value and are left out."""
         if self.kind == "group":
             return 0
         return sum(self._left_out(self._item(row)) for row in records)
 
     def numbers(self, records: Sequence[Record]) -> dict[str, Any]:
-        """The statistic as numbers by name, in the units of the rows; empty without a value."""
+        """The statistic as numbers by name, in the units of the rows; empty if there is no
+        value.
+        """
         values = self.values(records)
 
         if self.kind == "count":
@@ -146,7 +151,7 @@ class Statistic:
         if self.kind == "share":
             trials = [1] * len(values)
             if self.among:
-                # Of the records that have a value.
+                # Statistic over the records that have a value.
                 trials = [row[self.among] for row in records if not self._left_out(self._item(row))]
 
             good = round(sum(values))
@@ -159,13 +164,13 @@ class Statistic:
         return {name: _NUMBERS[name](array) for name in names}
 
     def amount(self, value: float) -> str:
-        """One number of `numbers` with its unit."""
+        """One number of `numbers`, with its unit."""
         if self.kind == "share":
             return f"{100.0 * value:.4g} %"
         return f"{self.column.factor * value:.4g} {self.column.unit}".rstrip()
 
     def cell(self, records: Sequence[Record]) -> str:
-        """The statistic as text; "-" without a value."""
+        """The statistic as text; "-" if there is no value."""
         numbers = self.numbers(records)
         if not numbers:
             return "-"
@@ -179,7 +184,7 @@ class Statistic:
         if self.kind in ("value", "group", "count"):
             return self.column.cell(next(iter(numbers.values())))
 
-        # a sum of whole numbers is one
+        # a sum of whole numbers is a whole number
         whole = self.kind == "total" and self.column.digits is None and self.column.factor == 1.0
         if whole and all(isinstance(entry, int) for entry in self.values(records)):
             return f"{numbers['total']:.0f}"
@@ -200,31 +205,31 @@ def stat(
     """Statistic of a column, or of a function of a row.
 
     Args:
-        kind: value (of the one row), mean, median, largest, least, rms, total, or one of these.
+        kind: value (of a single row), mean, median, largest, least, rms, total, or one of these.
             p10, p90, p95: a quantile.
             sem: the standard error of the mean.
-            count: how many are true.
-            share: how many are true among those that have a value, with its 95 % interval.
-            spread: median, 95 % and largest.
-            group: what a function of all rows of a group gives; None: it has no value.
+            count: number of true values.
+            share: share of true values among all values, with its 95 % interval.
+            spread: median, 95th percentile and largest.
+            group: result of a function of all rows of a group; None means no value.
         of: Name of a column, or a function of a row.
-        label: What tables call it; default: the label of the column and the kind.
+        label: Name in tables; default: the label of the column and the kind.
         unit: Unit of a function's value; default: that of the column.
         digits: Decimals; default: those of the column.
-        factor: From a function's value to its unit.
-        none: What a missing value counts as; default: it is left out.
-        among: Of a share: column with the number of trials, where `of` is a number of successes.
+        factor: Factor from a function's value to its unit.
+        none: Value that replaces a missing value; default: it is left out.
+        among: For a share: column with the number of trials, if `of` is the number of successes.
 
     Raises:
-        ConfigurationError: There is no such kind, or a group's is no function.
+        ConfigurationError: There is no such kind, or `of` is not a function for the kind "group".
     """
     if kind not in get_args(Kind):
         known = ", ".join(get_args(Kind))
         raise ConfigurationError(
-            f"no statistic {kind!r}; there are {known}{did_you_mean(kind, get_args(Kind))}"
+            f"statistic: must be one of {known}, got {kind!r}{did_you_mean(kind, get_args(Kind))}"
         )
     if kind == "group" and not callable(of):
-        raise ConfigurationError(f"statistic group: needs a function of the rows, got {of!r}")
+        raise ConfigurationError(f"statistic group: must have a function of the rows, got {of!r}")
     column = ResultColumn(name=label, unit=unit, digits=digits, factor=factor)
     return Statistic(kind=kind, of=of, label=label, column=column, none=none, among=among)
 
@@ -232,16 +237,16 @@ def stat(
 def statistic_of(
     entry: "str | Statistic", columns: Mapping[str, ResultColumn], what: str
 ) -> Statistic:
-    """A statistic of a table's columns: itself, or the values of a column that is named.
+    """A statistic as an entry of a table's columns, or the values of the column with that name.
 
     Raises:
-        ConfigurationError: As `Statistic.bound_to`.
+        ConfigurationError: As for `Statistic.bound_to`.
     """
     return (stat("value", entry) if isinstance(entry, str) else entry).bound_to(columns, what)
 
 
 def flattened(nested: Any) -> list[Any]:
-    """Entries of nested lists, in their order; of a single value, itself."""
+    """Entries of nested lists, in their order; a single value gives itself."""
     if not isinstance(nested, list | tuple):
         return [nested]
     return [inner for entry in nested for inner in flattened(entry)]

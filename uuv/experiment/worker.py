@@ -1,4 +1,4 @@
-"""Worker process: its start, its end with the study, and the limits of a run."""
+"""Worker process: start, end together with the study, and limits of a run."""
 
 import faulthandler
 import os
@@ -13,8 +13,8 @@ from typing import NoReturn
 
 from uuv.sim.interfaces.spatial import finite_number, whole_number
 
-_WATCH_PERIOD = 0.2  # [s] between two looks whether the parent lives
-# [s] after the limit, and again the limit: then the process is ended from outside Python
+_WATCH_PERIOD = 0.2  # [s] between two checks that the parent process is alive
+# [s] plus the limit once more: time after which the process is ended from outside Python
 _GRACE = 5.0
 
 
@@ -22,13 +22,14 @@ _GRACE = 5.0
 class Limits:
     """Limits of each run of a study."""
 
-    time_s: float | None = field(  # wall time of a run
+    time_s: float | None = field(  # [s] wall time of a run
         default=None, metadata={"schema": {"unit": "s", "exclusiveMinimum": 0}}
     )
-    memory_mb: int | None = field(  # private memory of a worker
+    memory_mb: int | None = field(  # [bytes] private memory of a worker
         default=None, metadata={"schema": {"unit": "MB", "minimum": 1}}
     )
-    # Times that a run whose process died is done again; once at least: its neighbours die with it.
+    # Number of repetitions of a run whose process died; at least one, because runs next to it die
+    # with it.
     retries: int = field(default=1, metadata={"schema": {"minimum": 1}})
 
     def __post_init__(self) -> None:
@@ -40,22 +41,22 @@ class Limits:
 
     @property
     def need_a_worker(self) -> bool:
-        """True if they cannot be kept in the process of the study."""
+        """True if the limits cannot be enforced in the process of the study."""
         return self.time_s is not None or self.memory_mb is not None
 
 
 class TimeLimitError(BaseException):
-    """A run took longer than its limit; no Exception, so that no run takes it for an error of its
-    own.
+    """A run took longer than its limit. The class is not an Exception, so that a run does not catch
+    it as its own error.
     """
 
 
 def begin(parent: int, limits: Limits) -> None:
-    """Initialiser of a worker: ends silently on Ctrl-C, and with its parent however that ends;
-    limits its memory.
+    """Initialiser of a worker. The worker ends silently on Ctrl-C, and together with its parent,
+    and its memory is limited.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
-        # ignored under nohup: the workers keep that
+        # signals that are ignored under nohup stay ignored in the workers
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)  # only the study prints a message
     end_with(parent)
@@ -63,30 +64,30 @@ def begin(parent: int, limits: Limits) -> None:
 
 
 def limit_memory(limits: Limits) -> None:
-    """Limits the private memory of this process; what is beyond raises MemoryError."""
+    """Limit the private memory of this process; a larger request raises MemoryError."""
     if limits.memory_mb is not None:
-        import resource  # not on Windows
+        import resource  # not available on Windows
 
         most = limits.memory_mb * 2**20
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
 
 def end_with(parent: int) -> None:
-    """Lets this process end when its parent, of that process id, has ended; also by SIGKILL."""
+    """Let this process end when its parent, with that process id, has ended, also after SIGKILL."""
     threading.Thread(target=_watch, args=(parent,), daemon=True).start()
 
 
 @contextmanager
 def within_time(limit: float | None) -> Iterator[None]:
-    """Raises TimeLimitError in the block once it has taken `limit` [s]; a block that hangs ends the
-    process later.
+    """Context manager that raises TimeLimitError in the block after `limit` [s]. If the block
+    hangs, the process is ended later.
     """
     if limit is None or not hasattr(signal, "setitimer"):
         yield
         return
     before = signal.signal(signal.SIGALRM, _too_long)
     signal.setitimer(signal.ITIMER_REAL, limit)
-    # needs no Python: compiled code may hang
+    # works without Python, since compiled code may hang
     faulthandler.dump_traceback_later(2.0 * limit + _GRACE, exit=True)
     try:
         yield

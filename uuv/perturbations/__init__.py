@@ -1,1 +1,1 @@
-"""Perturbations: deviations of plant, scene or loop from what the controller believes."""
+"""Perturbations: deviations of plant, scene or loop from the controller's model."""

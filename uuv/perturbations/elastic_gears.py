@@ -1,4 +1,4 @@
-"""Perturbation of the arm: gears that twist under load, and have play."""
+"""Perturbation of the arm: gears that twist under load, and have backlash."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,22 +13,24 @@ from uuv.perturbations.perturbation import Perturbation
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number
 
-TWIST = "_twist"  # added to a joint's name: the joint and the tendon of its gear's twist
+TWIST = "_twist"  # suffixes of a joint's name for the joint and the tendon of its gear's twist
 
 
 @dataclass(frozen=True, kw_only=True)
 class ElasticGears(Perturbation):
-    """Torsional spring with play between each motor and its link; encoders on the motors' side.
+    """Torsional spring with backlash between each motor and its link; the encoders are on the
+    motor's side.
 
     Each link gets a second, passive hinge on the axis of its joint: the gear's twist. It is held by
     a spring with a dead band, a tendon of MuJoCo with a range of spring lengths. Motor inertia and
     friction stay on the joint itself.
     """
 
-    # [N m/rad] of the gear of the strongest joint; the others' by their torque limits
+    # [N m/rad] stiffness of the strongest joint's gear; others in proportion to their torque limits
     stiffness: float = 3e4
-    backlash: float = 0.0  # [rad] play of each gear, from stop to stop
-    damping: float = 0.05  # of each gear, share of the critical one for its link alone
+    backlash: float = 0.0  # [rad] backlash of each gear, from stop to stop
+    # damping of each gear, as a share of the critical damping for its link alone
+    damping: float = 0.05
 
     def __post_init__(self) -> None:
         finite_number(self.stiffness, "ElasticGears stiffness [N m/rad]", above=0.0)
@@ -36,11 +38,15 @@ class ElasticGears(Perturbation):
         finite_number(self.damping, "ElasticGears damping", least=0.0)
 
     def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
-        """Adds the gears' twist, and shortens the timestep to what its vibration needs."""
+        """Add the gears' twist, and shorten the timestep to the value that its vibration
+        requires.
+        """
         actuators = {actuator.target: actuator for actuator in spec.actuators}
         joints = [joint for joint in spec.joints if joint.name in actuators]
         if not joints:
-            raise ConfigurationError("ElasticGears: the vehicle has no driven joints")
+            raise ConfigurationError(
+                "ElasticGears: the vehicle must have driven joints, it has none"
+            )
         limits = np.array(
             [np.abs(np.array(actuators[joint.name].ctrlrange)).max() for joint in joints]
         )
@@ -53,7 +59,7 @@ class ElasticGears(Perturbation):
                     name=name, type=joint.type, axis=joint.axis, pos=joint.pos
                 )
                 twist.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-                # whatever the vehicle's default class says
+                # set explicitly, in case the vehicle's default class has another value
                 twist.armature = twist.frictionloss = 0.0
                 spring = spec.add_tendon(
                     name=name, springlength=[-0.5 * self.backlash, 0.5 * self.backlash]
@@ -68,7 +74,7 @@ class ElasticGears(Perturbation):
                 twist.damping, 2.0 * self.damping * np.sqrt(k * inertia_j)
             )
 
-        # Fastest vibration of the twists against each other and against links and motors that are
+        # Fastest vibration of the twists against each other, and against links and motors that are
         # free to move.
         root = np.sqrt(stiffness)
         # [rad^2/s^2]

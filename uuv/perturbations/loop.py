@@ -19,7 +19,7 @@ from uuv.sim.plant.onset import Onset
 if TYPE_CHECKING:
     from uuv.sim.plant.faults import SensorFault
 
-SENSORS = {  # and their classes in `uuv.sim.sensors.proprioception`
+SENSORS = {  # their classes are in `uuv.sim.sensors.proprioception`
     "encoders": "Encoders",
     "torque": "JointTorqueSensors",
     "imu": "Imu",
@@ -30,7 +30,7 @@ SENSORS = {  # and their classes in `uuv.sim.sensors.proprioception`
 
 @dataclass(frozen=True, kw_only=True)
 class MisplacedSurface(Perturbation):
-    """The surface lies farther along the tool than identified."""
+    """The surface is farther away along the tool axis than identified."""
 
     offset: float = 0.0  # [m]
 
@@ -38,11 +38,11 @@ class MisplacedSurface(Perturbation):
         finite_number(self.offset, "MisplacedSurface offset [m]")
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Wraps the finder."""
+        """Wrap the finder."""
         if not self.offset:
             return loop
         if loop.parts.finder is None:
-            raise ConfigurationError("MisplacedSurface: this task looks for no object")
+            raise ConfigurationError("MisplacedSurface: needs a task that identifies an object")
 
         return replace(
             loop, parts=replace(loop.parts, finder=ShiftedFinder(loop.parts.finder, self.offset))
@@ -51,10 +51,12 @@ class MisplacedSurface(Perturbation):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftedFinder:
-    """Wrapper of a TargetFinder that shifts pose and path against the tool's approach direction."""
+    """Wrapper of a TargetFinder that shifts pose and path against the direction of the tool's
+    approach.
+    """
 
     finder: TargetFinder
-    offset: float  # [m] the found surface lies so far before the true one
+    offset: float  # [m] distance of the identified surface in front of the true one
 
     def init(self) -> Any:
         """Initial state of the wrapped finder."""
@@ -63,7 +65,7 @@ class ShiftedFinder:
     def step(
         self, state: Any, estimate: StateEstimate, measurement: Measurement
     ) -> tuple[Any, Target | None]:
-        """Step of the wrapped finder, its target shifted.
+        """Step of the wrapped finder, with its target shifted.
 
         Args:
             state: State of the wrapped finder.
@@ -71,7 +73,7 @@ class ShiftedFinder:
             measurement: Measurements of this step.
 
         Returns:
-            New state, shifted target or None.
+            New state, and the shifted target or None.
         """
         state, target = self.finder.step(state, estimate, measurement)
         if target is None or target.path is None:
@@ -88,17 +90,15 @@ class ShiftedFinder:
 class Failure(Perturbation):
     """Failure that begins at a time, or when the planner enters a state."""
 
-    at: float | None = None  # [s]
-    state: str | None = None  # a WorkState, such as "work"
-    force: float = 0.0  # [N] smallest set force for the event
+    at: float | None = None  # [s] time of the beginning
+    state: str | None = None  # name of a WorkState, such as "work"
+    force: float = 0.0  # [N] smallest set force of the event
     after: float = 0.0  # [s] delay after time or event
-    duration: float | None = None  # [s] None: to the end
+    duration: float | None = None  # [s] None: until the end of the run
 
     def __post_init__(self) -> None:
         if (self.at is None) == (self.state is None):
-            raise ConfigurationError(
-                f"{type(self).__name__}: give `at` [s] or `state`, one of the two"
-            )
+            raise ConfigurationError(f"{type(self).__name__}: must have either `at` [s] or `state`")
 
         if self.state is not None and self.state not in (
             states := [str(state) for state in WorkState]
@@ -127,21 +127,22 @@ class Failure(Perturbation):
 class ThrusterFailure(Failure):
     """Fault of a thruster: it gives `share` of the commanded thrust, or keeps its last command.
 
-    The command is changed, ahead of the thruster's lag, slew and saturation.
+    The command is changed, before the thruster's lag, slew rate and saturation apply.
     """
 
     joins: ClassVar[bool] = True
-    # of `Vehicle.thruster_names`: its actuator's name without "thruster_", such as "heave_front"
+    # a name of `Vehicle.thruster_names`: the actuator's name without "thruster_", such as
+    # "heave_front"
     thruster: str
     share: float = 0.0  # from 0 to 1
     stuck: bool = False
 
     def check_inputs(self, spec: mujoco.MjSpec) -> None:
-        """Refuses a thruster that the vehicle has not."""
+        """Refuse a thruster that the vehicle does not have."""
         self._index(thruster_names(spec.compile()))
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Wraps the plant."""
+        """Wrap the plant."""
         from uuv.sim.plant.faults import FaultyPlant, ThrusterFault
         from uuv.sim.plant.plant import Plant
 
@@ -151,8 +152,8 @@ class ThrusterFailure(Failure):
             sound = sound.plant
         if not isinstance(sound, Plant):
             raise ConfigurationError(
-                "ThrusterFailure: comes before perturbations that wrap the plant, found "
-                f"{type(sound).__name__}"
+                "ThrusterFailure: must be listed before perturbations that wrap the plant, which "
+                f"is already wrapped in {type(sound).__name__}"
             )
 
         index = self._index(sound.vehicle.thruster_names)
@@ -164,7 +165,7 @@ class ThrusterFailure(Failure):
         return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
 
     def _index(self, names: Sequence[str]) -> int:
-        """Number of the thruster among `names`."""
+        """Index of the thruster in `names`."""
         if self.thruster not in names:
             raise ConfigurationError(
                 f"ThrusterFailure thruster: allowed {', '.join(names)}, got {shown(self.thruster)}"
@@ -174,25 +175,29 @@ class ThrusterFailure(Failure):
 
 @dataclass(frozen=True, kw_only=True)
 class SensorFailure(Failure):
-    """Fault of a sensor: no messages, or a field that freezes, takes a value, or has an offset.
+    """Fault of a sensor: no messages, or a field that freezes, has a constant value, or has an
+    offset.
 
-    The attitude of the inertial unit is "turned" about axis `index` of the hull, by `value` [rad].
+    The effect "turned" rotates the attitude of the inertial unit about axis `index` of the hull by
+    `value` [rad].
     """
 
     joins: ClassVar[bool] = True
     sensor: Literal["encoders", "torque", "imu", "dvl", "vision"]
     effect: Literal["lost", "frozen", "fixed", "offset", "turned"] = "lost"
-    field: str = ""  # of the sensor's message, such as "tau"; unused if lost or turned
+    # field of the sensor's message, such as "tau"; not used by the effects lost and turned
+    field: str = ""
     index: int | None = None  # element of the field; None: all
     value: float = 0.0
-    rate: float = 0.0  # [1/s] by which an offset, or what is turned, grows
+    rate: float = 0.0  # [1/s] rate at which an offset or a rotation grows
 
     def __post_init__(self) -> None:
         super().__post_init__()
         finite_number(self.rate, "SensorFailure rate [1/s]")
         if self.rate and self.effect not in ("offset", "turned"):
             raise ConfigurationError(
-                f"SensorFailure rate: an offset or a turn grows, not effect {self.effect!r}"
+                f"SensorFailure rate: only allowed for the effects 'offset' and 'turned', "
+                f"got {self.effect!r}"
             )
 
         if self.effect != "turned":
@@ -206,7 +211,7 @@ class SensorFailure(Failure):
             )
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Wraps the sensor."""
+        """Wrap the sensor."""
         from uuv.sim.plant.faults import FaultySensor
         from uuv.sim.sensors import proprioception
 

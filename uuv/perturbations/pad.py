@@ -11,20 +11,21 @@ from uuv.perturbations.perturbation import Perturbation
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number
 
-STEPS_PER_SOLREF = 3.0  # physics steps per time constant of the contact; MuJoCo needs at least two
-# squared phase of the pad's spring in one step; from 0.26 on the pad may bounce without end
+# number of physics steps per time constant of the contact; MuJoCo needs at least two
+STEPS_PER_SOLREF = 3.0
+# squared phase of the pad's spring in one step; from 0.26 on the pad may bounce without decay
 RESTLESS = 0.2
-# [N] at which the stiffness of pad and surface holds; a contact hardens with depth
+# [N] force at which the stiffness of pad and surface is defined; a contact stiffens with depth
 WORKING_FORCE = 60.0
-SOFTEST_CONTACT = 1.6  # least stiffness of the contact alone, times the stiffness asked for
+SOFTEST_CONTACT = 1.6  # smallest ratio of the contact's own stiffness to the requested stiffness
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pad(Perturbation):
     """Friction between pad and surface, and stiffness of both in series."""
 
-    friction: float | None = None  # coefficient; None: as the vehicle's pad
-    stiffness: float | None = None  # [N/m] None: as the vehicle's pad
+    friction: float | None = None  # friction coefficient; None: that of the vehicle's pad
+    stiffness: float | None = None  # [N/m] None: that of the vehicle's pad
 
     def __post_init__(self) -> None:
         for name in ("friction", "stiffness"):
@@ -32,18 +33,19 @@ class Pad(Perturbation):
                 finite_number(getattr(self, name), f"Pad {name}", above=0.0)
 
     def on_vehicle(self, spec: mujoco.MjSpec, rng: np.random.Generator) -> Mapping[str, float]:
-        """Sets friction and stiffness of the pad."""
+        """Set friction and stiffness of the pad."""
         if self.friction is None and self.stiffness is None:
             return {}
         geom = spec.geom(TOOL_GEOM)
         joint = spec.joint(PAD_JOINT)
         if geom is None or (self.stiffness is not None and joint is None):
             raise ConfigurationError(
-                f"friction and stiffness are those of a geom {TOOL_GEOM!r} on a slide {PAD_JOINT!r}"
+                f"the vehicle must have a pad for friction and stiffness: a geom {TOOL_GEOM!r} on "
+                f"a slide {PAD_JOINT!r}"
             )
 
         if self.friction is not None:
-            geom.priority = 1  # contact pairs take the pad's friction, whatever the surface has
+            geom.priority = 1  # contact pairs use the pad's friction, independent of the surface
             geom.friction = [self.friction, *np.array(geom.friction)[1:]]
         if self.stiffness is not None:
             self._stiffen(spec, self.stiffness)
@@ -51,19 +53,20 @@ class Pad(Perturbation):
 
     @staticmethod
     def _stiffen(spec: mujoco.MjSpec, stiffness: float) -> None:
-        """Sets spring and contact of the pad, and the timestep that they need.
+        """Set spring and contact of the pad, and the timestep that they need.
 
         Contact and pad spring are in series: the contact is made stiff by a short time constant,
-        and the spring gives the remaining compliance. A contact that is stiffer by `solimp`
-        chatters, and so does a rigid pad. The deeper the contact force presses it in, the less is
-        it lost where the tool shakes. The longest time constant that is stiff enough is therefore
-        the best, also where something else has shortened the timestep.
+        and the spring gives the remaining compliance. A contact that is made stiffer by `solimp`
+        chatters, and so does a rigid pad. The deeper the penetration under the contact force, the
+        less is contact lost when the tool vibrates. The longest time constant that is stiff enough
+        is therefore best, even if the timestep is shorter for another reason.
         """
         geom = spec.geom(TOOL_GEOM)
         joint = spec.joint(PAD_JOINT)
         timestep = float(spec.option.timestep)
         drawn = spec.copy().compile()
-        longest = max(STEPS_PER_SOLREF * timestep, float(geom.solref[0]))  # no stiffer than its own
+        # not stiffer than the pad's own spring
+        longest = max(STEPS_PER_SOLREF * timestep, float(geom.solref[0]))
         contact = _contact_stiffness(drawn, geom, longest)
         softest = SOFTEST_CONTACT * stiffness
         share = min(1.0, np.sqrt(contact / softest))
@@ -79,7 +82,7 @@ class Pad(Perturbation):
         old_spring, old_damping = (
             float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping)
         )
-        # The damping ratio is the same on any surface.
+        # The damping ratio does not depend on the surface.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
         damping = ratio * old_damping
         joint.stiffness, joint.damping = (
@@ -89,7 +92,7 @@ class Pad(Perturbation):
 
 
 def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: float) -> float:
-    """Stiffness [N/m] of a light touch of `geom`, with a time constant `solref` [s] of the contact.
+    """Stiffness [N/m] of `geom` in light contact, with a time constant `solref` [s] of the contact.
 
     MuJoCo's constraint model (MuJoCo documentation, Computation, Parameters): at rest f = d / (1 -
     d) k r / A. Here d is the impedance at zero depth, k = 1 / (d_max solref)^2, and A the inverse
@@ -101,9 +104,11 @@ def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: floa
 
 
 def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
-    """Depth [m] of a contact of `geom` under `force` [N], of stiffness `light` [N/m] at zero depth.
+    """Penetration [m] of a contact of `geom` under `force` [N], with the stiffness `light` [N/m] at
+    zero depth.
 
-    MuJoCo's impedance over depth, by `solimp` (MuJoCo documentation, Modeling, Solver parameters).
+    The impedance as a function of depth follows from `solimp` (MuJoCo documentation, Modeling,
+    Solver parameters).
     """
     from scipy.optimize import brentq
 

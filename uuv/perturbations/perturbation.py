@@ -1,6 +1,6 @@
-"""Perturbation: base class of all, its registry, and how a list of them is applied.
+"""Perturbation: base class, registry, and the application of a list of perturbations.
 
-A new one is a frozen dataclass that overrides one hook, here with a random draw of its own:
+A new perturbation is a frozen dataclass that overrides one hook, here with its own random draw:
 
     @dataclass(frozen=True, kw_only=True)
     class HeavyTool(Perturbation):
@@ -11,7 +11,8 @@ A new one is a frozen dataclass that overrides one hook, here with a random draw
             spec.body("pad").mass = factor * spec.body("pad").mass
             return {"tool_mass": factor}
 
-A package makes it known to scenario files by an entry point of the group `uuv_arm.perturbation`.
+A package registers a perturbation for scenario files by an entry point of the group
+`uuv_arm.perturbation`.
 """
 
 import zlib
@@ -25,7 +26,7 @@ import numpy as np
 from uuv.models.registry import Registry
 from uuv.sim.loop.rollout import Observer, Parts, SteppedPlant
 
-if TYPE_CHECKING:  # brings kernels
+if TYPE_CHECKING:  # imports kernels
     import mujoco
 
     from uuv.sim.water.current import Current
@@ -33,7 +34,7 @@ if TYPE_CHECKING:  # brings kernels
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
-    """Contents of the loop: plant, parts and observers beside the recorder."""
+    """Contents of the loop: plant, components, and observers besides the recorder."""
 
     plant: SteppedPlant
     parts: Parts
@@ -42,32 +43,39 @@ class Loop:
 
 @dataclass(frozen=True, kw_only=True)
 class Perturbation:
-    """Base of perturbations: deviations of the plant from the model; override one hook or more."""
+    """Base of perturbations: deviations of the plant from the model. A subclass overrides one hook
+    or more.
+    """
 
-    stream: ClassVar[int | None] = None  # of the random draws; None: by the class's name
-    # it may be added to a saved run: until its onset the run is as without it
+    # seed of the random draws; None: derived from the class's name
+    stream: ClassVar[int | None] = None
+    # True if it may be added to a saved run, since it changes nothing before its onset
     joins: ClassVar[bool] = False
 
     def check_inputs(self, spec: "mujoco.MjSpec") -> None:
-        """Refuses names that `spec` lacks, before compilation; by default there are none."""
+        """Refuse names that `spec` lacks, before compilation; by default there are no names."""
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Changes the true vehicle's spec in place; returns means of the drawn factors by name."""
+        """Change the true vehicle's spec in place; return the mean values of drawn factors by
+        name.
+        """
         return {}
 
     def on_scene(self, scene: "mujoco.MjSpec") -> None:
-        """Changes the spec of vehicle and site in place."""
+        """Change the spec of vehicle and site in place."""
 
     def on_water(self, current: "Current") -> "Current":
-        """The current of the run: `current`, with a flow field on top, or another one."""
+        """The current of the run: `current`, `current` with a further flow field, or another
+        current.
+        """
         return current
 
     def on_loop(self, loop: Loop) -> Loop:
-        """The loop with parts wrapped or replaced; its plant stands at the start."""
+        """The loop with components wrapped or replaced; its plant is at the start of the run."""
         return loop
 
     def rng(self, seed: int) -> np.random.Generator:
-        """Random stream of this kind; other perturbations do not change what it draws."""
+        """Random stream of this kind, independent of other perturbations."""
         stream = zlib.crc32(type(self).__name__.encode()) if self.stream is None else self.stream
         return np.random.default_rng(np.random.SeedSequence([seed, 7], spawn_key=(stream,)))
 
@@ -75,18 +83,18 @@ class Perturbation:
 def perturb(
     spec: "mujoco.MjSpec", perturbations: Iterable[Perturbation], seed: int = 0
 ) -> dict[str, float]:
-    """Applies the perturbations of a vehicle's `spec` in place, in their order.
+    """Apply perturbations to a vehicle's `spec` in place, in their order.
 
     Args:
         spec: The true vehicle.
-        perturbations: Those of a scenario.
-        seed: Seed of their draws.
+        perturbations: Perturbations of a scenario.
+        seed: Seed of the draws.
 
     Returns:
-        Means of the drawn factors by name.
+        Mean values of the drawn factors by name.
 
     Raises:
-        ConfigurationError: The vehicle lacks what a perturbation changes.
+        ConfigurationError: The vehicle lacks a part that a perturbation changes.
     """
     drawn: dict[str, float] = {}
     for perturbation in perturbations:
@@ -97,7 +105,7 @@ def perturb(
 @cache
 def registry() -> Registry[Perturbation]:
     """All kinds of perturbation, those of other packages included."""
-    # Named by their kinds in a scenario file, imported when one is used.
+    # Names in a scenario file are those of the classes, which are imported when used.
     kinds = {
         "Water": "uuv.perturbations.vehicle:Water",
         "Payload": "uuv.perturbations.vehicle:Payload",

@@ -1,4 +1,4 @@
-"""Perturbations of the sensors: wandering vision, drifting torque sensors, attitude error."""
+"""Perturbations of the sensors: slow error of vision, drifting torque sensors, attitude error."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,9 @@ from uuv.sim.interfaces.spatial import finite_number
 
 @dataclass(frozen=True, kw_only=True)
 class WanderingVision(Perturbation):
-    """The position from vision has a slow error (first-order Gauss-Markov) beside white noise."""
+    """The position from vision has a slow error (first-order Gauss-Markov) in addition to white
+    noise.
+    """
 
     sigma: float = 3e-3  # [m] standard deviation per axis
     time: float = 60.0  # [s] correlation time
@@ -18,7 +20,7 @@ class WanderingVision(Perturbation):
         finite_number(self.time, "WanderingVision time [s]", above=0.0)
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Replaces the vision sensor; its messages state the wander."""
+        """Replace the vision sensor; the messages of the new one state the slow error."""
         from uuv.sim.sensors.proprioception import VisionDrift
 
         sensors = [
@@ -32,11 +34,14 @@ class WanderingVision(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class DriftingTorque(Perturbation):
-    """The torque sensors have coloured noise (first-order Gauss-Markov) and a drift besides."""
+    """The torque sensors have coloured noise (first-order Gauss-Markov) and, in addition, a
+    drift.
+    """
 
-    sigma: float = 0.3  # [N m] standard deviation of the coloured noise, each sensor its own
-    time: float = 2.0  # [s] its correlation time
-    drift: float = 0.0  # [N m/s] standard deviation of a constant rate, each sensor its own
+    # [N m] standard deviation of the coloured noise, independent for each sensor
+    sigma: float = 0.3
+    time: float = 2.0  # [s] correlation time of this noise
+    drift: float = 0.0  # [N m/s] standard deviation of a constant rate, drawn for each sensor
 
     def __post_init__(self) -> None:
         finite_number(self.sigma, "DriftingTorque sigma [N m]", least=0.0)
@@ -44,7 +49,7 @@ class DriftingTorque(Perturbation):
         finite_number(self.drift, "DriftingTorque drift [N m/s]", least=0.0)
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Wraps the torque sensors."""
+        """Wrap the torque sensors."""
         from uuv.sim.sensors.proprioception import JointTorqueSensors
         from uuv.sim.sensors.torque_drift import DriftingTorqueSensors
 
@@ -59,7 +64,9 @@ class DriftingTorque(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class AttitudeError(Perturbation):
-    """The inertial unit's attitude has a constant error, of the sigma that it states."""
+    """The inertial unit's attitude has a constant error, with the standard deviation that it
+    states.
+    """
 
     sigma: float = 1.7e-3  # [rad] per axis: 0.1 deg
 
@@ -67,7 +74,7 @@ class AttitudeError(Perturbation):
         finite_number(self.sigma, "AttitudeError sigma [rad]", least=0.0)
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Replaces the inertial unit."""
+        """Replace the inertial unit."""
         from uuv.sim.sensors.proprioception import Imu
 
         sensors = [

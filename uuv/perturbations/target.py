@@ -1,4 +1,4 @@
-"""Perturbations of the object: it is pushed, swings, gives way on a mount, or floats freely."""
+"""Perturbations of the object: pushed, oscillating, compliantly mounted, or floating freely."""
 
 from dataclasses import dataclass, replace
 
@@ -14,10 +14,11 @@ from uuv.perturbations.perturbation import Loop, Perturbation
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import checked, finite_number, rotation_from_quat_wxyz
 
-ADDED_MASS = 0.5  # share of the displaced water's mass: a sphere, exact in potential flow
-DRAG = 0.47  # coefficient of a sphere
-# [kg, kg m^2] of an object that moves as prescribed: 60 N change its speed by 0.1 mm/s in a step.
-# A far heavier body would coarsen the solver's tolerance, which MuJoCo scales by the mean inertia.
+# added mass as a share of the displaced water's mass: a sphere, exact in potential flow
+ADDED_MASS = 0.5
+DRAG = 0.47  # drag coefficient of a sphere
+# [kg, kg m^2] of an object with a prescribed motion: 60 N change its speed by 0.1 mm/s in a step. A
+# far heavier body would coarsen the solver's tolerance, which MuJoCo scales by the mean inertia.
 _HEAVY = 1e3
 
 
@@ -26,9 +27,9 @@ class PushedObject(Failure):
     """The object is displaced at a time, or after the planner enters a state, and stays there."""
 
     by: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] in W
-    # [rad] rotation vector in W, about the origin of its model
+    # [rad] rotation vector in W, about the origin of the object's frame
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ramp: float = 0.5  # [s] that it takes
+    ramp: float = 0.5  # [s] duration of the displacement
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -41,11 +42,11 @@ class PushedObject(Failure):
             )
 
     def on_scene(self, scene: mujoco.MjSpec) -> None:
-        """Makes the object a body that moves as prescribed."""
+        """Make the object a body with a prescribed motion."""
         _let_move(scene, type(self).__name__)
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Wraps the plant."""
+        """Wrap the plant."""
         from uuv.sim.plant.moved_object import MovedObjectPlant, push
 
         onset = self.onset()
@@ -57,7 +58,7 @@ class PushedObject(Failure):
 
 @dataclass(frozen=True, kw_only=True)
 class MovingObject(Perturbation):
-    """The object swings to and fro along a line, whatever presses on it."""
+    """The object oscillates along a line, independent of contact forces."""
 
     amplitude: tuple[float, float, float] = (0.0, 0.02, 0.0)  # [m] in W
     frequency: float = 0.1  # [Hz]
@@ -67,11 +68,11 @@ class MovingObject(Perturbation):
         finite_number(self.frequency, "MovingObject frequency [Hz]", above=0.0)
 
     def on_scene(self, scene: mujoco.MjSpec) -> None:
-        """Makes the object a body that moves as prescribed."""
+        """Make the object a body with a prescribed motion."""
         _let_move(scene, type(self).__name__)
 
     def on_loop(self, loop: Loop) -> Loop:
-        """Wraps the plant."""
+        """Wrap the plant."""
         from uuv.sim.plant.moved_object import MovedObjectPlant, swing
 
         plant = MovedObjectPlant(loop.plant, TARGET_BODY, swing(self.amplitude, self.frequency))
@@ -80,15 +81,16 @@ class MovingObject(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class MountedObject(Perturbation):
-    """The object, neutrally buoyant, stands on springs or floats; the seabed does not hold it.
+    """The object is neutrally buoyant, and is held by springs or floats; the seabed does not
+    support it.
 
-    Its water is that of a sphere of its volume.
+    Its hydrodynamic data are those of a sphere of its volume.
     """
 
-    # [N/m] of the mount in every direction; 0: the object is free, and can turn too
+    # [N/m] stiffness of the mount in every direction; 0: the object is free, and can also rotate
     stiffness: float = 1e4
-    damping: float = 0.1  # of the mount, share of the critical one
-    mass: float | None = None  # [kg] None: that of the water that its colliding solids displace
+    damping: float = 0.1  # damping of the mount, as a share of the critical damping
+    mass: float | None = None  # [kg] None: the mass of the water that its colliding solids displace
 
     def __post_init__(self) -> None:
         finite_number(self.stiffness, "MountedObject stiffness [N/m]", least=0.0)
@@ -97,7 +99,7 @@ class MountedObject(Perturbation):
         finite_number(self.damping, "MountedObject damping", least=0.0)
 
     def on_scene(self, scene: mujoco.MjSpec) -> None:
-        """Gives the object mass, water and joints."""
+        """Give the object mass, hydrodynamic data and joints."""
         body = _object(scene, type(self).__name__)
         density = hydrodynamics.density_of(scene)
         mass, center = self._weigh(scene, body, density)
@@ -116,7 +118,7 @@ class MountedObject(Perturbation):
         hydrodynamics.attach(scene, {TARGET_BODY: water})
         scene.add_exclude(name="object_on_mount", bodyname1=TARGET_BODY, bodyname2="world")
 
-        # A floating object has a free joint, a mounted one springs along the axes of W.
+        # A floating object has a free joint; a mounted one has springs along the axes of W.
         with keyframes_kept(scene):
             if self.stiffness == 0.0:
                 body.add_freejoint(name=TARGET_BODY)
@@ -134,7 +136,7 @@ class MountedObject(Perturbation):
     def _weigh(
         self, scene: mujoco.MjSpec, body: mujoco.MjsBody, density: float
     ) -> tuple[float, np.ndarray]:
-        """Set the body's inertia; its mass [kg] and centre of mass (3,) [m] in T."""
+        """Set the body's inertia, and return its mass [kg] and centre of mass (3,) [m] in T."""
         solids = [
             geom
             for geom in body.geoms
@@ -142,7 +144,8 @@ class MountedObject(Perturbation):
         ]
         if not solids and self.mass is None:
             raise ConfigurationError(
-                "MountedObject: this object has no solids to take its volume from; give its mass"
+                "MountedObject: `mass` must be given for this object, which has no solids with a "
+                "volume"
             )
 
         for geom in body.geoms:
@@ -165,14 +168,14 @@ class MountedObject(Perturbation):
 def _object(scene: mujoco.MjSpec, who: str) -> mujoco.MjsBody:
     body = scene.body(TARGET_BODY)
     if body is None:
-        raise ConfigurationError(f"{who}: there is no object at this site")
+        raise ConfigurationError(f"{who}: needs an object, but this site has none")
     if body.joints:
-        raise ConfigurationError(f"{who}: another perturbation moves the object already")
+        raise ConfigurationError(f"{who}: must be the only perturbation that moves the object")
     return body
 
 
 def _let_move(scene: mujoco.MjSpec, who: str) -> None:
-    """Make the object a body with a free joint that nothing moves but `MovedObjectPlant`."""
+    """Make the object a body with a free joint, moved only by `MovedObjectPlant`."""
     body = _object(scene, who)
     body.mass = _HEAVY
     body.inertia = [_HEAVY] * 3

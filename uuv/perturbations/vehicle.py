@@ -1,6 +1,6 @@
-"""Perturbations of the vehicle: water, payload, thrusters, gears.
+"""Perturbations of the vehicle: hydrodynamics, payload, thrusters, gears.
 
-A spread draws a factor uniform in 1 +- spread for each number independently.
+For each number a factor is drawn independently and uniformly in 1 +- spread.
 """
 
 from collections.abc import Mapping
@@ -22,7 +22,7 @@ _TRANSLATION = slice(0, 3)
 
 @dataclass(frozen=True, kw_only=True)
 class _Spread(Perturbation):
-    """Perturbation whose fields are spreads, but for those in `signed`."""
+    """Perturbation whose fields are spreads, except for those in `signed`."""
 
     signed: ClassVar[tuple[str, ...]] = ()
 
@@ -41,12 +41,13 @@ class Water(_Spread):
     """Perturbation of added mass and drag of every body of the plant."""
 
     stream: ClassVar[int | None] = 0
-    spread: float = 0.0  # of each coefficient
+    spread: float = 0.0  # spread of each coefficient
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales diagonal coefficients by one factor each, couplings by the geometric mean.
+        """Scale each diagonal coefficient by its factor, and couplings by the geometric mean of two
+        factors.
 
-        All stay semidefinite.
+        All matrices stay semidefinite.
         """
         from uuv.models import hydrodynamics
 
@@ -93,12 +94,14 @@ class Payload(_Spread):
 
     stream: ClassVar[int | None] = 1
     signed: ClassVar[tuple[str, ...]] = ("trim_error",)
-    spread: float = 0.0  # of the mass of each part of the arm
+    spread: float = 0.0  # spread of the mass of each part of the arm
     # share of the arm's mass by which the hull is too light (negative: too heavy)
     trim_error: float = 0.0
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales masses and inertias; hull ballasted for the nominal arm, less the trim error."""
+        """Scale masses and inertias. The hull is ballasted for the nominal arm, minus the trim
+        error.
+        """
         import mujoco
 
         from uuv.models import hydrodynamics
@@ -108,7 +111,7 @@ class Payload(_Spread):
         arm = spec.body(ARM_BASE_BODY)
         if arm is None:
             raise ConfigurationError(
-                f"a payload varies the arm, but the vehicle has no body named {ARM_BASE_BODY!r}"
+                f"Payload: varies the arm, so the vehicle must have a body named {ARM_BASE_BODY!r}"
             )
 
         parts = [arm, *arm.find_all(mujoco.mjtObj.mjOBJ_BODY)]
@@ -136,7 +139,7 @@ class ThrusterSpread(_Spread):
     gain: float = 0.0  # spread of the gains
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales the thrusters' tables."""
+        """Scale the thrusters' tables."""
         from uuv.models.water import thrusters
 
         if not (self.lag or self.gain):
@@ -184,23 +187,23 @@ class ThrusterSpread(_Spread):
 
 @dataclass(frozen=True, kw_only=True)
 class BelievedVoltage(Perturbation):
-    """The controller believes the thrusters' supply to have another voltage than it has.
+    """The controller assumes a wrong voltage of the thrusters' supply.
 
-    The thrust allocation goes by the voltage of the vehicle's thrusters, or of its battery. The
-    true one is `error` less; the true battery sags beside that.
+    The thrust allocation uses the voltage of the vehicle's thrusters, or of its battery. The true
+    voltage is lower by `error`, and the true battery's voltage sags in addition.
     """
 
-    error: float = 0.0  # [V] believed less true
+    error: float = 0.0  # [V] believed minus true voltage
 
     def __post_init__(self) -> None:
         finite_number(self.error, "BelievedVoltage error [V]")
 
     def check_inputs(self, spec: "mujoco.MjSpec") -> None:
-        """Refuses a vehicle whose thrusters have no tables over that voltage."""
+        """Refuse a vehicle whose thrusters have no tables at that voltage."""
         self.on_vehicle(spec.copy(), np.random.default_rng(0))
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Sets the true thrusters' curves, and the battery, to the lower voltage."""
+        """Set the true thrusters' curves, and the battery, to the lower voltage."""
         from uuv.models.water import battery_feed
 
         del rng
@@ -215,13 +218,13 @@ class BelievedVoltage(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class Gears(_Spread):
-    """Friction in each gear, dry and viscous alike."""
+    """Friction in each gear; dry and viscous friction get the same factor."""
 
     stream: ClassVar[int | None] = 3
     spread: float = 0.0
 
     def on_vehicle(self, spec: "mujoco.MjSpec", rng: np.random.Generator) -> Mapping[str, float]:
-        """Scales the friction of each driven joint."""
+        """Scale the friction of each driven joint."""
         from uuv.models.arms import gear_friction
         from uuv.models.arms.gear_friction import GearFriction
 

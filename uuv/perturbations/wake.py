@@ -1,4 +1,4 @@
-"""Perturbation of the water by the object: its wake, in which the current is slower."""
+"""Perturbation of the current by the object's wake, in which the current is slower."""
 
 from dataclasses import dataclass
 
@@ -18,12 +18,12 @@ from uuv.sim.water.flow_field import FlowField
 class Wake(Perturbation):
     """The steady current is slower behind the object, as behind a circular cylinder [Huse 1993].
 
-    The cylinder lies along the longest side of the object's box, where the object is at the start.
-    A current along it has no wake.
+    The cylinder is along the longest side of the object's box, at the object's initial pose. A
+    current along the cylinder has no wake.
     """
 
-    diameter: float | None = None  # [m] None: the mean of the other two sides
-    drag: float = DRAG  # coefficient, by the diameter
+    diameter: float | None = None  # [m] diameter; None: the mean of the other two sides
+    drag: float = DRAG  # drag coefficient, referred to the diameter
 
     def __post_init__(self) -> None:
         if self.diameter is not None:
@@ -31,29 +31,31 @@ class Wake(Perturbation):
         finite_number(self.drag, "Wake drag", above=0.0)
 
     def on_scene(self, scene: mujoco.MjSpec) -> None:
-        """Refuses a site without an object."""
+        """Refuse a site without an object."""
         if scene.body(TARGET_BODY) is None:
-            raise ConfigurationError("Wake: there is no object at this site")
+            raise ConfigurationError("Wake: needs an object, but this site has none")
 
     def on_water(self, current: Current) -> Current:
-        """The current with the wake on top."""
+        """The current with the wake added."""
         stream = current.mean_W
         if not stream.any():
-            raise ConfigurationError("Wake: there is no steady current, site.current [m/s]")
+            raise ConfigurationError("Wake: needs a steady current, site.current [m/s], got none")
         return current.with_flow(_ObjectWake(stream=stream, diameter=self.diameter, drag=self.drag))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _ObjectWake(FlowField):
-    """Wake of the object, before its place is known."""
+    """Wake of an object whose pose is not known yet."""
 
     stream: Array  # (3,) [m/s] in W
     diameter: float | None  # [m]
     drag: float
 
     def velocity(self, p_W: Array, time: float) -> Array:
-        """Is not known yet: `placed` comes first."""
-        raise ConfigurationError("Wake: a plant places it behind its object first")
+        """Raise an error, since `placed` must be called first."""
+        raise ConfigurationError(
+            "Wake: has no velocity before a plant has placed it behind its object"
+        )
 
     def placed(self, model: mujoco.MjModel) -> CylinderWake:
         """The wake behind the object of a compiled world."""
@@ -66,7 +68,7 @@ def box_of(model: mujoco.MjModel, body: int) -> Array:
     """Smallest and largest coordinates (2, 3) [m] of the geoms of a body, in its frame."""
     signs = np.stack(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0]), axis=-1).reshape(-1, 3)
 
-    # Corners of the boxes of all geoms, each in axes of its own.
+    # Corners of the boxes of all geoms, each in its own axes.
     corners = []
     for geom in np.flatnonzero(model.geom_bodyid == body):
         middle, half = model.geom_aabb[geom].reshape(2, 3)

@@ -1,1 +1,1 @@
-"""Results: kept rows of experiments, checked against the present code, and pages made of them."""
+"""Results: kept rows of experiments, checked with the present code, and pages made from them."""

@@ -1,4 +1,4 @@
-"""Check of kept rows: the quick subset of an experiment, run again, compared by column."""
+"""Check of kept rows: the quick subset of an experiment is run again and compared by column."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ from uuv.experiment.row_table import Row, read_rows
 from uuv.results.kept_rows import KeptRows, checked, file_of, words_of
 from uuv.sim.interfaces.errors import ConfigurationError
 
-_TAIL = 300  # characters of the output of a command that failed
+_TAIL = 300  # number of characters kept of the output of a command that failed
 
 
 def check(
@@ -24,20 +24,22 @@ def check(
     data: Path | None = None,
     workers: int = 0,
 ) -> KeptRows:
-    """Kept rows with a check of today.
+    """Kept rows with a check made now.
 
     Args:
         experiment: The experiment.
-        reference: Its rows.
+        reference: Kept rows of the experiment.
         data: Folder of measured data, for an experiment that needs it.
         workers: Number of processes, as for every experiment.
 
     Raises:
-        ConfigurationError: It has no quick subset, or its command failed.
+        ConfigurationError: The experiment has no quick subset, or its command failed.
     """
     options = dict(experiment.quick)
     if not options:
-        raise ConfigurationError(f"experiment {experiment.name}: declares no quick subset")
+        raise ConfigurationError(
+            f"experiment {experiment.name}: must declare a quick subset (`quick`) to be checked"
+        )
     if data is not None and experiment.needs_data:
         options["data"] = data
 
@@ -48,7 +50,7 @@ def check(
         run = subprocess.run(
             [*command, "--out", str(folder)], capture_output=True, text=True, check=False
         )
-        # 1: done, and outside its bounds, which the quick subset need not keep
+        # exit code 1: done, but out of bounds, which the quick subset need not keep
         if run.returncode not in (0, 1) or not folder.is_dir():
             text = " ".join((run.stderr or run.stdout).split())[-_TAIL:]
             raise ConfigurationError(
@@ -63,12 +65,12 @@ def check(
 def deviations(
     experiment: Experiment[Any, Any], reference: KeptRows, rows: list[Row]
 ) -> Iterator[str]:
-    """What differs between rows and those that are kept of the same cases, a line for each value.
+    """Differences between rows and the kept rows of the same cases, with a line for each value.
 
     Args:
         experiment: The experiment.
-        reference: Its kept rows.
-        rows: Rows of some of its cases.
+        reference: Kept rows of the experiment.
+        rows: New rows of some of its cases.
     """
     lacking = [name for name in experiment.columns if name not in reference.columns]
     if lacking:

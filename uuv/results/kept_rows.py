@@ -1,7 +1,7 @@
-"""Kept rows: those of a whole experiment, in a small file, and what they depend on.
+"""Kept rows: the rows of a whole experiment in a small file, with the code that they depend on.
 
-docs/results/rows/NAME.json holds the rows by column, the command, commit and date, and the last
-check: when, what deviated, and digests of the code that the rows depended on.
+docs/results/rows/NAME.json contains the rows by column, the command, commit and date, and the last
+check: its date, the deviations, and digests of the code that the rows depended on.
 """
 
 import json
@@ -25,15 +25,15 @@ from uuv.sim.runs.provenance import commit
 from uuv.sim.runs.saving import write_whole
 
 ROWS = CHECKOUT / "docs" / "results" / "rows"
-# Code that carries out runs and shows rows, but makes no value of them.
+# Code that carries out runs and shows rows, but does not affect their values.
 HARNESS = ("uuv/experiment/", "uuv/results/", "uuv/cli/", "sim/runs/", "sim/reporting/")
-_DIGITS = 8  # of a digest: enough to see a change
-_NAMED = 3  # changed files that a status names
+_DIGITS = 8  # number of characters of a digest, enough to detect a change
+_NAMED = 3  # number of changed files that a status names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """Last comparison of the rows with those that the code gives."""
+    """Last comparison of the rows with those of the present code."""
 
     date: str
     commit: str
@@ -42,7 +42,7 @@ class Check:
     code: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def changed_files(self) -> list[str]:
-        """Files of the code that are not as they were."""
+        """Files of the code that have changed since the check."""
         files = {f"{folder}/{name}": d for folder, f in self.code.items() for name, d in f.items()}
         present = digests(files)
         return [file for file, digest in files.items() if present[file][:_DIGITS] != digest]
@@ -50,7 +50,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeptRows:
-    """Rows of an experiment, how they were made, and the last check of them."""
+    """Rows of an experiment, their origin, and their last check."""
 
     experiment: str
     command: str
@@ -76,7 +76,7 @@ class KeptRows:
 
     @property
     def status(self) -> str:
-        """What the rows are worth with the code as it is."""
+        """Validity of the rows for the present code."""
         if self.check.deviations:
             more = (
                 f" and {len(self.check.deviations) - 1} more" if self.check.deviations[1:] else ""
@@ -89,12 +89,12 @@ class KeptRows:
         return f"verified {self.check.date}, commit {self.check.commit}"
 
     def write(self, folder: Path) -> None:
-        """Writes the file, a line for each column.
+        """Write the file, with a line for each column.
 
         Raises:
-            ConfigurationError: It cannot be written.
+            ConfigurationError: The file cannot be written.
         """
-        # a line for each entry, so that a change shows where it is
+        # one line for each entry, so that a change is visible in a diff
         about = {name: getattr(self, name) for name in ("experiment", "command", "commit", "date")}
         lines = [f" {json.dumps(name)}: {json.dumps(value)}," for name, value in about.items()]
         check = {entry.name: getattr(self.check, entry.name) for entry in fields(self.check)}
@@ -108,7 +108,7 @@ def kept_rows(name: str, folder: Path = ROWS) -> KeptRows | None:
     """Kept rows of an experiment; None if there are none.
 
     Raises:
-        ConfigurationError: The file cannot be read, or holds something else.
+        ConfigurationError: The file cannot be read, or has other content.
     """
     file = folder / f"{name}.json"
     if not file.is_file():
@@ -117,24 +117,28 @@ def kept_rows(name: str, folder: Path = ROWS) -> KeptRows | None:
     record = TableReader(str(file)).made(KeptRows, json_of(file, "kept rows"))
     lengths = {len(column) for column in record.columns.values()}
     if len(lengths) != 1:
-        raise ConfigurationError(f"{file}: columns of {', '.join(map(str, sorted(lengths)))} rows")
+        raise ConfigurationError(
+            f"{file}: all columns must have the same number of rows, got "
+            f"{', '.join(map(str, sorted(lengths)))}"
+        )
     return record
 
 
 def keep(experiment: Experiment[Any, Any], run: Path) -> KeptRows:
-    """Rows of a finished run of the experiment, to be kept.
+    """Kept rows made from a finished run of the experiment.
 
     Args:
         experiment: The experiment.
         run: Folder of the run.
 
     Raises:
-        ConfigurationError: It has no rows, those of another version, or of other code than there
-            is.
+        ConfigurationError: The folder has no rows, or rows of another version or other code.
     """
     rows = [without_log(row) for row in read_rows(run)]
     if not rows or not (run / METRICS).is_file():
-        raise ConfigurationError(f"--keep {run}: holds no finished run of an experiment")
+        raise ConfigurationError(
+            f"--keep {run}: must be the folder of a finished run of an experiment"
+        )
     for row in rows:
         check_names(experiment.columns, row, f"--keep {run}")
 
@@ -142,7 +146,8 @@ def keep(experiment: Experiment[Any, Any], run: Path) -> KeptRows:
     check = replace(checked(about.code), date=_date_of(run / METRICS))
     if changed := check.changed_files():
         raise ConfigurationError(
-            f"--keep {run}: its rows are of other code (changed: {', '.join(changed[:_NAMED])})"
+            f"--keep {run}: the rows must be made by the present code (changed: "
+            f"{', '.join(changed[:_NAMED])})"
         )
 
     options = experiment.options_with(_known(about.settings, experiment.options))
@@ -157,11 +162,11 @@ def keep(experiment: Experiment[Any, Any], run: Path) -> KeptRows:
 
 
 def checked(code: Mapping[str, str], deviations: Sequence[str] = ()) -> Check:
-    """A check of today.
+    """A check made now.
 
     Args:
-        code: Digests of the files that the rows depended on, as in study.json.
-        deviations: What was not as in the kept rows.
+        code: Digests of the files that the rows depended on, in the form of study.json.
+        deviations: Differences from the kept rows.
     """
     folders: dict[str, dict[str, str]] = {}
     for file, digest in sorted(code.items()):
@@ -180,14 +185,14 @@ def checked(code: Mapping[str, str], deviations: Sequence[str] = ()) -> Check:
 
 
 def command_of(experiment: Experiment[Any, Any], options: ExperimentOptions) -> str:
-    """Command line with all options of the cases that are not the default."""
+    """Command line with all options of the cases that differ from their defaults."""
     return " ".join(
         [f"./uvw run {file_of(experiment).relative_to(CHECKOUT).as_posix()}", *_quoted(options)]
     )
 
 
 def words_of(options: ExperimentOptions) -> list[str]:
-    """Words of the command line for all options of the cases that are not the default."""
+    """Words of the command line for all options of the cases that differ from their defaults."""
     harness = {entry.name for entry in fields(ExperimentOptions)}
     words: list[str] = []
     for entry in fields(options):
@@ -205,7 +210,7 @@ def words_of(options: ExperimentOptions) -> list[str]:
 
 
 def file_of(experiment: Experiment[Any, Any]) -> Path:
-    """File of an experiment of the checkout."""
+    """File of an experiment in the checkout."""
     return EXPERIMENTS.parent.joinpath(*experiment.__module__.split(".")).with_suffix(".py")
 
 
@@ -228,7 +233,7 @@ def _known(settings: Mapping[str, Any], kind: type[ExperimentOptions]) -> dict[s
 def _in_order(
     experiment: Experiment[Any, Any], options: ExperimentOptions, rows: Sequence[Row]
 ) -> list[Row]:
-    """Rows in the order of the cases: they came in the order in which the runs ended."""
+    """Rows in the order of the cases; they are stored in the order in which the runs ended."""
     places = {
         experiment.case_key(case): i for i, case in enumerate(experiment.study(options).cases)
     }
@@ -251,6 +256,6 @@ def _date_of(file: Path) -> str:
 
 
 def _table(table: Mapping[str, Any]) -> str:
-    """A table as JSON, a line for each of its entries."""
+    """A table as JSON, with a line for each of its entries."""
     lines = (f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in table.items())
     return "{\n" + ",\n".join(lines) + "\n }"

@@ -1,4 +1,4 @@
-"""Pages of results: a table an experiment in docs/results.md, and a page with the rest."""
+"""Pages of results: one table for each experiment in docs/results.md, and a page with the rest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,8 @@ DOCS = CHECKOUT / "docs"
 OVERVIEW = "results.md"
 PAGES = "results"  # folder
 MOST_LINES = 500  # of the overview
-MOST_ROWS = 15  # of a table of the overview; a longer one stands on the experiment's page alone
+# largest number of lines of a table in the overview; a longer one is only on the experiment's page
+MOST_ROWS = 15
 STATUS = "Status: "  # begins the line about the last check
 _DECLARES = "@experiment("
 _HEAD = """\
@@ -48,7 +49,7 @@ class ResultsOfOne:
 
     experiment: Experiment[Any, Any]
     kept: KeptRows | None
-    has_data: bool = False  # the folder of measured data that it needs is there
+    has_data: bool = False  # True if the folder of measured data that it needs exists
 
     @property
     def subject(self) -> str:
@@ -57,7 +58,7 @@ class ResultsOfOne:
 
     @property
     def status(self) -> str:
-        """What its table is worth."""
+        """Validity of the table."""
         if self.kept is None:
             return "*no rows kept*"
         no_data = self.experiment.needs_data and not self.has_data
@@ -76,11 +77,11 @@ def all_experiments() -> list[Experiment[Any, Any]]:
     """Experiments of the checkout, by subject and file.
 
     Raises:
-        ConfigurationError: There is no checkout, or two have one name.
+        ConfigurationError: There is no checkout, or two experiments have the same name.
     """
     if not EXPERIMENTS.is_dir():
         raise ConfigurationError(
-            "results: the experiments are in a checkout of the project alone, in scripts/"
+            "results: needs a checkout of the project, which contains the experiments in scripts/"
         )
 
     experiments: dict[str, Experiment[Any, Any]] = {}
@@ -92,13 +93,15 @@ def all_experiments() -> list[Experiment[Any, Any]]:
         for experiment in experiments_in(import_module(module)):
             if experiment.name in experiments:
                 other = experiments[experiment.name].__module__
-                raise ConfigurationError(f"{experiment.name}: of {other} and of {module}")
+                raise ConfigurationError(
+                    f"{experiment.name}: names of experiments must differ, got {other} and {module}"
+                )
             experiments[experiment.name] = experiment
     return list(experiments.values())
 
 
 def results(experiments: Sequence[Experiment[Any, Any]], *, data: bool) -> list[ResultsOfOne]:
-    """Experiments with their kept rows; `data` says whether there is a folder of measured data."""
+    """Experiments with their kept rows; `data` says whether a folder of measured data exists."""
     return [
         ResultsOfOne(experiment=entry, kept=kept_rows(entry.name), has_data=data)
         for entry in experiments
@@ -109,7 +112,7 @@ def pages(entries: Sequence[ResultsOfOne]) -> dict[Path, str]:
     """Text of each page by its file in docs/.
 
     Raises:
-        ConfigurationError: The overview would be too long, or rows are of another version.
+        ConfigurationError: The overview would be too long, or rows have another version.
     """
     texts: dict[Path, str] = {}
     overview = [_HEAD]
@@ -128,13 +131,14 @@ def pages(entries: Sequence[ResultsOfOne]) -> dict[Path, str]:
     text = "\n".join(overview)
     if (lines := text.count("\n")) > MOST_LINES:
         raise ConfigurationError(
-            f"{OVERVIEW}: {lines} lines, at most {MOST_LINES}; shorten first tables of its pages"
+            f"{OVERVIEW}: must have at most {MOST_LINES} lines, got {lines}; shorten the first "
+            "tables of experiments"
         )
     return {Path(OVERVIEW): text} | texts
 
 
 def _section(entry: ResultsOfOne, summary: Summary) -> Iterator[str]:
-    """An experiment in the overview: title, first table, and where the rest is."""
+    """An experiment in the overview: title, first table, and links to the rest."""
     experiment = entry.experiment
 
     yield f"### {experiment.title}\n"
@@ -142,13 +146,13 @@ def _section(entry: ResultsOfOne, summary: Summary) -> Iterator[str]:
         yield f"{_markdown(summary.tables[0])}\n"
     else:
         yield "".join(f"{line}\n" for line in summary.lines[:1])
-    # where the rest is, and what the table is worth
+    # links to the rest, and the validity of the table
     yield f"[All of it]({PAGES}/{experiment.name}.md). {_origin(entry)}\n"
     yield f"{STATUS}{entry.status}\n"
 
 
 def _without_rows(entries: Sequence[ResultsOfOne]) -> Iterator[str]:
-    """Experiments of which nothing is kept: a line each, with title and command."""
+    """Experiments without kept rows, with a line each for title and command."""
     if entries:
         yield f"{STATUS}{entries[0].status}, of:\n"
         yield from (f"- {entry.experiment.title}: `{entry.command}`" for entry in entries)
@@ -181,7 +185,7 @@ def _origin(entry: ResultsOfOne) -> str:
 
 
 def _markdown(table: Table) -> str:
-    """A table as markdown, its caption below."""
+    """A table as markdown, with its caption below."""
     cells = Table(
         title=table.title,
         columns=[_escaped(cell) for cell in table.columns],
@@ -196,7 +200,7 @@ def _escaped(cell: str) -> str:
 
 
 def write_page(path: Path, text: str) -> None:
-    """Writes a page below docs/.
+    """Write a page below docs/.
 
     Raises:
         ConfigurationError: The file cannot be written.
@@ -206,12 +210,12 @@ def write_page(path: Path, text: str) -> None:
 
 
 def without_status(text: str) -> str:
-    """A page without what depends on the code as it is now."""
+    """A page without the parts that depend on the present code."""
     return "\n".join(line for line in text.splitlines() if not line.startswith(STATUS))
 
 
 def stale(texts: Mapping[Path, str], docs: Path = DOCS) -> list[str]:
-    """Pages that differ from the files in docs/, but for their status."""
+    """Pages that differ from the files in docs/ in more than their status."""
     return [
         path.as_posix()
         for path, text in texts.items()

@@ -1,1 +1,3 @@
-"""Simulated sensors that no room has alone: camera on the arm, coarse detection before a look."""
+"""Simulated sensors that combine several rooms: camera on the arm, and coarse detection before a
+look.
+"""

@@ -1,5 +1,5 @@
-"""Camera on the arm: how a scenario asks for it, its simulated sensor, and the mount that
-navigation believes in.
+"""Camera on the arm: its keys in a scenario, its simulated sensor, and the mount in the model of
+navigation.
 """
 
 from dataclasses import dataclass
@@ -22,14 +22,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmCameraSetup(ViewConditions):
-    """A stereo camera on the arm's last link, beside the tool, and what it sees."""
+    """A stereo camera on the arm's last link next to the tool, and its view conditions."""
 
-    # render and align every picture (slow); False: the error model fitted to such pictures
+    # True: render and align every image (slow). False: the error model fitted to such images
     rendered: bool = False
 
 
 def arm_camera(setup: ArmCameraSetup, model: "mujoco.MjModel") -> Sensor:
-    """The simulated sensor; it tracks the object of the site, which may move, or else the world."""
+    """The simulated sensor, which tracks the site's object, which may move, or without one the
+    world.
+    """
     import mujoco
 
     surface = (
@@ -47,9 +49,7 @@ def arm_camera(setup: ArmCameraSetup, model: "mujoco.MjModel") -> Sensor:
 
 
 def believed_mount(believed: "OwnVehicle", X_GC: Array | None = None) -> "TrackMount":
-    """Where the vehicle believes a camera at `X_GC` (4, 4) in tool axes to be; None: the tip of its
-    tool.
-    """
+    """Believed mount of a camera at `X_GC` (4, 4) in tool axes; None: the tip of the tool."""
     from uuv.models.arms import dh_geometry
     from uuv.perception.navigation.surface_track import TrackMount
 

@@ -1,4 +1,4 @@
-"""Coarse detection: what is known of an object's pose before a look, drawn around the truth."""
+"""Coarse detection: pose of an object that is known before a look, drawn around the true pose."""
 
 import numpy as np
 
@@ -9,7 +9,8 @@ def coarse_detection(X_WT: Array, rng: np.random.Generator) -> tuple[Array, Arra
     """Coarse pose of an object at `X_WT` (4, 4), with a random error.
 
     Returns:
-        Position (3,) [m], 10 to 30 cm off; rotation (3, 3), up to 30 deg off.
+        Position (3,) [m] with an error of 10 to 30 cm, and rotation (3, 3) with an error of up to
+        30 deg.
     """
     way, axis = rng.standard_normal((2, 3))
     approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)

@@ -1,9 +1,9 @@
-"""Camera on the arm with every picture rendered and aligned: the reference for the error model of
-`ArmCamera`.
+"""Camera on the arm with every image rendered and aligned, which is the reference for the error
+model of `ArmCamera`.
 
-The covariance is the tracker's own. Over rendered pairs it is right on average: the squared error
-over it is 0.92 a direction, in 216 pairs that were observed in all directions. Silt, texture and
-key pictures follow the same rules as in the modelled sensor.
+The covariance is computed by the tracker. On average over rendered pairs it is correct: the ratio
+of squared error to covariance is 0.92 per direction, in 216 pairs that were observed in all
+directions. Silt, texture and key images follow the same rules as in the modelled sensor.
 """
 
 from dataclasses import dataclass, field
@@ -33,12 +33,12 @@ from uuv.sim.sensors.arm_camera import (
 from uuv.sim.sensors.textured_view import SmallStereo, Texture, Turbidity, expose
 from uuv.sim.sensors.visible_world import Rays, VisibleWorld
 
-RIM = 2  # [px] around the tool that are left out too
+RIM = 2  # [px] margin around the tool that is left out, too
 PREDICTED = 2e-3  # [m] standard deviation of the motion predicted by navigation, per axis
 
 
 def hidden_by(tool: Array) -> np.ndarray:
-    """Mask (h, w) of what a tool at the depth `tool` (h, w) hides, with a rim."""
+    """Mask (h, w) of the pixels that a tool at the depth `tool` (h, w) hides, with a margin."""
     mask = np.isfinite(tool)
     for _ in range(RIM):
         grown = mask.copy()
@@ -51,7 +51,7 @@ def hidden_by(tool: Array) -> np.ndarray:
 
 
 def picture_noise(camera: SmallStereo, attenuation: float, range_m: float) -> PictureNoise:
-    """What a tracker knows of the camera's errors at this range."""
+    """The tracker's noise model of the camera at this range."""
     stereo = camera.stereo
     sigma = np.hypot(
         stereo.disparity_sigma * np.exp(attenuation * range_m),
@@ -73,13 +73,13 @@ class RenderedState:
     key_time: float = -np.inf  # [s]
     # true pose of the key camera in the object
     X_OK: Array = field(default_factory=lambda: np.eye(4))
-    lost: int = 0  # pictures in a row
-    cloud: float = 0.0  # share of the view hidden now
+    lost: int = 0  # number of consecutive lost images
+    cloud: float = 0.0  # share of the view that is hidden now
     cloud_until: float = -np.inf  # [s]
 
 
 class RenderedArmCamera:
-    """Stereo camera on the arm's last link (`Sensor`), by rendered pictures."""
+    """Stereo camera on the arm's last link (`Sensor`) that renders its images."""
 
     def __init__(
         self, model: mujoco.MjModel, tip: str, surface: str, *, conditions: ViewConditions
@@ -91,7 +91,7 @@ class RenderedArmCamera:
         self._conditions = conditions
         self._camera = self._modelled.camera
 
-        # What it sees: the textured world, less its own link.
+        # Visible surfaces: the textured world without the camera's own link.
         self._texture = Texture.of(0, conditions.texture)
         self._rays = Rays.of(self._camera.rays(), self._camera.near)
         self._world = VisibleWorld(model)
@@ -109,13 +109,13 @@ class RenderedArmCamera:
     def step(
         self, state: RenderedState, truth: Any
     ) -> tuple[RenderedState, SurfaceMotionMeasurement | None]:
-        """One picture; None while no surface is in range, or the picture is lost."""
+        """One image; None if no surface is in range, or if the image is lost."""
         X_WC, X_OC = self.camera_pose(truth)
         time = float(truth.time)
         camera = self._camera
         rng = state.rng
 
-        # What the rays meet: the surface has to fill enough of the view.
+        # Depth of the surfaces in view, which must fill enough of the view.
         water = Turbidity(
             attenuation=self._conditions.attenuation,
             cloud=silt(state, self._conditions, time, self.period),
@@ -128,7 +128,7 @@ class RenderedArmCamera:
             state.key = None
             return state, None
 
-        # The picture through the water; without a key one it becomes it.
+        # The image through the water; without a key image it becomes the key.
         range_m = float(np.median(depth[measured]))
         picture = expose(
             camera, (depth.astype(np.float64), cosine), X_OC, self._texture, water, rng
@@ -139,7 +139,7 @@ class RenderedArmCamera:
             _take_key(state, current, time, X_OC)
             return state, _message(truth, time, np.eye(4), np.zeros((3, 3)))
 
-        # Alignment to the key picture, from a guess as good as the vehicle's own.
+        # Alignment to the key image, from an initial guess with the error of navigation.
         X_KC = inverse(state.X_OK) @ X_OC
         guess = X_KC @ pose(exp_so3(ROTATION * rng.standard_normal(3)))
         guess[:3, 3] += PREDICTED * rng.standard_normal(3)
@@ -150,7 +150,7 @@ class RenderedArmCamera:
                 state.key = None
             return state, None
 
-        # Motion since the key picture, which is replaced before it leaves the view.
+        # Motion since the key image, which is replaced before it leaves the view.
         state.lost = 0
         read = pose(guess[:3, :3], alignment.p_KC)
         message = _message(truth, state.key_time, read, alignment.information_K)
@@ -160,7 +160,7 @@ class RenderedArmCamera:
 
 
 def _take_key(state: RenderedState, picture: PreparedPicture, time: float, X_OC: Array) -> None:
-    """Make a picture from pose X_OC the one that later ones are aligned to."""
+    """Make an image from the pose X_OC the key image, which later images are aligned to."""
     state.key = picture
     state.key_time = time
     state.X_OK = X_OC

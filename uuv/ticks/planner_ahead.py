@@ -7,31 +7,32 @@ from uuv.sim.interfaces.messages import Reference
 from uuv.sim.loop.rollout import Rollout
 from uuv.sim.plant.plant import Plant
 
-# calls of `look` that are answered without asking, after a table of which no row was taken
+# number of calls of `look` that return no rows, after a table of which no row was taken
 _REST = 8
 
 
 class PlannerAhead:
-    """Asks the planner of a run for its next periods, and brings its state up to those taken."""
+    """Gets the next periods from the planner of a run, and advances its state to the rows taken."""
 
     def __init__(self, run: Rollout, plant: Plant) -> None:
-        """Take the run, and its plant, not wrapped."""
+        """Take the run, and its plant without wrappers."""
         self._run = run
         self._step = float(plant.model.opt.timestep)
         self._substeps = round(plant.timestep / self._step)
         self._foresight: Foresight | None = None
-        self._rest = 0  # calls of `look` for which nothing is asked
+        self._rest = 0  # remaining number of calls of `look` that return no rows
         planner = run.parts.planner
         self._planner = planner if foresees(planner) else None
         self.table = ReferenceTable(len(plant.truth.q))
 
     def look(self, tick: int, first: int, end: int) -> int:
-        """Fill the table for the planner's ticks from `first` on, before `end`; number of rows.
+        """Fill the table for the planner's ticks from `first` on, before `end`; return the number
+        of rows.
 
         Args:
-            tick: present one, of the estimate or the one after it.
-            first: first one of the planner that is not planned yet.
-            end: one after the last one that may be run.
+            tick: Present tick, of the estimate or the one after it.
+            first: First tick of the planner that is not planned yet.
+            end: Number after the last tick that may be run.
         """
         run = self._run
         if self._planner is None:
@@ -49,7 +50,9 @@ class PlannerAhead:
         return len(self._foresight.times)
 
     def _times(self, ticks: int, periods: int) -> Sequence[float]:
-        """Times [s] of estimates: in so many ticks, then so often; added up as MuJoCo does."""
+        """Times [s] of estimates: in `ticks` ticks, and then in each of the `periods`; summed as in
+        MuJoCo.
+        """
         time = self._run.estimate.time
         times: list[float] = []
 
@@ -61,7 +64,7 @@ class PlannerAhead:
         return times
 
     def close(self) -> Sequence[Reference]:
-        """Bring the planner up to the rows that were taken; their set points."""
+        """Advance the planner to the rows that were taken, and return its set points."""
         foresight = self._foresight
         if foresight is None or self._planner is None:
             return ()

@@ -1,4 +1,4 @@
-"""Sensors of every tick in plain Python, which compiled ticks call as one slot."""
+"""Sensors in plain Python that measure at every tick; compiled ticks call them as one slot."""
 
 import math
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ MEASURED = {"encoders": EncoderMeasurement, "torques": TorqueMeasurement, "imu":
 
 
 class PythonSensors:
-    """Steps sensors of a run, and delivers what they measure to navigation."""
+    """Steps sensors of a run, and passes their measurements to navigation."""
 
     def __init__(
         self, run: Rollout, plant: Plant, navigation: Any, numbers: Mapping[str, int]
@@ -27,10 +27,10 @@ class PythonSensors:
         """Take the sensors.
 
         Args:
-            run: its states change as if its own step had run.
-            plant: of the run, not wrapped.
-            navigation: records of the estimator.
-            numbers: of the sensors among those of the run, by their channels of MEASURED.
+            run: Run whose states change as if its own step had run.
+            plant: Plant of the run, without wrappers.
+            navigation: Records of the estimator.
+            numbers: Indices of the sensors among those of the run, by their channels in MEASURED.
         """
         self._run = run
         self._plant = plant
@@ -39,7 +39,7 @@ class PythonSensors:
         self.names = tuple(type(run.parts.sensors[i]).__name__ for i in numbers.values())
 
     def slot(self, slots: PythonSlots) -> int:
-        """Address of the slot that calls them; 0 without one."""
+        """Address of the slot that calls the sensors; 0 if there are none."""
         return slots.add(self._sense) if self._numbers else 0
 
     def _sense(self) -> None:
@@ -47,7 +47,7 @@ class PythonSensors:
         sample = self._navigation.sample
         self._plant.publish()
 
-        # Newest time stamp: that of the compiled ones, if there are any.
+        # Newest time stamp: that of the compiled sensors, if there are any.
         newest = -math.inf if len(self._numbers) == len(MEASURED) else float(sample.time[0])
         if "imu" in self._numbers:
             sample.time[0] = -math.inf
@@ -59,15 +59,15 @@ class PythonSensors:
                 self._deliver(channel, measurement)
                 newest = max(newest, measurement.time)
 
-        # The estimator's clock, as its own step sets it.
+        # The estimator's clock, set as by the estimator's own step.
         clock = self._navigation.memory["clock"]
         clock[0] = max(clock[0], newest)
 
     def _deliver(self, channel: str, measurement: Measurement) -> None:
-        """Write a measurement where the compiled sensor of its channel would.
+        """Write a measurement into the memory of the compiled sensor of its channel.
 
         Raises:
-            ConfigurationError: it is not of its channel.
+            ConfigurationError: The message type does not fit the channel.
         """
         m = measurement
         joints = self._navigation.joints
@@ -75,7 +75,7 @@ class PythonSensors:
 
         if not isinstance(m, MEASURED[channel]):
             raise ConfigurationError(
-                f"sensor of channel {channel!r}: must send {MEASURED[channel].__name__}, sent "
+                f"sensor of channel {channel!r}: must send {MEASURED[channel].__name__}, got "
                 f"{type(m).__name__}"
             )
 

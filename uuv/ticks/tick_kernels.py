@@ -23,15 +23,15 @@ from uuv.sim.sensors.proprioception import encode, sense_motion, transmit
 NEW = int(Stage.NEW)
 PLANNED = int(Stage.PLANNED)
 COMMANDED = int(Stage.COMMANDED)
-# Called by other kernels only: entries from Python would take a third of the time of compiling
+# Called by other kernels only. Entries from Python would take a third of the compilation time of
 # `run_ticks`.
 _WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 class Sensed(NamedTuple):
-    """Memories of the sensors, and the truth that they read; views."""
+    """Memories of the sensors, and the truth that they measure, as views."""
 
-    encoders: Array  # (1,) of their kind, likewise below
+    encoders: Array  # (1,) records of their kind, as below
     torques: Array
     imu: Array
     R_WB: Array  # (3, 3)
@@ -55,19 +55,21 @@ class World(NamedTuple):
     sample: ImuRecord
     joints: JointRecord
     estimate: EstimateRecord
-    sound: EstimateRecord  # that of the last tick completed
-    control: np.ndarray  # (3,) addresses: of the controller's tick, its memory, the estimate's box
+    sound: EstimateRecord  # command of the last completed tick
+    # (3,) addresses of the controller's tick, of its memory, and of the estimate's box
+    control: np.ndarray
     command: Commanded
-    reference: ReferenceRecord  # that the controller follows
-    table: TableRecord  # of the next ones
+    reference: ReferenceRecord  # set points that the controller follows
+    table: TableRecord  # set points of the next periods
     rows: RecorderRecord
-    sampled: np.ndarray  # (3,) bool: sensors of `Sensed` that are compiled
-    sensors: int  # address of the slot of the others; 0: there are none
+    sampled: np.ndarray  # (3,) bool: which sensors of `Sensed` are compiled
+    sensors: int  # address of the slot of the other sensors; 0: there are none
     referred: np.ndarray  # (1,) index of the present reference in the recording
-    every: int  # ticks in a period of the controller
-    plans: int  # ticks in one of the planner
-    observers: int  # address of the slot of observers that see every tick; 0: there are none
-    present: np.ndarray  # (1,) number of the present tick, for them
+    every: int  # number of ticks in a period of the controller
+    plans: int  # number of ticks in a period of the planner
+    # address of the slot of observers that are called at every tick; 0: there are none
+    observers: int
+    present: np.ndarray  # (1,) number of the present tick, for these observers
 
 
 @kernel
@@ -78,19 +80,20 @@ def box_of(world):
 
 @kernel(nogil=True)
 def run_ticks(box, first, ticks, begun, onward):
-    """Run ticks, from any `Stage` of the first one to any stage of the tick after the last one.
+    """Run ticks, from any `Stage` of the first tick to any stage of the tick after the last.
 
     Args:
         box: `RecordBox` of a `World`.
-        first: number of the first one in the run.
-        ticks: number of ticks to be completed.
-        begun: stage that the first one has reached; PLANNED: its estimate is made, and the planner
-            has seen it.
-        onward: stage that the tick after the last one shall reach.
+        first: Number of the first tick in the run.
+        ticks: Number of ticks to be completed.
+        begun: Stage that the first tick has reached. PLANNED: its estimate is made, and the planner
+            has made its step.
+        onward: Stage that the tick after the last is to reach.
 
     Returns:
-        Number of ticks completed; stage that the next one has reached; answer of the controller.
-        Fewer ticks than asked for, with PLANNED and FINE: the planner has to decide there.
+        Number of ticks completed, stage that the next tick has reached, and answer of the
+        controller. Fewer ticks than requested, with PLANNED and FINE, mean that the planner must
+        decide there.
     """
     world = box.record
     plant = world.plant
@@ -113,7 +116,7 @@ def run_ticks(box, first, ticks, begun, onward):
                 return done, NEW, answer
             stage = PLANNED
 
-            # Planner, as far as it foresaw its steps.
+            # Planner, as long as its foreseen set points hold.
             if (first + done) % world.plans == 0 and done < ticks:
                 if not take_row(world.table, estimate, command, world.reference):
                     return done, PLANNED, FINE
@@ -134,7 +137,7 @@ def run_ticks(box, first, ticks, begun, onward):
         if done == ticks:
             break
 
-        # Recording, observers of every tick, and plant.
+        # Recording, observers called at every tick, and plant.
         contacts = plant.readout.contacts
         time = plant.watch.time[0]
         saturated = plant.drive.saturated[0]
@@ -153,15 +156,15 @@ def run_ticks(box, first, ticks, begun, onward):
 
 @kernel(**_WITHIN)
 def perceive(s, sampled, others, memory, time, seen):
-    """Samples of the sensors into the filter, and its estimate.
+    """Sample the sensors, pass the samples to the filter, and write its estimate.
 
     Args:
         s: `Sensed`.
-        sampled: as in `World`.
-        others: address of the slot of sensors in Python.
-        memory: of the filter.
-        time: [s] now.
-        seen: `JointRecord`, `ImuRecord` and `EstimateRecord`; written.
+        sampled: As in `World`.
+        others: Address of the slot of sensors in Python.
+        memory: Memory of the filter.
+        time: [s] Present time.
+        seen: `JointRecord`, `ImuRecord` and `EstimateRecord`, which are written.
 
     Returns:
         The answer of the slot.
@@ -197,7 +200,7 @@ def perceive(s, sampled, others, memory, time, seen):
 
 @kernel(**_WITHIN)
 def record_row(rows, time, contacts, saturated, reference, command):
-    """Write one row of the recording, under the reference of this index."""
+    """Write one row of the recording, with the index of its reference."""
     scalars = (
         contacts[NORMAL],
         contacts[LEAST],
@@ -235,11 +238,11 @@ def _copy(source, target):
 
 
 def sensed_by(plant: Plant, memories: Sequence[np.ndarray]) -> Sensed:
-    """Memories of the sensors of every tick, and the truth of `plant` that they read.
+    """Memories of the sensors of every tick, and the truth of `plant` that they measure.
 
     Args:
-        plant: of the run.
-        memories: of encoders, torque sensors and IMU, (1,) each.
+        plant: Plant of the run.
+        memories: Memories of encoders, torque sensors and IMU, (1,) each.
     """
     truth = plant.truth
     return Sensed(

@@ -1,1 +1,1 @@
-"""Identification of a vehicle's water from logs: replay, manoeuvres, command and study."""
+"""Identification of a vehicle's hydrodynamics from logs: replay, manoeuvres, command and study."""

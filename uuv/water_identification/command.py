@@ -1,4 +1,6 @@
-"""Identification of a vehicle's water as a command runs it, and what is printed and written."""
+"""Identification of a vehicle's hydrodynamics as run by a command, with printed and written
+results.
+"""
 
 import datetime
 import hashlib
@@ -36,12 +38,12 @@ from uuv.water_identification.replayed_parts import ranges_of
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
 
-_USUAL = (POSITION, ATTITUDE, RATE)  # channels of a log that is planned or simulated
-_SHOWN = 4  # manoeuvres in the table of a plan
+_USUAL = (POSITION, ATTITUDE, RATE)  # channels of a planned or simulated log
+_SHOWN = 4  # number of manoeuvres in the table of a plan
 
 
 def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
-    """The vehicle as it is believed, and for replay with the priors asked for.
+    """The believed vehicle, and the vehicle for replay with the requested priors.
 
     Raises:
         UuvError: There is no such vehicle, or it has no hydrodynamics.
@@ -71,7 +73,7 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
 
 
 def run(options: WaterOptions, console: Console) -> int:
-    """Identifies or plans, prints and writes; returns the exit code.
+    """Identify or plan, print and write the results, and return the exit code.
 
     Raises:
         UuvError: Options, vehicle or logs are wrong.
@@ -102,7 +104,8 @@ def run(options: WaterOptions, console: Console) -> int:
         hashes = {"survey.csv": _sha256(folder / "survey.csv")}
 
         console.print(
-            "no --log: a vehicle drawn from the prior is simulated; the column 'true' is what it is"
+            "no --log: a vehicle drawn from the prior is simulated; the column 'true' has its "
+            "parameters"
         )
 
     # The fit, on the terminal.
@@ -120,7 +123,7 @@ def run(options: WaterOptions, console: Console) -> int:
     for line in words(identified, combined, fit, logs, replay):
         console.print(line, highlight=False, soft_wrap=True)
 
-    # Files of the fit, and the fitted vehicle.
+    # Files of the fit, including the fitted vehicle.
     date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
     written = [
         write_fit(
@@ -141,7 +144,7 @@ def run(options: WaterOptions, console: Console) -> int:
         {**_metrics(identified, fit), "provenance": provenance(COMMAND, asdict(options))},
     )
 
-    # The next manoeuvre, planned with the noise that the residuals show.
+    # The next manoeuvre, planned with the noise of the residuals.
     if options.plan:
         noise = {
             kind: settings.noise[kind]
@@ -204,7 +207,7 @@ def _simulated_survey(
 
 
 def _check(replay: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings) -> None:
-    """Refuse logs before a folder is made for them."""
+    """Refuse invalid logs before a folder is made for them."""
     WaterResiduals(replay, logs, replace(settings, every=10_000))
 
 
@@ -218,7 +221,7 @@ def _metrics(identified: Sequence[Finding], fit: WaterFit) -> dict[str, Any]:
 
 
 def table_of(identified: Sequence[Finding], exact: Mapping[str, float] | None = None) -> Table:
-    """Table of the parameters with intervals; `exact` adds what is true."""
+    """Table of the parameters with intervals; `exact` adds the true values."""
     table = Table()
     for column in (
         "parameter",
@@ -265,7 +268,7 @@ def words(
     logs: Sequence[WaterLog],
     replay: ReplayVehicle,
 ) -> list[str]:
-    """What the logs do not identify, in sentences."""
+    """Sentences about parameters that the logs do not identify."""
     lines = []
 
     for log in logs:
@@ -310,7 +313,7 @@ def _plan(
     folder: Path,
     console: Console,
 ) -> None:
-    """Names the next manoeuvre, and writes its log as expected: the commands to fly."""
+    """Name the next manoeuvre, and write its expected log, which contains the commands to fly."""
     ranked, flown = next_manoeuvres(
         replay, deviations, known, settings, channels=channels, aim=options.aim
     )
@@ -322,7 +325,7 @@ def _plan(
         highlight=False,
     )
 
-    # Parameters whose intervals shrink most.
+    # Parameters whose intervals shrink the most.
     sharpest = np.argsort(-np.where(best.aim, best.before / best.after, 0.0))[:3]
     for i in sharpest:
         parameter = replay.water.parameters[i]
@@ -361,6 +364,6 @@ def plan_table(ranked: Sequence[Planned]) -> Table:
 
 
 def _sha256(path: Path) -> str:
-    """Hash of a file, or of the tables of a run one after the other."""
+    """Hash of a file, or of the tables of a run in sequence."""
     files = sorted(path.glob("series_*")) if path.is_dir() else [path]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()

@@ -1,9 +1,9 @@
-"""Residuals of logs against their replay in windows, each with its own start and current.
+"""Residuals between logs and their replay in windows, each with its own initial state and current.
 
-A window begins as the log has it, within what its noise allows, in a current that is the log's
-within the gusts. Both are numbers of the window that the fit finds and discards. So neither a gap
-nor a drift that has added up counts, and what a window tells of the water is what its own few
-seconds show.
+The initial state of a window is that of the log, up to its noise. Its current is that of the log,
+up to the gusts. Both are parameters of the window, which the fit estimates and discards. A gap or
+an accumulated drift therefore has no effect, and the information of a window comes only from its
+own few seconds.
 """
 
 import queue
@@ -23,34 +23,36 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 
-# prior standard deviations, of the differences: small, for what only a sum tells is their small sum
+# prior standard deviations of the differences; small, so that differences stay small where only a
+# sum is observed
 STEP = 1e-4
-NODES = 3  # of a window's current: at its begin, middle and end, straight between
-STATE = 12  # numbers of a window's start: position, attitude, velocity, rate; (3,) each
-OWN = STATE + 3 * NODES  # numbers of a window
-_SMOOTHED = 0.3  # [s] before and after the start of a window, from which its first guess is taken
-_STILL = 3.0  # standard deviations within which a hull counts as at rest
+NODES = 3  # nodes of a window's current: at its begin, middle and end, with linear interpolation
+# number of parameters of a window's start: position, attitude, velocity, rate; (3,) each
+STATE = 12
+OWN = STATE + 3 * NODES  # number of parameters of a window
+_SMOOTHED = 0.3  # [s] before and after the start of a window, for its first guess
+_STILL = 3.0  # number of standard deviations within which a hull counts as at rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Samples:
     """Samples of one channel in all windows."""
 
-    row: np.ndarray  # (k,) row of the replay before each
-    share: Array  # (k,) of the step from there
+    row: np.ndarray  # (k,) row of the replay before each sample
+    share: Array  # (k,) share of the step from that row to the sample
     measured: Array  # (k, d)
     sigma: Array  # (k,)
     window: np.ndarray  # (k,)
 
 
 class LogReplay:
-    """One log, cut into windows, with what moves the vehicle and what was measured."""
+    """One log, cut into windows, with the inputs of the vehicle and the measurements."""
 
     def __init__(self, replay: ReplayVehicle, log: WaterLog, settings: FitSettings) -> None:
         """Cut the log.
 
         Raises:
-            ConfigurationError: No part of it is long enough for a window.
+            ConfigurationError: No part of the log is long enough for a window.
         """
         self.log, self.settings, self._dt = log, settings, replay.timestep
         cut = _windows(log, settings.window)
@@ -58,7 +60,7 @@ class LogReplay:
         self.windows = measured[:: settings.every]
         if not self.windows:
             raise ConfigurationError(
-                f"{log.name}: nothing was measured within its {len(cut)} windows"
+                f"{log.name}: has no measurement within its {len(cut)} windows"
             )
 
         if curveless := [
@@ -67,11 +69,11 @@ class LogReplay:
             if name in log.commands and not has
         ]:
             raise ConfigurationError(
-                f"{log.name}: thruster {curveless[0]} has no curve in the vehicle; give "
+                f"{log.name}: thruster {curveless[0]} has no thrust curve in the vehicle; give "
                 f"thrust.{curveless[0]} [N] in place of thruster.{curveless[0]}"
             )
 
-        # Rows of the replay: those of each window, one after another.
+        # Rows of the replay, window by window.
         begin = np.array([a for a, _ in self.windows])
         steps = np.array([max(1, int((b - a) / self._dt)) for a, b in self.windows], dtype=np.int64)
         self.first = np.concatenate([[0], np.cumsum(steps + 1)[:-1]]).astype(np.int64)
@@ -79,7 +81,7 @@ class LogReplay:
         self.time = np.concatenate(
             [a + self._dt * np.arange(n + 1) for a, n in zip(begin, steps, strict=True)]
         )
-        # Of each row: share (R, NODES) of the nodes of its window's current.
+        # For each row: share (R, NODES) of the nodes of its window's current.
         through = np.concatenate([np.linspace(0.0, NODES - 1.0, n + 1) for n in steps])
         self._nodes = np.maximum(0.0, 1.0 - np.abs(through[:, None] - np.arange(NODES)))
         self._of_row = np.repeat(np.arange(len(begin)), steps + 1)
@@ -87,7 +89,7 @@ class LogReplay:
         self.script = self._script(replay)
         self.starts = np.array([_start(log, a) for a in begin])
 
-        # Steps by which starts and currents deviate, x, y and z each.
+        # Steps for differences of starts and currents, for x, y and z each.
         channels = log.channels
         self.spread = np.repeat(
             [
@@ -100,7 +102,7 @@ class LogReplay:
             3,
         )
 
-        # Residuals by channel, then ordered by window.
+        # Residuals by channel, then sorted by window.
         sampled = {kind: self._sampled(kind) for kind in log.channels}
         self._samples = {kind: samples for kind, samples in sampled.items() if len(samples.row)}
         self.kinds = kinds = tuple(self._samples)
@@ -115,7 +117,7 @@ class LogReplay:
         # index into `kinds` of each residual
         widths = [len(of_channel) for of_channel in windows]
         self.kind = np.repeat(np.arange(len(kinds)), widths)[self.order]
-        self.weight = np.ones(len(kinds))  # of each channel's residuals
+        self.weight = np.ones(len(kinds))  # number of residuals of each channel
 
         steps_of = [float(np.median(np.diff(log.channels[kind].time))) for kind in kinds]
         # samples, by kind
@@ -124,7 +126,7 @@ class LogReplay:
         self.nuisances = self._nuisances()
 
     def _nuisances(self) -> tuple[NamedParameter, ...]:
-        """Numbers of this log that are fitted beside those of the vehicle."""
+        """Parameters of this log that are fitted in addition to those of the vehicle."""
         settings, name = self.settings, self.log.name
         unknowns = [(f"current {axis}", "m/s", settings.current) for axis in "xyz"]
         if ATTITUDE in self.log.channels:
@@ -160,7 +162,7 @@ class LogReplay:
             elif not replay.has_curve[i]:
                 thrust[:, i] = 0.0
 
-        # Angles by local quadratics; a passive or unlogged joint stays at home.
+        # Angles by local quadratic fits; a passive or unlogged joint stays at its home position.
         n = len(replay.joints)
         q, qd, qdd = (
             np.zeros((len(self.begin), n)),
@@ -182,14 +184,14 @@ class LogReplay:
         )
 
     def _sampled(self, kind: str) -> _Samples:
-        """Samples of a channel in windows, averaged to the rate of the settings."""
+        """Samples of a channel in windows, averaged to the rate in the settings."""
         channel, rate = self.log.channels[kind], self.settings.rate
         at = np.searchsorted(self.begin, channel.time, side="right") - 1
         ends = self.begin + self.steps * self._dt
         inside = (at >= 0) & (channel.time <= ends[np.maximum(at, 0)] - 1e-9)
         at, time, samples = at[inside], channel.time[inside], channel.values[inside]
 
-        # Cells of the settings' rate, in each window.
+        # Cells at the rate in the settings, in each window.
         together = max(1, round(1.0 / (rate * float(np.median(np.diff(channel.time))))))
         cells = np.floor((time - self.begin[at]) * rate).astype(np.int64)
         cell = cells if together > 1 else np.arange(len(time))
@@ -220,7 +222,9 @@ class LogReplay:
         )
 
     def begun(self, local: Array) -> tuple[Array, Array]:
-        """Starts (W, 13) and additions to the current (R, 3) by each window's numbers (OWN,)."""
+        """Starts (W, 13), and additions to the current (R, 3), from each window's parameters
+        (OWN,).
+        """
         moved = local * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
@@ -235,7 +239,7 @@ class LogReplay:
         return starts, np.einsum("rk,rkj->rj", self._nodes, nodes)
 
     def residuals(self, rows: Array, values: Mapping[str, float]) -> Array:
-        """Residuals (m,) of all windows, one after the other, in their standard deviations."""
+        """Residuals (m,) of all windows in sequence, in units of their standard deviations."""
         residuals = []
         for kind, weight in zip(self.kinds, self.weight, strict=True):
             samples = self._samples[kind]
@@ -244,7 +248,7 @@ class LogReplay:
         return np.concatenate(residuals)[self.order]
 
     def _off(self, kind: str, samples: _Samples, rows: Array, values: Mapping[str, float]) -> Array:
-        """Replayed less measured (k, d)."""
+        """Replayed minus measured values (k, d)."""
         share = samples.share[:, None]
 
         def bias(word: str) -> Array:
@@ -291,14 +295,16 @@ class LogReplay:
         if kind == ATTITUDE:
             measured = Rotation.from_quat(samples.measured)
             shown = np.unwrap(measured.as_euler("ZYX"), axis=0)[:, ::-1]
-            # small differences about the hull's axes
+            # small differences about axes of the hull
             return time, shown, shown + off, samples.window
 
         return time, samples.measured, samples.measured + off, samples.window
 
 
 class WaterResiduals:
-    """Residuals of logs in blocks, one per window, for `uuv.calib.water.named_fit.fit_blocks`."""
+    """Residuals of logs in blocks, one for each window, for
+    `uuv.calib.water.named_fit.fit_blocks`.
+    """
 
     def __init__(
         self, vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
@@ -306,8 +312,7 @@ class WaterResiduals:
         """Cut the logs.
 
         Raises:
-            ConfigurationError: A log has no part that is long enough, or nothing moves in any of
-                them.
+            ConfigurationError: A log has no part that is long enough, or nothing moves in any log.
         """
         self.vehicle, self.settings = vehicle, settings
         self.logs = tuple(LogReplay(vehicle, log, settings) for log in logs)
@@ -318,7 +323,7 @@ class WaterResiduals:
             *(nuisance for log in self.logs for nuisance in log.nuisances),
         )
         self._index = {parameter.name: i for i, parameter in enumerate(self.parameters)}
-        # where slopes were computed last
+        # values at which slopes were computed last
         self._last: tuple[Array, Array, list[Slopes]] | None = None
 
         self._engines: queue.SimpleQueue[ReplayVehicle] = queue.SimpleQueue()
@@ -327,7 +332,7 @@ class WaterResiduals:
 
     @property
     def local(self) -> list[int]:
-        """Numbers of each window."""
+        """Number of parameters of each window."""
         return [OWN] * sum(len(log.begin) for log in self.logs)
 
     @property
@@ -337,12 +342,12 @@ class WaterResiduals:
 
     @property
     def widths(self) -> list[int]:
-        """Numbers of a sample of each channel."""
+        """Number of components in a sample of each channel."""
         return [1 if kind == DEPTH else 3 for log in self.logs for kind in log.kinds]
 
     @property
     def a_second(self) -> list[int]:
-        """Samples in a second of each channel."""
+        """Number of samples per second of each channel."""
         return [count for log in self.logs for count in log.a_second]
 
     @property
@@ -371,7 +376,7 @@ class WaterResiduals:
             log.weight /= its
 
     def _local_of(self, local: Sequence[Array]) -> list[Array]:
-        """Each log's part of the windows' own numbers, (W, OWN)."""
+        """Each log's part of the parameters of the windows, (W, OWN)."""
         ends = np.cumsum([len(log.begin) for log in self.logs])
         return np.split(np.array(local), ends[:-1])
 
@@ -392,7 +397,7 @@ class WaterResiduals:
                 )
                 states.append(engine.run(parameters, log.script, starts, current + added))
             return states
-        except UuvError:  # no vehicle has these values
+        except UuvError:  # no vehicle can have these values
             return [np.full((log.script.rows, 13), np.nan) for log in self.logs]
         finally:
             self._engines.put(engine)
@@ -412,7 +417,7 @@ class WaterResiduals:
         ]
 
     def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
-        """Residuals of each window and their differences, by one replay per number."""
+        """Residuals of each window and their differences, with one replay for each parameter."""
         if (
             self._last is not None
             and np.array_equal(self._last[0], deviations)
@@ -437,7 +442,7 @@ class WaterResiduals:
 
         def parameter(j: int) -> None:
             moved = x + STEP * np.eye(len(x))[j]
-            # The sensors' own numbers need no other replay.
+            # The sensors' own parameters need no further replay.
             rows = self._run(moved, y) if j < physical else base
             for J, column in zip(
                 shared, differ(rows, values_of(self.parameters, moved)), strict=True
@@ -445,7 +450,8 @@ class WaterResiduals:
                 J[:, j] = column
 
         def window(k: int) -> None:
-            if k < 3:  # the water is the same everywhere: another place is the same motion there
+            # the water is the same everywhere, so another initial position only shifts the motion
+            if k < 3:
                 rows = [
                     states + STEP * log.spread[k] * np.eye(13)[k]
                     for states, log in zip(base, self.logs, strict=True)
@@ -455,7 +461,7 @@ class WaterResiduals:
             for L, column in zip(starts, differ(rows, parameters), strict=True):
                 L[:, k] = column
 
-        # Differences by the mean current are sums of those by the windows' own currents.
+        # Differences with respect to the mean current are sums over the windows' own currents.
         currents = {
             self._index[f"{log.log.name}: current {axis}"]
             for log in self.logs
@@ -499,10 +505,11 @@ class WaterResiduals:
 def identify(
     vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
 ) -> tuple[WaterFit, WaterResiduals]:
-    """Identify a vehicle's water from logs: a rough fit to short windows, then one to long ones.
+    """Identify a vehicle's hydrodynamics from logs: a rough fit to short windows, then one to long
+    windows.
 
     Raises:
-        ConfigurationError: As `WaterResiduals`.
+        ConfigurationError: As for `WaterResiduals`.
     """
     rough = WaterResiduals(vehicle, logs, settings.short())
     first = fit_blocks(rough, rough.parameters, rounds=6, enough=0.3, straight=True)
@@ -519,29 +526,29 @@ def _finite(log: LogReplay, rows: Array, values: Mapping[str, float]) -> Array:
 
 
 def _windows(log: WaterLog, length: float) -> list[tuple[float, float]]:
-    """Begin and end [s] of windows of about this length, none across a gap."""
+    """Begin and end [s] of windows of about this length, without gaps."""
     windows = []
     parts = _parts(log)
     for a, b in parts:
         count = max(1, round((b - a) / length))
         if b - a >= 0.4 * length:
-            # Windows begin at rows: there commands change, and steps of the replay begin.
+            # Windows begin at rows, where commands change and steps of the replay begin.
             edges = log.time[np.searchsorted(log.time, np.linspace(a, b, count + 1) - 1e-9)]
             windows += [(float(p), float(q)) for p, q in pairwise(edges) if q > p]
 
     if not windows:
         longest = max((b - a for a, b in parts), default=0.0)
         raise ConfigurationError(
-            f"{log.name}: its longest part without a gap lasts {longest:.3g} s; windows of "
-            f"{length:g} s need {0.4 * length:g} s"
+            f"{log.name}: must have a part of {0.4 * length:g} s without a gap for windows of "
+            f"{length:g} s; its longest lasts {longest:.3g} s"
         )
     return windows
 
 
 def _parts(log: WaterLog) -> list[tuple[float, float]]:
-    """Begin and end [s] of parts without a gap, from the first attitude and first position on.
+    """Begin and end [s] of parts without a gap, after the first attitude and the first position.
 
-    Before those nothing tells where the hull was when a window began.
+    Before these measurements the pose of the hull at the start of a window is unknown.
     """
     parts = []
     for a, b in log.segments():
@@ -558,7 +565,9 @@ def _parts(log: WaterLog) -> list[tuple[float, float]]:
 
 
 def _seen(log: WaterLog, begin: float, end: float, dt: float) -> bool:
-    """True if anything was measured in a window, whose replay ends less than a step before it."""
+    """True if anything was measured in a window; its replay ends less than a step before the
+    window's end.
+    """
     last = begin + max(1, int((end - begin) / dt)) * dt - 1e-9
     return any(
         np.any((channel.time >= begin) & (channel.time <= last))
@@ -587,7 +596,7 @@ def _local(dt: Array, values: Array, t: float, time: Array, every: Array) -> tup
 
 
 def _near(log: WaterLog, kind: str, t: float) -> tuple[Array, Array] | None:
-    """Times from t and values of samples about t, on t's side of a gap; None: none is near."""
+    """Times from t and values of samples near t, on t's side of a gap; None if there are none."""
     if kind not in log.channels:
         return None
     channel = log.channels[kind]
@@ -613,12 +622,12 @@ def _line(samples: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def _start(log: WaterLog, t: float) -> Array:
-    """State (13,) of the hull at t as the samples about it have it."""
+    """State (13,) of the hull at t, estimated from the samples near t."""
     state = np.zeros(13)
     R, w = Rotation.identity(), np.zeros(3)
     attitude, force = _near(log, ATTITUDE, t), _near(log, FORCE, t)
 
-    # Attitude by itself, or level by the direction of the specific force.
+    # Measured attitude or, without one, roll and pitch from the direction of the specific force.
     if attitude is not None:
         dt, quats = attitude
         reference = Rotation.from_quat(quats[int(np.argmin(np.abs(dt)))])
@@ -660,6 +669,7 @@ def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
             return
 
     raise ConfigurationError(
-        f"{', '.join(log.name for log in logs)}: nothing moves: no thruster is commanded, no "
-        "joint swings, the hull rests; the water is not identifiable"
+        f"{', '.join(log.name for log in logs)}: nothing moves in the log: no thruster is "
+        "commanded, no joint moves and the hull is at rest, so the hydrodynamics are not "
+        "identifiable"
     )

@@ -1,4 +1,4 @@
-"""Manoeuvres that tell of the water, and logs of them on a simulated vehicle."""
+"""Manoeuvres for the identification of hydrodynamics, and their logs on a simulated vehicle."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,34 +14,34 @@ from uuv.sim.water.current import Current
 from uuv.water_identification.settings import NOISE
 from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 
-DURATION = 20.0  # [s] of a manoeuvre
+DURATION = 20.0  # [s] duration of a manoeuvre
 RATE_OF_LOGS = 20.0  # [Hz]
-SPEED = 0.3  # [m/s, rad/s] that a push reaches within REACHED
+SPEED = 0.3  # [m/s, rad/s] speed that a push reaches within the time REACHED
 REACHED = 5.0  # [s]
 TILT = 0.25  # [rad] of roll and pitch
-SHARE = 0.6  # of the thrusters' authority that a manoeuvre uses
-SLOW, FAST = 0.1, 0.4  # [Hz] of sines
+SHARE = 0.6  # share of the thrusters' authority that a manoeuvre uses
+SLOW, FAST = 0.1, 0.4  # [Hz] frequencies of the sines
 AGAINST = 0.25  # [m/s] current in which a vehicle hovers
-_FINE = 4  # steps of a simulated log in one of the replay
+_FINE = 4  # number of steps of a simulated log in one step of the replay
 _GUSTS_TURN = 5.0  # [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Manoeuvre:
-    """What the thrusters and the joints do."""
+    """Wrench of the thrusters and angles of the joints over time."""
 
     name: str
-    wrench: Array  # (N, 6) wanted wrench on the hull, hull axes
+    wrench: Array  # (N, 6) commanded wrench on the hull, hull axes
     joints: Array  # (N, n) [rad]
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s]
-    # [N m/rad] of roll and pitch about level, by the thrusters
+    # [N m/rad] stiffness of roll and pitch about level, realised by the thrusters
     stiffness: tuple[float, float] = (0.0, 0.0)
 
     def steadied(self, replay: ReplayVehicle, state: Array) -> Array:
         """Wrench (6,) that holds roll and pitch at a state (13,) of the hull."""
         wrench = np.zeros(6)
         a, b, c, d = state[3:7]
-        # of the hull's upright axis, about x and y
+        # components of the hull's upright axis, about x and y
         lean = np.array([2.0 * (c * d + a * b), 2.0 * (a * c - b * d)])
 
         for i, stiff in enumerate(self.stiffness):
@@ -54,11 +54,11 @@ class Manoeuvre:
 
 
 def menu(replay: ReplayVehicle, values: Mapping[str, float]) -> list[Manoeuvre]:
-    """All manoeuvres that a vehicle with such a water can fly.
+    """All manoeuvres that a vehicle with these parameters can fly.
 
     Args:
         replay: The vehicle.
-        values: A value for each parameter, such as the fitted one.
+        values: A value for each parameter, such as the fitted value.
     """
     time = _times(DURATION)
     still = np.tile(replay.vehicle.q_home, (len(time), 1))
@@ -117,7 +117,7 @@ def survey(
     rng: np.random.Generator,
     axes: Sequence[int] = range(6),
 ) -> Manoeuvre:
-    """Sines of random frequency on all axes at once, and the arm swinging."""
+    """Sines of random frequency on all axes simultaneously, with a moving arm."""
     time = _times(seconds)
     pushes = amplitudes(replay, values)
     wrench = np.zeros((len(time), 6))
@@ -134,7 +134,9 @@ def survey(
 
 
 def _stiffness(replay: ReplayVehicle, values: Mapping[str, float]) -> tuple[float, float]:
-    """Stiffness [N m/rad] in roll and pitch, four times the water's where thrusters hold it."""
+    """Stiffness [N m/rad] in roll and pitch: four times the hydrostatic one, if the thrusters can
+    hold it.
+    """
     righting = replay.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3)
     roll, pitch = (
         4.0 * righting if push > 0.0 else 0.0 for push in amplitudes(replay, values)[3:5]
@@ -167,7 +169,9 @@ def amplitudes(replay: ReplayVehicle, values: Mapping[str, float]) -> Array:
 
 
 def swing(replay: ReplayVehicle, time: Array) -> Array:
-    """Joint angles (N, n) from the home posture towards `ready` and back, each in its own time."""
+    """Joint angles (N, n) from the home posture towards `ready` and back, each joint with its own
+    period.
+    """
     home, ready = replay.vehicle.q_home, replay.vehicle.q_ready
     low, high = replay.vehicle.q_limits.T if len(replay.joints) else (home, home)
 
@@ -181,7 +185,7 @@ def swing(replay: ReplayVehicle, time: Array) -> Array:
 
 
 def commands(replay: ReplayVehicle, wrench: Array) -> Array:
-    """Commands (N, m) for a wrench (N, 6): fractions; newtons for thrusters without a curve."""
+    """Commands (N, m) for a wrench (N, 6): fractions, or newtons for thrusters without a curve."""
     forces = (
         wrench @ np.linalg.pinv(replay.wrench).T if replay.names else np.zeros((len(wrench), 0))
     )
@@ -201,17 +205,18 @@ def simulated(
     noise: Mapping[str, float] = NOISE,
     channels: Sequence[str] = (POSITION, ATTITUDE, RATE),
 ) -> WaterLog:
-    """Log of a manoeuvre by a vehicle with such a water, in steps finer than those of the replay.
+    """Log of a manoeuvre of a vehicle with these parameters, in steps finer than those of the
+    replay.
 
     Args:
         replay: The vehicle.
         values: A value for each parameter.
-        manoeuvre: What it does.
-        name: Of the log.
-        rng: Draws noise and gusts; None: neither.
+        manoeuvre: Manoeuvre of the vehicle.
+        name: Name of the log.
+        rng: Draws noise and gusts; None: there are neither.
         gust: Standard deviation [m/s] of gusts, each axis.
         noise: Standard deviation of each channel's samples.
-        channels: Those in the log.
+        channels: Channels in the log.
     """
     fine = replay.copy()
     n = len(replay.joints)
@@ -237,7 +242,7 @@ def simulated(
     first = np.zeros(1, dtype=np.int64)
     steps = np.array([substeps])
 
-    # Step by step: the wrench that holds roll and pitch depends on the state.
+    # Step by step, because the wrench that holds roll and pitch depends on the state.
     for k in range(len(time)):
         states[k] = state
         pushed[k] = commands(
@@ -247,7 +252,7 @@ def simulated(
             break
 
         at = slice(k * substeps, (k + 1) * substeps + 1)
-        # The propellers begin in their first command, as in a replay, which knows none before.
+        # The propellers begin at their first command, as in a replay, which has no earlier command.
         speed, lag = replay.followed(pushed[k], lag or (pushed[k], pushed[k]), dt, substeps + 1)
         script = Script(
             first=first,
@@ -283,7 +288,9 @@ def simulated(
 
 
 def _swung(joints: Array, time: Array, grid: Array, dt: float) -> tuple[Array, Array]:
-    """Angles and speeds (K, n) at `grid`: what the joints really do, and the encoders read."""
+    """Angles and speeds (K, n) at `grid`: true values of the joints, and readings of the
+    encoders.
+    """
     n = joints.shape[1]
     turning = (
         _smoothed(np.gradient(_at(grid, time, joints), dt, axis=0), int(0.1 / dt))
@@ -297,7 +304,9 @@ def _swung(joints: Array, time: Array, grid: Array, dt: float) -> tuple[Array, A
 def _sampled(
     states: Array, accelerations: Array, noise: Mapping[str, float], rng: np.random.Generator | None
 ) -> dict[str, Array]:
-    """Samples of each channel for states (N, 13) and accelerations (N, 3) in W; `rng`: noisy."""
+    """Samples of each channel for states (N, 13) and accelerations (N, 3) in W, with noise if `rng`
+    is given.
+    """
     R_WB = Rotation.from_quat(states[:, [4, 5, 6, 3]])
     channels = {
         POSITION: states[:, :3],
@@ -322,7 +331,9 @@ def _at(grid: Array, time: Array, values: Array) -> Array:
 
 
 def _smoothed(values: Array, count: int) -> Array:
-    """Running mean over an odd number of rows about each, twice; ends are held."""
+    """Running mean over `count` rows, an odd number, around each row, applied twice; ends are
+    held.
+    """
     count = max(1, count) | 1
     for _ in range(2):
         padded = np.pad(values, ((count // 2, count // 2), (0, 0)), mode="edge")
@@ -336,7 +347,9 @@ def _times(seconds: float) -> Array:
 
 
 def _authority(replay: ReplayVehicle) -> Array:
-    """Largest push (6,) along each axis by the pseudo-inverse allocation; inf without curve."""
+    """Largest push (6,) along each axis by the pseudo-inverse allocation; inf for thrusters without
+    a curve.
+    """
     shares = np.linalg.pinv(replay.wrench)
     reached = replay.wrench @ shares
     limits = np.full(len(replay.names), np.inf)
@@ -345,7 +358,7 @@ def _authority(replay: ReplayVehicle) -> Array:
 
     authority = np.zeros(6)
     for axis in range(6):
-        # the thrusters push along it and along nothing else
+        # the thrusters push along this axis and along no other
         if abs(reached[axis, axis] - 1.0) < 1e-6:
             authority[axis] = float(np.min(limits / np.maximum(np.abs(shares[:, axis]), 1e-9)))
     return authority

@@ -1,4 +1,4 @@
-"""The manoeuvre that tells most next, of those that a vehicle can fly."""
+"""The most informative next manoeuvre of those that a vehicle can fly."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,21 +21,21 @@ def information_of(
     settings: FitSettings,
     channels: Sequence[str],
 ) -> Array:
-    """Information (n, n) on the vehicle's parameters that a log of a manoeuvre would hold.
+    """Information (n, n) about the vehicle's parameters that a log of a manoeuvre would contain.
 
     Args:
         replay: The vehicle.
-        deviations: (n,) of its parameters, at which it flies.
-        manoeuvre: What it does.
-        settings: How its log would be compared.
-        channels: That it would hold.
+        deviations: (n,) Deviations of its parameters in this manoeuvre.
+        manoeuvre: Manoeuvre of the vehicle.
+        settings: Settings of the comparison with its log.
+        channels: Channels of the log.
     """
     parameters = replay.water.parameters
     log = simulated(
         replay, values_of(parameters, deviations), manoeuvre, name=manoeuvre.name, channels=channels
     )
 
-    # The manoeuvre's own numbers, such as gusts, are fitted and marginalised as in a log.
+    # The manoeuvre's own parameters, such as gusts, are fitted and marginalised as for a log.
     try:
         residuals = WaterResiduals(replay, [log], settings)
     except ConfigurationError:  # nothing moves
@@ -53,15 +53,15 @@ def next_manoeuvres(
     channels: Sequence[str],
     aim: Sequence[str] = (),
 ) -> tuple[list[Planned], Mapping[str, Manoeuvre]]:
-    """All manoeuvres in order, and each by its name.
+    """All manoeuvres in order of their information, and each by its name.
 
     Args:
         replay: The vehicle.
-        deviations: (n,) of its parameters as they are believed now.
-        known: Covariance (n, n) of them.
-        settings: How logs are compared; its noise is that which the intervals allow for.
-        channels: That the next log will hold.
-        aim: Groups of parameters that matter; none: all.
+        deviations: (n,) Present estimates of its parameters' deviations.
+        known: Covariance (n, n) of these estimates.
+        settings: Settings of the comparison with logs, with the noise that the intervals allow for.
+        channels: Channels of the next log.
+        aim: Groups of parameters that count; empty: all.
 
     Raises:
         ConfigurationError: There is no such group.
@@ -70,7 +70,7 @@ def next_manoeuvres(
     flown = {
         manoeuvre.name: manoeuvre for manoeuvre in menu(replay, values_of(parameters, deviations))
     }
-    planned(known, {}, parameters, aim)  # refuses the aim before anything is flown
+    planned(known, {}, parameters, aim)  # refuses an unknown group before anything is simulated
 
     added = {
         name: information_of(replay, deviations, manoeuvre, settings, channels)

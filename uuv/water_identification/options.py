@@ -1,4 +1,6 @@
-"""Options of the identification of a vehicle's water, and its inputs, read before compiling."""
+"""Options of the identification of a vehicle's hydrodynamics, and checks of its inputs before
+compiling.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +14,7 @@ from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
 from uuv.sim.runs.command_line import RunOptions
 from uuv.water_identification.settings import NOISE, FitSettings
 
-if TYPE_CHECKING:  # a help text does without
+if TYPE_CHECKING:  # not needed for a help text
     from uuv.models.vehicle import Vehicle
 
 COMMAND = "identify_water"  # name in the results
@@ -69,10 +71,10 @@ class WaterOptions(RunOptions):
 
 
 def check_inputs(options: WaterOptions) -> None:
-    """Refuses options out of bounds, an unknown vehicle, and logs that cannot be read.
+    """Refuse options out of bounds, an unknown vehicle, and logs that cannot be read.
 
     Raises:
-        UuvError: Which one, what is allowed, and what was given.
+        UuvError: The message names the option, the allowed values and the given one.
     """
     from uuv import inputs
     from uuv.logs.kinds import is_vehicle_log
@@ -120,10 +122,10 @@ def logs_of(
     thrusters: Sequence[str],
     joints: Mapping[str, tuple[float, float]],
 ) -> list[WaterLog]:
-    """The logs of the command line, for a vehicle with those thrusters and joint ranges [rad].
+    """The logs on the command line, for a vehicle with these thrusters and joint ranges [rad].
 
     Raises:
-        UuvError: One cannot be read, or is none.
+        UuvError: A file cannot be read, or is not a log.
     """
     from uuv.logs.kinds import is_vehicle_log
     from uuv.water_identification.vehicle_logs import read_as_water_log
@@ -138,7 +140,7 @@ def logs_of(
             log = read_log(path, thrusters=thrusters, joints=joints)
         logs.append(log)
 
-    names = [log.name for log in logs]  # of the file, which another folder may have too
+    names = [log.name for log in logs]  # name of the file; another folder may contain the same name
     return [
         replace(log, name=f"{log.name} ({i})") if names.count(log.name) > 1 else log
         for i, log in enumerate(logs, 1)
@@ -148,7 +150,7 @@ def logs_of(
 def _of_run(
     folder: Path, thrusters: Sequence[str], joints: Mapping[str, tuple[float, float]]
 ) -> WaterLog:
-    """Log of a recorded run at the rate of its slower table, with the pose at those times."""
+    """Log of a recorded run at the rate of its slower table, with the poses at those times."""
     from uuv.sim.reporting.series_tables import LOOP, SLOW, PastRun
 
     past = PastRun.of(folder)

@@ -1,4 +1,4 @@
-"""`report.html` of an identification of the water: parameters, measured and replayed, residuals."""
+"""`report.html` of an identification: parameters, measured and replayed values, residuals."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -38,13 +38,13 @@ def write_page(
     """Write the report.
 
     Args:
-        file: To write.
+        file: File to write.
         title: Heading.
         identified: Parameters of the vehicle.
-        sentences: What the logs cannot tell.
+        sentences: Sentences about what the logs do not identify.
         fit: The estimate.
-        residuals: Of its logs.
-        options: Of the command.
+        residuals: Residuals of the logs.
+        options: Options of the command.
     """
     rows = [
         (
@@ -68,7 +68,7 @@ def write_page(
 
     states = residuals.states(fit.named.deviations, fit.named.local)
     about = (
-        "Above: measured (dots) and replayed (lines), window by window. Below: replayed less "
+        "Above: measured (dots) and replayed (lines), window by window. Below: replayed minus "
         "measured."
     )
     for log, rows_of_log in zip(residuals.logs, states, strict=True):

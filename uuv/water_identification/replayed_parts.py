@@ -1,4 +1,4 @@
-"""Names of what a log can move on a vehicle: its thrusters and its joints."""
+"""Names of the parts of a vehicle that a log can move: its thrusters and its joints."""
 
 import mujoco
 

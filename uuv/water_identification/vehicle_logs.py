@@ -1,4 +1,6 @@
-"""Logs of autopilots and ROS recorders as logs for the identification of water."""
+"""Logs of autopilots and ROS recorders, converted to logs for the identification of
+hydrodynamics.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,8 +23,8 @@ def read_as_water_log(
 
     Args:
         file: .BIN, .tlog, .mcap or a bag.
-        vehicle: Its model: servo outputs are matched with its thrusters by their effect.
-        thrusters: Names of what drives it.
+        vehicle: Model of the vehicle; servo outputs are assigned to its thrusters by their effect.
+        thrusters: Names of its thrusters.
         joints: Ranges [rad] of its joints by name.
 
     Raises:
@@ -37,11 +39,11 @@ def read_as_water_log(
 def water_columns(
     log: VehicleLog, vehicle: Vehicle, joints: Mapping[str, tuple]
 ) -> dict[str, Array]:
-    """Columns (N,) of `uuv.calib.water.logs` by name: a row for each time of any stream.
+    """Columns (N,) for `uuv.calib.water.logs` by name, with a row for each time of any stream.
 
     Raises:
-        ConfigurationError: Servo outputs of another frame than the vehicle's thrusters have, or
-            names that the vehicle does not have.
+        ConfigurationError: The motor frame of the servo outputs does not fit the vehicle's
+            thrusters, or the log has names that the vehicle does not have.
     """
     streams = dict(log.streams)
     pulses = streams.pop(PULSES, None)
@@ -72,34 +74,30 @@ def _commands(log: VehicleLog, pulses: Stream, vehicle: Vehicle) -> Stream:
     """Commands of the vehicle's thrusters from the servo outputs of a motor frame."""
     if not log.frame:
         raise ConfigurationError(
-            f"log {log.name}: servo outputs without a motor frame that is known (FRAME_CONFIG): "
-            "which thruster each drives is not known"
+            f"log {log.name}: servo outputs need a known motor frame (FRAME_CONFIG), which assigns "
+            "them to thrusters"
         )
     if not log.directions:
         raise ConfigurationError(
-            f"log {log.name}: MOT_n_DIRECTION of the motors is not in it: whether a pulse drives "
-            "ahead or astern is not known"
+            f"log {log.name}: must contain MOT_n_DIRECTION of the motors, which decides whether a "
+            "pulse drives ahead or astern"
         )
     motors = MotorMap.of(
         log.frame, vehicle.thruster_wrench, directions=log.directions, vehicle="the vehicle"
     )
 
-    # Pulse by pulse: outputs that are off stand still.
+    # Pulse by pulse; an output that is off commands zero.
     commands = np.array([motors.commands(row) for row in pulses.values])
     labels = tuple(f"{THRUSTER}{name}" for name in vehicle.thruster_names)
     return Stream(pulses.time, commands, labels, "", pulses.source)
 
 
 def _prefixed(stream: Stream, prefix: str, names: Sequence[str]) -> Stream:
-    """The columns of a stream that the vehicle has names for, as a water log names them.
-
-    Raises:
-        ConfigurationError: One of the names is not in the stream.
-    """
+    """The columns of a stream that the vehicle has names for, with the names of a water log."""
     lacking = [name for name in names if name not in stream.labels]
     if lacking:
         raise ConfigurationError(
-            f"{stream.source}: has no {lacking[0]!r}; it has {', '.join(stream.labels)}"
+            f"{stream.source}: must have {lacking[0]!r}, it has {', '.join(stream.labels)}"
         )
 
     columns = np.column_stack([stream.values[:, stream.labels.index(name)] for name in names])

@@ -1,7 +1,7 @@
-"""A vehicle that replays a log: thrusters follow its commands, joints its angles; compiled.
+"""A vehicle that replays a log in compiled code: thrusters follow its commands, joints its angles.
 
-The joints are driven to exact accelerations: each has an inertia of its own, far beyond all others,
-and the torque that belongs to it. The hull then feels the arm's motion as the log has it, and no
+The joints are driven to exact accelerations: each gets an additional inertia, far larger than all
+others, and the corresponding torque. The arm's motion in the log then acts on the hull, and no
 servo limits the time step.
 """
 
@@ -27,26 +27,26 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.native.native_memory import call_physics
 from uuv.water_identification.replayed_parts import pushed_parts
 
-LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] of the replay
-_USUAL_SPEED = 1.0  # [m/s, rad/s] for whose drag the step is chosen
-_ROTOR = 1e8  # [kg m^2] of the driven joints; MuJoCo takes controls up to 1e10
-_WILD = 30.0  # [m/s, rad/s] beyond which a window is given up
-_FINE = 0.01  # [s] grid on which the propellers' lag is followed
-PARTS = 8  # of a step, for whose middles thrusts are averaged
-STATE = 13  # numbers of the hull: p_WB, quat_WB_wxyz, v_WB_W, w_WB_B
+LONGEST_STEP, SHORTEST_STEP = 0.05, 0.005  # [s] step of the replay
+_USUAL_SPEED = 1.0  # [m/s, rad/s] speeds for whose drag the step is chosen
+_ROTOR = 1e8  # [kg m^2] additional inertia of the driven joints; MuJoCo accepts controls up to 1e10
+_WILD = 30.0  # [m/s, rad/s] speed beyond which a window is aborted
+_FINE = 0.01  # [s] grid for the lag of the propellers
+PARTS = 8  # number of parts of a step; the thrusts at their centres are averaged
+STATE = 13  # state of the hull: p_WB, quat_WB_wxyz, v_WB_W, w_WB_B
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Script:
-    """What moves the vehicle through windows of time, one row a step, window after window.
+    """Inputs of the vehicle in windows of time, with one row for each step, window after window.
 
     A window of k steps has k + 1 rows.
     """
 
     first: np.ndarray  # (W,) row at which each window begins
-    steps: np.ndarray  # (W,) of each window
+    steps: np.ndarray  # (W,) number of steps of each window
     speed: Array  # (R, PARTS, m) propeller speeds during each step
-    thrust: Array  # (R, m) [N] instead, NaN where the speed counts
+    thrust: Array  # (R, m) [N] thrusts in place of the speeds; NaN where the speed counts
     q: Array  # (W, n) [rad] joint angles at the start
     qd: Array  # (W, n) [rad/s]
     qdd: Array  # (R, n) [rad/s^2] during each step
@@ -58,20 +58,20 @@ class Script:
 
 
 class ReplayVehicle:
-    """One vehicle, compiled for replay; not for two threads at a time (`copy`)."""
+    """One vehicle, compiled for replay. Only one thread may use it at a time (see `copy`)."""
 
     def __init__(self, spec: mujoco.MjSpec) -> None:
         """Compile `spec` for replay.
 
         Raises:
-            ConfigurationError: It is no vehicle of the contract, or has no hydrodynamics.
-            HydrodynamicsError: As `uuv.sim.hydrodynamics.compile`.
+            ConfigurationError: `spec` is not a vehicle of the contract, or has no hydrodynamics.
+            HydrodynamicsError: As for `uuv.sim.hydrodynamics.compile`.
         """
         original = hydrodynamics.compile(spec.copy())
         self.vehicle = vehicle = Vehicle.of(original)
         if not hydrodynamics.carries_hydrodynamics(original):
             raise ConfigurationError(
-                "the vehicle has no hydrodynamics to begin with: attach some to its bodies"
+                "the vehicle must have hydrodynamics as the prior; attach them to its bodies"
             )
 
         pushed = pushed_parts(original, vehicle)
@@ -85,12 +85,12 @@ class ReplayVehicle:
         self.timestep = float(np.clip(1.0 / max(rate, 1e-3), SHORTEST_STEP, LONGEST_STEP))
         self.model.opt.timestep = self.timestep
 
-        # what the callback warns of is not for RK4, and W is the log's own
+        # the callback's warnings do not apply to RK4, and W is the frame of the log
         row = world_row(self.model)
         row[LAYOUT.drag_rate : LAYOUT.drag_rate + 2] = 0.0
         row[LAYOUT.ceiling] = 1e9
 
-        # Thrusters with a table follow their curves; other actuators push the logged force.
+        # Thrusters with a table follow their curves; other actuators give the logged force.
         actuators = vehicle.thruster_actuators
         width = vehicle.thruster_table.shape[1] if len(actuators) else 0
         rows = {
@@ -115,7 +115,7 @@ class ReplayVehicle:
                 vehicle.thruster_table, vehicle.thruster_wrench
             )
         self._thrusters = curve, loss, advance
-        self.curve = curve  # (m, ...) static curves, zero where `has_curve` is not
+        self.curve = curve  # (m, ...) static curves; zero if `has_curve` is False
 
         self.pushes = np.array(
             [self.model.actuator(original.actuator(i).name).id for i in pushed], dtype=np.int64
@@ -124,7 +124,7 @@ class ReplayVehicle:
         self._bind()
 
     def _wrenches(self) -> Array:
-        """Wrench (6, m) on the hull at its origin per newton, hull axes."""
+        """Wrenches (6, m) on the hull at its origin per newton of each thruster, hull axes."""
         data = mujoco.MjData(self.model)
         wrenches = np.zeros((6, len(self.pushes)))
         first = self.vehicle.hull_dof
@@ -153,7 +153,7 @@ class ReplayVehicle:
         )
 
     def copy(self) -> "ReplayVehicle":
-        """Another one with memory of its own, for another thread."""
+        """A copy with its own memory, for another thread."""
         twin = object.__new__(ReplayVehicle)
         twin.__dict__.update(self.__dict__)
         twin.model = copy.deepcopy(self.model)
@@ -163,9 +163,8 @@ class ReplayVehicle:
     def followed(
         self, command: Array, state: tuple[Array, Array], dt: float, count: int
     ) -> tuple[Array, tuple[Array, Array]]:
-        """Propeller speeds (count, PARTS, m) in steps of a held command; state before the last.
-
-        The state is the commands (m,) after the slew limit, and the speeds (m,).
+        """Propeller speeds (count, PARTS, m) in steps with a constant command, and the state before
+        the last.
         """
         passed, speed = state
 
@@ -207,7 +206,7 @@ class ReplayVehicle:
         return np.stack(columns, axis=-1) if columns else np.zeros((*middles.shape, 0))
 
     def write(self, values: Mapping[str, float]) -> None:
-        """Take a value for each parameter of `water`."""
+        """Write a value for each parameter of `water` into the model."""
         if values is not self._written:
             self.water.write(self.model, values)
             self._gains = self.water.gains(values)
@@ -220,9 +219,9 @@ class ReplayVehicle:
 
         Args:
             values: A value for each parameter of `water`.
-            script: What moves the vehicle.
+            script: Inputs of the vehicle.
             starts: (W, 13) state of the hull at the start of each window.
-            currents: (R, 3) [m/s] of the water at each row, world axes, straight between.
+            currents: (R, 3) [m/s] Current at each row, world axes, with linear interpolation.
 
         Returns:
             States (R, 13) of the hull.
@@ -236,7 +235,7 @@ class ReplayVehicle:
         flow = world_row(self.model)[LAYOUT.current_acceleration :][:3]
         views = self.data.qpos, self.data.qvel, self.data.ctrl, self.model.opt.wind, flow
 
-        # What numba takes are arrays and tuples of them.
+        # Numba takes arrays and tuples of arrays.
         _replay(
             self._places,
             views,
@@ -266,7 +265,9 @@ class ReplayVehicle:
 def _replay(
     places, views, addresses, joints, pushes, thrusters, gains, script, starts, currents, dt, rows
 ):
-    """Step all windows, and write the hull's state before each step and at the end to `rows`."""
+    """Step all windows, and write the hull's state before each step and at the end of a window to
+    `rows`.
+    """
     qpos, qvel, ctrl, wind, flow = views
     at_q, at_v = addresses
     joint_q, joint_v, joint_ctrl = joints
@@ -287,7 +288,7 @@ def _replay(
                 rows[row, i] = qpos[at_q + i]
             for i in range(6):
                 rows[row, 7 + i] = qvel[at_v + i]
-                # Beyond what a replay can mean MuJoCo would warn and reset.
+                # Stop before the values that make MuJoCo warn and reset.
                 if not abs(qvel[at_v + i]) < _WILD:
                     rows[first[w] : first[w] + steps[w] + 1] = np.nan
                     k = steps[w]
@@ -311,26 +312,28 @@ def _replay(
                 2.0 * (c * d + a * b),
                 1.0 - 2.0 * (b * b + c * c),
             )
-            # Inflow of the propellers amid the step: the velocity goes on as in the step before.
+            # Inflow of the propellers in the middle of the step; the velocity is extrapolated from
+            # the step before.
             for i in range(6):
                 nu_r[i] = 0.0 if i < 3 else 1.5 * qvel[at_v + i] - 0.5 * before[i]
             for j in range(3):
                 flow[j] = (currents[row + 1, j] - currents[row, j]) / dt
-                wind[j] = 0.5 * (currents[row + 1, j] + currents[row, j])  # amid the step
+                # in the middle of the step
+                wind[j] = 0.5 * (currents[row + 1, j] + currents[row, j])
                 through = 1.5 * qvel[at_v + j] - 0.5 * before[j] - wind[j]
                 for i in range(3):
                     nu_r[i] += R[j, i] * through
             for i in range(6):
                 before[i] = qvel[at_v + i]
 
-            # Force of each actuator: logged, or by its curve in the inflow.
+            # Force of each actuator: logged, or from its curve with the inflow.
             for i in range(pushes.shape[0]):
                 force = thrust[row, i]
                 if np.isnan(force):
                     inflow = 0.0
                     for j in range(6):
                         inflow += advance[j, i] * nu_r[j]
-                    force = 0.0  # mean over the step: the curve has corners
+                    force = 0.0  # mean over the step, since the curve has kinks
                     for part in range(speed.shape[1]):
                         force += (
                             thrust_in_flow(curve[i], loss[i], inflow, speed[row, part, i])
@@ -338,7 +341,7 @@ def _replay(
                         )
                 ctrl[pushes[i]] = gains[i] * force
 
-            # Joints: the torque of the logged acceleration.
+            # Joints: the torque for the logged acceleration.
             for j in range(joint_q.shape[0]):
                 ctrl[joint_ctrl[j]] = _ROTOR * qdd[row, j]
 
@@ -346,7 +349,7 @@ def _replay(
 
 
 def _compiled(spec: mujoco.MjSpec, vehicle: Vehicle, pushing: list[str]) -> mujoco.MjModel:
-    """The model with driven joints, passive ones locked, and nothing that touches."""
+    """The model with driven joints, with passive joints locked, and without contacts."""
     spec = spec.copy()
 
     for group in (

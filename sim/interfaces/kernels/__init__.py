@@ -8,9 +8,10 @@
     @kernel(error_model="numpy", nogil=True)
     def solve(A, b, x): ...
 
-`stamps` says what machine code depends on, `store` keeps it in the user's cache folder, and
-`stored` joins both to numba. Every clone, worktree, environment and process of a user shares the
-one store. `slots` calls kernels and plain Python by address, `control` a whole controller so.
+`stamps` computes the hash of everything that machine code depends on, `store` keeps the code in the
+user's cache folder, and `stored` connects both to numba. All clones, worktrees, environments and
+processes of a user share one store. `slots` calls kernels and plain Python functions by address,
+and `control` calls a whole controller by address.
 """
 
 from uuv.sim.interfaces.kernels.stored import c_function, is_stored, kernel

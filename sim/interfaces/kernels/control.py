@@ -1,7 +1,8 @@
-"""A controller as the outermost slot of a tick, called by its address: kernel or Python.
+"""Controller as the outermost slot of a tick, called by its address, be it a kernel or Python code.
 
-A controller with a kernel has `tick_on(state, inputs)`, which gives its `ControlTick`; one without
-is called through `PythonControl`. Both leave their command in the arrays of `Commanded`.
+A controller with a kernel has `tick_on(state, inputs)`, which returns its `ControlTick`. A
+controller without one is called through `PythonControl`. Both write their command into the arrays
+of `Commanded`.
 """
 
 from collections.abc import Callable
@@ -26,32 +27,34 @@ from uuv.sim.interfaces.records import (
 )
 from uuv.sim.interfaces.spatial import Array
 
-# Answers of a controller's tick, beside those of every slot
-UNSOUND = 3  # nothing was done: the estimate is not finite, or too old
+# Answers of a controller's tick, besides those of every slot
+UNSOUND = 3  # nothing was done, because the estimate is not finite or too old
 BROKEN = 4  # done, but the command is not finite
-STOPPED = 5  # done; Python goes on with this tick, for a frame is wanted, or a fault was found
-NO_POSE = 6  # nothing was commanded: the tool's target is no pose
-REFUSED = 7  # done, but the command has another shape than the vehicle: the plant says so
+STOPPED = 5  # done; Python continues this tick, because a frame is requested or a fault was found
+NO_POSE = 6  # nothing was commanded, because the tool's target is not a valid pose
+REFUSED = 7  # done, but the command's shape does not fit the vehicle; the plant reports it
 
 Made = TypeVar("Made")
 Complete = Callable[[StateEstimate], StateEstimate]
 
 
 class Commanded(NamedTuple):
-    """What a controller has commanded, and felt; arrays, changed in place."""
+    """Command of a controller and its estimated contact force, as arrays that are changed in
+    place.
+    """
 
     tau: Array  # (n,) [N m] of the motors
     thrusters: Array  # (m,) normalised
     f_W: Array  # (3,) [N] force of the world on the tip, W
     felt: Array  # (1,) [N] normal force
-    sigma_G: Array  # (3,) [N] standard deviation of the force, tool axes; inf: not known
-    arm_wrench_B: Array  # (6,) [N, N m] of `HullLoad`; nan: not reported
+    sigma_G: Array  # (3,) [N] standard deviation of the force, in tool axes; inf if it is unknown
+    arm_wrench_B: Array  # (6,) [N, N m] of `HullLoad`; NaN if it is not reported
     current_W: Array  # (3,) [m/s] of `HullLoad`
     hull_steps: np.ndarray  # (1,) steps of the hull so far
 
 
 def commanded(joints: int, thrusters: int) -> Commanded:
-    """Nothing commanded yet, nothing felt."""
+    """`Commanded` before the first tick: no command and no force."""
     return Commanded(
         tau=np.zeros(joints),
         thrusters=np.zeros(thrusters),
@@ -72,23 +75,23 @@ def estimate_box(record):
 
 @kernel
 def call_control(address, memory, estimate):
-    """Call a controller's tick, of `ControlTick`, on the address of an `estimate_box`."""
+    """Call a controller's `ControlTick` at `address` with the address of an `estimate_box`."""
     return call_at(address, memory, estimate)
 
 
 class Inputs:
-    """What the ticks of a controller see, and the messages of it for parts in Python."""
+    """Inputs of a controller's ticks, and the messages made of them for parts in Python."""
 
     def __init__(self, record: EstimateRecord, complete: Complete | None = None) -> None:
-        """Take the record of the estimates, and what completes a message made of it."""
+        """Take the record of the estimates, and a function that completes a message made of it."""
         self.record = record
         self._complete = complete
         self.box = estimate_box(record)
         self.address: int = address_of_box(self.box)
-        # Of which `record` was made, or which was made of it.
+        # The message that `record` was made from, or that was made from it.
         self.message: StateEstimate | None = None
         self._reference: Reference | None = None
-        # Set points of a table, while that is used.
+        # Set points of a table, while a table is in use.
         self.ahead: Callable[[], Reference | None] | None = None
 
     @property
@@ -116,19 +119,21 @@ class Inputs:
         return self.message
 
     def message_of(self, record: EstimateRecord) -> StateEstimate:
-        """Estimate as the planner sees it."""
+        """Estimate as a message for the planner."""
         estimate = state_estimate(record)
         return estimate if self._complete is None else self._complete(estimate)
 
 
 class Unsaved(Generic[Made]):
-    """What a state keeps beside its arrays, made on first use; a copy makes its own."""
+    """Data that a state keeps besides its arrays, made on first use; a copy of the state makes its
+    own.
+    """
 
     def __init__(self) -> None:
         self._content: Made | None = None
 
     def get(self, make: Callable[[], Made]) -> Made:
-        """The content; `make` makes it at the first call."""
+        """The content, which `make` creates at the first call."""
         if self._content is None:
             self._content = make()
         return self._content
@@ -138,10 +143,12 @@ class Unsaved(Generic[Made]):
 
 
 class BoundFields:
-    """Fields of states whose arrays a tick is bound to: to be written into, not to be replaced."""
+    """Fields of states whose arrays a tick is bound to: they may be written into, but not
+    replaced.
+    """
 
     def __init__(self, *states: Any) -> None:
-        """Take the arrays, and records of arrays, that are fields of dataclasses."""
+        """Take the fields of dataclasses that are arrays or records of arrays."""
         self._bound = [
             (state, item.name, value)
             for state in states
@@ -151,7 +158,7 @@ class BoundFields:
         ]
 
     def check(self) -> None:
-        """Refuse arrays that have taken the place of those.
+        """Raise if one of these arrays was replaced by another array.
 
         Raises:
             ConfigurationError: a field was assigned after the first step.
@@ -159,31 +166,34 @@ class BoundFields:
         for state, name, value in self._bound:
             if getattr(state, name) is not value:
                 raise ConfigurationError(
-                    f"{type(state).__name__}.{name}: was replaced after the first step, which has "
-                    f"bound its arrays; write into them: state.{name}[...] = ..."
+                    f"{type(state).__name__}.{name}: must not be replaced after the first step, "
+                    f"which has bound its arrays; write into the array instead: state.{name}[...] "
+                    "= ..."
                 )
 
 
 class ControlTick(Protocol):
-    """Tick of a controller, bound to the arrays that it works on; for one run."""
+    """Tick of a controller, bound to the arrays that it works on, for one run."""
 
-    address: int  # of its kernel, or trampoline
-    memory: int  # address of what the kernel works on
+    address: int  # address of its kernel or trampoline
+    memory: int  # address of the memory that the kernel works on
     command: Commanded
-    reference: ReferenceRecord  # set points that it follows
+    reference: ReferenceRecord  # set points that the tick follows
     slots: PythonSlots
-    slow: tuple[str, ...]  # its parts in plain Python that are called at every tick
+    slow: tuple[str, ...]  # parts of the controller in plain Python that are called at every tick
 
     def refer(self, reference: Reference) -> None:
         """Take the set points of the ticks that follow."""
         ...
 
     def ready(self, reference: Reference) -> bool:
-        """False where `Controller.step` has to make the next tick."""
+        """False if `Controller.step` has to make the next tick."""
         ...
 
     def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
-        """Command of the last tick, whose `answer` this was; the state is as after `step`."""
+        """Command of the last tick, which returned `answer`; the state is the same as after
+        `step`.
+        """
         ...
 
 
@@ -191,16 +201,18 @@ class HasTick(Protocol):
     """Controller with a kernel."""
 
     def tick_on(self, state: Any, inputs: Inputs) -> ControlTick | None:
-        """Its tick on the arrays of `state`; None: not yet."""
+        """The tick of this controller on the arrays of `state`; None if it is not ready yet."""
         ...
 
 
 def has_tick(controller: object) -> TypeGuard[HasTick]:
-    """True if `controller` gives its tick as a kernel (`gives_kernel`)."""
+    """True if `controller` provides its tick as a kernel (`gives_kernel`)."""
     return slots.gives_kernel(controller, "tick_on")
 
 
-Step = Callable[[StateEstimate, Reference], Command]  # of a controller, which keeps its state
+Step = Callable[
+    [StateEstimate, Reference], Command
+]  # step function of a controller, which keeps the controller's state
 
 
 class PythonControl:
@@ -212,15 +224,15 @@ class PythonControl:
         """Make a trampoline.
 
         Args:
-            step: of the controller.
-            inputs: what it sees.
-            command: where its commands go.
-            name: of the controller.
+            step: Step function of the controller.
+            inputs: Inputs of the controller.
+            command: Arrays that the command is written into.
+            name: Name of the controller.
         """
         self._step = step
         self._inputs = inputs
 
-        # As `ControlTick` has them.
+        # Fields of `ControlTick`.
         self.command = command
         self.reference = reference_record(len(command.tau))
         self.slots = PythonSlots()
@@ -236,7 +248,7 @@ class PythonControl:
         take_reference(self.reference, reference)
 
     def ready(self, reference: Reference) -> bool:
-        """True: it is called in any case."""
+        """True: Python code can be called at every tick."""
         del reference
         return True
 
@@ -247,7 +259,7 @@ class PythonControl:
         return self.last
 
     def load(self, command: Command) -> bool:
-        """Take over a command; False if it has another shape than the vehicle."""
+        """Copy a command into the arrays; False if its shape does not fit the vehicle."""
         out = self.command
         before = None if self.last is None else self.last.hull_load
         load = command.hull_load
@@ -257,7 +269,7 @@ class PythonControl:
         out.current_W[:] = 0.0 if load is None else load.current_W
         self.last = command
 
-        # The plant refuses another shape.
+        # The plant refuses a command of another shape.
         if np.shape(command.joint_torque) != out.tau.shape:
             return False
         if np.shape(command.thrusters) != out.thrusters.shape:

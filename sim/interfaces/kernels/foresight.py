@@ -1,9 +1,10 @@
 """Foresight of a planner: the set points of its next periods, and bounds within which they hold.
 
-A phase that only follows a path needs no estimate. Its planner then gives the set points of several
-periods at once, and what it watches as bounds. Compiled ticks take them row by row, each at the
-time for which it was made. At the first estimate beyond a bound they stop, and the planner takes
-its usual step there: with foresight and without, a run has the same bits.
+A phase that only follows a path needs no estimate. Its planner then returns the set points of
+several periods at once, together with bounds on the estimates that it monitors. Compiled ticks take
+the set points row by row, each at the time for which it was made. At the first estimate beyond a
+bound they stop, and the planner makes its usual step. A run therefore has the same bits with
+foresight and without.
 """
 
 from collections.abc import Sequence
@@ -19,57 +20,64 @@ from uuv.sim.interfaces.records import FOLLOWS, ReferenceRecord, reference_recor
 from uuv.sim.interfaces.spatial import Array
 
 ROWS = 64  # most periods that a table holds
-# Share of a bound by which that of the table is narrower. A kernel may round a magnitude otherwise
-# than the planner: a value that one of them has beyond the bound goes to the planner in any case.
+# Share of a bound by which the table's bound is narrower. A kernel may round a magnitude
+# differently from the planner, so that every value that the planner may see beyond its bound goes
+# to the planner.
 _ROUNDING = 1e-9
 
 
 class EstimateBounds(NamedTuple):
-    """Largest values with which all goes on as foreseen."""
+    """Largest values of the estimate for which the foreseen set points hold."""
 
     off: float = np.inf  # [m] of the hull from its reference
     speed: float = np.inf  # [m/s] of the hull
     turn: float = np.inf  # [rad/s] of the hull
     normal: float = np.inf  # [N] estimated normal force
-    slack: float = np.inf  # [N] minus the estimated normal force: -8.0 asks for 8 N or more
+    # [N] minus the estimated normal force, so that -8.0 requires at least 8 N
+    slack: float = np.inf
     force: float = np.inf  # [N] magnitude of the estimated contact force, in any direction
     sigma: float = np.inf  # [N] standard deviation of the normal force
     moved: float = np.inf  # [m] of the object, as the camera on the arm sees it
 
     def and_within(self, *others: "EstimateBounds") -> "EstimateBounds":
-        """The narrower of each."""
+        """The narrower bound of each pair."""
         return EstimateBounds(*map(min, self, *others)) if others else self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foresight:
-    """The next periods of a planner, from the one after the present on."""
+    """Set points of the next periods of a planner, beginning with the period after the present
+    one.
+    """
 
     references: Sequence[Reference]
-    times: Sequence[float]  # [s] of the estimates that they belong to
+    times: Sequence[float]  # [s] times of the estimates that they belong to
     within: Sequence[EstimateBounds]
-    seen: tuple[StateEstimate, Target | None]  # of which they were made
+    seen: tuple[StateEstimate, Target | None]  # estimate and state that they were made from
     after: Any = None  # state of the planner after the last of them, where that is known
 
 
 class Foresees(Protocol):
-    """Planner with foresight."""
+    """Planner that has foresight."""
 
     def ahead(
         self, state: Any, estimate: StateEstimate, target: Target | None, times: Sequence[float]
     ) -> Foresight | None:
-        """The next periods, as far as they depend on the time alone; None: not even the next.
+        """The next periods, as far as they depend on time alone; None if not even the next one
+        does.
 
         Args:
-            state: after the present step; it is not changed.
-            estimate: of the present step.
-            target: newest target, or None.
-            times: [s] of the estimates of the next steps.
+            state: State after the present step; it is not changed.
+            estimate: Estimate of the present step.
+            target: Newest target, or None.
+            times: [s] Times of the estimates of the next steps.
         """
         ...
 
     def followed(self, state: Any, foresight: Foresight, periods: int) -> Any:
-        """State after so many of the foreseen periods, of which `ahead` was asked for `state`."""
+        """State after `periods` of the foreseen periods, where `foresight` is the result of `ahead`
+        for `state`.
+        """
         ...
 
 
@@ -79,19 +87,19 @@ def foresees(planner: object) -> TypeGuard[Foresees]:
 
 
 class TableRecord(NamedTuple):
-    """Foreseen periods as rows; arrays."""
+    """Foreseen periods as rows of arrays."""
 
-    references: ReferenceRecord  # each array with ROWS rows
+    references: ReferenceRecord  # arrays with ROWS rows each
     times: Array  # (ROWS,) [s]
     bounds: Array  # (ROWS, number of `EstimateBounds`)
-    rows: np.ndarray  # (2,) rows that were taken, and rows in all
+    rows: np.ndarray  # (2,) number of rows taken, and of all rows
 
 
 class ReferenceTable:
-    """Rows for the compiled ticks, filled anew from one foresight after another."""
+    """Rows for the compiled ticks, filled again with each new foresight."""
 
     def __init__(self, joints: int) -> None:
-        """Make room for a vehicle with so many joints."""
+        """Allocate the table for a vehicle with `joints` joints."""
         row = reference_record(joints)
         stacked = ReferenceRecord(*(np.repeat(array[None], ROWS, axis=0) for array in row))
         self._views = [ReferenceRecord(*(array[k] for array in stacked)) for k in range(ROWS)]
@@ -105,7 +113,7 @@ class ReferenceTable:
 
     @property
     def taken(self) -> int:
-        """Rows that were taken so far."""
+        """Number of rows taken so far."""
         return int(self.record.rows[0])
 
     def present(self) -> Reference | None:
@@ -114,7 +122,7 @@ class ReferenceTable:
         return self._references[taken - 1] if taken else None
 
     def fill(self, foresight: Foresight) -> None:
-        """Take foreseen periods, at most `ROWS`."""
+        """Write foreseen periods into the table, at most `ROWS`."""
         record = self.record
         self._references = foresight.references
         count = len(self._references)
@@ -122,7 +130,7 @@ class ReferenceTable:
             take_reference(view, reference)
         record.times[:count] = foresight.times
 
-        # Narrowest bounds, by a rounding inside those that the planner has.
+        # Narrowest bounds, made narrower than the planner's by the size of a rounding error.
         bounds = record.bounds[:count]
         bounds[:] = foresight.within
         finite = np.isfinite(bounds)
@@ -130,19 +138,19 @@ class ReferenceTable:
         record.rows[:] = 0, count
 
     def clear(self) -> None:
-        """Leave no row."""
+        """Remove all rows."""
         self.record.rows[:] = 0
 
 
 @kernel
 def take_row(table, estimate, command, reference):
-    """Take the next row of a table as the set points, if all is as it was foreseen.
+    """Take the next row of a table as the set points, if the estimate is within the row's bounds.
 
     Args:
         table: `TableRecord`; updated.
-        estimate: `EstimateRecord` of the vehicle now.
-        command: `Commanded` of the tick before.
-        reference: `ReferenceRecord` of the period before; updated.
+        estimate: Present `EstimateRecord` of the vehicle.
+        command: `Commanded` of the previous tick.
+        reference: `ReferenceRecord` of the previous period; updated.
 
     Returns:
         False if the planner has to decide.
@@ -151,7 +159,7 @@ def take_row(table, estimate, command, reference):
     if row == table.rows[1] or estimate.time[0] != table.times[row]:
         return False
 
-    # The estimate, in the order of `EstimateBounds`.
+    # Values of the estimate, in the order of `EstimateBounds`.
     off = speed = turn = moved = force = 0.0
     for i in range(3):
         off += (estimate.X_WB[i, 3] - reference.X_WB[i, 3]) ** 2
@@ -183,7 +191,9 @@ def take_row(table, estimate, command, reference):
 
 @kernel
 def _copy_row(rows, at, record):
-    """Copy a row of a ReferenceRecord of rows, as `take_reference` writes it."""
+    """Copy row `at` of a ReferenceRecord of rows into `record`, in the form that `take_reference`
+    writes.
+    """
     record.time[0] = rows.time[at, 0]
     record.set_force[0] = rows.set_force[at, 0]
     for k in range(record.flags.shape[0]):
@@ -208,5 +218,7 @@ def _copy_row(rows, at, record):
 
 
 def is_plain(reference: Reference) -> bool:
-    """True if set points can be a row: they ask nothing of sensors, navigation and observers."""
+    """True if set points fit into a row: they request nothing from sensors, navigation and
+    observers.
+    """
     return not (reference.scan or reference.at_rest is not None or reference.touch is not None)

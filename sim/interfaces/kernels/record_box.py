@@ -1,7 +1,8 @@
-"""Box of a record: hands it to a compiled function in less than a microsecond, whatever its size.
+"""Box of a record, which passes the record to a compiled function in less than a microsecond, for
+any size.
 
-Numba takes each array of a tuple apart at every call from Python. A box is taken apart once, when
-it is made.
+Numba unpacks each array of a tuple at every call from Python. A box is unpacked once, when it is
+made.
 """
 
 from typing import Any
@@ -28,10 +29,10 @@ structref.define_boxing(RecordBoxType, RecordBox)
 
 
 def as_annotated(record: Any) -> Any:
-    """`record`, a NamedTuple, with its numbers as float, int or bool as it and its parts annotate
-    them.
+    """The NamedTuple `record`, with its numbers converted to the annotated types float, int or
+    bool.
 
-    A whole number given for a float would else compile everything anew.
+    Otherwise a whole number given for a float would cause everything to be compiled again.
     """
     kinds = type(record).__annotations__
     return type(record)(
@@ -49,9 +50,9 @@ def as_annotated(record: Any) -> Any:
 def new_box(record: Any) -> Any:
     """Compiled code only: box of `record`, a NamedTuple of arrays, which are shared, and numbers.
 
-    The function that calls it stands in the module of the record's type: numba's cache of a
-    function names the types of its arguments, and a type that cannot be imported later would make
-    the whole cache of that function unreadable.
+    The calling function must be in the module of the record's type. Numba's cache of a function
+    names the types of its arguments, and a type that cannot be imported later would make the whole
+    cache of that function unreadable.
     """
     raise NotImplementedError
 

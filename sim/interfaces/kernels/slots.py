@@ -1,10 +1,11 @@
-"""Slots: parts of a compiled tick that it calls by address, kernels and plain Python alike.
+"""Slots: components that a compiled tick calls by address, whether they are kernels or plain
+Python.
 
-A slot is a C function `int64 slot(double* memory, double* values)`. `memory` is what the part keeps
-from tick to tick, `values` what it is given and what it answers. A part without a kernel gets a
-trampoline of ctypes, which takes the GIL by itself and works on the same arrays; compiled code
-knows no difference. What it raises is kept: the kernel returns RAISED, and its caller in Python
-raises the exception itself (`PythonSlots.check`).
+A slot is a C function `int64 slot(double* memory, double* values)`. `memory` holds the component's
+state from tick to tick, and `values` holds its inputs and outputs. A component without a kernel
+gets a ctypes trampoline, which acquires the GIL itself and works on the same arrays. For compiled
+code there is no difference. An exception in it is kept: the kernel returns RAISED, and its caller
+in Python raises the exception (`PythonSlots.check`).
 """
 
 import ctypes
@@ -24,7 +25,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, UuvError, plain
 from uuv.sim.interfaces.kernels.stored import c_function, kernel
 from uuv.sim.interfaces.spatial import Array
 
-# What a slot answers. A kernel that fails inside prints why, and numba then returns 0.
+# Answers of a slot. A kernel that fails inside prints the reason, and numba then returns 0.
 FAILED, FINE, RAISED = range(3)
 
 SLOT = types.int64(types.CPointer(types.float64), types.CPointer(types.float64))  # of `c_function`
@@ -35,12 +36,12 @@ class Slot(NamedTuple):
     """One part of a tick."""
 
     address: int  # of its C function; 0: the part that the tick contains
-    memory: Array  # what it keeps
-    values: Array  # what it is given, and what it answers
+    memory: Array  # state of the component
+    values: Array  # inputs and outputs of the component
 
 
 def empty_slot(memory: Array | None = None, values: int = 0) -> Slot:
-    """Slot of a part that the tick contains, with its `memory` and so many values."""
+    """Slot of a component that is built into the tick, with its `memory` and `values` values."""
     return Slot(0, np.zeros(0) if memory is None else memory, np.zeros(values))
 
 
@@ -55,18 +56,18 @@ def _call(_typing: Any, _address: Any, _memory: Any, _values: Any) -> Any:
     return types.int64(types.intp, types.intp, types.intp), codegen
 
 
-# In compiled code only: call_at(address, memory, values), three addresses.
+# In compiled code only: call_at(address, memory, values) with three addresses.
 call_at = cast(Any, intrinsic(_call))
 
 
 @kernel
 def call(slot):
-    """Call a `Slot` that is not empty; returns its answer."""
+    """Call a `Slot` that is not empty, and return its answer."""
     return call_at(slot.address, slot.memory.ctypes.data, slot.values.ctypes.data)
 
 
 def _address(_typing: Any, box: Any) -> Any:
-    """Intrinsic that tells where a record box is."""
+    """Intrinsic that returns the address of a record box."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: Any) -> ir.Value:
         proxy = cgutils.create_struct_proxy(signature.args[0])(context, builder, value=args[0])
@@ -80,53 +81,57 @@ _address_in = cast(Any, intrinsic(_address))
 
 @kernel
 def address_of_box(box):
-    """Address by which a kernel that is called at its own address takes `box`, a `RecordBox`."""
+    """Address at which a kernel called by address receives `box`, a `RecordBox`."""
     return _address_in(box)
 
 
 def address_of_kernel(compiled: Any, *boxes: Any) -> int:
-    """Address of a kernel, compiled for these arguments; it stays alive with the kernel.
+    """Address of a kernel, compiled for these arguments; it is valid as long as the kernel exists.
 
     Args:
-        compiled: of `kernel`, not without its C wrapper; it returns an int64.
-        *boxes: arguments that it is to take, each a `RecordBox`.
+        compiled: Function compiled by `kernel`, with its C wrapper, that returns an int64.
+        *boxes: Arguments of the kernel, each a `RecordBox`.
     """
     overload = compiled.get_compile_result(types.int64(*map(numba.typeof, boxes)))
     return int(overload.library.get_pointer_to_function(overload.fndesc.llvm_cfunc_wrapper_name))
 
 
 def slot_function(function: Callable[[Any, Any], int], part: str = "") -> Any:
-    """C function of a slot, which numba compiles; it must live as long as its address.
+    """C function of a slot, compiled by numba; keep a reference as long as its address is used.
 
     Args:
         function: function(memory, values), both pointers; returns FINE.
-        part: of a user's own, to begin the error message.
+        part: Name of a user's component, with which the error message begins.
 
     Raises:
-        ConfigurationError: numba cannot compile it.
+        ConfigurationError: Numba cannot compile the function.
     """
     try:
         return c_function(SLOT)(function)
     except NumbaError as error:
         lines = [line.strip() for line in plain(str(error)).splitlines()]
         reasons = [line for line in lines if line and not line.startswith("Failed in")]
-        raise ConfigurationError(f"{part}: numba cannot compile it: {reasons[0]}") from None
+        raise ConfigurationError(
+            f"{part}: numba cannot compile the function: {reasons[0]}"
+        ) from None
 
 
 class PythonSlots:
-    """Slots in plain Python, and what they raised; lives as long as their addresses."""
+    """Slots in plain Python, and their exceptions. Their addresses are valid as long as this object
+    exists.
+    """
 
     def __init__(self) -> None:
         self._callbacks: list[Any] = []
         self._raised: list[BaseException] = []
 
     def add(self, function: Callable[[], int | None]) -> int:
-        """Address of a slot that calls `function()`, whose result is the answer; None: FINE."""
+        """Address of a slot that calls `function()`. The result is the answer; None means FINE."""
 
         def guarded(_memory: int, _values: int) -> int:
             try:
                 answer = function()
-            except BaseException as error:  # whatever it is, the caller of the kernel raises it
+            except BaseException as error:  # the caller of the kernel raises it, whatever its type
                 self._raised.append(error)
                 return RAISED
             return FINE if answer is None else answer
@@ -137,15 +142,15 @@ class PythonSlots:
         return int(ctypes.c_void_p.from_buffer(callback).value or 0)
 
     def clear(self) -> None:
-        """Give the callbacks back; none of the addresses may be called afterwards."""
+        """Free the callbacks; none of the addresses may be called afterwards."""
         self._callbacks.clear()
 
     def check(self, answer: int) -> int:
-        """The answer of a kernel, unless a part has failed.
+        """Return the answer of a kernel, unless a component has failed.
 
         Raises:
-            BaseException: what a slot in Python raised.
-            UuvError: a kernel failed inside.
+            BaseException: The exception of a slot in Python.
+            UuvError: A kernel failed inside.
         """
         if answer == RAISED and self._raised:
             error = self._raised.pop()
@@ -157,23 +162,23 @@ class PythonSlots:
 
 
 class HasSlot(Protocol):
-    """Part with a kernel."""
+    """Component with a kernel."""
 
     def slot(self, state: Any) -> Slot:
-        """The kernel, on the arrays of its state."""
+        """The kernel, bound to the arrays of `state`."""
         ...
 
 
 def has_slot(part: object) -> TypeGuard[HasSlot]:
-    """True if `part` gives a kernel (`gives_kernel`)."""
+    """True if `part` provides a kernel (`gives_kernel`)."""
     return gives_kernel(part, "slot")
 
 
 def gives_kernel(part: object, name: str) -> bool:
-    """True if a part has the method `name`, and no other was overridden since that was written.
+    """True if a component has the method `name`, and no subclass below it overrides another method.
 
-    A class that inherits a kernel and overrides what it stands for runs in Python, until it gives
-    one of its own.
+    A class that inherits a kernel and overrides a method that the kernel implements runs in Python,
+    until it provides its own kernel.
     """
     classes = type(part).__mro__
     defining = next((row for row, kind in enumerate(classes) if name in vars(kind)), None)

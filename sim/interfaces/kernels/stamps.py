@@ -1,8 +1,9 @@
-"""Hash of what the machine code of a kernel depends on: byte code, and what that uses.
+"""Hash of everything that the machine code of a kernel depends on: its byte code, and the values
+and functions that this uses.
 
-Numba translates byte code, so comments, docstrings and line numbers do not count. Followed are the
-globals that a kernel names, its closure and its defaults, through every compiled function that it
-calls. An edit therefore changes the stamps of a kernel and of its callers alone.
+Numba translates byte code, so comments, docstrings and line numbers do not count. The hash follows
+the globals that a kernel names, its closure and its defaults, through every compiled function that
+it calls. An edit therefore changes the stamps of the edited kernel and of its callers only.
 """
 
 import hashlib
@@ -17,32 +18,34 @@ from typing import Any
 
 import numpy as np
 
-# values whose repr tells all
+# values whose repr identifies them completely
 _NAMED = (type(None), bool, int, float, complex, str, bytes, type(Ellipsis))
 
-_TOOLS = ("numba", "numpy", "llvmlite")  # their versions are part of every stamp
+_TOOLS = ("numba", "numpy", "llvmlite")  # packages whose versions are part of every stamp
 
 
 class UnkeyableError(Exception):
-    """A kernel uses a value of which no stamp can be made; its machine code cannot be kept."""
+    """A kernel uses a value that cannot be hashed; its machine code cannot be kept."""
 
 
 def stamp(function: FunctionType, options: object = ()) -> str:
-    """Hash (64 hexadecimal digits) of what the machine code depends on, but its argument types.
+    """Hash (64 hexadecimal digits) of all that the machine code depends on, except its argument
+    types.
 
     Args:
         function: The Python function of a kernel.
-        options: Of its compilation, such as {"fastmath": True}.
+        options: Options of its compilation, such as {"fastmath": True}.
 
     Raises:
-        UnkeyableError: It uses a value that cannot be described.
+        UnkeyableError: The kernel uses a value that cannot be described.
     """
     digest = hashlib.sha256(repr(options).encode())
     numbers = {id(function): 0}
     waiting = [function]
 
-    # Each function reached is hashed once, with those that it uses by their place in the order of
-    # discovery: the stamp of functions that call each other does not depend on where one begins.
+    # Each function reached is hashed once, and refers to the functions it uses by their place in
+    # the order of discovery. The stamp of functions that call each other therefore does not depend
+    # on the first one.
     while waiting:
         part, used = _described(waiting.pop())
         digest.update(part)
@@ -58,12 +61,12 @@ _memo: dict[int, tuple[FunctionType, bytes, list[FunctionType]]] = {}
 
 
 def _described(function: FunctionType) -> tuple[bytes, list[FunctionType]]:
-    """Description of a function without those that it uses, and these."""
+    """Description of a function without the functions that it uses, and a list of these."""
     known = _memo.get(id(function))
     if known is None:
         used: list[FunctionType] = []
         text = "\n".join(_function(function, used)).encode()
-        # the function itself keeps its id from being reused
+        # keeps the function alive, so that its id is not reused
         known = _memo[id(function)] = (function, text, used)
 
     return known[1], known[2]
@@ -85,7 +88,7 @@ def _function(function: FunctionType, used: list[FunctionType]) -> Iterator[str]
 
 
 def _code(code: CodeType, doc: str | None) -> Iterator[str]:
-    """All of a code object that its translation reads."""
+    """Everything in a code object that its translation reads."""
     yield repr(
         (
             code.co_code,
@@ -113,7 +116,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _value(value: Any, used: list[FunctionType]) -> str:
-    """Description of a value; functions that are compiled too go to `used`."""
+    """Description of a value; functions that are compiled as well are added to `used`."""
     if isinstance(value, Enum):
         return f"{_class(type(value))}.{value.name}={value.value!r}"
     if isinstance(value, _NAMED):
@@ -148,8 +151,8 @@ def _value(value: Any, used: list[FunctionType]) -> str:
 
 
 def _called(value: Any, used: list[FunctionType]) -> str:
-    """Description of what a kernel may call."""
-    # numba's refer so to their source
+    """Description of a value that a kernel may call."""
+    # numba's own functions refer to their source in this way
     compiled = inspect.unwrap(value) if hasattr(value, "__wrapped__") else None
     if isinstance(compiled, FunctionType) and hasattr(value, "targetoptions"):
         used.append(compiled)
@@ -158,7 +161,9 @@ def _called(value: Any, used: list[FunctionType]) -> str:
         used.append(compiled)
         return f"C function {getattr(value, '_sig', '')}"
 
-    builder = getattr(value, "_defn", None)  # an intrinsic: Python code writes its machine code
+    builder = getattr(
+        value, "_defn", None
+    )  # an intrinsic: its machine code is written by Python code
     if isinstance(builder, FunctionType):
         return f"intrinsic {_plain(builder, used)}"
     if isinstance(value, FunctionType):
@@ -174,13 +179,15 @@ def _called(value: Any, used: list[FunctionType]) -> str:
 
 
 def _plain(function: FunctionType, used: list[FunctionType]) -> str:
-    """A function not compiled stands for its whole file, where what numba takes instead is."""
+    """Description of a function that is not compiled: its whole file, in which numba's replacement
+    is defined.
+    """
     name = f"{function.__module__}.{function.__qualname__}"
     if _is_told_by_version(function.__module__):
         return name
     closure = [cell.cell_contents for cell in function.__closure__ or ()]
     known = (function.__globals__.get(called) for called in sorted(set(_names(function.__code__))))
-    # which may lie in other files
+    # these may be in other files
     kernels = [global_value for global_value in known if hasattr(global_value, "targetoptions")]
     called = f" {_value(kernels, used)}" if kernels else ""
 
@@ -197,7 +204,7 @@ def _class(kind: type) -> str:
 
 
 def _module(module: ModuleType, used: list[FunctionType]) -> str:
-    """A module of a project by its file and the kernels within."""
+    """Description of a module of a project: its file, and the kernels in it."""
     file = getattr(module, "__file__", None)
     if file is None or _is_told_by_version(module.__name__):
         return module.__name__

@@ -1,13 +1,14 @@
-"""Store of compiled kernels: a user's folder, one file a kernel and signature, shared.
+"""Store of compiled kernels: a shared folder of the user, with one file for each kernel and
+signature.
 
 A file is named by the hash of its stamp, and holds the stamp, the machine code and the code's hash.
-It is written under another name and renamed, so that no reader meets half of it. A reader takes
-nothing from a file that is another user's, that others may write, that is cut, or whose stamp
-differs: it is as if the file were not there.
+It is written under another name and then renamed, so that no reader sees an incomplete file. A
+reader ignores a file that belongs to another user, that others may write, that is truncated, or
+whose stamp differs.
 
-`UUV_KERNEL_STORE` names the folder, or is `off`; by default `uuv-arm/kernel-store` in the user's
-cache folder, else in the temporary one. `UUV_KERNEL_STORE_MB` limits its size; the files that were
-used least recently leave first.
+`UUV_KERNEL_STORE` names the folder, or is `off`. The default is `uuv-arm/kernel-store` in the
+user's cache folder or, if that is impossible, in the temporary folder. `UUV_KERNEL_STORE_MB` limits
+the size of the store; the least recently used files are removed first.
 """
 
 import contextlib
@@ -28,39 +29,40 @@ from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.tables import TableReader
 
-FOLDER = "UUV_KERNEL_STORE"  # environment: a folder, or OFF
-LIMIT = "UUV_KERNEL_STORE_MB"  # environment: most megabytes
+FOLDER = "UUV_KERNEL_STORE"  # environment variable: a folder, or OFF
+LIMIT = "UUV_KERNEL_STORE_MB"  # environment variable: largest size in megabytes
 OFF = "off"
 DEFAULT_LIMIT = 512.0  # [MB]
 
 _MAGIC = b"uuv kernel 1\n"
-_SUFFIX, _PART = ".kernel", ".part"  # of whole files, and of those being written
+# suffixes of complete files, and of files that are being written
+_SUFFIX, _PART = ".kernel", ".part"
 _LAST_START = "last_start.json"
 _SHORT = 10_000  # [bytes] more than it has
-_STALE = 3600.0  # [s] age from which a part is one of a process that died
-_RECENT = 3600.0  # [s] a use is noted once in this time: a note is a write
+_STALE = 3600.0  # [s] age from which a partial file counts as left by a process that died
+_RECENT = 3600.0  # [s] a use is recorded at most once in this time
 
 
 @dataclass(frozen=True, slots=True)
 class LastStart:
-    """Kernels of one start of a run."""
+    """Numbers of kernels loaded and compiled at one start of a run."""
 
-    loaded: int  # from the store
-    compiled: int  # anew
+    loaded: int  # loaded from the store
+    compiled: int  # compiled
     time: float  # [s] since the epoch
 
 
 @dataclass(frozen=True, slots=True)
 class StoreContent:
-    """What the store holds."""
+    """Content of the store."""
 
-    folder: Path | None  # None: there is no store
-    why: str  # no store, or not the usual place; empty otherwise
+    folder: Path | None  # None if there is no store
+    why: str  # why there is no store, or why it is not at the usual place; empty otherwise
     files: int
     bytes: int
     limit: int  # [bytes]
-    oldest: float  # [s] since the epoch, of the last use; 0 where there is no file
-    newest: float  # [s] likewise
+    oldest: float  # [s] since the epoch, oldest last use of a file; 0 if there is no file
+    newest: float  # [s] the same for the most recent use
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +72,12 @@ class _Place:
 
 
 def folder() -> Path | None:
-    """The store's folder; None if there is none, and each process compiles for itself."""
+    """The store's folder; None if there is none, in which case each process compiles for itself."""
     return _place().folder
 
 
 def load(stamp: str) -> bytes | None:
-    """Machine code that was kept with this stamp; None if there is none that can be trusted."""
+    """Machine code that was kept under this stamp; None if there is none that can be trusted."""
     file = _file(stamp)
     content = None if file is None else _read(file)
     if file is None or content is None:
@@ -84,7 +86,7 @@ def load(stamp: str) -> bytes | None:
     code = _code_of(content, stamp.encode())
     if code is None:
         with contextlib.suppress(OSError):
-            file.unlink()  # cut, or of another stamp
+            file.unlink()  # truncated, or of another stamp
         return None
 
     _note_use(file)
@@ -119,7 +121,9 @@ def save(stamp: str, code: bytes) -> bool:
 
 
 def trim() -> None:
-    """Remove the files used least recently, down to the limit, and parts that nobody finishes."""
+    """Remove the least recently used files, down to the limit, and partial files that nobody
+    completes.
+    """
     store = folder()
     if store is None:
         return
@@ -154,7 +158,7 @@ def empty() -> int:
 
 
 def content() -> StoreContent:
-    """What the store holds now."""
+    """Present content of the store."""
     store = _place()
     files = [about for _, about in _files(store.folder)] if store.folder is not None else []
     used = [about.st_mtime for about in files]
@@ -171,7 +175,7 @@ def content() -> StoreContent:
 
 
 def note_start(loaded: int, compiled: int) -> None:
-    """Remember what the start of a run took from the store; `last_start` reads it."""
+    """Record how many kernels a start took from the store and compiled, for `last_start`."""
     store = folder()
     if store is None:
         return
@@ -185,7 +189,7 @@ def note_start(loaded: int, compiled: int) -> None:
 
 
 def last_start() -> LastStart | None:
-    """The last start that `note_start` remembers; None if there is none."""
+    """The last start that `note_start` recorded; None if there is none."""
     store = folder()
     if store is None:
         return None
@@ -196,7 +200,7 @@ def last_start() -> LastStart | None:
 
 
 def limit() -> int:
-    """Most bytes of the store."""
+    """Largest size of the store in bytes."""
     try:
         megabytes = float(os.environ.get(LIMIT) or DEFAULT_LIMIT)
         return int(megabytes * 1e6) if megabytes >= 0.0 else int(DEFAULT_LIMIT * 1e6)
@@ -223,7 +227,7 @@ def _files(folder: Path) -> Iterator[tuple[Path, os.stat_result]]:
 
 
 def _read(file: Path) -> bytes | None:
-    """Content of a file that is the user's own and that nobody else may write."""
+    """Content of a file that belongs to the user and that nobody else may write."""
     try:
         with os.fdopen(os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as stream:
             return stream.read() if _is_trusted(os.fstat(stream.fileno())) else None
@@ -232,7 +236,7 @@ def _read(file: Path) -> bytes | None:
 
 
 def _code_of(content: bytes, stamp: bytes) -> bytes | None:
-    """Machine code of a file with exactly this stamp, all of it."""
+    """Machine code in the content of a file with exactly this stamp; None if it is incomplete."""
     start = len(_MAGIC) + 4 + len(stamp)
     if content[:start] != _MAGIC + len(stamp).to_bytes(4, "big") + stamp:
         return None
@@ -257,11 +261,11 @@ def _place() -> _Place:
 
 @cache
 def _place_for(setting: str, caches: str) -> _Place:
-    """Folder of the store, once a process and setting."""
+    """Folder of the store, determined once for each process and setting."""
     if setting.lower() == OFF:
         return _Place(None, f"{FOLDER}={OFF}")
 
-    # As the environment says.
+    # As the environment variable says.
     if setting:
         folder = Path(setting).expanduser().resolve()
         reason = _unfit(folder)
@@ -290,9 +294,9 @@ def _place_for(setting: str, caches: str) -> _Place:
 
 
 def _unfit(folder: Path) -> str:
-    """Why `folder` cannot be the store, in words; empty if it can.
+    """Reason why `folder` cannot be the store; empty if it can.
 
-    It is made where it is missing.
+    A missing folder is created.
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -303,9 +307,10 @@ def _unfit(folder: Path) -> str:
         if not stat.S_ISDIR(about.st_mode):
             return f"{folder} is no folder"
         if about.st_uid != os.getuid():
-            return f"{folder} is another user's"
+            return f"{folder} belongs to another user"
         if about.st_mode & 0o077:
-            # one of the user's own; what others may have put into it is refused file by file
+            # the folder belongs to the user; files that others may have put into it are refused one
+            # by one
             folder.chmod(0o700)
 
         probe = folder / f"{uuid4().hex}{_PART}"

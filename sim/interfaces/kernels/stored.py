@@ -1,4 +1,4 @@
-"""Joins numba to the store: machine code of kernels is loaded from there, and kept there."""
+"""Connects numba to the store: machine code of kernels is loaded from the store, and kept there."""
 
 import atexit
 import json
@@ -47,24 +47,24 @@ _SETTINGS = (
 
 @dataclass(slots=True)
 class Counts:
-    """Kernels of this process, by what the store did for them."""
+    """Numbers of kernels of this process, by where their machine code came from."""
 
     loaded: int = 0
     compiled: int = 0
-    unkept: int = 0  # of those compiled: the store could not take them
+    unkept: int = 0  # of those compiled, the ones that the store could not keep
 
 
 counts = Counts()
 
 
 def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
-    """Decorator: `numba.njit`, whose machine code the store keeps.
+    """Decorator like `numba.njit`, with machine code that the store keeps.
 
     Args:
         function: The function; None where the decorator is called with options.
-        signature: Types to compile for, on the first call, and for these alone; None: those of each
-            call.
-        **options: Of `numba.njit`, such as error_model="numpy".
+        signature: The only types to compile for, on the first call. None: compile for the types of
+            each call.
+        **options: Options of `numba.njit`, such as error_model="numpy".
 
     Returns:
         The compiled function, or the decorator.
@@ -82,10 +82,11 @@ def kernel(function: Any = None, signature: Any = None, **options: Any) -> Any:
 
 
 def _compile_on_first_use(compiled: Any, signature: Any) -> None:
-    """Let `compiled` be made for one signature, at its first call from Python or a kernel.
+    """Delay the compilation of `compiled` for one signature until its first call from Python or a
+    kernel.
 
-    Numba would make it when it is defined, so that an import compiles. Of both ways to a first
-    call, the methods of the object stand before those of its class until then.
+    Numba would compile it at its definition, that is, during an import. Until the first call,
+    methods set on the object replace those of its class, one for each kind of first call.
     """
 
     def make() -> Any:
@@ -106,11 +107,11 @@ def _compile_on_first_use(compiled: Any, signature: Any) -> None:
 
 
 def c_function(signature: Any, **options: Any) -> Callable[[Any], Any]:
-    """Decorator: `numba.cfunc`, whose machine code the store keeps.
+    """Decorator like `numba.cfunc`, with machine code that the store keeps.
 
     Args:
         signature: Types of the C function.
-        **options: Of `numba.cfunc`.
+        **options: Options of `numba.cfunc`.
 
     Returns:
         The decorator.
@@ -139,13 +140,13 @@ def is_stored(compiled: Any, signature: Any) -> bool:
 
 
 class StoredKernel(_Cache):
-    """Cache of one kernel, as numba asks for it."""
+    """Cache of one kernel, with the interface that numba expects."""
 
     def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
         self._function = function
         self._options = sorted(options.items())
         self._enabled = True
-        # on first use, when all that the kernel calls is defined
+        # set on first use, when everything that the kernel calls is defined
         self._described: str | None = None
 
     @property
@@ -155,26 +156,26 @@ class StoredKernel(_Cache):
         return None if folder is None else str(folder)
 
     def enable(self) -> None:
-        """Load and keep machine code."""
+        """Enable loading and keeping of machine code."""
         self._enabled = True
 
     def disable(self) -> None:
-        """Always compile."""
+        """Disable the store: always compile."""
         self._enabled = False
 
     def flush(self) -> None:
-        """Nothing: another stamp is another file."""
+        """Does nothing, since another stamp is another file."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The kernel for these argument types, None where it must be compiled."""
-        target_context.refresh()  # as numba's own cache does: machine code finds its symbols then
+        """The kernel for these argument types; None if it must be compiled."""
+        target_context.refresh()  # as numba's own cache does: the code finds its symbols
         key = self._stamp(sig, target_context.codegen())
         code = store.load(key) if key is not None else None
         if code is None:
             return None
         try:
             rebuilt = compiler.CompileResult._rebuild(target_context, *pickle.loads(code))
-        except Exception:  # whatever a pickle of another state of the code may raise
+        except Exception:  # any exception that a pickle from another state of the code may raise
             return None
 
         counts.loaded += 1
@@ -190,12 +191,14 @@ class StoredKernel(_Cache):
             _trim_at_exit()
 
     def is_stored(self, sig: Any, target_context: Any) -> bool:
-        """True if the store has it."""
+        """True if the store has the machine code for this signature."""
         key = self._stamp(sig, target_context.codegen())
         return key is not None and store.holds(key)
 
     def _stamp(self, sig: Any, codegen: Any) -> str | None:
-        """All that the machine code depends on; None if that is unknown, or there is no store."""
+        """Stamp of all that the machine code depends on; None if that is unknown, or if there is no
+        store.
+        """
         if not self._enabled or store.folder() is None:
             return None
         try:
@@ -211,15 +214,16 @@ class StoredKernel(_Cache):
 
 @cache
 def type_text(kind: Any) -> str:
-    """Argument types as text that tells them apart, the same in every process.
+    """Argument types as a text that identifies them, the same in every process.
 
-    Numba's own text of a named tuple has neither its module nor the names and order of its fields,
-    which machine code depends on; they stand behind it.
+    Machine code depends on the module of a named tuple, and on the names and order of its fields.
+    Numba's own text has none of these, so they are appended.
 
     Raises:
-        UnkeyableError: The type is of one process, such as that of a function as an argument.
+        UnkeyableError: The type exists in one process only, such as the type of a function as an
+            argument.
     """
-    # a signature; what it returns follows from the code
+    # a signature; its return type follows from the code
     if hasattr(kind, "args") and hasattr(kind, "return_type"):
         kind = tuple(kind.args)
     if isinstance(kind, tuple):
@@ -246,7 +250,7 @@ def _named_tuples(kind: Any) -> Iterator[str]:
 
 @cache
 def toolchain() -> list[Any]:
-    """Versions and settings that machine code depends on, besides the processor."""
+    """Versions and settings that machine code depends on, except those of the processor."""
     versions = [numba.__version__, llvmlite.__version__, np.__version__]
     python = [platform.python_implementation(), *platform.python_version_tuple()[:2]]
     return [python, versions, [f"{name}={getattr(config, name, None)}" for name in _SETTINGS]]

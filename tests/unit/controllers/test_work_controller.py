@@ -181,5 +181,5 @@ def test_an_array_of_the_state_that_was_replaced_is_refused(controller):
         (value if isinstance(value, np.ndarray) else value[0])[...] = 0.0
         state = controller.step(state, now, asked)[0]
         replaced()
-        with pytest.raises(ConfigurationError, match=rf"State\.{name}: was replaced"):
+        with pytest.raises(ConfigurationError, match=rf"State\.{name}: must not be replaced"):
             controller.step(state, now, asked)

@@ -304,8 +304,8 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
             "thrusters: {bow: {of_polynomial: {ahead: [1e300, 1]}}}",
             r"polynomial: must not exceed 1e\+15",
         ),
-        ("bodies: {hull: {volume: 1}}\nbodies: {}", "the key 'bodies' stands twice in one table"),
-        ("bodies: {hull: {volume: 1, volume: 2}}", "the key 'volume' stands twice in one table"),
+        ("bodies: {hull: {volume: 1}}\nbodies: {}", "the key 'bodies' occurs twice in one table"),
+        ("bodies: {hull: {volume: 1, volume: 2}}", "the key 'volume' occurs twice in one table"),
         (
             "bodies: {hull: {volume: 1, strips: {start: [0, 0, 0], end: [1, 0, 0], normal: 1, "
             "stations: 2.5}}}",

@@ -187,14 +187,14 @@ def test_a_wave_swings_about_the_steady_current(within):
     for wrong, words in ((0.0, "finite and > 0 Hz"), (np.inf, "finite and > 0 Hz")):
         with pytest.raises(ConfigurationError, match=words):
             Wave(frequency=wrong)
-    with pytest.raises(ConfigurationError, match="must be above 20 steps"):
+    with pytest.raises(ConfigurationError, match="must be longer than 20 steps"):
         Current([0.0, 0.0, 0.0], wave=replace(wave, frequency=50.0), timestep=dt)
 
 
 @pytest.mark.parametrize(
     ("profile", "said"),
     [
-        (lambda t: (1.0 + 0.3 * np.sin(t), 0.0), "its rate is not the factor's, at 5 of 5 times"),
+        (lambda t: (1.0 + 0.3 * np.sin(t), 0.0), "it is not at 5 of 5 times"),
         (lambda t: t, "must return a factor and its rate"),
         (lambda t: (np.nan * t, 0.0), "not finite at 0.37 s"),
     ],

@@ -108,7 +108,7 @@ def test_an_object_is_a_cylinder_along_the_longest_side_of_its_box():
     assert (wake.stream, wake.drag) == ((0.2, 0.1, 0.0), 0.9)
     assert (wake.length, wake.diameter) == (pytest.approx(2.4), pytest.approx(0.7))
     assert wake_behind(np.ones(3), X_WO, box, 0.55).diameter == 0.55
-    with pytest.raises(ConfigurationError, match="no extent"):
+    with pytest.raises(ConfigurationError, match="sides of the object must be > 0"):
         wake_behind(np.ones(3), X_WO, np.zeros((2, 3)))
 
 

@@ -209,7 +209,7 @@ def test_a_current_of_ones_own_is_called_at_every_step():
 def test_a_method_that_is_set_on_a_current_is_called_too():
     current: Current = Current(MEAN)
     untyped(current).step = lambda: (np.array([0.3, 0.0, 0.0]), np.zeros(3))
-    assert "step of its own" in current.beyond_rows()
+    assert "overrides `step` or `at`" in current.beyond_rows()
     assert Current(MEAN).beyond_rows() == ""
 
 
@@ -263,8 +263,8 @@ def test_what_is_no_flow_field_is_refused():
     for flow, words in (
         (Given, "must be an instance, got the class Given"),
         (5, r"needs a method velocity\(p_W, time\), got 5"),
-        (OfOne(), r"OfOne.velocity takes \(p_W, time\), this one \(p_W\)"),
-        (Wave(), r"Wave.velocity takes \(p_W, time\)"),
+        (OfOne(), r"OfOne.velocity must take \(p_W, time\), this method takes \(p_W\)"),
+        (Wave(), r"Wave.velocity must take \(p_W, time\)"),
     ):
         with pytest.raises(ConfigurationError, match=words):
             Current(MEAN).with_flow(untyped(flow))

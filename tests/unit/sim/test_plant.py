@@ -99,7 +99,7 @@ def test_a_vehicle_without_coefficients_may_have_the_fluid_of_mujoco():
         ({"substeps": None}, "substeps must be a whole number >= 1, got None"),
         (
             {"substeps": 2, "current": GUSTS},
-            "current: its timestep is 0.002 s, but the plant's, .* 0.004 s",
+            "current: its timestep must be that of the plant, 0.004 s, got 0.002 s",
         ),
         ({"X_WB": np.eye(3)}, r"X_WB: expected shape \(4, 4\), got \(3, 3\)"),
         ({"X_WB": 2.0 * np.eye(4)}, "X_WB: expected a pose"),

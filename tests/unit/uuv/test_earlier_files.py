@@ -33,10 +33,7 @@ def test_a_scenario_has_the_format_of_its_file_and_is_read_without_one(tmp_path:
 @pytest.mark.parametrize(
     ("number", "said"),
     [
-        (
-            FORMAT + 1,
-            f"format {FORMAT + 1}, of a later version of uuv; this one reads 1 to {FORMAT}",
-        ),
+        (FORMAT + 1, f"format: must be 1 to {FORMAT} for this version of uuv, got {FORMAT + 1}"),
         (0, "format: must be a whole number >= 1, got 0"),
         ("'2'", "format: must be a whole number >= 1, got '2'"),
         ("true", "format: must be a whole number >= 1, got True"),
@@ -68,7 +65,7 @@ def test_figures_without_a_format_are_read_and_the_format_is_no_figure(tmp_path:
             "scenarios.tasks.surface_work:SurfaceWorkTask",
             "that module is now uuv.tasks.surface_work",
         ),
-        ("scenarios.nowhere:Task", "scenarios is now a part of uuv, which has no nowhere"),
+        ("scenarios.nowhere:Task", "scenarios is now part of uuv, which has no module nowhere"),
         (
             "controllers.whole_body.work_controller:Mine",
             "that module is now uuv.controllers.whole_body.work_controller",

@@ -157,7 +157,7 @@ def test_a_worker_compiles_says_what_fails_and_may_die(jobs):
 def test_what_has_no_word_is_refused():
     import numba
 
-    with pytest.raises(first_start.UuvError, match="no word for numba's type unicode_type"):
+    with pytest.raises(first_start.UuvError, match="no encoding for numba's type unicode_type"):
         encoded(numba.types.unicode_type)
     assert first_start.decoded(encoded(numba.types.none)) == numba.types.none
 
@@ -166,7 +166,7 @@ def test_what_has_no_word_is_refused():
 def test_a_listed_kernel_that_is_gone_is_named(kernel):
     with pytest.raises(
         UuvError,
-        match=rf"^list of kernels: {kernel} is not there; "
+        match=rf"^list of kernels: {kernel} does not exist; "
         r".*list_kernels.py",
     ):
         KernelJob(kernel, [], (), (), 1.0).is_stored()

@@ -156,7 +156,7 @@ def test_an_assembly_runs_once():
     run_through(assembly, longest=SECONDS)
     with pytest.raises(
         ConfigurationError,
-        match=r"run: this assembly is at 0.39\d s already; assemble a new one for each run",
+        match=r"run: an assembly can be run only once, and this one is at 0.39\d s; assemble",
     ):
         run_through(assembly, longest=SECONDS)
 

@@ -206,8 +206,8 @@ def test_set_may_be_repeated_and_takes_several():
 @pytest.mark.parametrize(
     ("assignment", "said"),
     [
-        ("task.speed", "allowed KEY=VALUE .*got 'task.speed'"),
-        ("seed.x=1", "no parameter 'seed.x': it is in no table of a scenario"),
+        ("task.speed", "must be KEY=VALUE .*got 'task.speed'"),
+        ("seed.x=1", "unknown parameter 'seed.x': no table of a scenario has this key"),
         ("tsak.speed=1", "the file has no 'tsak'; it has name, task"),
         ("task.sped=1", r"\[task\] has no 'sped'; it has"),
         ("task.speed=fast", "task.speed: must be a number, got 'fast'"),
@@ -339,8 +339,8 @@ def test_failures_compose_on_one_plant_and_wait_for_their_event():
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: ThrusterFailure(thruster="x"), "give `at` .s. or `state`, one of the two"),
-        (lambda: ThrusterFailure(thruster="x", at=1.0, state="work"), "one of the two"),
+        (lambda: ThrusterFailure(thruster="x"), "must have either `at` .s. or `state`"),
+        (lambda: ThrusterFailure(thruster="x", at=1.0, state="work"), "must have either"),
         (lambda: SensorFailure(sensor="dvl", state="lunch"), "allowed settle, .*got 'lunch'"),
         (lambda: SensorFailure(sensor="dvl", at=-1.0), "onset at: must be >= 0"),
         (
@@ -359,7 +359,7 @@ def test_failures_compose_on_one_plant_and_wait_for_their_event():
         ),
         (
             lambda: SensorFailure(sensor="dvl", rate=1.0, at=1.0),
-            "rate: an offset or a turn grows, not effect 'lost'",
+            "rate: only allowed for the effects 'offset' and 'turned', got 'lost'",
         ),
         (lambda: MisplacedSurface(offset=float("nan")), "MisplacedSurface offset"),
     ],
@@ -400,7 +400,9 @@ def test_a_thruster_cannot_fail_inside_a_plant_of_ones_own():
         jobs.clean_barrel(quick=True),
         perturbations=(Wrapped(), ThrusterFailure(thruster="sway", at=0.0)),
     )
-    with pytest.raises(ConfigurationError, match="comes before perturbations that wrap the plant"):
+    with pytest.raises(
+        ConfigurationError, match="must be listed before perturbations that wrap the plant"
+    ):
         assemble(scenario)
 
 

@@ -1,1 +1,1 @@
-"""Compiled substeps of an action: physics, controller, and what judges see, in one call."""
+"""Compiled substeps of an action: physics, controller, and inputs of judges, in one call."""

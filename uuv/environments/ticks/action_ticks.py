@@ -1,8 +1,8 @@
-"""Substeps of an action as a kernel: what judges see, controller on the true state, plant.
+"""Substeps of an action as a kernel: inputs of judges, controller on the true state, plant.
 
-Each substep does what `VehicleTask.before_substep`, the vehicle's hooks and dm_control's
-`Physics.step` do, with the same kernels on the same arrays. Both ways give the same bits and may
-take turns.
+Each substep has the effect of `VehicleTask.before_substep`, the vehicle's hooks and dm_control's
+`Physics.step`, with the same kernels on the same arrays. Both give the same bits, and may
+alternate.
 """
 
 import ctypes
@@ -24,10 +24,10 @@ from uuv.sim.plant import readout
 from uuv.sim.plant.compiled_step import PlantRecord, advance, observe
 from uuv.sim.plant.readout import CONTACTS, DATA, MODEL, TIME
 
-# Entries of a row of what judges see before a step: face of the pad (3,) [m], and the contacts of
-# the step before it (`uuv.sim.plant.readout`)
+# Entries of a row with the inputs of judges before a step: face of the pad (3,) [m], and the
+# contacts of the preceding step (`uuv.sim.plant.readout`)
 STEP_PAD = 0
-_CONTACTS = 3  # first of them
+_CONTACTS = 3  # first entry of the contacts
 STEP_NORMAL = _CONTACTS + readout.NORMAL
 STEP_FORCE = _CONTACTS + readout.FORCE
 STEP_COLLISION = _CONTACTS + readout.COLLISION
@@ -35,11 +35,11 @@ STEP_LEAST = _CONTACTS + readout.LEAST
 STEP_MOST = _CONTACTS + readout.MOST
 STEP = _CONTACTS + CONTACTS  # number of entries
 
-DIVERGED = 8  # answer of `run_substeps`, beside those of a controller: a warning of MuJoCo
+DIVERGED = 8  # answer of `run_substeps`, besides those of a controller: a warning of MuJoCo
 
 
 class ActionRecord(NamedTuple):
-    """Everything that changes within an action; arrays, those of MuJoCo are views."""
+    """Everything that changes within an action, as arrays; those of MuJoCo are views."""
 
     plant: PlantRecord
     sight: Sight
@@ -47,10 +47,10 @@ class ActionRecord(NamedTuple):
     p_WG: Array  # (3,) [m] tip of the tool
     p_pad: Array  # (3,) [m] face of the pad
     control: np.ndarray  # (3,) addresses of `ActionDrive`
-    reference: ReferenceRecord  # set points, moving by their velocities from its time on
+    reference: ReferenceRecord  # set points, which move by their velocities from their own time on
     leash: float  # [m] largest distance of the tool's set point from the tool
     command: Commanded
-    rows: Array  # (substeps, STEP) what judges see before each substep
+    rows: Array  # (substeps, STEP) inputs of judges before each substep
     warnings: np.ndarray  # (k,) MuJoCo's counters of warnings
     kinematics: int  # address of `mj_kinematics`
 
@@ -63,11 +63,11 @@ def action_box(record):
 
 @kernel
 def keep_near(X_WG, v_WG_W, since, p_WG, leash):
-    """Move the set point of the tool to within a distance of the tool.
+    """Limit the distance of the tool's set point from the tool.
 
     Args:
-        X_WG: (4, 4) set point `since` ago; its position is changed.
-        v_WG_W: (3,) [m/s] its velocity.
+        X_WG: (4, 4) set point at the time `since` ago; its position is changed.
+        v_WG_W: (3,) [m/s] velocity of the set point.
         since: [s] age of `X_WG`.
         p_WG: (3,) [m] tip of the tool.
         leash: [m] largest distance.
@@ -88,11 +88,11 @@ def run_substeps(box, substeps):
 
     Args:
         box: `RecordBox` of an `ActionRecord`.
-        substeps: How many, at most as many as there are rows.
+        substeps: Number of substeps, at most the number of rows.
 
     Returns:
-        Number of substeps completed; FINE, DIVERGED, REFUSED for a command that is not finite, or
-        the answer of the controller that failed.
+        Number of substeps completed, and an answer: FINE, DIVERGED, REFUSED for a command that is
+            not finite, or the answer of a controller that failed.
     """
     record = box.record
     plant = record.plant
@@ -124,7 +124,7 @@ def run_substeps(box, substeps):
         if _count(record.warnings) > warned:
             return done + 1, DIVERGED
 
-    # What a hook after a substep sees: positions at its end.
+    # Positions at the end of the substep, for hooks after it.
     places = plant.readout.places
     call_physics(record.kinematics, places[MODEL], places[DATA])
     plant.watch.time[0] = f64(places[DATA] + places[TIME], 0)
@@ -141,7 +141,7 @@ def _count(warnings):
 
 @kernel
 def _write_row(record, at):
-    """Write what judges see of the present state."""
+    """Write the inputs of judges at the present state."""
     row = record.rows[at]
     for i in range(3):
         row[STEP_PAD + i] = record.p_pad[i]

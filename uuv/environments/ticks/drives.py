@@ -1,4 +1,4 @@
-"""What drives the vehicle within an action, as a kernel calls it."""
+"""Commands to the vehicle within an action, in the form in which a kernel calls them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -18,22 +18,24 @@ from uuv.sim.plant.arm_hold import ArmHold, HoldGains, hold_torque
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class ActionDrive:
-    """What drives the vehicle through the substeps of the actions of one episode."""
+    """Source of the commands during the substeps of the actions of one episode."""
 
-    seeing: Seeing  # the true state, and its estimate
+    seeing: Seeing  # the true state, and the estimate equal to it
     command: Commanded
     reference: ReferenceRecord
-    begin: Callable[[], None]  # before some substeps: set points and constant commands
-    done: Callable[[int], Command]  # after them, by the answer of the last; the last command
-    # Addresses of its tick, its memory and the box of the estimate; 0: the command stays.
+    # called before some substeps: writes set points and constant commands
+    begin: Callable[[], None]
+    # called after them with the last answer; returns the last command
+    done: Callable[[int], Command]
+    # Addresses of its tick, its memory and the box of the estimate; 0: the command is constant.
     control: tuple[int, int, int] = (0, 0, 0)
     slots: PythonSlots = field(default_factory=PythonSlots)
     leash: float = np.inf  # [m] largest distance of the tool's set point from the tool
-    kept: Any = None  # what must live as long as the addresses
+    kept: Any = None  # objects that must exist as long as the addresses are used
 
 
 class HoldRecord(NamedTuple):
-    """An arm that is held."""
+    """Record of an arm that is held in a posture."""
 
     gains: HoldGains
     command: Commanded
@@ -47,7 +49,7 @@ def hold_box(record):
 
 @kernel(nogil=True)
 def hold_tick(box, estimate):
-    """Torques that hold the arm, of the boxes of a `HoldRecord` and of an EstimateRecord."""
+    """Torques that hold the arm, from the boxes of a `HoldRecord` and of an EstimateRecord."""
     record = box.record
     e = estimate.record
     hold_torque(record.gains, e.q, e.qd, record.command.tau)
@@ -55,12 +57,12 @@ def hold_tick(box, estimate):
 
 
 def constant(seeing: Seeing, command: Commanded, begin: Callable[[], None]) -> ActionDrive:
-    """Commands that stay through an action.
+    """Commands that are constant during an action.
 
     Args:
         seeing: The true state.
-        command: Where they are written.
-        begin: Writes them.
+        command: Arrays to which they are written.
+        begin: Function that writes them.
     """
 
     def done(_answer: int) -> Command:
@@ -76,7 +78,7 @@ def constant(seeing: Seeing, command: Commanded, begin: Callable[[], None]) -> A
 
 
 def holding(arm: ArmHold, usual: ActionDrive) -> ActionDrive:
-    """As a drive of `constant`, with an arm that is held in its posture."""
+    """The same as `constant`, with an arm that is held in its posture."""
     arm_box = hold_box(as_annotated(HoldRecord(arm.gains, usual.command)))
     seen_box = estimate_box(usual.seeing.estimate)
     address = address_of_kernel(hold_tick, arm_box, seen_box)

@@ -1,12 +1,12 @@
-"""dm_control's environment, whose substeps run compiled where nothing in Python looks at them.
+"""Environment of dm_control with compiled substeps, if no Python code acts at every substep.
 
     environment = suite.load("barrel", "wipe")
     environment.slow_part  # what keeps it from that; empty: nothing
 
-dm_control asks for one substep after another. The first of them runs all up to the next
-observation that is due, and dm_control's requests for those are then met already. A hook, task,
-judge or action of a user's own that acts at every substep makes all run substep by substep, to
-the same bits.
+dm_control requests one substep after another. The first request runs all substeps up to the next
+observation that is due; dm_control's requests for the others then do nothing. A hook, task, judge
+or action of a user that acts at every substep makes the substeps run one by one, with the same
+bits.
 """
 
 import sys
@@ -31,12 +31,12 @@ class Substeps:
     """Compiled substeps of one episode."""
 
     def __init__(self, task: VehicleTask, physics: mjcf.Physics, most: int) -> None:
-        """Take what they change, after the actions have begun.
+        """Take the arrays that the substeps change, after the actions have begun.
 
         Args:
-            task: Of the environment.
-            physics: Of the environment.
-            most: Substeps of an action.
+            task: Task of the environment.
+            physics: Physics of the environment.
+            most: Number of substeps of an action.
         """
         self._task = task
         self._physics = physics
@@ -64,10 +64,11 @@ class Substeps:
         self._box = action_ticks.action_box(as_annotated(record))
 
     def run(self, substeps: int) -> int:
-        """Run so many; returns the number that was run, less where MuJoCo has warned.
+        """Run `substeps` substeps; return the number that was run, which is less if MuJoCo has
+        warned.
 
         Raises:
-            control.PhysicsError: Of dm_control; the simulation diverged.
+            control.PhysicsError: Exception of dm_control; the simulation diverged.
             ConfigurationError: A command is not finite.
         """
         total = 0
@@ -75,25 +76,25 @@ class Substeps:
         self._drive.begin()
         with self._physics.check_invalid_state():
             while total < substeps and answer == FINE:
-                # The rows of the current may end within an action.
+                # The rows of the current may end during an action.
                 count = min(substeps - total, self.plant.ready())
                 done, answer = run_substeps(self._box, count)
                 self._drive.slots.check(answer)
                 total += done
 
-                # What Python sees of it.
+                # Update of the data that Python code reads.
                 self._task.watch_steps(self._rows[:done])
                 command = self._task.vehicle.command = self._drive.done(answer)
                 self.plant.publish()
                 if answer == REFUSED:
-                    self.plant.begin(command)  # raises and says why
+                    self.plant.begin(command)  # raises an error with the reason
         return total
 
 
 class DueUpdater(Updater):
-    """dm_control's updater of observations, which knows when the next one is due."""
+    """Updater of dm_control's observations that knows when the next observation is due."""
 
-    _due = 0  # number of the substep after which the next one is due
+    _due = 0  # number of the substep after which the next observation is due
 
     def prepare_for_next_control_step(self) -> None:
         """Plan the next action."""
@@ -119,30 +120,30 @@ class DueUpdater(Updater):
 
 
 class Environment(composer.Environment):
-    """Environment of a task, compiled within an action as far as nothing in Python looks."""
+    """Environment of a task, compiled within an action if no Python code acts at every substep."""
 
-    _taken = 0  # substeps of the present action that dm_control has asked for
-    _ahead = 0  # substeps that have run and that it has not asked for yet
+    _taken = 0  # number of substeps of the present action that dm_control has requested
+    _ahead = 0  # number of substeps that have run before dm_control has requested them
     _substeps: Substeps | None = None
     _slow: str | None = None  # `slow_part` of the present episode
 
     @property
     def slow_part(self) -> str:
-        """What has to run in Python at every substep; empty: nothing."""
+        """Reason why Python code must run at every substep; empty if there is none."""
         return _slow_part(self._task, self._hooks, self._physics)
 
     def step(self, action: Any) -> Any:
-        """As dm_control."""
+        """Same as in dm_control."""
         self._taken = self._ahead = 0
         return super().step(action)
 
     def add_extra_hook(self, hook_name: str, hook_callable: Any) -> None:
-        """As dm_control."""
+        """Same as in dm_control."""
         super().add_extra_hook(hook_name, hook_callable)
         self._slow = None
 
     def close(self) -> None:
-        """As dm_control."""
+        """Same as in dm_control."""
         self._substeps = None
         super().close()
 
@@ -163,7 +164,7 @@ class Environment(composer.Environment):
         if self._slow is None:
             self._slow = self.slow_part
 
-        # MuJoCo's own callbacks, which it calls between the two halves of a step, come and go.
+        # MuJoCo's own callbacks, called between the two halves of a step, may be set and removed.
         called = mujoco.get_mjcb_control() is not None or mujoco.get_mjcb_sensor() is not None
         if self._slow or called:
             super()._substep(action)
@@ -180,7 +181,7 @@ class Environment(composer.Environment):
 
 
 def _slow_part(task: Any, hooks: Any, physics: mjcf.Physics) -> str:
-    """What has to run in Python at every substep of a task; empty: nothing."""
+    """Reason why Python code must run at every substep of a task; empty if there is none."""
     if not isinstance(task, VehicleTask):
         return f"task {type(task).__name__}"
 
@@ -196,7 +197,7 @@ def _slow_part(task: Any, hooks: Any, physics: mjcf.Physics) -> str:
     if ours != before + after:
         return "hooks of substeps"
 
-    # Parts.
+    # Components.
     if not gives_kernel(task.actions, "drive"):
         return f"actions {type(task.actions).__name__}"
     if task.in_contact and not gives_kernel(task.judge, "watch_steps"):
@@ -207,6 +208,6 @@ def _slow_part(task: Any, hooks: Any, physics: mjcf.Physics) -> str:
 
 
 def _as_in(base: type, part: object, *names: str) -> bool:
-    """True if a part has the methods of a class as they are."""
+    """True if a component has the methods of a class unchanged."""
     ours = (getattr(type(part), name, None) is getattr(base, name, None) for name in names)
     return all(ours) and not set(names) & set(vars(part))

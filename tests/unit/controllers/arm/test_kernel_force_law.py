@@ -64,7 +64,7 @@ def test_what_numba_cannot_compile_is_refused_in_one_line():
 
     with pytest.raises(
         ConfigurationError,
-        match=r"^force law opens: numba cannot compile it: "
+        match=r"^force law opens: numba cannot compile the function: "
         r".*'open'[^\n]*$",
     ):
         KernelForceLaw(law=opens)

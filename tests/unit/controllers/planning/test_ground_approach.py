@@ -179,7 +179,7 @@ def test_what_cannot_be_is_refused():
         plane_through(np.outer(np.arange(4.0), [1.0, 2.0, 0.5]))
     with pytest.raises(ConfigurationError, match="3 finite points"):
         plane_through(np.zeros((2, 3)))
-    with pytest.raises(ConfigurationError, match="dead beams must be of 1 to 4"):
+    with pytest.raises(ConfigurationError, match="dead beams must be 1 to 4"):
         DvlBeams(dead=(5,))
     with pytest.raises(ConfigurationError, match="ground approach height: must be > 0"):
         GroundApproach(height=0.0, hull_box=BOX)

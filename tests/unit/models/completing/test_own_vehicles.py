@@ -343,7 +343,7 @@ def test_a_hull_without_a_joint_floats(tmp_path: Path) -> None:
             r"joints.lift \[N m\]: must be finite, above 0, "
             r"got inf",
         ),
-        ("hull: base_link", "hull: base_link\nhull: other", "the key 'hull' stands twice"),
+        ("hull: base_link", "hull: base_link\nhull: other", "the key 'hull' occurs twice"),
         ("hull: base_link", "hull: 5", "hull: must be a name, got 5"),
         ("hull: base_link", "trim: -1", r"trim \[m\]: must be at least 0 and at most 10, got -1"),
         ("hull: base_link", "trim: '0.05'", "it is text: leave out the quotes"),

@@ -55,7 +55,7 @@ def test_streams_go_on_from_the_states_that_were_kept(rng: np.random.Generator):
     "text", ["", "1 2 3", "1 2 0 z", "1 2 -0 1", f"{1 << 128:x} 1 0 0", "1 1 2 0"]
 )
 def test_a_text_that_is_no_state_is_refused(text: str):
-    with pytest.raises(ConfigurationError, match="no state of a random stream"):
+    with pytest.raises(ConfigurationError, match="state of a stream: must be a text written by"):
         _ = Streams(states=[("stones", text)])["stones"]
 
 

@@ -263,7 +263,7 @@ def test_keys_of_a_later_version_can_be_passed_over():
         ("{", "cannot be read"),
         ('{"a": NaN}', "NaN is no JSON"),
         ('{"a": 1e999}', r"a: must be a finite number, got inf"),
-        ('{"a": 1, "b": 2, "a": 3}', "the key 'a' stands twice in one table"),
+        ('{"a": 1, "b": 2, "a": 3}', "the key 'a' occurs twice in one table"),
         ('{"a": ' + "9" * 5000 + "}", "cannot be read"),
         ('{"a": ' + "9" * 30 + "}", r"a: a whole number of more than 63 bits"),
         ("[" * 50_000 + "]" * 50_000, f"more than {DEEPEST} tables deep"),

@@ -60,20 +60,20 @@ def test_latest_is_a_file_where_there_are_no_links(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["new", "new/er", "Prüfstand 3 – Süd"])
 def test_out_is_made_where_it_is_not(name, tmp_path):
     assert new_folder("x", tmp_path / name) == tmp_path / name
-    with pytest.raises(ConfigurationError, match="in use already"):
+    with pytest.raises(ConfigurationError, match="already in use"):
         new_folder("x", tmp_path / name)
 
 
 def test_out_with_anything_in_it_is_refused_and_left_alone(tmp_path):
     (tmp_path / "report.html").write_text("old")
-    with pytest.raises(ConfigurationError, match="in use already"):
+    with pytest.raises(ConfigurationError, match="already in use"):
         new_folder("x", tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 
 def test_out_that_cannot_be_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigurationError, match="cannot be made a folder"):
+    with pytest.raises(ConfigurationError, match="the folder cannot be created"):
         new_folder("x", tmp_path / "file")
 
 
@@ -116,7 +116,7 @@ def test_a_file_system_without_locks_is_one_line(tmp_path, monkeypatch):
 
     monkeypatch.setattr(fcntl, "flock", none)
     with (
-        pytest.raises(ConfigurationError, match=r"gives no lock \(No locks available\)"),
+        pytest.raises(ConfigurationError, match=r"does not support locks \(No locks available\)"),
         alone_in(tmp_path),
     ):
         pass

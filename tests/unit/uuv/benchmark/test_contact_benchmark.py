@@ -87,9 +87,9 @@ def test_the_public_cases_are_pinned():
         ),
         pytest.param("Hangs", "no reply of the entry for 0.5 s", marks=pytest.mark.long),
         pytest.param("Raises", "raised RuntimeError: out of ideas", marks=pytest.mark.long),
-        pytest.param("WrongType", "dict in place of a Command", marks=pytest.mark.long),
+        pytest.param("WrongType", "must return a Command, got dict", marks=pytest.mark.long),
         pytest.param("WrongShape", "thrusters: expected shape", marks=pytest.mark.long),
-        pytest.param("WrongTime", "requested was", marks=pytest.mark.long),
+        pytest.param("WrongTime", "command must be for the time", marks=pytest.mark.long),
     ],
 )
 def test_a_failure_of_the_entry_is_one_line(name, said):
@@ -167,7 +167,7 @@ def test_an_estimator_behind_the_door_changes_no_bit():
     ("name", "said"),
     [
         pytest.param(
-            "EstimatesNothing", "NoneType in place of a StateEstimate", marks=pytest.mark.long
+            "EstimatesNothing", "must return a StateEstimate, got NoneType", marks=pytest.mark.long
         ),
         pytest.param("EstimatesOtherShape", "v_WB_B: expected shape", marks=pytest.mark.long),
         pytest.param(
@@ -254,14 +254,14 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
     output = scored().stdout
     assert "case   0, barrel: entry failed: the entry raised" in output
     assert "out of ideas" in " ".join(output.split())
-    assert "1 of 1 runs are there already" in scored().stdout
+    assert "1 of 1 runs are already done" in scored().stdout
     for changed, text in ((entry, "# mended\n"), (helper, "# mended\n")):
         before = changed.read_text()
         changed.write_text(before + text)
         refused = scored()
         assert refused.returncode == 2
         assert (
-            f"(changed: {changed}); --anew discards them, or take another --out" in refused.stderr
+            f"(changed: {changed}); discard them by --anew, or give another --out" in refused.stderr
         )
         assert len(refused.stderr.splitlines()) == 1
         changed.write_text(before)
@@ -273,8 +273,8 @@ def test_rows_of_a_changed_entry_are_refused_and_none_is_doubled(verb, monkeypat
     for held_kind, arguments in other.items():
         refused = scored(*arguments)
         assert refused.returncode == 2
-        assert f"holds runs of {held_kind}" in refused.stderr
-        assert f", requested are those of {held_kind.split(' ')[0]}" in refused.stderr
+        assert f"has runs of {held_kind}" in refused.stderr
+        assert f", but runs of {held_kind.split(' ')[0]}" in refused.stderr
     helper.write_text(DYING)
     assert "ended with code 7: last words" in scored("--anew").stdout
     (row,) = read_rows(out)

@@ -188,7 +188,7 @@ def test_a_campaign_like_another_has_its_own_values_in_place_of_those(tmp_path):
     assert scenarios[0].belief.water_error == 0.0
     assert list(campaign.distributions) == ["site.current"]
 
-    with pytest.raises(ConfigurationError, match="like: it is like itself"):
+    with pytest.raises(ConfigurationError, match="like: must not lead back to the file itself"):
         read(tmp_path, 'like = "mine.toml"\n')
 
 
@@ -213,7 +213,7 @@ def test_examples_can_be_read(root, name):
         ),
         ("perturbations.Pad.stiffness", "perturbations.Pad.softness", r"has no 'softness'"),
         ("perturbations.Pad.stiffness", "perturbations.Pad", r"perturbations.KIND.FIELD"),
-        ("perturbations.Pad.stiffness", "seed", r"'seed' cannot be drawn"),
+        ("perturbations.Pad.stiffness", "seed", r"'seed': must not be drawn"),
         (
             "log_uniform",
             "normal",
@@ -223,7 +223,7 @@ def test_examples_can_be_read(root, name):
         ("log_uniform = [1e4, 1e6]", "log_uniform = [0, 1e6]", r"two increasing numbers above 0"),
         ("log_uniform = [1e4, 1e6]", "log_uniform = [1e6, 1e4]", r"two increasing numbers above 0"),
         ("{ log_uniform = [1e4, 1e6] }", "3", r"must be one of \{ uniform = \[...\] \}"),
-        ("log_uniform = [1e4, 1e6]", "categorical = []", r"categorical: needs values"),
+        ("log_uniform = [1e4, 1e6]", "categorical = []", r"categorical: must have values"),
         ("contact.force_error_rms_n", "contact.luck", r"no metric 'contact.luck'; this task has"),
         ("contact.lost_s", "timings.wall_s", r"no metric 'timings.wall_s'"),
         (
@@ -243,7 +243,7 @@ def test_examples_can_be_read(root, name):
         ),
         ("cases = 4", "cases = 4\nkept = 2.0", r"kept"),
         ('"clean-barrel"', '"ship"', r"base: allowed clean-barrel, .* got 'ship'"),
-        ('"clean-barrel"', '"gone.toml"', r"quick: only with a job as base"),
+        ('"clean-barrel"', '"gone.toml"', r"quick: only allowed with a job as base"),
         ("[set]", "[limits]\ntime = 3\n[set]", r"\[limits\] has no 'time'; it has time_s"),
         (
             "[set]",
@@ -288,8 +288,12 @@ def test_examples_can_be_read(root, name):
             r"got 1",
         ),
         ("[set]", "[grid]\n'site.gust' = []\n[set]", r"grid: site.gust: at least one value"),
-        ("[set]", "[grid]\n'site.current' = [[0, 0, 0]]\n[set]", r"site.current is drawn or taken"),
-        ("[set]", "[grid]\n'site.gust, seed' = [0.1]\n[set]", r"'seed' cannot be drawn"),
+        (
+            "[set]",
+            "[grid]\n'site.current' = [[0, 0, 0]]\n[set]",
+            r"site.current: must not also be drawn",
+        ),
+        ("[set]", "[grid]\n'site.gust, seed' = [0.1]\n[set]", r"'seed': must not be drawn"),
         ("[set]", "[grid]\n'site.gust, task.least' = [0.1]\n[set]", r"lists of 2 values, got 0.1"),
         ("[set]", "[versions.x]\n'control.with' = 1\n[set]", r"versions: x: .*has no 'with'"),
         ("[set]", "[also]\n'contact.luck' = 1.0\n[set]", r"no metric 'contact.luck'"),
@@ -403,7 +407,7 @@ def test_shares_and_quantiles_of_many_runs(tmp_path):
     )
     assert summed_up.metrics["kept"]["runs"] == 20
     assert summed_up.failed == []
-    assert summed(0.1).failed == ["90.5% of the runs passed, required are 95.2%"]
+    assert summed(0.1).failed == ["90.5% of the runs passed, but 95.2% are required"]
 
 
 def test_the_page_shows_what_explains_the_misses(tmp_path):
@@ -508,7 +512,7 @@ def test_two_commands_do_not_share_a_folder(verb, tmp_path):
     with alone_in(out):
         message = refused(verb("campaign", file, "--out", out, "--workers", 1))
     assert f"{out}: process" in message
-    assert "is at work in it" in message
+    assert "in use by the process" in message
 
 
 def test_each_task_names_the_figures_of_its_runs():

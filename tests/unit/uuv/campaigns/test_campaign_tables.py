@@ -144,5 +144,5 @@ def test_values_that_are_taken_together_are_one_parameter():
 
 
 def test_versions_alone_are_no_campaign():
-    with pytest.raises(Exception, match="of its versions only"):
+    with pytest.raises(Exception, match="none of the campaign itself"):
         summarise([row(0, "without fusion")], CAMPAIGN, "turns.toml")

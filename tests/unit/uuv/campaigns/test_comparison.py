@@ -89,10 +89,10 @@ def test_runs_are_paired_and_changed_verdicts_can_be_replayed(tmp_path):
     [
         (
             lambda row: row["values"].update(x=9.0),
-            r"the draws differ: case 0, x: 0.0 in A, 9.0 in "
+            r"the draws must be equal: case 0 has x 0.0 in A, 9.0 in "
             r"B",
         ),
-        (lambda row: row["metrics"].update(more=1.0), r"metrics of one campaign only: more"),
+        (lambda row: row["metrics"].update(more=1.0), r"only one has more"),
         (lambda row: row.update(case=77), r"no common case"),
     ],
 )
@@ -122,9 +122,9 @@ def test_the_command(verb, tmp_path):
     running = folder(tmp_path / "running", [0.0])
     (running / "metrics.json").unlink()
     for other, words in (
-        (tmp_path / "none", "holds no rows of a campaign"),
-        (bounds, "the bounds differ"),
-        (running, "holds no finished campaign"),
+        (tmp_path / "none", "must be the folder of a campaign"),
+        (bounds, "the bounds must be equal"),
+        (running, "must be the folder of a finished campaign"),
     ):
         done = verb("compare-campaigns", str(a), str(other), "--out", str(tmp_path / "x"))
         assert done.returncode == 2

@@ -48,7 +48,7 @@ def parts() -> ModuleType:
         (
             "clean_barrel",
             ("--speed", "0.001", "--longest", "500"),
-            "--longest 500 s: the work alone takes 602 s",
+            "--longest 500 s: must be longer than the work, which takes at least 602 s",
         ),
         (
             "clean_barrel",
@@ -115,11 +115,11 @@ def is_one_line(run, said: str) -> None:
         (
             "class C:\n    period = 0.01\n    def __init__(self, model, **how):\n        "
             "{}['gain']\n",
-            r"cannot be made of a model; KeyError: 'gain' \(.*plug.py:4\)",
+            r"cannot be made from a model; KeyError: 'gain' \(.*plug.py:4\)",
         ),
         (
             "class C:\n    def __init__(self, model): ...\n",
-            "cannot be made of a model; TypeError: .*water_error",
+            "cannot be made from a model; TypeError: .*water_error",
         ),
         (
             "class C:\n    period = 0.0\n    def __init__(self, *a, **k): ...\n",

@@ -374,10 +374,7 @@ def test_a_task_of_ones_own_is_run_and_replayed(uuv, tmp_path: Path):
     assert table["accepted"], table["failed"]
     assert table["provenance"]["options"]["task"] == {"kind": "draw:Circle", "radius": 0.05}
     refused = uuv("replay", "draw", code=2)
-    assert (
-        "scenario.toml': names code, 'draw:Circle', which is not run unless you say --trust"
-        in refused
-    )
+    assert "scenario.toml': names code, 'draw:Circle', which is only run with --trust" in refused
     assert "the same to the bit" in uuv("replay", "draw", "--trust")
     for task, line in (
         ("draw:Round", "error: --task: task 'draw:Round': cannot be imported"),

@@ -116,5 +116,7 @@ def test_a_heap_touches_the_object_and_stands_on_the_seabed(within):
 
 
 def test_unknown_kinds_are_refused():
-    with pytest.raises(ConfigurationError, match=r"no kind of scene 'buried'.*heap"):
+    with pytest.raises(
+        ConfigurationError, match=r"kind of scene: must be one of .*heap.*, got 'buried'"
+    ):
         draw(NAME, "buried", 0, "white")

@@ -38,7 +38,7 @@ def test_bad_inputs_are_refused_at_the_door(tmp_path: Path):
         driven("open-water", "in.csv", 2.0)
     with pytest.raises(ConfigurationError, match=r"inputs .*none.csv"):
         check_inputs(driven("open-water", tmp_path / "none.csv"))
-    with pytest.raises(ConfigurationError, match=r"only .uuv drive. has a keyboard"):
+    with pytest.raises(ConfigurationError, match=r"keyboard is only allowed in .uuv drive."):
         check_inputs(driven("open-water", KEYBOARD))
     check_inputs(driven("open-water", KEYBOARD), keyboard=True)
 

@@ -109,7 +109,7 @@ def test_time_is_truncation_and_damage_termination():
     info = {}
     while not over:
         _, _, over, _, info = fast.step(np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0]))
-    assert info["damage"] == "out of the box"
+    assert info["damage"] == "outside the allowed box"
     with pytest.raises(ConfigurationError, match="has not begun"):
         TaskEnvironment("water", "hover").step(np.zeros(6))
 

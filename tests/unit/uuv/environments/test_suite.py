@@ -234,19 +234,23 @@ def test_records_of_episodes(tmp_path):
         (
             ("water", "hover"),
             {"perturbations": ["water"]},
-            "perturbations: 'water' is none of them",
+            "perturbations: every entry must be one of them, got 'water'",
         ),
-        (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "has no thrusters"),
-        (("water", "reach"), {"vehicle": "phoenix_smart3s"}, "no thrusters to hold it"),
+        (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "the vehicle must have thrusters"),
+        (
+            ("water", "reach"),
+            {"vehicle": "phoenix_smart3s"},
+            "must have thrusters for station keeping",
+        ),
         (
             ("water", "reach"),
             {"vehicle": "bluerov2_heavy"},
-            "JointVelocities: the vehicle has no arm to move",
+            "JointVelocities: the vehicle must have an arm",
         ),
         (
             ("water", "reach"),
             {"vehicle": "bluerov2_heavy", "actions": "thrusters"},
-            "the vehicle needs an arm",
+            "ReachPose: the vehicle must have an arm",
         ),
         (
             ("barrel", "press"),

@@ -121,7 +121,7 @@ def test_drawn_cases_are_run_in_place_of_those_of_the_options(tmp_path: Path):
     ("options", "message"),
     [
         ({"ball": ("rde",)}, "--ball: no 'rde'; there are red, blue (did you mean red?)"),
-        ({"ball": ()}, "--ball: needs at least one value"),
+        ({"ball": ()}, "--ball: must have at least one value"),
         ({"runs": 0}, "--runs: must be at least 1, got 0"),
         ({"seed": -1}, "--seed: must be at least 0, got -1"),
         ({"balls": ("red",)}, "throws: no option 'balls'"),
@@ -154,13 +154,19 @@ def test_declarations_that_are_refused():
 
     def bare(case: Throw): ...
 
-    with pytest.raises(ConfigurationError, match=r"Twice\.speed: Throw has a field of that name"):
+    with pytest.raises(
+        ConfigurationError, match=r"Twice\.speed: the name must differ from the fields of Throw"
+    ):
         experiment("x")(twice)
     with pytest.raises(ConfigurationError, match=r"Hidden\.workers: is an option of every"):
         experiment("x")(hidden)
-    with pytest.raises(ConfigurationError, match="bare: must return a dataclass"):
+    with pytest.raises(
+        ConfigurationError, match="bare: the annotation of its result must be a dataclass"
+    ):
         experiment("x")(bare)
-    with pytest.raises(ConfigurationError, match="Throw has no field 'bal' to vary"):
+    with pytest.raises(
+        ConfigurationError, match=r"varied field of Throw: must be one of .*, got 'bal'"
+    ):
         experiment("x", vary={"bal": (1,)})(throws.run)
 
 
@@ -183,7 +189,7 @@ def test_a_row_holds_case_and_outcome_and_a_second_start_resumes(tmp_path, capfd
 
     longer = throws.options_with({"out": tmp_path, "workers": 1, "runs": 3})
     assert throws.carry_out(longer) == 0
-    assert "2 of 3 runs are there already" in capfd.readouterr().out
+    assert "2 of 3 runs are already done" in capfd.readouterr().out
 
 
 def test_a_page_of_rows_of_another_version_is_refused_by_the_column(tmp_path, monkeypatch):
@@ -355,13 +361,16 @@ def test_shares_and_figures_of_a_function():
 @pytest.mark.parametrize(
     ("page", "message"),
     [
-        (lambda: Page().share("god"), "no column 'god'"),
+        (lambda: Page().share("god"), "got 'god'"),
         (lambda: Page().table("T", columns=["reech"]), "did you mean reach?"),
-        (lambda: Page().table("T", by="grond", columns=["reach"]), "no column 'grond'"),
+        (lambda: Page().table("T", by="grond", columns=["reach"]), "got 'grond'"),
         (lambda: Page().histogram("x"), "a histogram of the page: no column 'x'"),
-        (lambda: Page().table("T", columns=[stat("mean", lambda _: 1)]), "needs a label"),
+        (lambda: Page().table("T", columns=[stat("mean", lambda _: 1)]), "must have a label"),
         (lambda: Page().accept(stat("mean", "reach"), by="bal"), "did you mean ball?"),
-        (lambda: Page().table("T", columns=[stat("group", "reach")]), "needs a function of the"),
+        (
+            lambda: Page().table("T", columns=[stat("group", "reach")]),
+            "must have a function of the",
+        ),
         (lambda: Page().table("T", columns=[stat(MISSPELT, "reach")]), "did you mean mean?"),
     ],
 )

@@ -34,7 +34,7 @@ def test_numbers_come_back_to_the_last_digit(tmp_path: Path, rng: np.random.Gene
     ("changed", "message"),
     [
         ({"experiment": "faults"}, "cases.json': experiment: allowed pushes, got 'faults'"),
-        ({"cases": []}, "cases.json': cases: at least one is needed"),
+        ({"cases": []}, "cases.json': cases: must have at least one entry"),
         ({"cases": [{"case": 3, "values": {}}] * 2}, "cases.json': case 3 is in it 2 times"),
         ({"cases": [{"case": -1, "values": {}}]}, "case.*must be at least 0, got -1"),
         ({"cases": [{"case": 1}]}, "values is missing"),

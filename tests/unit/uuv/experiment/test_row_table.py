@@ -193,7 +193,7 @@ def test_readers_find_whole_rows_after_every_single_write(tmp_path, monkeypatch,
 
 
 def test_two_values_of_one_name_are_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match=r"two values of the name 'a\.b'"):
+    with pytest.raises(ConfigurationError, match=r"names of values must differ, got 'a\.b'"):
         filled(tmp_path, [{"a.b": 1, "a": {"b": 2}}])
 
 

@@ -109,7 +109,7 @@ def test_what_is_there_is_not_done_again_and_more_runs_are_added(capsys):
     capsys.readouterr()
     code, metrics = carried_out(Study(cases=(4, 2, 0), run_one=squared, summarise=summed))
     assert code == 0
-    assert "2 of 3 runs are there already" in capsys.readouterr().out
+    assert "2 of 3 runs are already done" in capsys.readouterr().out
     assert metrics["runs"] == [4, 2, 0]
     assert rows_of()[:3] == before
     assert [row["run"] for row in rows_of()] == [0, 1, 2, 4]
@@ -247,8 +247,8 @@ def test_rows_are_stale_once_a_file_that_was_loaded_has_changed(tmp_path, monkey
     (package / "table.csv").write_text("2")
     with pytest.raises(
         ConfigurationError,
-        match=r"holds runs of other code \(changed: "
-        r".*table.csv\); --anew",
+        match=r"has runs of other code \(changed: "
+        r".*table.csv\); discard them by --anew",
     ):
         RowLog(folder)
     assert RowLog(folder, anew=True).rows == {}
@@ -263,14 +263,14 @@ def test_two_studies_do_not_share_a_folder(root, tmp_path):
     command = [sys.executable, "-c", other, str(tmp_path)]
     with RowLog.open(tmp_path):
         refused = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-        assert f"process {os.getpid()} is at work in it" in refused.stderr
+        assert f"in use by the process {os.getpid()}" in refused.stderr
     assert subprocess.run(command, cwd=root, check=False).returncode == 0
 
 
 def test_a_study_leaves_the_files_of_others_alone(tmp_path):
     (tmp_path / "metrics.json").write_text("{}")
     with pytest.raises(
-        ConfigurationError, match=r"files that are not of an experiment \(metrics.json\)"
+        ConfigurationError, match=r"files that do not belong to an experiment \(metrics.json\)"
     ):
         RowLog(tmp_path)
 
@@ -403,7 +403,7 @@ def test_a_run_beyond_its_limits_is_told_and_the_others_are_done():
     study.carry_out("x", StudyOptions(out=Path("out"), workers=2), "A study", Limits(time_s=1.0))
     assert {row["run"]: row.get("reason") for row in rows_of()} == {
         0.0: None,
-        600.0: "not done within 1 s",
+        600.0: "not finished within 1 s",
     }
     study = Study(cases=(1, 4000), run_one=hungry, summarise=summed, failed=failed)
     study.carry_out(
@@ -432,7 +432,7 @@ def test_a_run_whose_process_died_is_done_again_by_the_same_command(capsys):
     code, metrics = carried_out(
         Study(cases=range(4), run_one=squared, summarise=summed, failed=failed)
     )
-    assert "3 of 4 runs are there already" in capsys.readouterr().out
+    assert "3 of 4 runs are already done" in capsys.readouterr().out
     after = {row["run"]: row for row in rows_of()}
     assert code == 0
     assert len(rows_of()) == 4
@@ -450,7 +450,7 @@ def test_rows_of_other_code_are_summed_up_without_a_run(tmp_path):
         carried_out(study)
     assert study.sum_up("x", StudyOptions(out=Path("out")), "A study") == 0
     assert json.loads(Path("out/metrics.json").read_text())["runs"] == [0, 1, 2]
-    with pytest.raises(ConfigurationError, match="holds no row of this experiment"):
+    with pytest.raises(ConfigurationError, match="has no row of this experiment"):
         study.sum_up("x", StudyOptions(out=tmp_path / "none"), "A study")
 
 

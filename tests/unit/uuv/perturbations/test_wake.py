@@ -76,15 +76,18 @@ def test_it_is_kept_in_a_file(tmp_path):
     [
         (
             lambda: assemble(scenario(Wake(), current=(0.0, 0.0, 0.0))),
-            r"Wake: there is no steady current",
+            r"Wake: needs a steady current",
         ),
         (
             lambda: assemble(replace(identify_friction(quick=True), perturbations=(Wake(),))),
-            "Wake: there is no object at this site",
+            "Wake: needs an object, but this site has none",
         ),
         (lambda: Wake(diameter=-0.1), r"Wake diameter \[m\]"),
         (lambda: Wake(drag=np.nan), "Wake drag"),
-        (lambda: Wake().on_water(Current(CURRENT)).at(np.zeros(3), 0.0), "a plant places it"),
+        (
+            lambda: Wake().on_water(Current(CURRENT)).at(np.zeros(3), 0.0),
+            "before a plant has placed it",
+        ),
     ],
 )
 def test_refusals(make, said):

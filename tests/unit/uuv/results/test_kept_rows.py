@@ -71,13 +71,15 @@ def test_rows_are_kept_in_the_order_of_the_cases_and_read_back(kept: KeptRows, t
 
 
 def test_a_run_that_is_not_whole_or_of_other_code_is_not_kept(run: Path, tmp_path: Path):
-    with pytest.raises(ConfigurationError, match="holds no finished run"):
+    with pytest.raises(ConfigurationError, match="must be the folder of a finished run"):
         keep(dives, tmp_path)
 
     about = json.loads((run / "study.json").read_text())
     about["code"]["sim/interfaces/errors.py"] = "0123456789abcdef"
     (run / "study.json").write_text(json.dumps(about))
-    with pytest.raises(ConfigurationError, match=r"of other code \(changed: sim/interfaces/errors"):
+    with pytest.raises(
+        ConfigurationError, match=r"made by the present code \(changed: sim/interfaces/errors"
+    ):
         keep(dives, run)
 
 

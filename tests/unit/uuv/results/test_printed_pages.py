@@ -90,13 +90,15 @@ def test_a_long_table_stands_on_the_page_of_its_experiment_alone(entries, monkey
 
 def test_an_overview_that_is_too_long_is_refused(entries, monkeypatch):
     monkeypatch.setattr(pages, "MOST_LINES", 20)
-    with pytest.raises(ConfigurationError, match=r"results.md: \d+ lines, at most 20"):
+    with pytest.raises(
+        ConfigurationError, match=r"results.md: must have at most 20 lines, got \d+"
+    ):
         pages.pages(entries)
 
 
 def test_a_wheel_has_no_experiments(monkeypatch, tmp_path: Path):
     monkeypatch.setattr(pages, "EXPERIMENTS", tmp_path / "scripts" / "experiments")
-    with pytest.raises(ConfigurationError, match="are in a checkout"):
+    with pytest.raises(ConfigurationError, match="needs a checkout"):
         pages.all_experiments()
 
 

@@ -83,7 +83,10 @@ def test_it_is_refused_at_the_door():
         r"of 90 N, 2 of 3",
     ):
         check_inputs(jobs.clean_barrel(quick=True, speed=0.08))
-    with pytest.raises(ConfigurationError, match=r"longest 100 s: the work alone takes 2002 s"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"longest 100 s: must be longer than the work, which takes at least 2002 s",
+    ):
         check_inputs(jobs.clean_barrel(speed=0.0003), longest=100.0)
     with pytest.raises(ConfigurationError, match=r"longest \[s\]"):
         check_inputs(jobs.clean_barrel(), longest=-1.0)

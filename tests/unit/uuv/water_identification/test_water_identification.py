@@ -229,7 +229,7 @@ def test_columns_that_stand_alone_are_refused(rov, tmp_path):
     fraction = replace(log, commands={pushed.names[0]: np.ones(len(log.time))}, joints={})
     with pytest.raises(
         ConfigurationError,
-        match=r"wrench_surge has no curve .* give "
+        match=r"wrench_surge has no thrust curve .* give "
         r"thrust\.wrench_surge",
     ):
         LogReplay(pushed, fraction, FitSettings())

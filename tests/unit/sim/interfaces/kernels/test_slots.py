@@ -94,7 +94,7 @@ def _opens(_memory, _values):
 def test_what_numba_cannot_compile_is_named():
     with pytest.raises(
         ConfigurationError,
-        match=r"^a law of mine: numba cannot compile it: "
+        match=r"^a law of mine: numba cannot compile the function: "
         r"[^\n]*$",
     ):
         slot_function(untyped(_opens), "a law of mine")

@@ -108,7 +108,7 @@ def test_files_and_folders_of_another_user_are_not_taken(folder, capsys):
     assert store.folder() is None
     assert store.load(STAMP) is None
     assert not store.save(STAMP, CODE)
-    assert f"{folder} is another user's" in capsys.readouterr().err
+    assert f"{folder} belongs to another user" in capsys.readouterr().err
 
 
 def test_a_folder_that_others_could_enter_is_closed(folder):

@@ -10,13 +10,19 @@ import numpy as np
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.palette import ORANGE, SKY, YELLOW
 
-SET, FELT, CURRENT = YELLOW, ORANGE, SKY  # colours of the set and the felt force, of the current
+# Colours of the set and the felt force, and of the current.
+SET = YELLOW
+FELT = ORANGE
+CURRENT = SKY
 _WHITE = (255, 255, 255, 255)
 _PALE = (225, 236, 240, 255)
 _SHADE = (4, 22, 32, 165)  # behind text
 _USUAL = 720.0  # [px] height of a picture whose text has the sizes below
-_TITLE, _TEXT, _SMALL = 27.0, 22.0, 18.0  # [px]
+_TITLE = 27.0  # [px]
+_TEXT = 22.0  # [px]
+_SMALL = 18.0  # [px]
 _NEAR = 236, 330  # [px] height and width of the tool's picture
+_BEYOND = 1.25  # end of the bar over the largest set force
 _LEAST = 9.0  # [px] below which no text can be read
 
 
@@ -44,7 +50,7 @@ class Captions:
             height: [px]
             width: [px]
             title: First line.
-            most_force: [N] end of the bar; 0: no force is set in this run.
+            most_force: [N] largest set force of the run; 0: none.
             error_scale: [N] error of the force at the end of the path's colours; None: it has none.
 
         Raises:
@@ -55,10 +61,14 @@ class Captions:
             import PIL.ImageDraw  # noqa: F401
 
         fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
-        self._plain, self._bold = str(fonts / "DejaVuSans.ttf"), str(fonts / "DejaVuSans-Bold.ttf")
-        self._height, self._width = height, width
+        self._plain = str(fonts / "DejaVuSans.ttf")
+        self._bold = str(fonts / "DejaVuSans-Bold.ttf")
+        self._height = height
+        self._width = width
         self._scale = min(height / _USUAL, width / (16.0 / 9.0 * _USUAL))
-        self._title, self._most, self._error = title, most_force, error_scale
+        self._title = title
+        self._most = _BEYOND * most_force
+        self._error = error_scale
 
     @property
     def near_size(self) -> tuple[int, int]:
@@ -103,7 +113,9 @@ class Captions:
 
     def _force(self, pen: Any, readout: Readout) -> None:
         """Bar of the felt force with a line at the set one, at the bottom left."""
-        left, long, high = self._px(24), self._px(300), self._px(20)
+        left = self._px(24)
+        long = self._px(300)
+        high = self._px(20)
         top = self._height - self._px(56)
         set_text = f"set {readout.set_force:.0f} N" if readout.set_force else "no force set"
         known = np.isfinite(readout.felt) and readout.set_force > 0.0
@@ -125,7 +137,8 @@ class Captions:
 
     def _foot(self, pen: Any, readout: Readout) -> None:
         """Current, and the scale of the path's colours, at the bottom right."""
-        right, row = self._width - self._px(24), self._height - self._px(90)
+        right = self._width - self._px(24)
+        row = self._height - self._px(90)
         if np.isfinite(readout.current):
             water = f"current {readout.current:.2f} m/s"
             self._text(pen, (right, row), water, _TEXT, CURRENT, anchor="ra")
@@ -163,7 +176,7 @@ class Captions:
             fill=colour,
             font=font,
             anchor=anchor,
-            stroke_width=max(1, round(self._px(2))),
+            stroke_width=max(1, round(self._px(1.5))),
             stroke_fill=_SHADE,
         )
         left, _, right, _ = pen.textbbox(place, words, font=font, anchor=anchor)

@@ -31,7 +31,8 @@ class GlPicture:
         """
         model = drawn_model(model)
         visual = model.vis
-        visual.global_.offwidth, visual.global_.offheight = width, height
+        visual.global_.offwidth = width
+        visual.global_.offheight = height
         visual.global_.fovy = FOVY
         visual.quality.shadowsize = _SHADOWS
         visual.map.shadowclip = _SHADOWED
@@ -102,9 +103,13 @@ class GlPicture:
         scene = self._renderer.scene
         sun = scene.lights[scene.nlight]
         sun.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-        sun.pos[:], sun.dir[:] = middle_W + 4.0 * SUN_W, -SUN_W
-        sun.ambient[:], sun.diffuse[:], sun.specular[:] = 0.0, _SUN, 0.05
-        sun.headlight, sun.castshadow = 0, 1
+        sun.pos[:] = middle_W + 4.0 * SUN_W
+        sun.dir[:] = -SUN_W
+        sun.ambient[:] = 0.0
+        sun.diffuse[:] = _SUN
+        sun.specular[:] = 0.05
+        sun.headlight = 0
+        sun.castshadow = 1
         scene.nlight += 1
 
 

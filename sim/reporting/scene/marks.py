@@ -36,7 +36,8 @@ def line(points_W: Array, radius: float, colours: Array) -> list[Mark]:
 
 def triangles(marks: Sequence[Mark]) -> tuple[Array, Array]:
     """Corners (3 T, 3) [m] in W, three for a triangle, and colours (T, 3) of the marks."""
-    corners, colours = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    corners = [np.zeros((0, 3))]
+    colours = [np.zeros((0, 3))]
     for mark in marks:
         along = mark.end_W - mark.start_W
         length = float(np.linalg.norm(along))
@@ -50,8 +51,10 @@ def triangles(marks: Sequence[Mark]) -> tuple[Array, Array]:
         radii = [0.0, r, r, _HEAD * r, 0.0] if mark.arrow else [0.0, r, r, 0.0]
 
         rings = _rings(along / length, np.array(z), np.array(radii)) + mark.start_W
-        low, high = rings[:-1], rings[1:]
-        low_next, high_next = np.roll(low, -1, axis=1), np.roll(high, -1, axis=1)
+        low = rings[:-1]
+        high = rings[1:]
+        low_next = np.roll(low, -1, axis=1)
+        high_next = np.roll(high, -1, axis=1)
         faces = np.concatenate(
             [np.stack([low, low_next, high_next], 2), np.stack([low, high_next, high], 2)]
         ).reshape(-1, 3)
@@ -87,5 +90,7 @@ def add_to(scene: mujoco.MjvScene, marks: Sequence[Mark]) -> None:
         end_W = mark.start_W + reach * (mark.end_W - mark.start_W)
         mujoco.mjv_connector(geom, kind, mark.radius, mark.start_W, end_W)
         geom.category = mujoco.mjtCatBit.mjCAT_DECOR
-        geom.emission, geom.specular, geom.shininess = _GLOW, 0.0, 0.0
+        geom.emission = _GLOW
+        geom.specular = 0.0
+        geom.shininess = 0.0
         scene.ngeom += 1

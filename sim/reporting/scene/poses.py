@@ -41,7 +41,8 @@ class Poses:
         self.time = series.time  # (N,) [s]
         self.data = mujoco.MjData(model)
         self.vehicle = Vehicle.of(model)
-        self._model, self._poses = model, poses
+        self._model = model
+        self._poses = poses
 
     def row(self, time: float) -> int:
         """Row whose time is nearest to `time` [s]."""
@@ -49,10 +50,12 @@ class Poses:
 
     def put(self, row: int) -> None:
         """Places the bodies and geoms of `data` as in a row."""
-        model, data = self._model, self.data
+        model = self._model
+        data = self.data
         data.xpos[:] = self._poses[row, :, :3]
         data.xquat[:] = self._poses[row, :, 3:]
 
+        # Matrices of bodies, and geoms on them.
         for body in range(model.nbody):
             mujoco.mju_quat2Mat(data.xmat[body], data.xquat[body])
         turn = np.empty(4)
@@ -70,7 +73,8 @@ class Poses:
             rows: Rows to be seen.
             tool_W: (M, 3) [m] places of the tool; none: the object is left out.
         """
-        model, hull = self._model, self.vehicle.hull
+        model = self._model
+        hull = self.vehicle.hull
         points = []
         for row in rows:
             self.put(int(row))
@@ -80,8 +84,9 @@ class Poses:
                 corners = self._corners(geom)
                 if model.body_rootid[model.geom_bodyid[geom]] == model.body_rootid[hull]:
                     points.append(corners)
-                elif len(tool_W):
-                    low, high = tool_W.min(axis=0) - AROUND, tool_W.max(axis=0) + AROUND
+                elif len(tool_W):  # of a large object, what is near the work
+                    low = tool_W.min(axis=0) - AROUND
+                    high = tool_W.max(axis=0) + AROUND
                     if (corners.max(axis=0) > low).all() and (corners.min(axis=0) < high).all():
                         points.append(np.clip(corners, low, high))
 
@@ -89,7 +94,8 @@ class Poses:
 
     def _corners(self, geom: int) -> Array:
         """Corners (8, 3) [m] in W of the box about a geom."""
-        middle, half = self._model.geom_aabb[geom, :3], self._model.geom_aabb[geom, 3:]
+        middle = self._model.geom_aabb[geom, :3]
+        half = self._model.geom_aabb[geom, 3:]
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         R_WG = self.data.geom_xmat[geom].reshape(3, 3)
         return (middle + signs * half) @ R_WG.T + self.data.geom_xpos[geom]

@@ -83,7 +83,8 @@ class RayPicture:
 
         # Edges are smoothed by more rays.
         edge = _edges(surface, depth[..., 0])
-        right, down = rays[0, 1] - rays[0, 0], rays[1, 0] - rays[0, 0]
+        right = rays[0, 1] - rays[0, 0]
+        down = rays[1, 0] - rays[0, 0]
         shifts = (_INSIDE @ np.stack([right, down])).astype(np.float32)
         finer = (rays[edge][:, None] + shifts).reshape(-1, 3)
         picture[edge] = scene.look(finer)[0].reshape(-1, len(_INSIDE), 3).mean(axis=1)
@@ -108,11 +109,13 @@ class _LitScene:
             sea: The water.
         """
         self._scene = RayScene(corners, np.arange(len(corners)).reshape(-1, 3))
-        self._solid, self._colours = solid, colours
+        self._solid = solid
+        self._colours = colours
         # What casts shadows: no marks.
         first = 3 * solid
         self._shading = RayScene(corners[:first], np.arange(first).reshape(-1, 3))
-        self._eye_W, self._sea = eye_W, sea
+        self._eye_W = eye_W
+        self._sea = sea
 
     def look(self, rays: Array) -> tuple[Array, Array, Array]:
         """What rays (N, 3) meet.

@@ -24,7 +24,8 @@ from uuv.sim.reporting.scene.work import Work
 
 Gl = Literal["auto", "on", "off"]
 Span = tuple[float | None, float | None]  # [s]
-LEAST_SIZE, MOST_SIZE = 64, 4096  # [px] of a picture, either way
+LEAST_SIZE = 64  # [px] of a picture, either way
+MOST_SIZE = 4096  # [px] of a picture, either way
 _ROOM = 3.2  # distance of the view of the tool over half the extent of the path in it
 _NEAR = 0.15  # distance of the view of the tool, over the largest one
 _STEEPER = 12.0  # [deg] by which it looks down more
@@ -84,6 +85,8 @@ class RunScene:
             most_force=self.work.most_force,
             error_scale=style.error_scale if self.work.judged else None,
         )
+
+        # What draws, and from where.
         self._drawer = _drawer(model, style)
         changes = [event.time for event in recorded.events]
         aspect = style.width / style.height
@@ -116,10 +119,13 @@ class RunScene:
         """
         begin, end = self.span
         finite_number(time, "time of a picture [s]", least=begin, most=end)
+
         view = self.view(time)
         self._poses.put(self._poses.row(time))
-        data, work = self._poses.data, self.work
+        data = self._poses.data
+        work = self.work
 
+        # The scene with its marks.
         path = work.path(time, self.style.error_scale)
         marks = [*path, *work.forces(time, view), *work.current(time, view)]
         drawn = self._drawer.render(data, view, self._sea, marks)
@@ -159,6 +165,8 @@ class RunScene:
         """Four times [s] of a run: looking, closing in, at work, and at its end."""
         begin, end = self.span
         first = {event.state: event.time for event in reversed(self.events)}
+
+        # Where a phase is missing, even times.
         closing = first.get(WorkState.CLOSE_IN, begin + 0.25 * (end - begin))
         touching = first.get(WorkState.APPROACH, begin + 0.5 * (end - begin))
         wanted_times = [closing - 0.1, 0.5 * (closing + touching), self.telling(), end]
@@ -166,7 +174,9 @@ class RunScene:
 
     def _checked(self, span: Span) -> tuple[float, float]:
         """The span, within the recorded times."""
-        first, last = float(self._poses.time[0]), float(self._poses.time[-1])
+        first = float(self._poses.time[0])
+        last = float(self._poses.time[-1])
+
         begin = first if span[0] is None else span[0]
         end = last if span[1] is None else span[1]
         finite_number(begin, "begin [s]", least=first, most=last)

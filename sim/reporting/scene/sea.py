@@ -87,7 +87,8 @@ class Sea:
 
         # Between the points of the field, whose axes are those of W.
         field = model.geom_dataid[geom]
-        rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
+        rows = int(model.hfield_nrow[field])
+        columns = int(model.hfield_ncol[field])
         half_x, half_y, top, _ = model.hfield_size[field]
         first = model.hfield_adr[field]
         heights = top * model.hfield_data[first : first + rows * columns].reshape(rows, columns)

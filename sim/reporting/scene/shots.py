@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -76,7 +77,7 @@ def shots(
     widest = _WIDEST * min(view(t, t).distance for t in np.linspace(begin, end, _SAMPLES))
     edges = [begin, *(time for time in changes if begin < time < end), end]
     chosen: list[tuple[float, View]] = []
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         for start, framed in parts(first, last):
             if not chosen or _unlike(chosen[-1][1], framed):
                 chosen.append((start, framed))

@@ -40,13 +40,15 @@ class View:
         steep = fill * math.tan(math.radians(0.5 * FOVY))
         flat = steep * aspect
 
-        lookat, distance = view.lookat_W, 1.0
+        lookat = view.lookat_W
+        distance = 1.0
         for _ in range(_ROUNDS):
             x, y, z = ((points_W - lookat) @ axis for axis in (across, down, ahead))
             distance = float(max((abs(x) / flat - z).max(), (abs(y) / steep - z).max(), 0.1))
 
             # To the middle of what is seen, at the depth of the point looked at.
-            u, v = x / (z + distance), y / (z + distance)
+            u = x / (z + distance)
+            v = y / (z + distance)
             lookat = lookat + 0.5 * distance * (
                 (u.min() + u.max()) * across + (v.min() + v.max()) * down
             )
@@ -56,7 +58,8 @@ class View:
     @property
     def axes_W(self) -> tuple[Array, Array, Array]:
         """Directions (3,) across to the right, down, and ahead, in W."""
-        azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
+        azimuth = math.radians(self.azimuth)
+        elevation = math.radians(self.elevation)
         ahead = np.array(
             [
                 math.cos(elevation) * math.cos(azimuth),
@@ -84,9 +87,7 @@ class View:
         """The view as MuJoCo's free camera."""
         camera = mujoco.MjvCamera()
         camera.lookat[:] = self.lookat_W
-        camera.distance, camera.azimuth, camera.elevation = (
-            self.distance,
-            self.azimuth,
-            self.elevation,
-        )
+        camera.distance = self.distance
+        camera.azimuth = self.azimuth
+        camera.elevation = self.elevation
         return camera

@@ -20,7 +20,8 @@ TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.SEARCH, *WORKING)
 _SPACING = 0.01  # [m] between the points of a drawn path
 _PART = 60  # points of a path that are seen from near together
 _LIFT = 0.006  # [m] off the surface, which would hide it
-_THICK, _THIN = 0.009, 0.004  # [m] radius of the path that is worked, and of the rest
+_THICK = 0.009  # [m] radius of the path that is worked
+_THIN = 0.004  # [m] that of the rest
 _DONE = (0.10, 0.78, 0.45)  # colour of a path without force
 _AHEAD = (0.93, 0.95, 0.85)
 _UNJUDGED = (0.62, 0.68, 0.70)  # where the force is being changed
@@ -55,6 +56,7 @@ class Work:
         )
         points = recorded["p_command"].value[rows]
         way = np.cumsum(np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1))
+        # Points at even distances.
         kept = rows[np.unique(np.searchsorted(way, np.arange(0.0, way.max(initial=0.0), _SPACING)))]
 
         steps = ForceSteps.of(recorded)
@@ -78,6 +80,8 @@ class Work:
         """The path: what is worked by a time [s] by the error over `scale` [N], and the rest."""
         lifted = self.p_W - _LIFT * self.axis_W
         count = int(np.searchsorted(self.time, time))
+
+        # By the error, where it is judged.
         colours = np.tile(_DONE, (len(self.time), 1))
         if self.judged:
             colours = error_colours(np.abs(np.nan_to_num(self.error)) / scale)
@@ -96,7 +100,8 @@ class Work:
             return []
 
         scale = _LONGEST_FORCE / self.most_force
-        tip_W, axis_W = recorded["p_pad"].value[row], recorded["tool_axis"].value[row]
+        tip_W = recorded["p_pad"].value[row]
+        axis_W = recorded["tool_axis"].value[row]
         across_W = np.cross(axis_W, view.axes_W[2])
         across_W *= _BESIDE / max(float(np.linalg.norm(across_W)), 1e-3)
         felt_W = -recorded["felt_force"].value[row]  # of the tool on the object
@@ -143,11 +148,15 @@ class Work:
         """Middle (3,) [m] and half the extent [m] of the part of the path worked at a time [s]."""
         if not len(self.time):
             return self.recorded["p_pad"].value[self._row(time)], 0.0
+
+        # The part that holds the point of this time.
         parts = np.array_split(self.p_W, -(-len(self.p_W) // _PART))
         ends = np.cumsum([len(part) for part in parts])
         at = min(int(np.searchsorted(self.time, time)), len(self.time) - 1)
         part = parts[int(np.searchsorted(ends, at, side="right"))]
-        low, high = part.min(axis=0), part.max(axis=0)
+
+        low = part.min(axis=0)
+        high = part.max(axis=0)
         return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
 
     def _row(self, time: float) -> int:

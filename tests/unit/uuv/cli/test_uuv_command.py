@@ -312,8 +312,8 @@ def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
         "accepted"
     )
     program = (
-        "import sys; from uuv.cli.main import main; sys.argv = ['uuv', 'picture', 'first', '--size', "
-        "'320x180', '--frames', '20']; main()"
+        "import sys; from uuv.cli.main import main; sys.argv = ['uuv', 'picture', 'first', "
+        "'--size', '320x180', '--frames', '20']; main()"
     )
     made = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True

@@ -147,6 +147,10 @@ class RunScene:
         """The camera's view at a time [s]."""
         return self._shots.at(time)
 
+    def phase(self, time: float) -> str:
+        """Phase of the work at a time [s]."""
+        return self.work.readout(time).phase
+
     def pictures(self, times: Sequence[float]) -> Iterator[np.ndarray]:
         """Pictures at several times [s]."""
         return (self.picture(float(time)) for time in times)
@@ -181,8 +185,8 @@ class RunScene:
         end = last if span[1] is None else span[1]
         finite_number(begin, "begin [s]", least=first, most=last)
         finite_number(end, "end [s]", least=first, most=last)
-        if not begin < end:
-            raise ConfigurationError(f"begin [s] must be before end, got {begin:g} and {end:g}")
+        if begin > end:
+            raise ConfigurationError(f"begin [s] is after end: {begin:g} and {end:g}")
         return begin, end
 
 

@@ -141,8 +141,8 @@ def test_a_style_out_of_range_is_refused(changes, message):
 def test_times_outside_the_run_are_refused():
     with pytest.raises(ConfigurationError, match=r"end \[s\]"):
         RunScene(model(), run(), STYLE, (0.0, 30.0))
-    with pytest.raises(ConfigurationError, match=r"begin \[s\] must be before end, got 5 and 5"):
-        RunScene(model(), run(), STYLE, (5.0, 5.0))
+    with pytest.raises(ConfigurationError, match=r"begin \[s\] is after end: 5 and 4"):
+        RunScene(model(), run(), STYLE, (5.0, 4.0))
     with (
         RunScene(model(), run(), STYLE, (1.0, 2.0)) as scene,
         pytest.raises(ConfigurationError, match=r"time of a picture \[s\]"),

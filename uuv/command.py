@@ -5,6 +5,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehe
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
 from uuv.sim.evaluation.metrics import Assessment
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from uuv.sim.interfaces.extras import LOG, absent, to_install
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.recording import Recorder
@@ -37,6 +38,7 @@ from uuv.sim.runs.run_folder import new_folder
 from uuv.sim.runs.terminal import PlainConsole, verdict
 
 NOT_ACCEPTED = 1  # exit code
+_STILLS = 640, 360  # [px] width and height of the report's pictures of the scene
 
 
 def command(
@@ -189,7 +191,7 @@ def show(run: Run, folder: str | Path) -> None:
 
 
 def _report(run: Run, folder: Path, title: str) -> None:
-    from uuv.sim.reporting.report import write_report
+    from uuv.sim.reporting.report import ReportedRun, write_report
 
     tables = as_dict(run.scenario)
     trust = f" {TRUST}" if any(names_of_code(tables)) else ""
@@ -198,13 +200,36 @@ def _report(run: Run, folder: Path, title: str) -> None:
         folder / "report.html",
         run.recording,
         run.assessment,
-        title=title,
-        options=flat(tables),
+        run=ReportedRun(
+            title=title,
+            options=flat(tables),
+            again=f"uuv replay {shlex.quote(str(folder))}{trust}",
+            stills=_stills(run),
+        ),
         pictures=run.assembly.placed.pictures(run.result),
         gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
         bounds=run.assembly.placed.bounds,
-        again=f"uuv replay {shlex.quote(str(folder))}{trust}",
     )
+
+
+def _stills(run: Run) -> list[tuple[str, bytes]]:
+    """Scene of a run at four moments, by rays: captions and WebP files; none without the caster."""
+    from uuv.sim.reporting.scene.clip import still
+    from uuv.sim.reporting.scene.run_scene import PictureStyle, RunScene
+
+    width, height = _STILLS
+    bounds = run.assembly.placed.bounds
+    style = PictureStyle(width=width, height=height, gl="off")
+    if bounds is not None:
+        style = replace(style, error_scale=bounds.force_error_rms)
+    try:
+        with RunScene(run.assembly.plant.model, run.recording, style) as scene:
+            return [
+                (f"{scene.phase(time)}, {time:.1f} s", still(scene.picture(time), "webp"))
+                for time in scene.moments()
+            ]
+    except MissingLibraryError:
+        return []
 
 
 def _paced(options: RunOptions) -> list[Observer]:

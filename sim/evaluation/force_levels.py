@@ -47,7 +47,7 @@ class ForceSteps:
     settled: np.ndarray  # (N,) True in rows whose error counts
 
     @classmethod
-    def of(cls, recording: "Recording") -> Self:
+    def of(cls, recording: "RecordedSeries") -> Self:
         """The steps of a run; its error counts within the work state only."""
         time = recording["set_force"].time
         set_force = recording["set_force"].scalar

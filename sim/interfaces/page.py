@@ -127,6 +127,22 @@ def figure(title: str, about: str, drawing: Drawing) -> Html:
     return section(title, image, caption(about))
 
 
+def images(pictures: Iterable[tuple[str, bytes]], media: str) -> Html:
+    """Pictures in rows of two, each with a caption; none without pictures.
+
+    Args:
+        pictures: Caption and content of the file of each.
+        media: Its media type, such as "image/webp".
+    """
+    shown = "".join(
+        f'<figure><img alt="{text(about)}" src="data:{media};base64,'
+        f'{base64.b64encode(content).decode("ascii")}"><figcaption>{text(about)}</figcaption>'
+        "</figure>"
+        for about, content in pictures
+    )
+    return Html(f"<div class=images>{shown}</div>" if shown else "")
+
+
 def table(
     columns: Sequence[Any], rows: Iterable[Sequence[Any]], *, texts: Collection[int] = (0,)
 ) -> Html:
@@ -194,6 +210,9 @@ body {
   color: #222; background: #fff;
 }
 main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
+.images { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: .6rem }
+figure { margin: 0 }
+figcaption { font-size: .85rem; opacity: .75 }
 h1 { font-size: 1.6rem; margin: 0 }
 h2, summary { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
 .accepted, .not-accepted {

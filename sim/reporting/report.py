@@ -1,6 +1,7 @@
 """`report.html`: results, figures and provenance of one run on a self-contained page."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from uuv.sim.interfaces import page
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.page import Html
 from uuv.sim.loop.recording import Recording
+from uuv.sim.reporting.report_figures import path_by_force_error
 from uuv.sim.reporting.results_table import figures_of
 from uuv.sim.runs.provenance import provenance_rows
 from uuv.sim.runs.saving import write_whole
@@ -21,17 +23,25 @@ from uuv.sim.runs.saving import write_whole
 _WAYS = {"normal": "along its normal", "along": "along the path", "across": "across the path"}
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportedRun:
+    """What a report says of a run besides its figures."""
+
+    title: str
+    options: Mapping[str, Any]  # of the scenario, listed unchanged
+    again: str = ""  # command that repeats the run
+    stills: Sequence[tuple[str, bytes]] = ()  # of the scene: what is seen, and a WebP file
+
+
 def write_report(
     file: str | Path,
     recording: Recording,
     assessment: Assessment,
     *,
-    title: str,
-    options: Mapping[str, Any],
+    run: ReportedRun,
     pictures: Iterable[tuple[str, str, Figure]] = (),
     gains: Iterable[tuple[str, str, str, str]] = (),
     bounds: Bounds | None = None,
-    again: str = "",
 ) -> None:
     """Write the page.
 
@@ -39,12 +49,10 @@ def write_report(
         file: File to write.
         recording: The run.
         assessment: Its metrics and acceptance.
-        title: Title of the page.
-        options: Options of the scenario, listed unchanged.
+        run: Title, options and stills.
         pictures: Title, caption and figure of each picture.
         gains: Part, name, value, unit and meaning of each gain of the controller.
         bounds: Bounds to draw; None: none.
-        again: Command that repeats the run.
 
     Raises:
         ConfigurationError: The folder does not exist.
@@ -54,7 +62,9 @@ def write_report(
         raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
 
     parts = [
-        _heading(title, recording, assessment),
+        _heading(run.title, recording, assessment),
+        page.section("Scene", page.images(run.stills, "image/webp")),
+        *(page.figure(*picture) for picture in path_by_force_error(recording)),
         page.section(
             "Figures",
             _checks(assessment),
@@ -66,10 +76,10 @@ def write_report(
         *(page.figure(*picture) for picture in pictures),
         _drives(recording),
         _gains(gains),
-        page.provenance(_provenance(recording, assessment, options, again)),
+        page.provenance(_provenance(recording, assessment, run)),
     ]
 
-    write_whole(path, page.page(title, parts))
+    write_whole(path, page.page(run.title, parts))
 
 
 def _series(recording: Recording, bounds: Bounds | None) -> Html:
@@ -83,7 +93,7 @@ def _series(recording: Recording, bounds: Bounds | None) -> Html:
         "The plots begin at the approach. A double-click shows the whole run, dragging zooms all "
         "panels at once. A click on a name hides its line. Shaded: the tool works. Dashed: "
         f"bounds. The force error is judged from {SETTLING:g} s after each change of the set "
-        "force."
+        "force; its panel spans what is judged, and grey is what is not."
     )
 
     return page.section("Time series", Html(drawn), page.caption(about))
@@ -223,13 +233,11 @@ def _motion(assessment: Assessment) -> Html:
     return page.paragraph(f"The object was followed in {motion['frames']} frames: {course}.")
 
 
-def _provenance(
-    recording: Recording, assessment: Assessment, options: Mapping[str, Any], again: str
-) -> dict[str, Any]:
+def _provenance(recording: Recording, assessment: Assessment, run: ReportedRun) -> dict[str, Any]:
     return provenance_rows(
         {
-            **({"replay": again} if again else {}),
-            **{f"option {name}": setting for name, setting in options.items()},
+            **({"replay": run.again} if run.again else {}),
+            **{f"option {name}": setting for name, setting in run.options.items()},
             "seed": assessment.metrics["run"]["seed"],
             "trajectory, SHA-256": assessment.metrics["run"]["trajectory_sha256"],
             "physics step": _physics_step(recording),

@@ -56,8 +56,16 @@ STATE_COLORS = dict(
 )
 
 
-def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
-    """Corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms, or None."""
+def body_mesh(
+    model: mujoco.MjModel, body: int, *, plane: float = 4.0
+) -> tuple[Array, Array, np.ndarray] | None:
+    """Corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms, or None.
+
+    Args:
+        model: Compiled model.
+        body: Its index.
+        plane: [m] largest half side of a plane, so that the first view shows what is on it.
+    """
     corners = []
     normals = []
     colors = []
@@ -69,7 +77,7 @@ def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarra
         if rgba[3] == 0.0:
             continue
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-            vertices, triangles = _plane(model.geom_size[geom])
+            vertices, triangles = _plane(model.geom_size[geom], plane)
         else:
             vertices, triangles = tessellate(model, geom)
 
@@ -106,9 +114,9 @@ def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> A
     return 0.5 * (hull + p_fixed.mean(axis=0)) if len(p_fixed) else hull
 
 
-def _plane(size: Array) -> tuple[Array, np.ndarray]:
-    """Rectangle for a plane geom, at most 8 m wide, so that the first view shows what is on it."""
-    x, y = (min(half, 4.0) if half > 0.0 else 4.0 for half in size[:2])
+def _plane(size: Array, most: float) -> tuple[Array, np.ndarray]:
+    """Rectangle for a plane geom, of half sides [m] up to `most`, which an endless one has."""
+    x, y = (min(half, most) if half > 0.0 else most for half in size[:2])
     return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array(
         [[0, 1, 2], [0, 2, 3]]
     )

@@ -11,7 +11,7 @@ from plotly.io import to_html
 from plotly.subplots import make_subplots
 
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import tangential
+from uuv.sim.evaluation.force_levels import ForceSteps, force_peak, tangential
 from uuv.sim.evaluation.metrics import hull_motion, path_error
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
@@ -21,6 +21,7 @@ from uuv.sim.loop.recording import RecordedSeries
 ELEMENT = "timelines"  # id in the page
 CONTACT = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)
 BINS = 1000  # of a line; in each its extremes are kept
+_ROOM = 1.3  # span of a panel over the largest value that is judged
 _ROW, _MARGIN = 210, 60  # [px] height of a panel, and what is above and below all
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, FAINT)
 _DASHES = ("solid", "dot")  # first run, second run
@@ -44,6 +45,7 @@ class Panel:
     title: str
     lines: Sequence[Line]
     bounds: tuple[float, ...] = ()
+    span: float | None = None  # shown at first to either side of zero; None: all
 
 
 def timelines(runs: Mapping[str, RecordedSeries], bounds: Bounds | None = None) -> str:
@@ -139,9 +141,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
 
         work = recorded.within(WorkState.WORK)
         if work.any():
-            wrong = recorded["contact_normal"].scalar[work] - recorded["set_force"].scalar[work]
-            line = Line("true − set", recorded["contact_normal"].time[work], wrong, BLUE)
-            yield Panel("force error [N]", [line], _both(bounds and bounds.force_error_max))
+            yield _force_error(recorded, work, _both(bounds and bounds.force_error_max))
 
     # Path.
     if (error := path_error(recorded)) is not None:
@@ -192,6 +192,23 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
             )
 
     yield from _arm_wrench(recorded)
+
+
+def _force_error(recorded: RecordedSeries, work: np.ndarray, bounds: tuple[float, ...]) -> Panel:
+    """Error of the force at the rows `work` (N,), judged and not; it spans what is judged."""
+    steps = ForceSteps.of(recorded)
+    settled = steps.settled[work]
+    time = recorded["contact_normal"].time[work]
+    error = recorded["contact_normal"].scalar[work] - recorded["set_force"].scalar[work]
+
+    lines = [Line("true − set", time, np.where(settled, error, np.nan), BLUE)]
+    if not settled.all():
+        lines.append(Line("not judged", time, np.where(settled, np.nan, error), FAINT))
+
+    # Peaks lie within the loop's steps.
+    least, most = (recorded[name].scalar[work] for name in ("contact_least", "contact_most"))
+    peak = force_peak(least, most, steps.force[work])[settled].max(initial=0.0)
+    return Panel("force error [N]", lines, bounds, span=_ROOM * float(peak) or None)
 
 
 def _arm_wrench(recorded: RecordedSeries) -> Iterator[Panel]:
@@ -258,6 +275,9 @@ def _draw(
 
     panel = next(iter(of_runs.values()))
     figure.update_yaxes(title_text=panel.title, row=row, col=1)
+    spans = [panel.span for panel in of_runs.values() if panel.span is not None]
+    if spans:
+        figure.update_yaxes(range=[-max(spans), max(spans)], row=row, col=1)
     for bound in panel.bounds:
         drawn: dict[str, Any] = {
             "line": {"color": VERMILION, "width": 1, "dash": "dash"},

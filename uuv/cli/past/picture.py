@@ -1,52 +1,89 @@
 """`uuv picture RUN`: a still and a clip from the recorded motion of a run."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import arg
 
 from uuv.cli.past.past_runs import Run, Trust, run_folder, scenario_of
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.command_line import parse
 
 STILL, CLIP = "scene.png", "clip.webp"
+_SIZE = re.compile(r"(\d{1,6})x(\d{1,6})")
 
 
 @dataclass(kw_only=True)
 class PictureOptions:
-    """Render a still, 5 s after the work began, and a clip of the whole run into its folder.
+    """Draw a still, in the middle of the work, and a clip of the whole run.
 
-    MuJoCo renders them, or ray casting if there is no OpenGL.
+    Both go into its folder, as scene.png and clip.webp, unless a file is named.
     """
 
     run: Run
+    size: Annotated[str, arg(metavar="WIDTHxHEIGHT")] = "1280x720"
+    """Size of the pictures [px]."""
+    still: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Write this still, *.png, *.webp or *.jpg, and no clip unless one is named."""
+    clip: Annotated[Path | None, arg(metavar="FILE.webp")] = None
+    """Write this clip, at most 1.5 MB, and no still unless one is named."""
+    at: float | None = None
+    """Time of the still [s]."""
+    begin: float | None = None
+    """First time of the clip [s]; default: of the run."""
+    end: float | None = None
+    """Last time of the clip [s]; default: of the run."""
+    frames: int = 150
+    """Frames of the clip, at even times of the run; fifteen are shown in a second."""
+    gl: Literal["auto", "on", "off"] = "auto"
+    """Draw by OpenGL (on), by ray casting (off), or by rays where there is no OpenGL (auto)."""
     trust: Trust = False
 
 
 def main(verb: str, args: Sequence[str]) -> int:
-    """Renders both; returns the exit code."""
+    """Draws both; returns the exit code."""
     del verb
     options = parse(PictureOptions, args)
-    for file in pictures(run_folder(options.run), trust=options.trust):
-        print(file.resolve())
+    folder = run_folder(options.run)
+    width, height = size_of(options.size)
+
+    from uuv.inputs import check_inputs
+    from uuv.pictures.run_pictures import PictureFiles, scene_of_past, write_pictures
+    from uuv.sim.reporting.scene.run_scene import PictureStyle
+    from uuv.sim.reporting.series_tables import SLOW, PastRun
+
+    # All that can be refused, before anything is compiled.
+    past = PastRun.of(folder)
+    scenario = scenario_of(folder, trust=options.trust)
+    past.units(SLOW)
+    chosen = options.still is not None or options.clip is not None
+    files = PictureFiles(
+        still=options.still if chosen else folder / STILL,
+        clip=options.clip if chosen else folder / CLIP,
+        at=options.at,
+        frames=options.frames,
+    )
+    title = f"{scenario.name.replace('_', '-')}, {scenario.vehicle.vehicle}"
+    style = PictureStyle(width=width, height=height, gl=options.gl, title=title)
+    check_inputs(scenario)
+
+    with scene_of_past(past, scenario, style, (options.begin, options.end)) as scene:
+        for file in write_pictures(scene, files):
+            print(file.resolve())
     return 0
 
 
-def pictures(folder: Path, *, trust: bool = False) -> Iterator[Path]:
-    """Still and clip of a run, each when it is written; `trust`: run its scenario's code too.
+def size_of(text: str) -> tuple[int, int]:
+    """Width and height [px] in WIDTHxHEIGHT.
 
     Raises:
-        ConfigurationError: The run has no series, or its scenario cannot be read or has an unknown
-            name.
+        ConfigurationError: It is another text.
     """
-    from uuv.inputs import check_inputs
-    from uuv.sim.reporting.series_tables import SLOW, PastRun
-
-    past = PastRun.of(folder)
-    scenario = scenario_of(folder, trust=trust)
-    past.units(SLOW)
-    check_inputs(scenario)
-    from uuv import first_start
-
-    first_start.build()
-    from uuv.cli.past.run_scene import render
-
-    yield from render(scenario, past, folder / STILL, folder / CLIP)
+    match = _SIZE.fullmatch(text)
+    if match is None:
+        raise ConfigurationError(f"size: WIDTHxHEIGHT in pixels, like 1280x720, got {shown(text)}")
+    return int(match[1]), int(match[2])

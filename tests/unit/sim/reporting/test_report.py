@@ -26,8 +26,8 @@ from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import pose
 from uuv.sim.loop.recording import STATES, Event, Recording, Series
 from uuv.sim.reporting import series_files
-from uuv.sim.reporting.report import write_report
-from uuv.sim.reporting.report_figures import object_as_found
+from uuv.sim.reporting.report import ReportedRun, write_report
+from uuv.sim.reporting.report_figures import object_as_found, path_by_force_error
 from uuv.sim.reporting.results_table import figures_of, results_table
 from uuv.sim.reporting.series_tables import PastRun, write_series
 from uuv.sim.reporting.timelines import thinned, timelines
@@ -124,8 +124,7 @@ def written(folder: Path, recording: Recording) -> tuple[str, Assessment]:
         file,
         recording,
         assessment,
-        title="clean <barrel>",
-        options={"path": "longitudinal"},
+        run=ReportedRun(title="clean <barrel>", options={"path": "longitudinal"}),
         pictures=object_as_found(recording, TRUTH),
     )
     return file.read_text(encoding="utf-8"), assessment
@@ -136,11 +135,44 @@ def test_page_fetches_nothing_and_shows_every_picture(tmp_path: Path):
     reader = Reader()
     reader.feed(page)
     assert assessment.accepted, assessment.failed
-    assert reader.pictures == 1
+    assert reader.pictures == 2  # the path by force error, and the object
     assert all(source.startswith("data:image/svg+xml;base64,") for source in reader.fetched)
     assert panels_of(page) == [*WORKED, "thrust [N]", "joint torque [N m]"]
     assert "clean &lt;barrel&gt;" in page
     assert re.search(r"<h1>.*<span class='accepted'>accepted</span></h1>", page)
+
+
+def test_page_begins_with_stills_of_the_scene(tmp_path: Path):
+    recording = recorded(WorkState.WORK, WorkState.DONE)
+    file = tmp_path / "report.html"
+    stills = [("scan, 3.0 s", b"first"), ("work, <9> s", b"second")]
+    write_report(
+        file,
+        recording,
+        assess(recording, TRUTH, seed=3, wall_s=1.0, identification_s=None),
+        run=ReportedRun(title="barrel", options={}, stills=stills),
+    )
+    page = file.read_text(encoding="utf-8")
+    assert page.index("<h2>Scene</h2>") < page.index("<h2>Path by force error</h2>")
+    assert page.index("<h2>Path by force error</h2>") < page.index("<h2>Figures</h2>")
+    first = base64.b64encode(b"first").decode()
+    assert f'<img alt="scan, 3.0 s" src="data:image/webp;base64,{first}">' in page
+    assert "<figcaption>work, &lt;9&gt; s</figcaption>" in page
+
+
+def test_path_by_force_error_has_its_colours_where_the_error_is_judged():
+    recording = recorded(WorkState.WORK, WorkState.DONE)
+    ((title, caption, figure),) = path_by_force_error(recording)
+    assert title == "Path by force error"
+    drawn = next(c for c in figure.axes[0].collections if c.get_array() is not None)
+    error = np.ma.filled(drawn.get_array(), np.nan)
+    settled = np.isfinite(error)
+    assert 0.85 < settled.mean() < 0.95  # of 10 s, all but the first
+    contact = recording["contact_normal"].scalar - 60.0
+    assert np.nanmax(abs(error)) <= abs(contact).max() + 1e-9
+    rms = np.sqrt(np.mean(contact[recording["state"].time >= 1.0] ** 2))
+    assert f"RMS {rms:.2f} N" in caption
+    assert not list(path_by_force_error(recorded(WorkState.APPROACH, WorkState.ABORT)))
 
 
 def test_page_states_the_covariance_of_the_pose_and_what_it_means_on_the_path(tmp_path: Path):

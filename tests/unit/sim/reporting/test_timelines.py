@@ -10,7 +10,7 @@ from recorded_work import STEPS, TIME, TRUTH, recorded
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 from uuv.sim.loop.recording import Recording, Series
-from uuv.sim.reporting.timelines import panels
+from uuv.sim.reporting.timelines import panels, timelines
 
 ALONG, ASIDE, OUTWARD = TRUTH.X_WT[:3, :3].T
 
@@ -46,7 +46,9 @@ def test_errors_have_the_signs_and_units_of_their_panels():
         ),
         Bounds(force_error_max=9.0, path_deviation=0.003),
     )
-    assert panels_of["force error [N]"] == {"true − set": pytest.approx(5.0), "bounds": (9.0, -9.0)}
+    error = panels_of["force error [N]"]
+    assert (error["true − set"], error["bounds"]) == (pytest.approx(5.0), (9.0, -9.0))
+    assert np.isnan(error["not judged"])  # but for the first second
     path = panels_of["tip path error [mm]"]
     assert [path[name] for name in ("along", "across", "along the tool axis")] == pytest.approx(
         [-2.0, 0.0, 1.0]
@@ -55,6 +57,21 @@ def test_errors_have_the_signs_and_units_of_their_panels():
     hull = panels_of["hull position error [mm]"]
     assert [hull[axis] for axis in "xyz"] == pytest.approx([10.0, -20.0, 20.0])
     assert panels_of["turn of the hull [deg]"]["turn"] == pytest.approx(4.0)
+
+
+def test_the_force_error_spans_what_is_judged():
+    """20 N too much at the start, which is not judged, and 2 N at the end, within a step 3 N."""
+    wrong = np.where(TIME < 0.5, 20.0, 0.0) + np.where(TIME > 9.0, 2.0, 0.0)
+    worked = recorded(
+        contact_normal=60.0 + wrong[:, None], contact_most=60.0 + (wrong + (TIME > 9.0))[:, None]
+    )
+    (panel,) = (p for p in panels(worked) if p.title == "force error [N]")
+    assert panel.span == pytest.approx(1.3 * 3.0)
+    judged, left_out = panel.lines
+    assert np.nanmax(judged.value) == pytest.approx(2.0)
+    assert np.nanmax(left_out.value) == pytest.approx(20.0)
+    page = timelines({"run": worked})
+    assert '"range":[-3.9' in page
 
 
 def test_slower_series_keep_their_columns_and_units():

@@ -18,7 +18,6 @@ from uuv.cli.completion import words_of
 from uuv.cli.main import USAGE, VERBS
 from uuv.cli.past.compare_runs import alike
 from uuv.cli.past.picture import CLIP, STILL
-from uuv.cli.past.run_scene import FRAMES, HEIGHT, WIDTH
 from uuv.jobs import clean_object
 from uuv.scenario_file import write_scenario
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -313,16 +312,17 @@ def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
         "accepted"
     )
     program = (
-        "import sys; from uuv.cli.main import main; sys.argv = ['uuv', 'picture', 'first']; main()"
+        "import sys; from uuv.cli.main import main; sys.argv = ['uuv', 'picture', 'first', "
+        "'--size', '320x180', '--frames', '20']; main()"
     )
     ran = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     assert ran.stdout.split() == [str(folder.resolve() / name) for name in (STILL, CLIP)]
     still, clip = Image.open(folder / STILL), Image.open(folder / CLIP)
-    assert still.size == (WIDTH, HEIGHT)
+    assert still.size == (320, 180)
     assert np.asarray(still).std() > 20.0
-    assert getattr(clip, "n_frames", 1) == FRAMES
+    assert getattr(clip, "n_frames", 1) == 20
 
 
 def test_check_says_what_a_vehicle_has_and_lacks(uuv):

@@ -1,0 +1,1 @@
+"""Scene of a run as stills and clips: camera, water, marks and text, with and without OpenGL."""

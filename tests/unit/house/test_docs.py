@@ -192,3 +192,29 @@ def test_code_that_the_methods_name_is_there(root):
     assert len(names) > 10
     for name in names:
         assert pkgutil.resolve_name(name) is not None
+
+
+def anchors_of(page: Path) -> set[str]:
+    """Anchors that a browser finds on a page: its headings, lower case, blanks as hyphens."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    return {
+        re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings
+    }
+
+
+def test_links_of_the_first_page_and_of_the_documents_open(root):
+    """Files and headings; the addresses of other sites are not asked for."""
+    broken = []
+    for page in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for target in re.findall(r"\]\(([^)\s]+)\)", text):
+            if target.startswith("http"):
+                continue
+            file, _, anchor = target.partition("#")
+            linked = page.parent / file if file else page
+            if not linked.exists():
+                broken.append(f"{page.name}: {target}")
+            elif anchor and anchor not in anchors_of(linked):
+                broken.append(f"{page.name}: {target}")
+    assert broken == []

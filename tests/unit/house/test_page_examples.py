@@ -1,0 +1,49 @@
+"""Pages whose Python is one session: it runs as it stands there, and prints what stands below it."""
+
+import contextlib
+import io
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from source_tree import ROOT
+
+PAGES = ("calibrate_arm", "mkps", "own_ik")
+_BLOCK = re.compile(r"^```(python|text)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
+
+
+def session(page: Path) -> list[tuple[str, str | None]]:
+    """Blocks of Python of a page, each with the text that follows it as its output, or None."""
+    blocks = [(match[1], match[2]) for match in _BLOCK.finditer(page.read_text(encoding="utf-8"))]
+    following = [*blocks[1:], ("python", "")]
+    return [
+        (text, output if kind == "text" else None)
+        for (language, text), (kind, output) in zip(blocks, following, strict=True)
+        if language == "python"
+    ]
+
+
+def run_session(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs the blocks of a page in an empty folder beside docs/, and compares what they print."""
+    (folder / "docs").symlink_to(ROOT / "docs")
+    monkeypatch.chdir(folder)
+    monkeypatch.setitem(sys.modules, "session", ModuleType("session"))  # dataclasses look there
+    names = {"__name__": "session"}
+
+    compared = 0
+    for code, output in session(page):
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(code, page.name, "exec"), names)
+        if output is not None:
+            assert printed.getvalue() == output, code
+            compared += 1
+    assert compared > 0
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_python_of_a_page_prints_what_the_page_says(page: str, tmp_path, monkeypatch):
+    run_session(ROOT / "docs" / f"{page}.md", tmp_path, monkeypatch)

@@ -27,6 +27,7 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "rosbags": BRIDGE,
     "pymavlink": BRIDGE,
     "ray": "cluster",
+    "pandas": "pandas",
     "open3d": "open3d",
 }
 # newest major version of MuJoCo on which its physics runs; as in pyproject.toml's extra "rl"

@@ -1,8 +1,10 @@
-"""Pages whose Python is one session: it runs as it stands there, and prints what stands below it."""
+"""Pages whose Python is one session: it runs as written, and prints what stands below it."""
 
 import contextlib
 import io
 import re
+import shlex
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -44,6 +46,30 @@ def run_session(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert compared > 0
 
 
+def typed_in(page: Path, folder: Path) -> None:
+    """Types the first commands of a page, in the folder."""
+    text = page.read_text(encoding="utf-8")
+    commands = re.findall(r"^```\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)[0]
+    for line in commands.splitlines():
+        words = shlex.split(line, comments=True)
+        assert words[0] == "uuv"
+        subprocess.run(
+            [sys.executable, "-m", "uuv.cli.main", *words[1:]],
+            cwd=folder,
+            capture_output=True,
+            check=True,
+        )
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_the_python_of_a_page_prints_what_the_page_says(page: str, tmp_path, monkeypatch):
     run_session(ROOT / "docs" / f"{page}.md", tmp_path, monkeypatch)
+
+
+@pytest.mark.long(
+    guarded_by="tests/unit/sim/reporting/test_run_plot.py::test_series_are_data_frames_over_time"
+)
+def test_the_python_of_a_page_that_needs_a_run(tmp_path, monkeypatch):
+    page = ROOT / "docs" / "data_out.md"
+    typed_in(page, tmp_path)
+    run_session(page, tmp_path, monkeypatch)

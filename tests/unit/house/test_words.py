@@ -18,6 +18,7 @@ NOT_COUNTED = {"references", "glossary", "licences", "results", "results_earlier
 # pages of doors and parts that came later: each has the bound of a page, and none of their sum
 LATER = {"your_tools", "udp", "thrusters", "own_tool", "vehicle_files"} | {
     "calibrate_arm",
+    "data_out",
     "mkps",
     "own_ik",
 }

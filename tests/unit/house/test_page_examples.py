@@ -13,7 +13,7 @@ import pytest
 
 from source_tree import ROOT
 
-PAGES = ("calibrate_arm", "mkps", "own_ik")
+PAGES = ("calibrate_arm", "find_object", "mkps", "own_ik")
 _BLOCK = re.compile(r"^```(python|text)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
 
 
@@ -64,6 +64,11 @@ def typed_in(page: Path, folder: Path) -> None:
 @pytest.mark.parametrize("page", PAGES)
 def test_the_python_of_a_page_prints_what_the_page_says(page: str, tmp_path, monkeypatch):
     run_session(ROOT / "docs" / f"{page}.md", tmp_path, monkeypatch)
+
+
+def test_the_python_of_the_page_on_open3d(open3d, tmp_path, monkeypatch):
+    assert open3d is not None
+    run_session(ROOT / "docs" / "open3d.md", tmp_path, monkeypatch)
 
 
 @pytest.mark.long(

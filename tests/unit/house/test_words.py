@@ -18,7 +18,11 @@ NOT_COUNTED = {"references", "glossary", "licences", "results", "results_earlier
 # pages of doors and parts that came later: each has the bound of a page, and none of their sum
 LATER = {"your_tools", "udp", "thrusters", "own_tool", "vehicle_files"} | {
     "calibrate_arm",
+    "change_water",
     "data_out",
+    "find_object",
+    "measured",
+    "open3d",
     "mkps",
     "own_ik",
 }

@@ -138,10 +138,13 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
     np.testing.assert_allclose(sent, [command, factor * command], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["my_flow", "my_wake"])
-def test_the_examples_of_a_current_are_those_of_the_page(root, name):
+@pytest.mark.parametrize(
+    ("name", "page"),
+    [("my_flow", "own_current"), ("my_wake", "own_current"), ("my_water", "change_water")],
+)
+def test_an_example_is_the_block_of_its_page(root, name, page):
     """A file in docs/examples is the block of the page with a line about it before."""
-    page = (root / "docs" / "own_current.md").read_text(encoding="utf-8")
+    page = (root / "docs" / f"{page}.md").read_text(encoding="utf-8")
     example = (root / "docs" / "examples" / f"{name}.py").read_text(encoding="utf-8")
     assert example.partition("\n\n")[2] in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
 

@@ -13,7 +13,7 @@ import pytest
 
 from source_tree import ROOT
 
-PAGES = ("calibrate_arm", "find_object", "mkps", "own_ik")
+PAGES = ("calibrate_arm", "change_water", "find_object", "mkps", "own_ik")
 _BLOCK = re.compile(r"^```(python|text)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
 
 

@@ -31,16 +31,18 @@ from uuv.calib.paper import WARNING, paper_run
 from uuv.calib.parameters import (
     DEFAULT_FREE,
     DEFAULT_PRIOR,
+    Estimate,
     Parameters,
     prior_deviations,
     select,
     widest_prior,
 )
-from uuv.calib.rank import RankReport, rank_report
+from uuv.calib.rank import Combination, RankReport, rank_report
 from uuv.calib.touches import UsableTouches, checked_series, usable
 from uuv.calib.verification import PointTouches, kabsch, places, scores
 from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
+from uuv.sim.interfaces import page
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import (
     Array,
@@ -78,42 +80,6 @@ class Outlier:
             f"series {self.series + 1}, touch {self.touch + 1}: {1e3 * self.distance:.3g} mm from "
             "its point"
         )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Combination:
-    """An observable combination: a weighted sum of parameter changes, each divided by its
-    `RankReport.scales`.
-    """
-
-    text: str  # text of its largest terms
-    weights: Array  # (P,) weights of the changes over `RankReport.scales`, of unit length
-    value: float  # in units of `RankReport.scales`
-    sigma: float
-    interval: tuple[float, float]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
-    """The free parameters as identified; arrays are ordered as `names`."""
-
-    parameters: Parameters
-    values: Array  # (P,) identified
-    changes: Array  # (P,) change relative to nominal
-    covariance: Array  # (P, P) posterior, in the units of `parameters`
-    prior: Array  # (P,) standard deviations of the prior in use, stated or chosen by the data
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the free parameters: theta1, d1, a1, alpha1, ..., tcp_x, ..., beta2, ..., c1,
-        ...
-        """
-        return self.parameters.names
-
-    @property
-    def sigma(self) -> Array:
-        """Posterior standard deviation (P,) of each parameter, in its unit."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,11 +245,9 @@ class Calibration:
             series: those touches (m_i, n), all of them.
         """
         every = np.ascontiguousarray(np.vstack(series))
-        bent = (
-            every
-            if self.loads is None
-            else every + self.compliance * self.loads.at(every)(self.arm.table)
-        )
+        bent = every
+        if self.loads is not None:
+            bent = every + self.compliance * self.loads.at(every)(self.arm.table)
 
         return np.split(self.arm.tips(bent, self.tcp), np.cumsum([len(q) for q in series])[:-1])
 
@@ -332,6 +296,27 @@ class Calibration:
 
         bound = self.loads.with_payload(payload_mass, len(values))
         return values + self.compliance * bound.at(values)(self.arm.table)
+
+    def _repr_html_(self) -> str:
+        """Card for a notebook: figures and warnings, no verdict, which `uuv calibrate` adds."""
+        touches = sum(len(distances) for distances in self.residuals)
+        largest = max(float(distances.max()) for distances in self.residuals)
+        rows = [
+            (
+                "touches, points, left out",
+                f"{touches}, {len(self.residuals)}, {len(self.outliers)}",
+                "",
+            ),
+            ("noise of a touch, each axis", f"{1e3 * self.noise:.3f}", "mm"),
+            ("farthest touch from its point", f"{1e3 * largest:.3f}", "mm"),
+            ("criterion J, before", f"{1e6 * self.cost_nominal:.4g}", "mm²"),
+            ("criterion J, after", f"{1e6 * self.cost:.4g}", "mm²"),
+            ("observable directions", f"{self.rank.rank} of {self.rank.total}", ""),
+        ]
+
+        doubts = [*self.warnings, *([] if self.converged else ["the fit did not converge"])]
+        words = ("converged, no warnings", "with warnings")
+        return page.card("Calibration of an arm", not doubts, doubts, rows, words)
 
 
 def identify(

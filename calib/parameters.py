@@ -192,3 +192,26 @@ def widest_prior(parameters: Parameters, reach: float) -> Array:
     return np.array(
         [np.inf if group in free else bounds[UNITS[group]] for group in parameters.groups]
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """The free parameters as identified; arrays are ordered as `names`."""
+
+    parameters: Parameters
+    values: Array  # (P,) identified
+    changes: Array  # (P,) against nominal
+    covariance: Array  # (P, P) posterior, in the units of `parameters`
+    prior: Array  # (P,) standard deviations of the prior in use, stated or chosen by the data
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters: theta1, d1, a1, alpha1, ..., tcp_x, ..., beta2, ..., c1,
+        ...
+        """
+        return self.parameters.names
+
+    @property
+    def sigma(self) -> Array:
+        """Posterior standard deviation (P,) of each parameter, in its unit."""
+        return np.sqrt(np.diag(self.covariance))

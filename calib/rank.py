@@ -43,6 +43,17 @@ class HiddenGroup:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Combination:
+    """An observable combination: weighted sum of changes over `RankReport.scales`."""
+
+    text: str  # its largest terms
+    weights: Array  # (P,) of the changes over `RankReport.scales`, unit length
+    value: float  # in units of `RankReport.scales`
+    sigma: float
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class RankReport:
     """Rank of the scaled columns of `parameters` at a solution."""
 

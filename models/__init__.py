@@ -100,6 +100,20 @@ class Description:
     mass: float  # [kg] dry mass
     volume: float  # [m^3] displaced volume, after ballasting
 
+    def _repr_html_(self) -> str:
+        """Card for a notebook."""
+        from uuv.sim.interfaces.page import plain_card
+
+        rows = [
+            ("dry mass", f"{self.mass:.1f}", "kg"),
+            ("displaced", f"{1e3 * self.volume:.1f}", "l"),
+            ("degrees of freedom", str(self.dof), ""),
+            ("driven joints", ", ".join(self.joints) or "none", ""),
+            ("drive", self.drive, ""),
+            ("thrusters", str(self.thrusters), ""),
+        ]
+        return plain_card(self.name, self.source, rows)
+
 
 def available() -> tuple[str, ...]:
     """Names of all models: built-in ones, their aliases, and those of other packages."""

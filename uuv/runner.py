@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,11 +15,15 @@ from uuv.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
 from uuv.scenario import Scenario
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.spatial import readonly
 from uuv.sim.loop.recording import Recorder, Recording
 from uuv.sim.loop.rollout import Moment, Observer, Rollout, Stage, Ticks, rollout, run_on
 from uuv.sim.runs.command_line import Interrupted
 from uuv.ticks.compiled_ticks import CompiledTicks, reason
+
+if TYPE_CHECKING:  # a run is made without the extra log
+    from uuv.sim.reporting.run_plot import RunFigure
 
 REHEARSAL = 0.1  # [s] simulated time that loads all compiled code
 
@@ -41,6 +45,21 @@ class Run:
     def recording(self) -> Recording:
         """Time series of the run."""
         return self.result.recording
+
+    def plot(self, *, whole: bool = False) -> "RunFigure":
+        """Figure of force, path error, hull and phase over time, by Matplotlib.
+
+        Args:
+            whole: From the start of the run; else from the approach on.
+
+        Raises:
+            ConfigurationError: The run ended before there was anything to draw.
+            MissingLibraryError: The extra log is not installed.
+        """
+        with wanted():
+            from uuv.sim.reporting.run_plot import plot_of
+
+        return plot_of(self.recording, whole=whole)
 
     def _repr_html_(self) -> str:
         """Summary for a notebook."""

@@ -23,6 +23,7 @@ from uuv.perception.clouds.scan import (
     near_any,
     without_flying_pixels,
 )
+from uuv.perception.pose_card import PoseCard
 from uuv.perception.registration.evidence import Evidence, score, seen_noise, surface_noise
 from uuv.perception.registration.initialiser import Expected, initial_poses
 from uuv.perception.registration.likelihood import log_likelihood
@@ -88,7 +89,7 @@ class FreeMotion:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Identification:
+class Identification(PoseCard):
     """Identified pose of an object in one scan: decision, covariance, reason.
 
     A pose that was not accepted is the best one found, for logs only.
@@ -245,14 +246,8 @@ def attempted(
     # Pixels that may be the object, and the search in them
     try:
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
-        mask = segment(
-            scan,
-            surface.target,
-            p_approach,
-            question.sensor,
-            approach_error,
-            np.random.default_rng(seed),
-        )
+        rng = np.random.default_rng(seed)
+        mask = segment(scan, surface.target, p_approach, question.sensor, approach_error, rng)
         return _first_search(question, scan, mask)
     except PerceptionError as error:
         return _Refusal(question=question, reason=str(error))

@@ -27,6 +27,7 @@ EXTRAS = {  # module: extra, as in pyproject.toml
     "rosbags": BRIDGE,
     "pymavlink": BRIDGE,
     "ray": "cluster",
+    "pandas": "pandas",
     "open3d": "open3d",
 }
 # newest major version of MuJoCo that dm_control's physics supports; see the extra "rl" in

@@ -73,7 +73,11 @@ def verdict(accepted: bool, words: tuple[str, str] = ("accepted", "not accepted"
 
 
 def card(
-    title: str, accepted: bool, reasons: Iterable[Any], rows: Iterable[tuple[str, str, str]]
+    title: str,
+    accepted: bool,
+    reasons: Iterable[Any],
+    rows: Iterable[tuple[str, str, str]],
+    words: tuple[str, str] = ("accepted", "not accepted"),
 ) -> str:
     """Result for display in a notebook, without a style sheet; readable on light and dark
     backgrounds.
@@ -83,17 +87,30 @@ def card(
         accepted: Verdict.
         reasons: Why it was not accepted.
         rows: Name, value and unit of each figure.
+        words: For the verdict.
     """
-    word = "accepted" if accepted else f"not accepted: {'; '.join(map(str, reasons))}"
-    colour = "#2e9e5b" if accepted else "#d1495b"
+    word = words[0] if accepted else f"{words[1]}: {'; '.join(map(str, reasons))}"
+    return plain_card(title, word, rows, colour="#2e9e5b" if accepted else "#d1495b")
 
+
+def plain_card(
+    title: str, about: str, rows: Iterable[tuple[str, str, str]], *, colour: str = "#888888"
+) -> str:
+    """Card of figures without a verdict, for display in a notebook.
+
+    Args:
+        title: Title.
+        about: Line below it.
+        rows: Name, value and unit of each figure.
+        colour: Of that line and of the bar beside all.
+    """
     # Without a style sheet each cell must state its alignment.
     right = ' style="text-align:right"'
     cells = "".join(_row("td", row, (0, 2), right) for row in rows)
 
     return (
         f'<div style="border-left:4px solid {colour};padding:2px 10px">{strong(title)}'
-        f'<div style="color:{colour}">{text(word)}</div><table>{cells}</table></div>'
+        f'<div style="color:{colour}">{text(about)}</div><table>{cells}</table></div>'
     )
 
 

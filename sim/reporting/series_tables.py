@@ -31,10 +31,12 @@ from uuv.sim.reporting.series_files import (
 from uuv.sim.runs.run_folder import checked_format
 
 if TYPE_CHECKING:  # the figures of a run are read without the kernels of what recorded it
+    import pandas as pd
     import pyarrow as pa
 
     from uuv.sim.evaluation.metrics import Assessment
     from uuv.sim.loop.recording import Event, RecordedSeries, Recording, Series
+    from uuv.sim.reporting.run_plot import RunFigure
 
 METRICS = "metrics.json"  # in the folder of a run
 STATES = (*WorkState, "interrupted", "crashed")  # in which a run may end
@@ -194,7 +196,7 @@ class PastRun:
         }
 
     def table(self, rate: str = LOOP) -> "pa.Table":
-        """Series of one rate, or EVENTS; with pandas `.to_pandas()` makes a data frame of it.
+        """Series of one rate, or EVENTS, as a table of Arrow.
 
         Raises:
             ConfigurationError: There is no such table.
@@ -206,6 +208,35 @@ class PastRun:
         if file.suffix == ".parquet":
             return arrow_table(file)
         return pa.table({name: column.values for name, column in read_table(file).items()})
+
+    def frame(self, rate: str = LOOP) -> "pd.DataFrame":
+        """Series of one rate, or EVENTS, as a data frame of pandas; its index is the time [s].
+
+        Raises:
+            ConfigurationError: There is no such table.
+            MissingLibraryError: The extra pandas is not installed.
+        """
+        with wanted():
+            import pandas as pd
+        columns = read_table(self._file(rate))
+        return pd.DataFrame({name: column.values for name, column in columns.items()}).set_index(
+            "time"
+        )
+
+    def plot(self, *, whole: bool = False) -> "RunFigure":
+        """Figure of force, path error, hull and phase over time, by Matplotlib.
+
+        Args:
+            whole: From the start of the run; else from the approach on.
+
+        Raises:
+            ConfigurationError: The run kept no series, or ended before there was anything to draw.
+            MissingLibraryError: The extra log is not installed.
+        """
+        with wanted():
+            from uuv.sim.reporting.run_plot import plot_of
+
+        return plot_of(self.recorded, whole=whole)
 
     def column(self, name: str, rate: str = LOOP) -> np.ndarray:
         """Values (N,) of one column; `time` is one too.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-PAGES = ("first_run", "own_current", "own_sensor", "own_task", "uuv")
+PAGES = ("calibrate_arm", "first_run", "own_current", "own_sensor", "own_task", "uuv")
 _PLACEHOLDER = re.compile(r"\b(RUN|NAME|VEHICLE|KIND)\b|my\.toml|perturbations\.MountedObject")
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", flags=re.MULTILINE | re.DOTALL)
 
@@ -28,6 +28,7 @@ def test_what_a_page_says_works(page: str, root: Path, tmp_path: Path):
     blocks = typed(root / "docs" / f"{page}.md")
     for example in (root / "docs" / "examples").glob("*.py"):  # files that a page says to save
         shutil.copy(example, tmp_path)
+    (tmp_path / "docs").symlink_to(root / "docs")
     commands = 0
     for kind, text in blocks:
         lines = [text] if kind == "python" else text.splitlines()

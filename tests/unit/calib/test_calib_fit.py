@@ -2,6 +2,7 @@
 known truths.
 """
 
+import html
 from types import SimpleNamespace
 
 import numpy as np
@@ -160,6 +161,15 @@ def test_hidden_directions_change_nothing_that_touching_sees(off_axis: list[Arra
     scaled[:, 1:3] *= 1.01
     shrunk = criterion(fit.arm.with_table(scaled).dh, 1.01 * fit.tcp, off_axis)
     within("scale", shrunk / fit.cost - 1.01**2, 1e-7)
+
+
+def test_a_card_has_the_figures_and_the_warnings(off_axis: list[Array]):
+    fit = identify(off_axis, UR10E)
+    card = fit._repr_html_()
+    touches = sum(map(len, off_axis))
+    assert f"{touches}, {len(off_axis)}, {len(fit.outliers)}" in card
+    assert f"{1e3 * fit.noise:.3f}" in card
+    assert all(html.escape(warning) in card for warning in fit.warnings)
 
 
 def test_a_known_distance_tells_scale():

@@ -138,10 +138,13 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
     np.testing.assert_allclose(sent, [command, factor * command], rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["my_flow", "my_wake"])
-def test_the_examples_of_a_current_are_those_of_the_page(root, name):
+@pytest.mark.parametrize(
+    ("name", "page"),
+    [("my_flow", "own_current"), ("my_wake", "own_current"), ("my_water", "change_water")],
+)
+def test_an_example_is_the_block_of_its_page(root, name, page):
     """A file in docs/examples is the block of the page with a line about it before."""
-    page = (root / "docs" / "own_current.md").read_text(encoding="utf-8")
+    page = (root / "docs" / f"{page}.md").read_text(encoding="utf-8")
     example = (root / "docs" / "examples" / f"{name}.py").read_text(encoding="utf-8")
     assert example.partition("\n\n")[2] in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
 
@@ -192,3 +195,27 @@ def test_code_that_the_methods_name_is_there(root):
     assert len(names) > 10
     for name in names:
         assert pkgutil.resolve_name(name) is not None
+
+
+def anchors_of(page: Path) -> set[str]:
+    """Anchors that a browser finds on a page: its headings, lower case, blanks as hyphens."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    headings = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    return {
+        re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings
+    }
+
+
+def test_links_of_the_first_page_and_of_the_documents_open(root):
+    """Files and headings; the addresses of other sites are not asked for."""
+    broken = []
+    for page in (root / "README.md", *sorted((root / "docs").glob("*.md"))):
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        for target in re.findall(r"\]\(([^)\s]+)\)", text):
+            if target.startswith("http"):
+                continue
+            file, _, anchor = target.partition("#")
+            linked = page.parent / file if file else page
+            if not linked.exists() or (anchor and anchor not in anchors_of(linked)):
+                broken.append(f"{page.name}: {target}")
+    assert broken == []

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from uuv.kinds import SENSORS
-from uuv.models import VEHICLES
+from uuv.models import VEHICLES, describe
 from uuv.models.registry import Registry
 from uuv.models.site.soil import SOILS
 from uuv.models.tools.tools import TOOLS
@@ -93,3 +93,11 @@ def test_what_a_users_function_returns_is_checked(registry, form, tmp_path, monk
     message = f"{registry.kind} 'returns_anything:thing': must return {form}, got dict"
     with pytest.raises(ConfigurationError, match=re.escape(message)):
         registry.load("returns_anything:thing")
+
+
+def test_a_vehicle_shows_itself_as_a_card():
+    about = describe("bluerov2_heavy")
+    card = about._repr_html_()
+    assert f"{about.mass:.1f}" in card
+    assert f"{1e3 * about.volume:.1f}" in card
+    assert about.source in card

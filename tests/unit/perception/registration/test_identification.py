@@ -57,6 +57,15 @@ def found(surface: ModelSurface, frame: DepthImage) -> Identification:
     )
 
 
+def test_a_card_has_the_middle_of_the_object_and_the_verdict(found: Identification):
+    middle = transform_points(found.X_sensor_target, BARREL.center)
+    card = found._repr_html_()
+    assert ", ".join(f"{value:.4f}" for value in middle) in card
+    assert "accepted" in card
+    refused = replace(found, accepted=False, reason="seen <through>")._repr_html_()
+    assert "not accepted: seen &lt;through&gt;" in refused
+
+
 def bracket() -> TargetModel:
     """An L of two plates: no symmetry, nothing round."""
     return boxes(

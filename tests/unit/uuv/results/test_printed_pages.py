@@ -125,9 +125,53 @@ def physics_rows(text: str) -> dict[str, list[str]]:
     return {cells[0]: cells for cells in (row.split(" | ") for row in rows)}
 
 
+def force_of_the_main_job() -> str:
+    """Sentence of the README about the true force, of both paths of the main job."""
+    kept_table = kept_rows("papers")
+    assert kept_table is not None
+    errors = {
+        row["command"].rpartition(" ")[2]: row["figures"]["contact.force_error_rms_n"]
+        for row in kept_table.rows
+        if row["command"].startswith("clean_barrel.py --no-record --path")
+        and "contact.force_error_rms_n" in row["figures"]
+    }
+    along, around = (errors[path] for path in ("longitudinal", "transverse"))
+    return f"{along:.2f} N along a barrel, {around:.2f} N around it"
+
+
+def worst_of_ten(root: Path) -> str:
+    """Part of that sentence: the largest of the main job's table on earlier results."""
+    page = (root / "docs" / "results_earlier.md").read_text(encoding="utf-8")
+    rows = re.findall(
+        r"^\| (?:longitudinal|transverse) \| \d \| ([\d.]+),", page, flags=re.MULTILINE
+    )
+    assert len(rows) == 10
+    return f"{max(map(float, rows)):.2f} N in the [worst of ten runs]"
+
+
+def added_mass_of_shapes() -> str:
+    """Sentence of the README about the water of a mesh."""
+    kept_table = kept_rows("added_mass")
+    assert kept_table is not None
+    assert len(kept_table.rows) == 12
+    largest = max(row["extrapolated"] for row in kept_table.rows)
+    return f"added mass on twelve shapes where it is known: {100.0 * largest:.1f} %"
+
+
 def test_the_readme_has_the_figures_of_the_kept_rows(root: Path):
     readme = " ".join((root / "README.md").read_text(encoding="utf-8").split())
     assert solved_by_hybrid() in readme
+    assert force_of_the_main_job() in readme
+    assert worst_of_ten(root) in readme
+    assert added_mass_of_shapes() in readme
+
+
+def test_a_figure_of_the_readme_that_is_typed_stands_on_the_page_that_it_links(root: Path):
+    readme = (root / "README.md").read_text(encoding="utf-8")
+    linked = re.findall(r"\[(\d[^\]]*)\]\((docs/[\w/]+\.md)[^)]*\)", readme)
+    assert len(linked) >= 2
+    for figure, page in linked:
+        assert figure in (root / page).read_text(encoding="utf-8"), figure
 
 
 def test_the_readme_has_the_figures_of_the_physics(root: Path):
@@ -142,3 +186,5 @@ def test_the_readme_has_the_figures_of_the_physics(root: Path):
     assert len(names) == 5
     for name in names:
         assert physics_rows(page)[name][:3] == shown[name], name
+    rise = physics_rows(page)["rise of a buoyant sphere, 1 s: every integrator and solver"][2]
+    assert f"from the closed form by {rise.split()[0]} of itself" in " ".join(readme.split())

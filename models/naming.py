@@ -27,6 +27,7 @@ TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without it the tip
 READY_KEY = "ready"  # arm bent; inverse kinematics starts there
 TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"  # contacts of this geom are work, all others collisions
 # After the tool's name; what these geoms of a gripper or a socket touch, is work too.
+GRIPPER = "gripper"  # motor of driven jaws, and the tendon of their opening
 OTHER_PAD = "_right"
 SLOT_BOTTOM = "_bottom"
 # What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them
@@ -125,3 +126,10 @@ def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
     """
     if lacking := lacks(model, but):
         raise ConfigurationError(f"the vehicle lacks what this work needs: {', '.join(lacking)}")
+
+
+def has_gripper(model: "mujoco.MjModel") -> bool:
+    """Whether a compiled model has driven jaws."""
+    import mujoco
+
+    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER) >= 0

@@ -239,6 +239,28 @@ class SurveyedPose:
     X_WT: Array  # (4, 4)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JawMeasurement:
+    """Reading of a gripper's drive: where its jaws are, and how hard its motor pulls."""
+
+    time: float  # [s]
+    opening: float  # [m] between the pads
+    speed: float  # [m/s] of the opening, positive: it grows
+    force: float  # [N] of the motor on each finger, from its current, positive: it closes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JawSetpoint:
+    """What a gripper's drive is asked for: an opening, to be reached with bounded speed and force.
+
+    Jaws that meet something before press it with the force.
+    """
+
+    opening: float  # [m] between the pads
+    speed: float  # [m/s] of the opening, at most
+    force: float  # [N] of the motor on each finger, at most
+
+
 Look = DepthImage | SonarScan | SurveyedPose  # input of target identification
 
 Measurement = (
@@ -251,6 +273,7 @@ Measurement = (
     | VisionMeasurement
     | SurfaceMotionMeasurement
     | ToolAtRest
+    | JawMeasurement
     | Look
 )
 
@@ -298,6 +321,7 @@ class StateEstimate:
     # the two; NaN: it is no rotation
     attitude_off_B: Array = field(default_factory=lambda: _STILL)
     ground: GroundPlane | None = None  # under the hull; None: not known
+    jaws: JawMeasurement | None = None  # newest reading of a gripper; None: none yet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -501,6 +525,13 @@ class Reference:
     def in_contact(self) -> bool:
         """True while the tool is to touch something."""
         return self.set_force > 0.0 or self.force_control
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JawReference(Reference):
+    """Set points of a vehicle with a gripper, whose own drive goes on with the last ones."""
+
+    jaws: JawSetpoint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

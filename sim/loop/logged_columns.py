@@ -42,9 +42,15 @@ WIDTHS = {  # [columns] of each
 }
 
 
-def slow_columns(vehicle: Vehicle) -> Columns:
-    """Columns of the series that are logged at a lower rate."""
-    return {
+JAWS: Columns = {
+    "jaw_opening": ((), "m"),  # true, between the pads
+    "jaw_force": ((), "N"),  # of the motor on each finger, positive: it closes
+}
+
+
+def slow_columns(vehicle: Vehicle, *, jaws: bool = False) -> Columns:
+    """Columns of the series that are logged at a lower rate; `jaws`: of a gripper too."""
+    columns: Columns = {
         "q": (vehicle.joint_names, "rad"),
         "qd": (vehicle.joint_names, "rad/s"),
         "tau_drive": (vehicle.joint_names, "N m"),
@@ -56,3 +62,4 @@ def slow_columns(vehicle: Vehicle) -> Columns:
         "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
         "position_sigma": (_XYZ, "m"),  # of the estimated hull position, as the estimator states it
     }
+    return {**columns, **JAWS} if jaws else columns

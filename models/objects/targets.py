@@ -17,7 +17,7 @@ from uuv.models.objects.block import block
 from uuv.models.objects.manifold import manifold
 from uuv.models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
 from uuv.models.objects.plate import plate
-from uuv.models.objects.rock import rock
+from uuv.models.objects.rock import rock, stone
 from uuv.models.objects.solid import Solid
 from uuv.models.objects.starfish import starfish
 from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel
@@ -61,6 +61,7 @@ OBJECTS: Registry[Any] = Registry(
         "plate": plate,
         "rock": rock,
         "starfish": starfish,
+        "stone": stone,
         "valve": valve,
     },
 )

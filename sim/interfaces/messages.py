@@ -73,6 +73,10 @@ class AbortCode(StrEnum):
     JAMMED = "jammed"  # on the way in
     STUCK = "stuck"  # on the way out
     TUBE_FULL = "tube full"  # the sampler takes no more
+    JAWS = "jaws stuck"  # they neither reach an opening nor press, or their drive is silent
+    NOT_GRIPPED = "not gripped"  # they closed on nothing
+    TOO_HEAVY = "too heavy"  # what was lifted
+    DROPPED = "dropped"  # what they held has slipped out
     TIME_LIMIT = "time limit"  # of a phase
     VISION = "vision lost"  # for longer than the work may wait
     TORQUE_SENSORS = "torque sensors wrong"  # two or more; with one the work goes on
@@ -259,6 +263,8 @@ class JawSetpoint:
     opening: float  # [m] between the pads
     speed: float  # [m/s] of the opening, at most
     force: float  # [N] of the motor on each finger, at most
+    # [N] weight in water of what they hold, as weighed; for the log only, NaN: not known
+    load: float = math.nan
 
 
 Look = DepthImage | SonarScan | SurveyedPose  # input of target identification

@@ -36,7 +36,7 @@ class GraspLimits:
     least: float = 0.004  # [m] the same, at least
     ground: float = 0.006  # [m] of the fingers' ends above the ground
     deep: float = 0.02  # [m] by which the fingers reach below the line, at best
-    aside: float = 0.03  # [m] from the line to the weight, at which a grasp is worth nothing
+    aside: float = 0.03  # [m] lever of the weight about the line, which the pads just bear
     uneven: float = 0.012  # [m] by which the pads meet the object wider than at the two points
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from uuv.models.meshes.closed_shells import revolve
-from uuv.models.objects.anode import anode
+from uuv.models.objects.anode import anode, small_anode
 from uuv.models.objects.barrel import (
     BARREL_DIAMETER,
     BARREL_LENGTH,
@@ -61,14 +61,15 @@ OBJECTS: Registry[Any] = Registry(
         "plate": plate,
         "rock": rock,
         "starfish": starfish,
-        "stone": stone,
         "valve": valve,
     },
 )
+# What a gripper takes; the studies of identification go over the others.
+SMALL: Registry[Any] = Registry("object", {"small_anode": small_anode, "stone": stone})
 
 
 def available() -> tuple[str, ...]:
-    """Names of the objects that `named` knows, those of other packages included."""
+    """Names of the objects that `named` knows, without SMALL; of other packages too."""
     return OBJECTS.names()
 
 
@@ -82,7 +83,8 @@ def named(name: str, **options: Any) -> TargetModel:
     Raises:
         ConfigurationError: Unknown name or option; the message lists the known ones.
     """
-    target = OBJECTS.load(name, **options)
+    of = SMALL if ":" not in name and name in SMALL else OBJECTS
+    target = of.load(name, **options)
     target = target if isinstance(target, TargetModel) else getattr(target, "target", None)
     if not isinstance(target, TargetModel):
         raise ConfigurationError(f"object {name!r}: its maker gave no TargetModel")

@@ -178,7 +178,7 @@ def collect(*, quick: bool = False) -> "Scenario":
     Args:
         quick: A faster way to the basket.
     """
-    from uuv.scenario import Scenario, VehicleSetup
+    from uuv.scenario import Scenario
     from uuv.site import KnownObject, Site
     from uuv.tasks.collecting import CollectTask
 
@@ -186,7 +186,6 @@ def collect(*, quick: bool = False) -> "Scenario":
         name="collect",
         site=Site(object=KnownObject(object="stone")),
         task=CollectTask(carry_speed=0.1) if quick else CollectTask(),
-        vehicle=VehicleSetup(tool="gripper"),
     )
 
 

@@ -13,6 +13,7 @@ from uuv.outcome import RunResult
 from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.handling.collect_metrics import TrueCollection, assess_collection
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import JawReference, WorkState
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Estimator, Sensor
@@ -61,23 +62,32 @@ class CollectTask(CollectSettings, Task):
         return "gripper"
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses an object that there is not."""
+        """Refuses an object that there is not, and growth or dents, which no grasp allows for."""
         super().check_inputs(scenario)
         workpiece: Workpiece = object_of(scenario, Workpiece)
         workpiece.model()
+        for name in ("fouled", "dented"):
+            if getattr(workpiece, name):
+                height = getattr(workpiece, name)
+                raise ConfigurationError(
+                    f"site.object.{name} [m]: an object to be gripped must be clean, got {height:g}"
+                )
 
     def place(
         self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator
     ) -> "PlacedCollection":
         """The collection at the site; draws the object's pose and detection, and the basket's."""
-        from uuv.controllers.planning.grasp_choice import GraspChoice
-        from uuv.controllers.tasks.grasping.collecting import CollectJob, check_grip
+        from uuv.controllers.planning.grasp_choice import GraspChoice, GraspLimits
+        from uuv.controllers.tasks.grasping.collecting import CollectJob, check_grip, longest_lever
         from uuv.models.tools.jaw_shape import JawShape
 
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target = workpiece.model()
-        choice = GraspChoice.of(target, JawShape.of(own.model))
-        check_grip(CollectJob(**settings_of(CollectSettings, self)), choice)
+        jaws = JawShape.of(own.model)
+        collect = CollectJob(**settings_of(CollectSettings, self))
+        check_grip(collect, jaws)
+        limits = GraspLimits(aside=longest_lever(collect, jaws))
+        choice = GraspChoice.of(target, jaws, limits)
 
         # The object lies as it comes to rest.
         drawn = scenario.site.pose(rng)

@@ -1,8 +1,9 @@
 r"""Collection of an object: picked up from the ground, and put into a basket beside it.
 
-settle -> scan -> close-in -> tare -> approach -> press (the jaws close) -> work -> withdraw -> done
-                                         \-> press again        |   any of these -> withdraw -> abort
-            work: lift -> weigh -> carry -> lower -> let go     \-> retreat (too heavy: put back)
+settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> withdraw -> done
+                                                  any of these -> retreat or withdraw -> abort
+
+The jaws close in press. The work is lift -> weigh -> carry -> lower; in retreat they let go.
 
 The grasp is chosen once the object is identified (`uuv.controllers.planning.grasp_choice`): from
 above, at the best margin from which the hull can stand with the load. The thrusters get the weight
@@ -17,6 +18,7 @@ from functools import partial
 import numpy as np
 
 from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.grasp_choice import GraspChoice, PlacedGrasp, carry_path
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import Placement
@@ -48,6 +50,7 @@ from uuv.controllers.tasks.monitors import Monitor, Reaction
 from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import CollectSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
+from uuv.models.tools.jaw_shape import JawShape
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import (
     AbortCode,
@@ -105,13 +108,12 @@ class Basket:
         return self.floor_W + np.vstack(levels)
 
 
-def check_grip(job: CollectJob, choice: GraspChoice) -> None:
+def check_grip(job: CollectJob, jaws: JawShape) -> None:
     """Refuse a grip that the jaws cannot give, or that cannot bear the load.
 
     Raises:
         ConfigurationError: with the figures.
     """
-    jaws = choice.jaws
     if job.grip > jaws.force:
         raise ConfigurationError(
             f"task.grip [N]: the jaws give at most {jaws.force:g}, got {job.grip:g}"
@@ -121,9 +123,17 @@ def check_grip(job: CollectJob, choice: GraspChoice) -> None:
     if job.load > FRICTION_USED * held:
         least = job.load / (2.0 * jaws.friction * FRICTION_USED)
         raise ConfigurationError(
-            f"task.load {job.load:g} N: a grip of {job.grip:g} N holds {held:.0f} N by friction, of "
-            f"which {FRICTION_USED:.0%} are used; needs task.grip of {least:.0f} N or more"
+            f"task.load {job.load:g} N: friction holds {held:.0f} N at task.grip {job.grip:g} N, "
+            f"of which {FRICTION_USED:.0%} may be used; that needs a grip of {least:.0f} N or more"
         )
+
+
+def longest_lever(job: CollectJob, jaws: JawShape) -> float:
+    """Lever [m] of the load about the line between the pads which these can bear.
+
+    Friction spread over the breadth b of two pads bears the moment 2 mu N b / 4.
+    """
+    return 2.0 * FRICTION_USED * jaws.friction * job.grip * 0.25 * jaws.breadth / job.load
 
 
 class Collecting(TaskPlanner):
@@ -152,9 +162,15 @@ class Collecting(TaskPlanner):
             period: [s] of the planner.
 
         Raises:
-            ConfigurationError: the jaws cannot give the grip, or that cannot bear the load.
+            ConfigurationError: the jaws cannot give the grip, that cannot bear the load, or the
+                arm has fewer than six joints.
         """
-        check_grip(job, choice)
+        check_grip(job, choice.jaws)
+        if own.chain.n < FULL:
+            raise ConfigurationError(
+                f"collect: the grasp fixes the jaws' axes, which an arm of {own.chain.n} joints "
+                f"cannot hold; at least {FULL} are needed"
+            )
         self._choice = choice
         self._job = job
         self._basket = basket
@@ -287,7 +303,7 @@ def straight_down(X_WT: Array, choice: GraspChoice) -> ToolPath:
     X[:3, :3] = np.diag([1.0, -1.0, -1.0])
     X[:3, 3] = p
     at = PlacedGrasp(X_WG=X, width=choice.jaws.opening, opening=choice.jaws.opening, margin=0.0)
-    return carry_path(at, p + [0.01, 0.0, 0.0])
+    return carry_path(at, p + np.array([0.01, 0.0, 0.0]))
 
 
 def _half_turn(path: ToolPath) -> ToolPath:
@@ -336,7 +352,9 @@ def rows_at_object(job: CollectJob) -> Iterable[tuple[str, TaskRow]]:
     )
     down = partial(AxialApproach, axial, contact=met, slow=(-job.guard, job.touch_speed), to=0.0)
     jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip)
-    either = partial(dict.fromkeys, (PhaseEvent.DONE, PhaseEvent.TOUCHED))
+
+    def either(row: str) -> dict[PhaseEvent, str]:
+        return {PhaseEvent.DONE: row, PhaseEvent.TOUCHED: row}
 
     # To the object, and the jaws around it.
     yield "open", TaskRow(jaws(free), states.APPROACH, {ENDS: "approach"}, WITHDRAW)

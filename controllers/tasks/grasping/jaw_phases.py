@@ -23,7 +23,7 @@ from uuv.sim.interfaces.spatial import GRAVITY
 class JawLimits:
     """Motion of the jaws, and what counts as an object between them."""
 
-    speed: float = 0.02  # [m/s] of the opening, while they close
+    speed: float = 0.012  # [m/s] of the opening, while they close
     opening_speed: float = 0.05  # [m/s] while they open
     at: float = 1.5e-3  # [m] from an opening that counts as reached
     still: float = 1.5e-3  # [m/s] below which the jaws stand

@@ -28,6 +28,7 @@ TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without this site the tip i
 READY_KEY = "ready"  # arm bent; initial posture of inverse kinematics
 # contacts of this geom count as work, all others as collisions
 TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"
+GRIPPER = "gripper"  # motor of driven jaws, and the tendon of their opening
 # Suffixes of the tool's name, for geoms of a gripper or socket whose contacts count as work too.
 OTHER_PAD = "_right"
 SLOT_BOTTOM = "_bottom"
@@ -133,3 +134,10 @@ def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
         raise ConfigurationError(
             f"the vehicle lacks parts that this work needs: {', '.join(lacking)}"
         )
+
+
+def has_gripper(model: "mujoco.MjModel") -> bool:
+    """Whether a compiled model has driven jaws."""
+    import mujoco
+
+    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER) >= 0

@@ -64,9 +64,13 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             yield from _arms(HOME / "models" / "arms" / "published_arms.py")
 
         case "object":
-            for name in _keys(HOME / "models" / "objects" / "targets.py", "OBJECTS"):
-                file = HOME / "models" / "objects" / f"{name}.py"
-                yield name, _definitions(file).get(name, "") if file.exists() else ""
+            folder = HOME / "models" / "objects"
+            documented = {}
+            for file in folder.glob("*.py"):
+                documented |= _definitions(file)
+            for table in ("OBJECTS", "SMALL"):
+                for name in _keys(folder / "targets.py", table):
+                    yield name, documented.get(name, "")
         case "tool":
             yield from _documented(HOME / "models" / "tools" / "tools.py", "TOOLS")
         case "soil":

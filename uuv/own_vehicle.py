@@ -13,7 +13,15 @@ from uuv.models.completing.complete import COMPUTABLE, complete, is_armed
 from uuv.models.completing.hull_box import hull_box
 from uuv.models.completing.mapping import mapped
 from uuv.models.files.vehicle_file import read
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
+from uuv.models.naming import (
+    ARM_BASE_BODY,
+    CAMERA_SITE,
+    GRIPPER,
+    TIP_SITE,
+    TOOL_GEOM,
+    check_parts,
+    find,
+)
 from uuv.models.tools import attachment
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle, pose_in_body
@@ -166,6 +174,8 @@ def with_tool(spec: mujoco.MjSpec, tool: str | None, needs: str | None = None) -
     if tool is not None:
         attachment.attach(spec, TOOLS.load(tool))
     elif needs is not None and any(site.name == TIP_SITE for site in spec.sites):
+        if needs == GRIPPER and any(motor.name == GRIPPER for motor in spec.actuators):
+            return spec
         shape = next((geom.type for geom in spec.geoms if geom.name == TOOL_GEOM), None)
         if shape is None or shape != _SHAPES.get(needs):
             attachment.attach(spec, TOOLS.load(needs))

@@ -20,6 +20,7 @@ from uuv.sim.interfaces.kernels.foresight import EstimateBounds
 from uuv.sim.interfaces.messages import (
     AbortCode,
     Command,
+    JawSetpoint,
     Promise,
     StateEstimate,
     Target,
@@ -206,6 +207,7 @@ class Setpoint:
     standing: bool = False
     touch: int | None = None
     at_rest: ToolAtRest | None = None
+    jaws: JawSetpoint | None = None  # for a gripper; None: its drive goes on with the last one
 
 
 Outcome = PhaseEvent | Abort | None  # of a period; None: the phase goes on

@@ -70,6 +70,25 @@ class SeabedSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CollectSettings:
+    """Of an object that is picked up and put into a basket."""
+
+    grip: float = option(40.0, "Set grip force of each finger [N].", group="work")
+    load: float = option(
+        12.0,
+        "Largest weight in water [N] that the work reckons with before the object is lifted; a "
+        "heavier one is put back.",
+        group="work",
+    )
+    carry_speed: float = option(0.05, "Speed of the tool with the object [m/s].", group="work")
+
+    def __post_init__(self) -> None:
+        finite_number(self.grip, "task.grip [N]", above=0.0, most=_MOST_FORCE)
+        finite_number(self.load, "task.load [N]", above=0.0, most=_MOST_FORCE)
+        finite_number(self.carry_speed, "task.carry_speed [m/s]", least=SLOWEST, most=FASTEST)
+
+
+@dataclass(frozen=True, kw_only=True)
 class InspectionSettings:
     """Of an inspection flight."""
 

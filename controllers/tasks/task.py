@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from uuv.sim.interfaces.messages import (
     Command,
     Fault,
     FaultKind,
+    JawReference,
     Reference,
     StateEstimate,
     Target,
@@ -281,8 +283,10 @@ class TaskPlanner:
         held = state.held
         abort = state.abort
         setpoint = row.phase.setpoint(state.phase, held, now)
+        jaws = setpoint.jaws
+        kind = Reference if jaws is None else partial(JawReference, jaws=jaws)
 
-        return Reference(
+        return kind(
             time=now.time,
             state=WorkState.ABORT if row.work is WorkState.DONE and abort is not None else row.work,
             X_WB=held.X_WB,

@@ -7,6 +7,7 @@ cast (0.8 m, about 40 kg of aluminium).
 import numpy as np
 
 from uuv.models.meshes.closed_shells import joined, prism, revolve
+from uuv.models.objects.grasps import Grasp
 from uuv.models.objects.solid import Solid
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -20,6 +21,7 @@ PIPE = (0.024, 1.06)  # [m] radius and length of the pipe
 LEG = 0.26  # [m] distance by which the legs extend below the bar's middle
 LEG_X = 0.48  # [m] from the middle to a leg's axis
 _SIDES = 64  # number of sides of the pipe and legs in the mesh
+SMALL = (0.25, 0.05, 0.06, 0.05)  # [m] length, width above and below, height of a small anode
 
 
 def top(length: float = 0.5) -> ModelPath:
@@ -46,6 +48,37 @@ def _line(name: str, length: float, middle: Array, normal: Array) -> ModelPath:
 
     return ModelPath(
         p=middle + x[:, None] * [1.0, 0.0, 0.0], a=-ones * normal, b=ones * [1.0, 0.0, 0.0]
+    )
+
+
+def small_anode() -> TargetModel:
+    """Block anode of 0.25 m for a gripper: x_T along it, z_T out of its narrow face, 1.9 kg.
+
+    Grasp "across", in its middle. Symmetric under half a turn about z_T.
+    """
+    length, top_width, low_width, height = SMALL
+    x = 0.5 * length
+
+    def face(width: float, z: float) -> Array:
+        y = 0.5 * width
+        return np.array([[-x, -y, z], [x, -y, z], [x, y, z], [-x, y, z]])
+
+    low = face(low_width, -0.5 * height)
+    high = face(top_width, 0.5 * height)
+    vertices, triangles = prism(low, high)
+    across = Grasp(
+        p=np.zeros(3),
+        x=np.array([0.0, 1.0, 0.0]),
+        width=0.5 * (top_width + low_width),
+        slope=0.5 * (low_width - top_width) / height,
+    )
+    return TargetModel(
+        name="small_anode",
+        vertices=vertices,
+        triangles=triangles,
+        symmetry=Symmetry(rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])),
+        grasps={"across": across},
+        hulls=(np.vstack([low, high]),),
     )
 
 

@@ -12,6 +12,7 @@ from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 
+STONE = 0.08  # [m] extent of a stone
 _PLANES = 14  # number of random cutting planes, besides the six that bound the rock
 _WORN = 9.0  # exponent of the smooth minimum; larger gives sharper edges
 _SWELLS = 10  # number of swells and hollows
@@ -53,6 +54,11 @@ def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetMod
     return TargetModel(
         name="rock", vertices=scale * form.surface(ways), triangles=triangles, paths=paths
     )
+
+
+def stone(seed: int = 0) -> TargetModel:
+    """Stone of 80 mm, small enough for a gripper."""
+    return rock(seed, size=STONE)
 
 
 class _Form:

@@ -7,6 +7,7 @@ the upper side domed.
 
 import numpy as np
 
+from uuv.models.objects.grasps import Grasp
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetModel
 from uuv.sim.interfaces.spatial import Array, exp_so3
 
@@ -15,6 +16,7 @@ ARMS = 5  # equal arms, so the symmetry is a turn of 72 deg
 REACH = 0.2  # [m] from the middle to an arm's tip
 WAIST = 0.07  # [m] from the middle to the outline between two arms
 RIM = 0.3  # thickness of the rim, as a share of that in the middle
+GRIPPED = 0.1  # [m] from the middle to where an arm's sides are parallel, and can be gripped
 _AROUND = 36 * ARMS  # number of vertices of a ring
 _RINGS = 16  # number of rings of vertices, from the rim to the middle
 
@@ -43,6 +45,22 @@ def ring(radius: float = 0.05) -> ModelPath:
     """Circular path of `radius` [m] around the middle, right-handed about z_T, within the waist."""
     angle = np.linspace(0.0, 2.0 * np.pi, max(16, round(2.0 * np.pi * radius / PATH_STEP)))
     return _on_top(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def grasps() -> dict[str, Grasp]:
+    """Grasps across each arm, at its rim."""
+    angle = np.linspace(0.0, np.pi / ARMS, 2000)
+    x, y = outline(angle) * np.array([np.cos(angle), np.sin(angle)])
+    half = float(np.interp(GRIPPED, x[::-1], y[::-1]))
+    height = 0.9 * RIM * THICKNESS - 0.5 * THICKNESS
+
+    along_z = [exp_so3([0.0, 0.0, 2.0 * np.pi * k / ARMS]) for k in range(ARMS)]
+    return {
+        f"arm_{k}": Grasp(
+            p=turn @ [GRIPPED, 0.0, height], x=turn @ [0.0, 1.0, 0.0], width=2.0 * half
+        )
+        for k, turn in enumerate(along_z)
+    }
 
 
 def _on_top(xy: Array) -> ModelPath:
@@ -124,4 +142,5 @@ def starfish() -> TargetModel:
             rotations=np.stack([exp_so3([0.0, 0.0, 2.0 * np.pi * k / ARMS]) for k in range(ARMS)])
         ),
         paths={"arm": arm(), "ring": ring()},
+        grasps=grasps(),
     )

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from uuv.models.meshes.far_origin import middle_if_far
 from uuv.models.meshes.mesh_files import read_mesh
 from uuv.models.meshes.surfel_files import is_cloud_file, read_surfels
+from uuv.models.objects.grasps import Grasp, checked_grasps
 from uuv.models.objects.model_input import FARTHEST_VERTEX, checked_mesh, usable_cloud
 from uuv.models.objects.solid import Solid
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -255,6 +256,7 @@ class TargetModel:
     triangles: np.ndarray  # (T, 3) int indices into `vertices`
     symmetry: Symmetry = field(default_factory=Symmetry)
     paths: Mapping[str, ModelPath] = field(default_factory=dict)  # tool paths by name
+    grasps: Mapping[str, Grasp] = field(default_factory=dict)  # for parallel jaws, by name
     # collision primitives, each with the shape of one part of the mesh
     solids: tuple[Solid, ...] = ()
     # (n, 3) [m] corners, in T, of convex collision parts in addition to the solids
@@ -297,6 +299,8 @@ class TargetModel:
         object.__setattr__(self, "hulls", tuple(readonly(hull) for hull in self.hulls))
         object.__setattr__(self, "triangles", triangles)
         object.__setattr__(self, "paths", MappingProxyType(dict(self.paths)))
+        grasps = checked_grasps(self.grasps, f"target {self.name!r}")
+        object.__setattr__(self, "grasps", MappingProxyType(grasps))
 
     @property
     def center(self) -> Array:

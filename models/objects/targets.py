@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from uuv.models.meshes.closed_shells import revolve
-from uuv.models.objects.anode import anode
+from uuv.models.objects.anode import anode, small_anode
 from uuv.models.objects.barrel import (
     BARREL_DIAMETER,
     BARREL_LENGTH,
@@ -17,7 +17,7 @@ from uuv.models.objects.block import block
 from uuv.models.objects.manifold import manifold
 from uuv.models.objects.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
 from uuv.models.objects.plate import plate
-from uuv.models.objects.rock import rock
+from uuv.models.objects.rock import rock, stone
 from uuv.models.objects.solid import Solid
 from uuv.models.objects.starfish import starfish
 from uuv.models.objects.target_model import ModelPath, Symmetry, TargetModel
@@ -64,10 +64,12 @@ OBJECTS: Registry[Any] = Registry(
         "valve": valve,
     },
 )
+# What a gripper takes; the studies of identification go over the others.
+SMALL: Registry[Any] = Registry("object", {"small_anode": small_anode, "stone": stone})
 
 
 def available() -> tuple[str, ...]:
-    """Names of the objects that `named` accepts, including those of other packages."""
+    """Names of the objects that `named` accepts, without SMALL, including those of other packages."""
     return OBJECTS.names()
 
 
@@ -81,7 +83,8 @@ def named(name: str, **options: Any) -> TargetModel:
     Raises:
         ConfigurationError: Unknown name or option; the message lists the known ones.
     """
-    target = OBJECTS.load(name, **options)
+    of = SMALL if ":" not in name and name in SMALL else OBJECTS
+    target = of.load(name, **options)
     target = target if isinstance(target, TargetModel) else getattr(target, "target", None)
     if not isinstance(target, TargetModel):
         raise ConfigurationError(f"object {name!r}: the function must return a TargetModel")

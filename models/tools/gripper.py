@@ -14,14 +14,14 @@ import mujoco
 import numpy as np
 
 from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
-from uuv.models.naming import OTHER_PAD, PAD_BODY, TOOL_GEOM
+from uuv.models.naming import GRIPPER, OTHER_PAD, PAD_BODY, TOOL_GEOM
 from uuv.models.tools.contact import ToolContact, touching
 from uuv.models.tools.heads import add_mount
 from uuv.models.tools.sampler import DAMPING, GIVE, STIFFNESS
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, finite_number
 
-MOTOR = "gripper"  # tendon whose length is the opening [m], and the motor that pulls it
+MOTOR = GRIPPER  # tendon whose length is the opening [m], and the motor that pulls it
 FINGERS = "gripper_left", "gripper_right"  # bodies, and their slides
 PADS = (
     TOOL_GEOM,

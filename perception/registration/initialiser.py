@@ -289,7 +289,8 @@ def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarra
         alone = np.nonzero(label == k)[0]
         patches.append(alone)
         near = np.linalg.norm(points - points[alone].mean(axis=0), axis=1) < _VICINITY * radius
-        if not 0.9 < near.sum() / len(alone) < 1.1:
+        # the middle of a ring is far from all of it
+        if near.any() and not 0.9 < near.sum() / len(alone) < 1.1:
             patches.append(np.nonzero(near)[0])
 
     return patches + _balls(

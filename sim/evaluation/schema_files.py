@@ -14,6 +14,7 @@ from uuv.sim.evaluation import (
     metrics,
     seabed_metrics,
 )
+from uuv.sim.evaluation.handling import collect_metrics
 
 FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 GENERATED: Mapping[str, Callable[[], dict[str, Any]]] = {
@@ -22,6 +23,7 @@ GENERATED: Mapping[str, Callable[[], dict[str, Any]]] = {
     "inspection": inspection_metrics.schema,
     "seabed_work": seabed_metrics.schema,
     "friction": friction_metrics.schema,
+    "collect": collect_metrics.schema,
 }
 
 

@@ -77,6 +77,10 @@ class AbortCode(StrEnum):
     JAMMED = "jammed"  # the sampler got stuck on the way in
     STUCK = "stuck"  # the sampler got stuck on the way out
     TUBE_FULL = "tube full"  # the sampler can take no more material
+    JAWS = "jaws stuck"  # they neither reach an opening nor press, or their drive is silent
+    NOT_GRIPPED = "not gripped"  # the jaws closed on nothing
+    TOO_HEAVY = "too heavy"  # the object that was lifted
+    DROPPED = "dropped"  # the object has slipped out of the jaws
     TIME_LIMIT = "time limit"  # a phase took too long
     VISION = "vision lost"  # no position from vision for longer than the work may wait
     # two or more torque sensors; with one wrong sensor the work goes on
@@ -244,6 +248,30 @@ class SurveyedPose:
     X_WT: Array  # (4, 4)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JawMeasurement:
+    """Reading of a gripper's drive: where its jaws are, and how hard its motor pulls."""
+
+    time: float  # [s]
+    opening: float  # [m] between the pads
+    speed: float  # [m/s] of the opening, positive: it grows
+    force: float  # [N] of the motor on each finger, from its current, positive: it closes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JawSetpoint:
+    """What a gripper's drive is asked for: an opening, to be reached with bounded speed and force.
+
+    Jaws that meet something before press it with the force.
+    """
+
+    opening: float  # [m] between the pads
+    speed: float  # [m/s] of the opening, at most
+    force: float  # [N] of the motor on each finger, at most
+    # [N] weight in water of what they hold, as weighed; for the log only, NaN: not known
+    load: float = math.nan
+
+
 Look = DepthImage | SonarScan | SurveyedPose  # input of target identification
 
 Measurement = (
@@ -256,6 +284,7 @@ Measurement = (
     | VisionMeasurement
     | SurfaceMotionMeasurement
     | ToolAtRest
+    | JawMeasurement
     | Look
 )
 
@@ -304,6 +333,7 @@ class StateEstimate:
     # two may be wrong; the values are no rotation then if NaN
     attitude_off_B: Array = field(default_factory=lambda: _STILL)
     ground: GroundPlane | None = None  # ground plane under the hull; None if unknown
+    jaws: JawMeasurement | None = None  # newest reading of a gripper; None before the first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -516,6 +546,13 @@ class Reference:
     def in_contact(self) -> bool:
         """True while the tool is supposed to be in contact."""
         return self.set_force > 0.0 or self.force_control
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JawReference(Reference):
+    """Set points of a vehicle with a gripper, whose own drive goes on with the last ones."""
+
+    jaws: JawSetpoint
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -45,9 +45,15 @@ WIDTHS = {  # [columns] width of each of these series
 }
 
 
-def slow_columns(vehicle: Vehicle) -> Columns:
-    """Columns of the series that are logged at a lower rate."""
-    return {
+JAWS: Columns = {
+    "jaw_opening": ((), "m"),  # true, between the pads
+    "jaw_force": ((), "N"),  # of the motor on each finger, positive: it closes
+}
+
+
+def slow_columns(vehicle: Vehicle, *, jaws: bool = False) -> Columns:
+    """Columns of the series that are logged at a lower rate; `jaws`: of a gripper too."""
+    columns: Columns = {
         "q": (vehicle.joint_names, "rad"),
         "qd": (vehicle.joint_names, "rad/s"),
         "tau_drive": (vehicle.joint_names, "N m"),
@@ -62,3 +68,4 @@ def slow_columns(vehicle: Vehicle) -> Columns:
             "m",
         ),  # standard deviation of the estimated hull position, as the estimator states it
     }
+    return {**columns, **JAWS} if jaws else columns

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.naming import of_geom
+from uuv.models.naming import has_gripper, of_geom
 from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -277,7 +277,7 @@ class Recorder:
 
         self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
         self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")
-        self._slow_columns = slow_columns(vehicle)
+        self._slow_columns = slow_columns(vehicle, jaws=has_gripper(model))
         self._written = np.zeros(1, dtype=np.int64)
 
         # Tables of the slower rates.
@@ -524,6 +524,7 @@ class Recorder:
                 estimate.X_WB[:3, 3],
                 quat_wxyz_from_rotation(estimate.X_WB[:3, :3]),
                 estimate.position_sigma,
+                truth.jaws.row(),
             ),
             out=row[1:],
         )

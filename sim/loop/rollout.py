@@ -15,6 +15,7 @@ import numpy as np
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import (
     Command,
+    JawReference,
     Look,
     Measurement,
     ObjectMotion,
@@ -135,16 +136,25 @@ def never(moment: Moment) -> bool:
     return False
 
 
-def _keeper(plant: Any) -> Any:
-    """The outermost of a plant and the plants that it wraps that can be saved."""
-    while not hasattr(plant, "save"):
+def _with(plant: Any, name: str, who: str) -> Any:
+    """The outermost of a plant and the plants that it wraps that has this attribute.
+
+    Raises:
+        ConfigurationError: None of them has it; `who` asks for it.
+    """
+    while not hasattr(plant, name):
         if not hasattr(plant, "plant"):
             raise ConfigurationError(
-                f"saved run: the plant {type(plant).__name__} must have save(), or an attribute "
+                f"{who}: the plant {type(plant).__name__} must have {name}, or an attribute "
                 "`plant` with the plant that it wraps"
             )
         plant = plant.plant
     return plant
+
+
+def _keeper(plant: Any) -> Any:
+    """The plant, or what it wraps: the outermost that can be saved."""
+    return _with(plant, "save", "saved run")
 
 
 class Ticks(Protocol):
@@ -353,14 +363,17 @@ class Rollout:
                 self.sensor_states[i] = resume(fresh[i], self.sensor_states[i], self.measured[i])
 
     def plan(self) -> Reference:
-        """Step the planner; returns its set points."""
+        """Step the planner; returns its set points, of which the gripper's drive takes its own."""
         self.planner_state, self.reference = self.parts.planner.step(
             self.planner_state, self.estimate, self.target, self.command
         )
 
-        if self.reference.at_rest is not None:
-            self._arrived.append(self.reference.at_rest)
-        return self.reference
+        reference = self.reference
+        if reference.at_rest is not None:
+            self._arrived.append(reference.at_rest)
+        if isinstance(reference, JawReference):
+            _with(self.plant, "jaws", "gripper").jaws.follow(reference.jaws)
+        return reference
 
     def control(self, tick: int) -> Command:
         """Step the controller if it is due at `tick`, and return the present command."""

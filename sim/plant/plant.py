@@ -20,6 +20,7 @@ from uuv.sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_f
 from uuv.sim.native.passive_callback import WET_MARK
 from uuv.sim.plant.compiled_step import PlantRecord, Watch, next_flow, verdict
 from uuv.sim.plant.driven_water import DrivenWater, WithWater, check_current
+from uuv.sim.plant.jaw_drive import JawDrive
 from uuv.sim.plant.reaction_wrench import ReactionWrench
 from uuv.sim.plant.readout import CONTACTS, Readout, colliding_geoms, gears_and_contacts, places_of
 from uuv.sim.plant.soil_contact import SoilContact, feel_soil
@@ -70,14 +71,13 @@ class Plant(WithWater):
         Args:
             model: Model compiled by `uuv.sim.hydrodynamics.compile`.
             current: Current of the water.
-            X_WB: Initial hull pose (4, 4); default: the pose in the model.
-            reaction_ticks: Number of steps between measurements of the wrench of the arm on the
-                hull (`reaction_wrench`); 0: never.
-            substeps: Physics steps per `timestep`, under one command and one current. Stiff contact
-                needs short physics steps; the loop around the plant does not.
-            data: Data of `model` that another simulation owns and steps; this simulation calls
-                `begin` and `finish` around its own step. None: the plant makes its own data.
-            names: Names of the vehicle's parts in `model`.
+            X_WB: Initial hull pose (4, 4); default: the model's.
+            reaction_ticks: Measure the wrench of the arm on the hull (`reaction_wrench`) every so
+                many steps; 0: never.
+            substeps: Physics steps per `timestep`, under one command; stiff contact needs several.
+            data: State of `model` that another simulation owns and steps: it calls `begin` and
+                `finish` around its own step. None: the plant has its own.
+            names: What the vehicle's parts are called in `model`.
 
         Raises:
             ConfigurationError: An argument is invalid, or the model has no vehicle
@@ -131,6 +131,7 @@ class Plant(WithWater):
         )
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
+        self.jaws = JawDrive.of(model, self.data)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
@@ -150,6 +151,7 @@ class Plant(WithWater):
             *(self._soil.force, truth.tau_friction, truth.current_W, truth.arm_wrench_B),
             truth.collided,
             *(self._watch.time, self._watch.observed, self._drive.saturated, self.supply.state),
+            self.jaws.memory,
         )
         if data is None:
             self.reset(current=current, X_WB=X_WB)

@@ -10,6 +10,7 @@ import numpy as np
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant.jaw_drive import TrueJaws
 from uuv.sim.plant.readout import FORCE
 from uuv.sim.plant.thrusters import Drive
 
@@ -28,7 +29,6 @@ class Truth:
         "R_WG",
         "acceleration",
         "arm_wrench_B",
-        "armature",
         "collided",
         "collision",
         "contact_force_W",
@@ -36,6 +36,7 @@ class Truth:
         "contact_most",
         "contact_normal",
         "current_W",
+        "jaws",
         "joint_damping",
         "p_WB",
         "p_WG",
@@ -71,12 +72,12 @@ class Truth:
     qdd: Array  # (n,) [rad/s^2]
     tau_drive: Array  # (n,) [N m] of the motors
     tau_friction: Array  # (n,) [N m] of dry friction in the gears, on the joint
-    armature: Array  # (n,) [kg m^2]
     joint_damping: Array  # (n,) [N m s/rad]
     propeller_speed: Array  # (m,) normalised propeller speed, which lags the commands
     thrust: Array  # (m,) [N] in the last physics step
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
+    jaws: TrueJaws  # of a gripper
     # (6,) [N, N m] wrench of the arm on the hull, at the hull's origin; NaN if the plant does not
     # measure it
     arm_wrench_B: Array
@@ -91,6 +92,11 @@ class Truth:
     # (3,) first such geoms of vehicle and world, and the time [s]; negative if there were none
     collided: Array
     vehicle: Vehicle
+
+    @property
+    def armature(self) -> Array:
+        """Inertia (n,) [kg m^2] of rotors and gears at the joints."""
+        return self.vehicle.armature
 
     @classmethod
     def of(
@@ -129,12 +135,12 @@ class Truth:
         truth.qdd = _view(data.qacc, vehicle.dof)
         truth.tau_friction = np.zeros(len(vehicle.joints))
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
-        truth.armature = vehicle.armature
         truth.joint_damping = vehicle.damping_in(data.model)
         truth.propeller_speed = drive.speed
         truth.thrust = drive.thrust
 
         truth.current_W = np.zeros(3)
+        truth.jaws = TrueJaws.of(data)
         truth.arm_wrench_B = np.full(6, np.nan)
 
         # Tool; without an arm, the hull takes its place.

@@ -88,7 +88,8 @@ class EstimateCodec:
             estimate: Estimate of the tick.
             reference: New set points; None: those of the last message.
         """
-        if estimate.tau_doubt is not None or estimate.ground is not None:
+        rare = estimate.tau_doubt, estimate.ground, estimate.jaws
+        if any(part is not None for part in rare):
             return _PICKLED + pickle.dumps((estimate, reference), pickle.HIGHEST_PROTOCOL)
         more = b"" if reference is None else pickle.dumps(reference, pickle.HIGHEST_PROTOCOL)
         return _PLAIN + self._packed(estimate) + more
@@ -103,7 +104,7 @@ class EstimateCodec:
         return self._unpacked(message[1 : self._size]), pickle.loads(more) if more else None
 
     def encode_reply(self, estimate: StateEstimate) -> bytes:
-        """The reply of an entry's estimator; `tau_doubt` and `ground` are left out.
+        """The reply of an entry's estimator; `tau_doubt`, `ground` and `jaws` are left out.
 
         Raises:
             TypeError: `estimate` is not an estimate, or has arrays of another size.

@@ -172,6 +172,24 @@ def sample_seabed(
 
 
 @job
+def collect(*, quick: bool = False) -> "Scenario":
+    """Pick an object up from the seabed, and put it into a basket beside it.
+
+    Args:
+        quick: A faster way to the basket.
+    """
+    from uuv.scenario import Scenario
+    from uuv.site import KnownObject, Site
+    from uuv.tasks.collecting import CollectTask
+
+    return Scenario(
+        name="collect",
+        site=Site(object=KnownObject(object="stone")),
+        task=CollectTask(carry_speed=0.1) if quick else CollectTask(),
+    )
+
+
+@job
 def inspect_object(*, quick: bool = False) -> "Scenario":
     """Fly around a known object, once or until it is covered.
 

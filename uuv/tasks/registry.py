@@ -14,6 +14,7 @@ def registry() -> Registry[Task]:
         "Tapping": "uuv.tasks.tapping:TappingTask",
         "Insertion": "uuv.tasks.insertion:InsertionTask",
         "Inspection": "uuv.tasks.inspection:InspectionTask",
+        "Collect": "uuv.tasks.collecting:CollectTask",
         "SeabedSampling": "uuv.tasks.seabed_sampling:SeabedSamplingTask",
         "GearIdentification": "uuv.tasks.gear_identification:GearIdentificationTask",
         "StationKeeping": "uuv.tasks.station_keeping:StationKeepingTask",

@@ -15,7 +15,7 @@ import numpy as np
 
 from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.kernels.stored import kernel
-from uuv.sim.interfaces.messages import Reference, StateEstimate, Target
+from uuv.sim.interfaces.messages import JawReference, Reference, StateEstimate, Target
 from uuv.sim.interfaces.records import FOLLOWS, ReferenceRecord, reference_record, take_reference
 from uuv.sim.interfaces.spatial import Array
 
@@ -218,7 +218,9 @@ def _copy_row(rows, at, record):
 
 
 def is_plain(reference: Reference) -> bool:
-    """True if set points fit into a row: they request nothing from sensors, navigation and
+    """True if set points fit into a row: they request nothing from sensors, navigation, jaws and
     observers.
     """
-    return not (reference.scan or reference.at_rest is not None or reference.touch is not None)
+    if reference.scan or isinstance(reference, JawReference):
+        return False
+    return reference.at_rest is None and reference.touch is None

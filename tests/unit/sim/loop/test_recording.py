@@ -20,6 +20,7 @@ from uuv.sim.interfaces.spatial import (
 from uuv.sim.loop.logged_columns import EVERY_STEP
 from uuv.sim.loop.recording import Recorder, Recording, write_row
 from uuv.sim.loop.rollout import Moment
+from uuv.sim.plant.jaw_drive import TrueJaws
 
 MODEL = models.load("uuv_puma").compile()
 DT = float(MODEL.opt.timestep)
@@ -51,6 +52,7 @@ class Run:
             tau_drive=np.zeros(6),
             thrust=np.zeros(6),
             current_W=np.zeros(3),
+            jaws=TrueJaws(opening=np.zeros(0), speed=np.zeros(0), force=np.zeros(0)),
             arm_wrench_B=np.zeros(6),
             supply=np.zeros(0),
         )

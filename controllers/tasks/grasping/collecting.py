@@ -1,0 +1,379 @@
+r"""Collection of an object: picked up from the ground, and put into a basket beside it.
+
+settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> withdraw -> done
+                                                  any of these -> retreat or withdraw -> abort
+
+The jaws close in press. The work is lift -> weigh -> carry -> lower; in retreat they let go.
+
+The grasp is chosen once the object is identified (`uuv.controllers.planning.grasp_choice`): from
+above, at the best margin from which the hull can stand with the load. The thrusters get the weight
+as it is felt from the lift on. What is held is kept if the work is broken off for another reason.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from uuv.controllers.hull.thrust_margin import ThrustMargin
+from uuv.controllers.planning.arm_size import FULL
+from uuv.controllers.planning.grasp_choice import GraspChoice, PlacedGrasp, carry_path
+from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
+from uuv.controllers.planning.placement import Placement
+from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
+from uuv.controllers.tasks.axial_phases import (
+    PARK,
+    WITHDRAW,
+    AxialApproach,
+    AxialContact,
+    AxialLimits,
+    Push,
+    Withdraw,
+    axial_end,
+    axial_monitors,
+)
+from uuv.controllers.tasks.grasping.jaw_phases import (
+    Carry,
+    CarryLimits,
+    CloseJaws,
+    GripPlan,
+    JawLimits,
+    Lift,
+    MoveJaws,
+    Weigh,
+    dropped,
+)
+from uuv.controllers.tasks.monitors import Monitor, Reaction
+from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
+from uuv.controllers.tasks.settings import CollectSettings
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
+from uuv.models.tools.jaw_shape import JawShape
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    Reference,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
+from uuv.sim.interfaces.spatial import Array, readonly, transform_points
+
+FRICTION_USED = 0.7  # share of the friction cone that the expected load may take
+ENDS = PhaseEvent.DONE
+_TRIED = 6  # grasps from which a place to stand is sought
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CollectJob(CollectSettings):
+    """Settings and limits of a collection; depths are of the fingers' ends below their grasp."""
+
+    push: float = 20.0  # [N] axial force at which the advance stops
+    touch: float = 6.0  # [N] axial force that counts as contact
+    touch_time: float = 0.04  # [s] for which it must last
+    early: float = 0.05  # [m] contact farther than this above the grasp is an obstacle
+    guard: float = 0.04  # [m] height above the grasp at which the slower speed begins
+    touch_speed: float = 0.012  # [m/s] from there on
+    drop: float = 0.01  # [m] height over the basket's floor at which the object is let go
+    axial: AxialLimits = field(
+        default_factory=partial(
+            AxialLimits,
+            standoff=0.18,
+            approach_speed=0.04,
+            speed=0.03,
+            longest=60.0,
+            force_limit=80.0,
+        )
+    )
+    jaws: JawLimits = field(default_factory=JawLimits)
+    carry: CarryLimits = field(default_factory=CarryLimits)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Basket:
+    """The basket as it is charted: open above, level."""
+
+    floor_W: Array  # (3,) [m] middle of its floor
+    rim: float  # [m] height of the rim over the floor
+    half: float  # [m] half of its side
+
+    def corners(self) -> Array:
+        """Corners (8, 3) [m] in W."""
+        sides = np.array([[x, y] for x in (-1.0, 1.0) for y in (-1.0, 1.0)]) * self.half
+        levels = [np.column_stack([sides, np.full(4, height)]) for height in (0.0, self.rim)]
+        return self.floor_W + np.vstack(levels)
+
+
+def check_grip(job: CollectJob, jaws: JawShape) -> None:
+    """Refuse a grip that the jaws cannot give, or that cannot bear the load.
+
+    Raises:
+        ConfigurationError: with the figures.
+    """
+    if job.grip > jaws.force:
+        raise ConfigurationError(
+            f"task.grip [N]: the jaws give at most {jaws.force:g}, got {job.grip:g}"
+        )
+
+    held = 2.0 * jaws.friction * job.grip
+    if job.load > FRICTION_USED * held:
+        least = job.load / (2.0 * jaws.friction * FRICTION_USED)
+        raise ConfigurationError(
+            f"task.load {job.load:g} N: friction holds {held:.0f} N at task.grip {job.grip:g} N, "
+            f"of which {FRICTION_USED:.0%} may be used; that needs a grip of {least:.0f} N or more"
+        )
+
+
+def longest_lever(job: CollectJob, jaws: JawShape) -> float:
+    """Lever [m] of the load about the line between the pads which these can bear.
+
+    Friction spread over the breadth b of two pads bears the moment 2 mu N b / 4.
+    """
+    return 2.0 * FRICTION_USED * jaws.friction * job.grip * 0.25 * jaws.breadth / job.load
+
+
+class Collecting(TaskPlanner):
+    """Planner that collects one known object."""
+
+    def __init__(
+        self,
+        own: WorkVehicle,
+        choice: GraspChoice,
+        job: CollectJob,
+        *,
+        X_WB_scan: Array,
+        basket: Basket,
+        holding: ThrustMargin | None = None,
+        period: float = 0.01,
+    ) -> None:
+        """Set up the planner.
+
+        Args:
+            own: the vehicle.
+            choice: grasps of the object.
+            job: forces, speeds and limits.
+            X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
+            basket: where the object is put.
+            holding: thrust margin of the hull; None: not tested.
+            period: [s] of the planner.
+
+        Raises:
+            ConfigurationError: the jaws cannot give the grip, that cannot bear the load, or the
+                arm has fewer than six joints.
+        """
+        check_grip(job, choice.jaws)
+        if own.chain.n < FULL:
+            raise ConfigurationError(
+                f"collect: the grasp fixes the jaws' axes, which an arm of {own.chain.n} joints "
+                f"cannot hold; at least {FULL} are needed"
+            )
+        self._choice = choice
+        self._job = job
+        self._basket = basket
+        standing = PathStanding(
+            vehicle=own.vehicle,
+            chain=own.chain,
+            model=choice.target,
+            hull_box=own.hull_box,
+            # The load pulls along the tool's axis. The hull keeps its place while the arm carries.
+            limits=StandingLimits(force=-job.load, standoff=job.axial.standoff, roomy=0.0),
+            holding=None if holding is None else holding.without_friction(),
+        )
+        self._standing = standing
+        self.stand = self._stand
+
+        site = WorkSite(
+            own=own,
+            X_WB_scan=np.array(X_WB_scan),
+            stand=self._stand,
+            around=around(own, choice.target),
+        )
+        limits = ArrivalLimits()
+        monitors = (
+            *axial_monitors(
+                job.axial,
+                lost_place=limits.lost_place,
+                blind_time=limits.blind_time,
+                too_long="the object was not gripped",
+            ),
+            Monitor(
+                condition=dropped(job.jaws),
+                reaction=Reaction.RETREAT,
+                code=AbortCode.DROPPED,
+                during=frozenset({WorkState.WORK}),
+            ),
+        )
+        rows = collect_rows(site, limits, job, self._take)
+        super().__init__(rows, monitors, X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
+
+    def step(
+        self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> tuple[TaskState, Reference]:
+        """As `TaskPlanner.step`; the path leads from the best grasp to the basket.
+
+        Args:
+            state: state of the task, changed in place.
+            estimate: estimated state of the vehicle.
+            target: newest identification, if any.
+            last: the controller's last command, with its estimate of the contact force.
+
+        Returns:
+            The state and the reference for the controller.
+
+        Raises:
+            ConfigurationError: if the controller does not estimate the contact force in a phase
+                that needs it.
+        """
+        if target is not None and target.accepted:
+            target = replace(target, path=straight_down(target.X_WT, self._choice))
+        return super().step(state, estimate, target, last)
+
+    def grasps(self, target: Target) -> Sequence[tuple[PlacedGrasp, ToolPath]]:
+        """Grasps of the identified object with their paths to the basket, best first.
+
+        Raises:
+            ReachError: no grasp is possible.
+        """
+        model = self._choice.target
+        floor = float(transform_points(target.X_WT, model.vertices)[:, 2].min())
+        center_W = transform_points(target.X_WT, model.center)
+        ranked = self._choice.ranked(target.X_WT, floor)
+
+        paths = []
+        for grasp in ranked[:_TRIED]:
+            # The object's middle over the basket's, its underside a little above the floor.
+            p_end = self._basket.floor_W + grasp.X_WG[:3, 3] - center_W
+            p_end[2] = self._basket.floor_W[2] + grasp.X_WG[2, 3] - floor + self._job.drop
+            paths.append((grasp, carry_path(grasp, p_end)))
+        return paths
+
+    def _stand(
+        self, target: Target, path: ToolPath, current_W: Array
+    ) -> tuple[Placement, ToolPath, float]:
+        """Hull placement for the best grasp that has one.
+
+        Raises:
+            ReachError: no grasp has one.
+        """
+        del path
+        model = self._choice.target
+        floor = float(transform_points(target.X_WT, model.vertices)[:, 2].min())
+
+        # Hull and arm keep clear of the object and of the basket.
+        R_WT = target.X_WT[:3, :3]
+        corners_T = (self._basket.corners() - target.X_WT[:3, 3]) @ R_WT
+        both = replace(model, vertices=np.vstack([model.vertices, corners_T]), hulls=(), solids=())
+        standing = replace(self._standing, model=both, floor=floor)
+
+        failure: ReachError | None = None
+        for _, carried in self.grasps(target):
+            for turned in (carried, _half_turn(carried)):
+                try:
+                    placement, worked, share = standing(target, turned, current_W)
+                except ReachError as error:
+                    failure = failure or error
+                    continue
+                if np.any(placement.travel_W) or share < 1.0:
+                    failure = failure or ReachError("object and basket are too far apart")
+                    continue
+                return placement, worked, share
+        raise failure or ReachError("there is no grasp")
+
+    def _take(self, held: Held, now: Context) -> None:
+        """Keep the grasp that the chosen line belongs to."""
+        del now
+        assert held.target is not None
+        assert held.line is not None
+        start = held.line.path.p[0]
+        grasp = min(
+            (grasp for grasp, _ in self.grasps(held.target)),
+            key=lambda grasp: float(np.linalg.norm(grasp.X_WG[:3, 3] - start)),
+        )
+        held.plan = GripPlan(opening=grasp.opening, width=grasp.width, bears=self._job.load)
+
+
+def straight_down(X_WT: Array, choice: GraspChoice) -> ToolPath:
+    """A path that stands for the object until its grasp is chosen: from above, to its middle."""
+    p = transform_points(X_WT, choice.target.center)
+    X = np.eye(4)
+    X[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    X[:3, 3] = p
+    at = PlacedGrasp(X_WG=X, width=choice.jaws.opening, opening=choice.jaws.opening, margin=0.0)
+    return carry_path(at, p + np.array([0.01, 0.0, 0.0]))
+
+
+def _half_turn(path: ToolPath) -> ToolPath:
+    """The same path with the tool turned by half about its axis: the fingers change places."""
+    return replace(path, x=readonly(-path.x))
+
+
+def collect_rows(
+    site: WorkSite, limits: ArrivalLimits, job: CollectJob, take: Callable[[Held, Context], None]
+) -> Iterable[tuple[str, TaskRow]]:
+    """Table of a collection.
+
+    Args:
+        site: what is known before the work.
+        limits: of the way to the stand-off.
+        job: forces, speeds and limits.
+        take: keeps the chosen grasp in `Held.plan`.
+
+    Returns:
+        Names and rows.
+    """
+    yield from arrival(
+        site, limits, then=at_once("grasp"), depth=-job.axial.standoff, offset=0.0, broken=PARK
+    )
+    yield (
+        "grasp",
+        TaskRow(Decide(take, AbortCode.OUT_OF_REACH), WorkState.TARE, {ENDS: "open"}, PARK),
+    )
+    yield from rows_at_object(job)
+
+
+def rows_at_object(job: CollectJob) -> Iterable[tuple[str, TaskRow]]:
+    """Rows from the stand-off over the object on; "open" is to be entered."""
+    axial = job.axial
+    states = WorkState
+    free = Push(force=job.push, beyond=-job.early)
+    yielding = replace(free, beyond=-math.inf, compliant_beyond=-math.inf)
+    loaded = replace(free, beyond=-math.inf)
+
+    met = AxialContact(
+        touch=job.touch,
+        touch_time=job.touch_time,
+        early=job.early,
+        obstacle="obstacle {} mm above the grasp",
+        yields=True,
+    )
+    down = partial(AxialApproach, axial, contact=met, slow=(-job.guard, job.touch_speed), to=0.0)
+    jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip)
+
+    def either(row: str) -> dict[PhaseEvent, str]:
+        return {PhaseEvent.DONE: row, PhaseEvent.TOUCHED: row}
+
+    # To the object, and the jaws around it.
+    yield "open", TaskRow(jaws(free), states.APPROACH, {ENDS: "approach"}, WITHDRAW)
+    yield "approach", TaskRow(down(free), states.APPROACH, either("close"), WITHDRAW)
+    close = CloseJaws(axial, yielding, job.jaws, job.grip)
+    closed = {ENDS: "lift", PhaseEvent.REFUSED: "open again"}
+    yield "close", TaskRow(close, states.PRESS, closed, WITHDRAW)
+    yield "open again", TaskRow(jaws(yielding), states.PRESS, {ENDS: "close"}, WITHDRAW)
+
+    # With it to the basket.
+    gripped = (axial, loaded, job.jaws, job.grip)
+    weigh = Weigh(*gripped, job.carry.weighing)
+    put_back = {**WITHDRAW, Reaction.RETREAT: "put back"}
+    carry = Carry(*gripped, speed=job.carry_speed, ramp=job.carry.ramp)
+    yield "lift", TaskRow(Lift(*gripped), states.WORK, {ENDS: "weigh"}, WITHDRAW)
+    yield "weigh", TaskRow(weigh, states.WORK, {ENDS: "carry"}, put_back)
+    yield "carry", TaskRow(carry, states.WORK, {ENDS: "lower"}, WITHDRAW)
+    yield "lower", TaskRow(down(loaded), states.WORK, either("let go"), WITHDRAW)
+    yield "put back", TaskRow(down(loaded), states.RETREAT, either("let go"), WITHDRAW)
+    yield "let go", TaskRow(jaws(loaded), states.RETREAT, {ENDS: "withdraw"}, WITHDRAW)
+
+    yield from axial_end(Withdraw(axial, free, math.inf))

@@ -1,0 +1,1 @@
+"""Metrics of work with a gripper."""

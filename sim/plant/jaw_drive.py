@@ -1,0 +1,126 @@
+"""Drive of a gripper: its motor's force, from a set point of opening, speed and force.
+
+The gripper has this drive in its own housing, as those of the field have: the vehicle sends set
+points. The drive is a speed loop around a bounded force,
+
+    F = d v / 2 + friction + integral of d (v - speed) / (2 T),
+
+with the speed v of the opening that the set point asks for, and the damping d of a finger. Jaws
+that meet something stop; the integral then raises the force to its bound.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from uuv.models.naming import GRIPPER
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import JawSetpoint
+from uuv.sim.interfaces.spatial import Array, finite_number
+
+_NEAR = 0.1  # [s] in which the rest of the way is to be gone
+_AT = 2e-4  # [m] from the opening that was asked for, within which the motor rests
+_INTEGRAL = 0.15  # [s] time constant of the integral
+_LONGEST = 0.02  # [s] between set points for which the integral grows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueJaws:
+    """True state of a gripper: live views of one number each, or of none without a gripper."""
+
+    opening: Array  # (1,) [m] between the pads
+    speed: Array  # (1,) [m/s] of the opening
+    force: Array  # (1,) [N] of the motor on each finger, negative: it closes
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Self:
+        """The views of one simulation."""
+        motor = mujoco.mj_name2id(data.model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
+        at = slice(max(motor, 0), motor + 1)
+        return cls(
+            opening=data.actuator_length[at],
+            speed=data.actuator_velocity[at],
+            force=data.actuator_force[at],
+        )
+
+    def row(self) -> Array:
+        """Opening [m] and closing force [N] (2,), or (0,) without a gripper, for a recording."""
+        return np.concatenate([self.opening, -self.force])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JawDrive:
+    """Speed loop of one gripper on the arrays of its simulation."""
+
+    data: mujoco.MjData
+    jaws: TrueJaws
+    motor: int  # actuator; -1: there is no gripper
+    damping: float = 0.0  # [N s/m] of a finger
+    friction: float = 0.0  # [N] of a finger
+    force: float = 0.0  # [N] most of the motor
+    widest: float = 0.0  # [m] largest opening
+    memory: Array  # (2,) integral [N], and time [s] of the last set point
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Self:
+        """Drive of the gripper in a model; without one, a drive that takes no set point."""
+        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
+        jaws = TrueJaws.of(data)
+        if motor < 0:
+            return cls(data=data, jaws=jaws, motor=motor, memory=np.zeros(2))
+
+        # Fingers, which the tendon couples.
+        tendon = int(model.actuator_trnid[motor, 0])
+        first = int(model.tendon_adr[tendon])
+        fingers = model.wrap_objid[first : first + int(model.tendon_num[tendon])]
+        dof = model.jnt_dofadr[fingers]
+        damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0]
+
+        return cls(
+            data=data,
+            jaws=jaws,
+            motor=motor,
+            damping=float(damping.mean()),
+            friction=float(np.asarray(model.dof_frictionloss)[dof].mean()),
+            force=float(model.actuator_ctrlrange[motor, 1]),
+            widest=float(model.jnt_range[fingers, 1].sum()),
+            memory=np.zeros(2),
+        )
+
+    def follow(self, setpoint: JawSetpoint) -> None:
+        """Set the motor's force by a set point, to hold until the next one.
+
+        Raises:
+            ConfigurationError: The vehicle has no gripper, or the set point is out of its range.
+        """
+        if self.motor < 0:
+            raise ConfigurationError(
+                "gripper: this vehicle has none; give it one, for instance vehicle.tool = gripper"
+            )
+        target = finite_number(setpoint.opening, "jaws: opening [m]", least=0.0, most=self.widest)
+        most = finite_number(setpoint.force, "jaws: force [N]", least=0.0, most=self.force)
+        fastest = finite_number(setpoint.speed, "jaws: speed [m/s]", above=0.0)
+
+        # Time since the last set point; a plant that was reset begins anew.
+        time = float(self.data.time)
+        since = min(time - float(self.memory[1]), _LONGEST)
+        if since < 0.0:
+            self.memory[0] = since = 0.0
+        self.memory[1] = time
+
+        # Where the jaws are to be, the friction of the spindle holds them.
+        way = target - float(self.jaws.opening[0])
+        if abs(way) < _AT:
+            self.data.ctrl[self.motor] = self.memory[0] = 0.0
+            return
+
+        speed = min(max(way / _NEAR, -fastest), fastest)
+        behind = 0.5 * self.damping * (speed - float(self.jaws.speed[0]))
+        rolling = 0.5 * self.damping * speed + float(np.copysign(self.friction, speed))
+
+        # The integral stops at the bound.
+        integral = float(self.memory[0]) + behind * since / _INTEGRAL
+        self.memory[0] = min(max(integral, -most - rolling), most - rolling)
+        self.data.ctrl[self.motor] = min(max(rolling + float(self.memory[0]), -most), most)

@@ -81,7 +81,11 @@ class VehicleSetup:
         "beside the vehicle's file.",
         group="vehicle",
     )
-
+    unchecked: bool = option(
+        False,
+        "Run also what the check of the vehicle refuses; metrics.json and the report say so.",
+        group="vehicle",
+    )
     battery: Battery | None = None  # of the thrusters; None: each has its constant voltage
 
     def __post_init__(self) -> None:

@@ -49,6 +49,7 @@ class JobVerdict:
     said: str
     figure: float | None = None
     share: float | None = None  # of the drawn poses at which it can begin and be carried through
+    remedy: str = ""  # option with which a refused job is feasible, as it is typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

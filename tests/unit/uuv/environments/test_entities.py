@@ -566,8 +566,8 @@ def test_names_with_slashes_and_dots_change_nothing(tmp_path: Path) -> None:
 
     states = []
     for vehicle in ("uuv_puma", str(file)):
-        spread = {"perturbations": (Gears(spread=0.3), Water(spread=0.2))}
-        environment = suite.load("water/reach", vehicle=vehicle, seed=3, **spread)
+        spread = (Gears(spread=0.3), Water(spread=0.2))
+        environment = suite.load("water/reach", vehicle=vehicle, seed=3, perturbations=spread)
         environment.reset()
         rng = np.random.default_rng(1)
         for _ in range(5):

@@ -19,12 +19,12 @@ from uuv.scenario import PlacedTask, Scenario
 from uuv.sensors.arm_camera import arm_camera, believed_mount
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, exp_so3, pose, shown
+from uuv.sim.interfaces.spatial import Array, shown
 from uuv.sim.loop.rollout import Parts, ticks_per_period
 from uuv.sim.plant.plant import Plant
 from uuv.sim.sensors.arm_camera import beside_tool
 from uuv.sim.water.current import Current, Profile, Wave
-from uuv.tasks.start_place import check_start
+from uuv.tasks.start_place import RunStreams, start_pose, start_refusal
 
 # number of loop steps between measurements of the arm's reaction wrench on the hull, for the report
 REACTION_TICKS = 10
@@ -45,6 +45,7 @@ class Assembly:
     noise: np.random.Generator  # random generator of the sensors
     full: bool  # whether the series that the report needs are recorded
     said: str  # lines for the terminal about computed components and the arm, or empty
+    refused: str  # reason for which a checked run would not begin here, or empty
     drawn: Mapping[str, float]  # mean values of the factors that perturbations drew
 
     @property
@@ -139,23 +140,24 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
     believed_vehicle = OwnVehicle.of(believed, task.spares)
     placed = _placed(scenario, believed_vehicle, rng)
 
-    # The true world, with a start pose that deviates from the task's unless the start is exact.
-    gusts, noise, start, sampling = rng.spawn(4)
+    # The true world, and a start that deviates from the task's unless that is exact.
+    streams = RunStreams.of(rng)
     model = _compiled(placed.scene(built), scenario)
-    offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
-    X_WB = placed.X_WB if placed.exact_start else placed.X_WB @ offset
-    check_start(model, Vehicle.of(model), X_WB)
+    X_WB = start_pose(placed, streams.start)
+    refused = start_refusal(model, Vehicle.of(model), X_WB)
+    if refused and not scenario.vehicle.unchecked:
+        raise ConfigurationError(refused)
 
     substeps = ticks_per_period(timestep, float(model.opt.timestep), "the loop's step")
     plant = Plant(
         model,
-        current=current_of(scenario, substeps * float(model.opt.timestep), gusts),
+        current=current_of(scenario, substeps * float(model.opt.timestep), streams.gusts),
         X_WB=X_WB,
         reaction_ticks=REACTION_TICKS if full else 0,
         substeps=substeps,
     )
 
-    parts = _parts(scenario, placed, believed_vehicle, model, int(sampling.integers(2**31)))
+    parts = _parts(scenario, placed, believed_vehicle, model, int(streams.sampling.integers(2**31)))
     loop = Loop(plant=plant, parts=parts, observers=placed.observers())
     for perturbation in scenario.perturbations:
         loop = perturbation.on_loop(loop)
@@ -167,10 +169,11 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         plant=innermost(loop.plant) or plant,
         loop=loop,
         X_WB=X_WB,
-        gusts=gusts,
-        noise=noise,
+        gusts=streams.gusts,
+        noise=streams.noise,
         full=full,
         said=message,
+        refused=refused,
         drawn=drawn,
     )
 

@@ -5,7 +5,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +79,7 @@ def command(
     # before the work: the folder may be unusable
     folder = new_folder(scenario.name, options.out, scenario.seed)
 
-    _rehearse(scenario, options, console)
+    refused = _rehearse(scenario, options, console)
     assembly = changed(assemble(scenario, full=options.record))
     plant, placed = assembly.plant, assembly.placed
     title, longest = placed.title + after, options.longest or placed.longest
@@ -119,7 +119,9 @@ def command(
                 ran = run_through(assembly, recorder, observers, longest, stop=stop)
 
             _say_what_is_slow(ran, observers, console)
-            assessment = assessed(assembly, ran).made_by(made_by).started(start)
+            assessment = assessed(assembly, ran).made_by(made_by).extended(start=asdict(start))
+            if scenario.vehicle.unchecked:
+                assessment = assessment.extended(unchecked=list(refused))
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
                 log.close()
@@ -163,12 +165,20 @@ def _draws(options: RunOptions, console: Console) -> bool:
     return options.record and not lacking
 
 
-def _rehearse(scenario: Scenario, options: RunOptions, console: Console) -> None:
-    """Load all compiled code by a short run of another assembly, since parts may hold state."""
+def _rehearse(scenario: Scenario, options: RunOptions, console: Console) -> tuple[str, ...]:
+    """Loads all compiled code, with an assembly of its own: its parts may hold state.
+
+    Returns:
+        Why the work would have been refused, of an unchecked run.
+    """
     trial = assemble(to_rehearse(scenario), full=options.record)
-    for line in filter(None, (trial.said, *preflight(scenario, trial.own))):
+    before = preflight(scenario, trial.own)
+    start = (trial.refused,) if trial.refused else ()
+    before = replace(before, refused=(*before.refused, *start))
+    for line in filter(None, (trial.said, *before.lines)):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     rehearse(trial)
+    return before.refused
 
 
 def show(run: Run, folder: str | Path) -> None:
@@ -261,6 +271,8 @@ def _say(assessment: Assessment, console: Console) -> None:
         f"{timings['real_time_factor']:.1f} times real time",
         highlight=False,
     )
+    if refused := assessment.metrics.get("unchecked"):
+        console.print(f"not checked; it would have been refused: {'; '.join(refused)}")
     console.print(verdict("; ".join(assessment.failed)))
 
 

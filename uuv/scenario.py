@@ -82,9 +82,12 @@ class VehicleSetup:
         "beside the vehicle's file.",
         group="vehicle",
     )
-
-    # battery of the thrusters; None: each thruster has its own constant voltage
-    battery: Battery | None = None
+    unchecked: bool = option(
+        False,
+        "Run also what the check of the vehicle refuses; metrics.json and the report say so.",
+        group="vehicle",
+    )
+    battery: Battery | None = None  # of the thrusters; None: each has its constant voltage
 
     def __post_init__(self) -> None:
         if self.arm_errors is not None:

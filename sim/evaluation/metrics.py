@@ -20,14 +20,7 @@ from uuv.sim.evaluation.energy_metrics import energy_checks, energy_figures
 from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
 from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
 from uuv.sim.evaluation.requirement import Requirement
-from uuv.sim.evaluation.run_metrics import (
-    OPTIONAL,
-    EveryRun,
-    RunMetrics,
-    StartMetrics,
-    Timings,
-    run_schema,
-)
+from uuv.sim.evaluation.run_metrics import OPTIONAL, EveryRun, RunMetrics, Timings, run_schema
 from uuv.sim.evaluation.schemas import unmeasured
 from uuv.sim.evaluation.surface_metrics import (
     ForceEstimateMetrics,
@@ -185,11 +178,11 @@ class Assessment:
 
     def made_by(self, provenance: Mapping[str, Any]) -> "Assessment":
         """Copy with `provenance` among the metrics."""
-        return replace(self, metrics={**self.metrics, "provenance": dict(provenance)})
+        return self.extended(provenance=dict(provenance))
 
-    def started(self, start: StartMetrics) -> "Assessment":
-        """Copy with `start` among the metrics."""
-        return replace(self, metrics={**self.metrics, "start": asdict(start)})
+    def extended(self, **entries: Any) -> "Assessment":
+        """Copy with further entries among the metrics, of those that `EveryRun` lists."""
+        return replace(self, metrics={**self.metrics, **entries})
 
     def write(self, file: Path) -> None:
         """Write metrics.json.

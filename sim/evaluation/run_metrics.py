@@ -9,7 +9,8 @@ from uuv.sim.evaluation.schemas import metric, schema_of
 from uuv.sim.runs.run_folder import FORMAT
 
 SHA256 = "^[0-9a-f]{64}$"
-OPTIONAL = ("energy", "provenance", "start")  # entries of a file that are left out, not null
+# entries of a file that are left out, not null
+OPTIONAL = ("energy", "provenance", "start", "unchecked")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,6 +108,10 @@ class EveryRun:
     provenance: Provenance = metric("Origin of the figures.", default=None)
     start: StartMetrics = metric(
         "Kernels loaded and compiled before the run; absent for a run started from Python.",
+        default=None,
+    )
+    unchecked: list[str] = metric(
+        "Why the check of the vehicle would have refused the run; absent of a checked run.",
         default=None,
     )
 

@@ -146,12 +146,16 @@ def _heading(title: str, recording: Recording, assessment: Assessment) -> Html:
     factor = timings["real_time_factor"]
     pace = f", {factor:.1f} × real time" if factor is not None else ""
 
+    # What the check of the vehicle says against an unchecked run.
+    refused = "; ".join(assessment.metrics.get("unchecked", ()))
+    unchecked = f" Not checked; it would have been refused: {refused}." if refused else ""
+
     return page.heading(
         title,
         assessment.accepted,
         reasons=assessment.failed,
         about=f"{recording.duration:.1f} s simulated in {timings['wall_s']:.1f} s{pace}; "
-        f"seed {run['seed']}; ended in state {run['state']}.",
+        f"seed {run['seed']}; ended in state {run['state']}.{unchecked}",
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from uuv.check import doubts
 from uuv.check.checked_jobs import ARM_JOBS, HOVERING, JOBS, check_jobs
+from uuv.check.conditions import Conditions
 from uuv.check.findings import (
     JobVerdict,
     Level,
@@ -19,7 +20,8 @@ from uuv.check.findings import (
     VehiclePart,
 )
 from uuv.check.hover import rigid
-from uuv.check.jobs import ArmJobs, hover_verdict
+from uuv.check.hovering import hover_verdict
+from uuv.check.jobs import ArmJobs, Watch
 from uuv.check.statics import (
     AXES,
     FASTEST,
@@ -42,11 +44,9 @@ from uuv.models.naming import HOME_KEY, READY_KEY, parts
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import battery_feed
-from uuv.models.water.battery import Battery
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError, PhysicsWarning, UuvError
-from uuv.sim.water.flow_field import FlowField
 from uuv.tasks.surface_work import SurfaceWorkTask
 
 # codes of faults with which station keeping is still simulated
@@ -59,10 +59,8 @@ def check_vehicle(
     parts_file: str | Path | None = None,
     tool: str | None = None,
     jobs: Sequence[str] = JOBS,
-    forces: Sequence[float] = (),
-    flow: FlowField | None = None,
-    poses: int = 1,
-    battery: Battery | None = None,
+    conditions: Conditions | None = None,
+    watch: Watch | None = None,
 ) -> VehicleCheck:
     """Check a vehicle: parts, figures, findings, and which jobs are feasible.
 
@@ -71,12 +69,11 @@ def check_vehicle(
             not changed.
         parts_file: Mapping of its names; None: NAME.parts.yaml in the folder of its file.
         tool: Tool of `uuv.models.tools.tools.TOOLS` on its tip; None: its own.
-        jobs: Names of `uuv.check.checked_jobs.JOBS` to judge.
-        forces: [N] set forces in place of the jobs' own.
-        flow: Flow field that is added to the jobs' current.
-        poses: Number of poses of the object to draw for each job of the arm, which is promised if
-            95 % of them pass.
-        battery: Battery of the thrusters; None: their voltage is constant.
+        jobs: Names of `uuv.check.checked_jobs.ALL_JOBS` for which a verdict is wanted.
+        conditions: Poses of the object that are drawn for each job of the arm, and options of the
+            jobs; None: 20 poses, and the jobs' own options. A job is promised if 95 % of the poses
+            pass.
+        watch: Called with the job, the poses that are done, and how many there are.
 
     Returns:
         The check. A spec that cannot be compiled has one finding of level "fault".
@@ -86,24 +83,19 @@ def check_vehicle(
             compiled.
     """
     check_jobs(jobs)
+    under = Conditions() if conditions is None else conditions
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)
-        arm_jobs = ArmJobs(
-            name, tool=tool, parts=file, forces=forces, flow=flow, poses=poses, battery=battery
-        )
-        spec = vehicle_spec(name, tool, file)
-        if battery is not None:
-            battery_feed.attach(spec, battery)
-        return _Check(name, spec, arm_jobs, by_spec=False).run(jobs)
+        spec = _with_battery(vehicle_spec(name, tool, file), under)
+        arm_jobs = ArmJobs(name, tool=tool, parts=file, conditions=under, watch=watch)
+        return _Check(name, spec, arm_jobs).run(jobs)
     if tool is not None:
         TOOLS.load(tool)  # an unknown tool is an error of the caller, not a finding on the spec
     name = vehicle.modelname or "vehicle"
 
     try:
-        spec = vehicle_spec(vehicle, tool, file)
-        if battery is not None:
-            battery_feed.attach(spec, battery)
+        spec = _with_battery(vehicle_spec(vehicle, tool, file), under)
     except UuvError as error:
         message = " ".join(str(error).split())
         code = "inertia" if "inertia" in message else "contract"
@@ -111,17 +103,22 @@ def check_vehicle(
             vehicle=name, findings=(VehicleFinding(code=code, level="fault", said=message),)
         )
 
-    arm_jobs = ArmJobs(
-        name, tool=None, parts=None, forces=forces, flow=flow, poses=poses, battery=battery
-    )
-    return _Check(name, spec, arm_jobs, by_spec=True).run(jobs)
+    arm_jobs = ArmJobs(name, conditions=under, override=spec, watch=watch)
+    return _Check(name, spec, arm_jobs).run(jobs)
+
+
+def _with_battery(spec: mujoco.MjSpec, conditions: Conditions) -> mujoco.MjSpec:
+    """The spec itself, with the battery of the conditions."""
+    if conditions.battery is not None:
+        battery_feed.attach(spec, conditions.battery)
+    return spec
 
 
 class _Check:
     """A check in progress, with the findings and figures so far."""
 
-    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs, *, by_spec: bool) -> None:
-        self._name, self._spec, self._jobs, self._by_spec = name, spec, arm_jobs, by_spec
+    def __init__(self, name: str, spec: mujoco.MjSpec, arm_jobs: ArmJobs) -> None:
+        self._name, self._spec, self._jobs = name, spec, arm_jobs
         self._findings: list[VehicleFinding] = []
         self._figures: list[VehicleFigure] = []
 
@@ -335,7 +332,7 @@ class _Check:
                 f"of the torque of {vehicle.joint_names[int(np.argmax(force.load))]}",
             )
             self._findings += doubts.arm_doubts(
-                vehicle, force, max(self._jobs.forces or task.forces)
+                vehicle, force, max(self._jobs.conditions.forces or task.forces)
             )
 
         return search.view_hits(home, doubts.HALF_VIEW)[0]
@@ -362,12 +359,15 @@ class _Check:
 
         closed = loops(self._spec)
         if job in HOVERING:
-            return hover_verdict(job, rigid(self._spec, model) if closed else model)
+            current = HOVERING[job]
+            if any(current) and self._jobs.conditions.current is not None:
+                current = self._jobs.conditions.current
+            return hover_verdict(job, rigid(self._spec, model) if closed else model, current)
         if closed:
             reason = f"the arm is a closed loop ({closed[0]}), and jobs support serial arms only"
             return JobVerdict(job=job, promised=False, code="closed-loop", said=reason)
         assert job in ARM_JOBS
-        return self._jobs.verdict(job, blocked, self._spec if self._by_spec else None)
+        return self._jobs.verdict(job, blocked)
 
 
 def _trim_said(trim: Trim) -> str:

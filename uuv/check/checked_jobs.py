@@ -1,12 +1,13 @@
 """Jobs for which a vehicle is checked: scenarios with the arm, currents of station keeping."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uuv.jobs import Job, clean_barrel, clean_pile, insert_sampler, sample_seabed
+from uuv.check.conditions import Conditions
+from uuv.jobs import Job, clean_barrel, clean_object, clean_pile, insert_sampler, sample_seabed
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 
@@ -30,10 +31,9 @@ class CheckedJob:
         scenario = self.job(**{**self.options, **options})
         return scenario if self.changed is None else self.changed(scenario)
 
-    @property
-    def takes_forces(self) -> bool:
-        """Whether its force is a list of set forces."""
-        return "forces" in self.job.options()
+    def takes(self, word: str) -> bool:
+        """Whether it has an option of that word."""
+        return word in self.job.options()
 
     @property
     def brings_tool(self) -> bool:
@@ -66,20 +66,41 @@ ARM_JOBS = {
     "barrel-longitudinal": CheckedJob(job=clean_barrel),
     "barrel-transverse": CheckedJob(job=clean_barrel, options={"path": "transverse"}),
     "pile": CheckedJob(job=clean_pile),
+    "object": CheckedJob(job=clean_object),
     "tap": CheckedJob(
         job=clean_barrel, options={"length": TAPPED[-1], "forces": (TAP_FORCE,)}, changed=_tapping
     ),
     "insertion": CheckedJob(job=insert_sampler),
     "seabed-core": CheckedJob(job=sample_seabed),
 }
+OBJECT = "object"  # the job on an object of the user's choice
 HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
-JOBS = (*HOVERING, *ARM_JOBS)
+JOBS = (*HOVERING, *(name for name in ARM_JOBS if name != OBJECT))  # without a choice
+JOBS_ON_OBJECT = (*HOVERING, OBJECT)
+ALL_JOBS = (*HOVERING, *ARM_JOBS)
 
 
 def check_jobs(names: Iterable[str]) -> None:
-    """Refuse names that are not in JOBS."""
+    """Refuses a name that is none of ALL_JOBS."""
     for name in names:
-        if name not in JOBS:
-            raise ConfigurationError(
-                f"--jobs: no job {name!r}; there are {', '.join(JOBS)}{did_you_mean(name, JOBS)}"
-            )
+        if name not in ALL_JOBS:
+            known = f"{', '.join(ALL_JOBS)}{did_you_mean(name, ALL_JOBS)}"
+            raise ConfigurationError(f"--jobs: no job {name!r}; there are {known}")
+
+
+def check_options(jobs: Collection[str], conditions: Conditions) -> None:
+    """Refuses an option that no job takes, and a value that one refuses.
+
+    Raises:
+        ConfigurationError: Which option, and what is allowed.
+    """
+    of_arm = [name for name in jobs if name in ARM_JOBS]
+    for word in conditions.options:
+        hovers = word == "current" and "hover-current" in jobs
+        if not hovers and not any(ARM_JOBS[name].takes(word) for name in of_arm):
+            raise ConfigurationError(f"--{word}: none of the jobs {', '.join(jobs)} takes it")
+
+    for name in of_arm:
+        job = ARM_JOBS[name]
+        scenario = job(**{w: v for w, v in conditions.options.items() if job.takes(w)})
+        scenario.task.check_inputs(scenario)

@@ -48,7 +48,8 @@ class JobVerdict:
     code: str  # deciding cause: parts, water, thrust, force, reach, view, hover, current, ok
     said: str
     figure: float | None = None
-    share: float | None = None  # share of the drawn poses at which the job is feasible
+    share: float | None = None  # of the drawn poses at which it can begin and be carried through
+    remedy: str = ""  # option with which a refused job is feasible, as it is typed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,10 +13,12 @@ from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, TIP_SITE
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import HydrodynamicsError
 from uuv.sim.interfaces.messages import Command, Reference
+from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.true_estimate import true_estimate
 from uuv.sim.plant.arm_hold import ArmHold
 from uuv.sim.plant.plant import Plant
 from uuv.sim.plant.supply import ENERGY
+from uuv.sim.plant.truth import Truth
 from uuv.sim.water.current import Current
 
 SECONDS = 10.0  # simulated
@@ -37,7 +39,9 @@ class HoverFigures:
     turn: float = 0.0  # [rad/s] largest rate of the hull over the last half
     # [W] mean electrical power of the thrusters; None: their current was not measured
     power: float | None = None
-    said: str = ""  # reason of an early end
+    # [m] largest motion of any point of the vehicle from its place, the arm's sag included
+    swing: float = 0.0
+    said: str = ""  # what broke it off
 
 
 def hover(
@@ -66,9 +70,7 @@ def hover(
     state = control.init()
     ticks = max(1, round(_PERIOD / plant.timestep))
 
-    drift = tilt = turn = rest = quiet = 0.0
-    saturated = steps = 0
-    limits = RestLimits()
+    watch = _Watch(plant, q)
     thrusters = np.zeros(len(vehicle.thruster_names))
 
     try:
@@ -84,34 +86,78 @@ def hover(
                 Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False)
             )
             plant.observe()
-            steps += 1
-            saturated += bool(true.saturated)
-
-            away = float(np.linalg.norm(true.p_WB))
-            if not away < _LOST:
-                return HoverFigures(
-                    drift=away, tilt=np.pi, saturated=saturated / steps, said="the hull drifts away"
-                )
-
-            # Rest: slow and near enough, without interruption.
-            speed, rate = float(np.linalg.norm(true.v_WB_W)), float(np.linalg.norm(true.w_WB_B))
-            at_rest = speed <= limits.speed and rate <= limits.turn and away <= limits.error
-            quiet = quiet + plant.timestep if at_rest else 0.0
-            rest = max(rest, quiet)
-
-            # Figures of the last half only, after the transient of the start.
-            if true.time > _LATE * SECONDS:
-                turn = max(turn, rate)
-                drift = max(drift, away)
-                tilt = max(tilt, float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0))))
+            watch.see(true)
+            if not watch.away < _LOST:
+                return watch.broken_off("it drifted away", watch.away)
     except HydrodynamicsError as error:
+        return watch.broken_off(str(error), np.inf)
+    return watch.figures()
+
+
+class _Watch:
+    """Figures of station keeping, taken at every step."""
+
+    def __init__(self, plant: Plant, q: Array) -> None:
+        """Take the plant, and the posture (n,) that its arm is to hold."""
+        self._plant = plant
+        self._q = q
+        self._radius = _radius(plant)
+        self._limits = RestLimits()
+        self._steps = self._saturated = 0
+        self._drift = self._tilt = self._turn = self._rest = self._quiet = self._swing = 0.0
+        self.away = 0.0  # [m] of the hull from its place
+
+    def see(self, true: Truth) -> None:
+        """Take a step."""
+        self._steps += 1
+        self._saturated += bool(true.saturated)
+        self.away = float(np.linalg.norm(true.p_WB))
+
+        # No point moves further than the hull does and its farthest point is turned.
+        turned = float(np.arccos(np.clip(0.5 * (np.trace(true.R_WB) - 1.0), -1.0, 1.0)))
+        sag = float(np.abs(true.q - self._q).sum())
+        self._swing = max(self._swing, self.away + self._radius * (turned + sag))
+
+        # Rest: slow and near enough, without a break.
+        limits = self._limits
+        rate = float(np.linalg.norm(true.w_WB_B))
+        still = float(np.linalg.norm(true.v_WB_W)) <= limits.speed and rate <= limits.turn
+        near = self.away <= limits.error
+        self._quiet = self._quiet + self._plant.timestep if still and near else 0.0
+        self._rest = max(self._rest, self._quiet)
+
+        # Figures of the end only, when the start has died out.
+        if true.time > _LATE * SECONDS:
+            tilt = float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0)))
+            self._turn = max(self._turn, rate)
+            self._drift = max(self._drift, self.away)
+            self._tilt = max(self._tilt, tilt)
+
+    def figures(self) -> HoverFigures:
+        """The figures of the whole time."""
         return HoverFigures(
-            drift=np.inf, tilt=np.pi, saturated=saturated / max(steps, 1), said=str(error)
+            drift=self._drift,
+            tilt=self._tilt,
+            saturated=self._saturated / self._steps,
+            rest=self._rest,
+            turn=self._turn,
+            power=_mean_power(self._plant),
+            swing=self._swing,
         )
 
-    share = saturated / steps
-    power = _mean_power(plant)
-    return HoverFigures(drift=drift, tilt=tilt, saturated=share, rest=rest, turn=turn, power=power)
+    def broken_off(self, reason: str, drift: float) -> HoverFigures:
+        """The figures of a simulation that has no end."""
+        share = self._saturated / max(self._steps, 1)
+        return HoverFigures(drift=drift, tilt=np.pi, saturated=share, swing=np.inf, said=reason)
+
+
+def _radius(plant: Plant) -> float:
+    """Distance [m] of the vehicle's farthest point from its hull's origin, the arm at home."""
+    model, data, vehicle = plant.model, mujoco.MjData(plant.model), plant.vehicle
+    data.qpos[vehicle.qpos] = vehicle.q_home
+    mujoco.mj_kinematics(model, data)
+    away = np.linalg.norm(data.geom_xpos - data.xpos[vehicle.hull], axis=1) + model.geom_rbound
+    return float(away.max(initial=0.0))
 
 
 def _mean_power(plant: Plant) -> float | None:

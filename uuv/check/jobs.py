@@ -7,29 +7,29 @@ or thrust that is too small is given as the reason. All numbers are those of the
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from uuv.check.checked_jobs import ARM_JOBS, HOVERING
+from uuv.check.checked_jobs import ARM_JOBS
+from uuv.check.conditions import Conditions
 from uuv.check.findings import JobVerdict
-from uuv.check.hover import HoverFigures, hover
+from uuv.check.hovering import RestVerdict, listed, refused, rest_of
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
+from uuv.check.remedies import changes_for, last_of
 from uuv.check.statics import Listing, listing_of, tip_force
 from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.arrival import around, lifted
-from uuv.controllers.tasks.hull_phases import RestLimits
 from uuv.controllers.tasks.insertion import axis_path
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import lacks
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import battery_feed
-from uuv.models.water.battery import Battery
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.perception.finding.target_finder import PATH_SPACING
 from uuv.perception.seabed.terrain_path import core_path
@@ -39,107 +39,17 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array, transform_points
-from uuv.sim.water.flow_field import FlowField
 from uuv.tasks.insertion import PlacedInsertion
 from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
-from uuv.tasks.start_place import check_start, folded_at
+from uuv.tasks.start_place import RunStreams, clearance, folded_at, start_pose, start_refusal
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
-PROMISED = 0.95  # least share of drawn poses that pass, for a promised job
-DRIFT = 0.1  # [m] largest position error of a vehicle that keeps station
-TILT = float(np.radians(10.0))  # [rad] its largest tilt
-SATURATED = 0.3  # largest share of the time in which a thruster may be at its limit
+PROMISED = 0.95  # share of the drawn poses from which on a job is promised
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
 FRICTION = 0.6  # friction of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
-SMALL_PAD = 50.0  # [N] tip force in the weakest direction, below which the small pad is proposed
-
-
-def hover_verdict(name: str, model: mujoco.MjModel) -> JobVerdict:
-    """Verdict on station keeping: by statics, if an axis is undriven, and then by simulation."""
-    vehicle = Vehicle.of(model)
-    listing = listing_of(model, vehicle, np.array(vehicle.q_home))
-    if listing is not None and not listing.angle <= MOST_LIST:
-        return _listed(name, listing)
-    hovered = _hovering(model, HOVERING[name])
-    if isinstance(hovered, JobVerdict):
-        return replace(hovered, job=name)
-    verdict = _kept(name, hovered)
-    return (
-        verdict
-        if listing is None
-        else replace(verdict, said=f"{verdict.said}; {listing.in_words()}")
-    )
-
-
-def _listed(name: str, listing: Listing) -> JobVerdict:
-    """Refusal of a hull that lists too far."""
-    reason = f"{listing.in_words()} (limit {np.degrees(MOST_LIST):.0f} deg)"
-    return _refused(name, "list", reason, float(np.degrees(listing.angle)))
-
-
-def _hovering(
-    model: mujoco.MjModel, current: tuple[float, float, float]
-) -> HoverFigures | JobVerdict:
-    """Figures of station keeping; a refusal if the vehicle cannot be controlled at all."""
-    try:
-        return hover(model, current)
-    except UuvError as error:
-        return JobVerdict(job="hover", promised=False, code="thrust", said=str(error))
-
-
-def _kept(name: str, hovered: HoverFigures) -> JobVerdict:
-    power = "" if hovered.power is None else f", {hovered.power:.0f} W"
-    figures = (
-        f"{1e3 * hovered.drift:.0f} mm position error, {np.degrees(hovered.tilt):.1f} deg, "
-        f"{hovered.saturated:.0%} saturated{power}"
-    )
-
-    if hovered.said:
-        return JobVerdict(
-            job=name, promised=False, code="hover", said=hovered.said, figure=hovered.drift
-        )
-
-    bounds = ((hovered.drift, DRIFT), (hovered.tilt, TILT), (hovered.saturated, SATURATED))
-    good = all(value <= most for value, most in bounds)
-    text = (
-        figures
-        if good
-        else (
-            f"{figures}; limits {1e3 * DRIFT:.0f} mm, {np.degrees(TILT):.0f} deg, {SATURATED:.0%}"
-        )
-    )
-
-    return JobVerdict(
-        job=name, promised=good, code="ok" if good else "hover", said=text, figure=hovered.drift
-    )
-
-
-def restless(
-    name: str, model: mujoco.MjModel, current: tuple[float, float, float]
-) -> JobVerdict | None:
-    """Refusal of a vehicle that cannot keep station or come to rest in a job's current."""
-    hovered = _hovering(model, current)
-    speed = float(np.linalg.norm(current))
-    verdict = hovered if isinstance(hovered, JobVerdict) else _kept(name, hovered)
-
-    if not verdict.promised:
-        return _refused(
-            name,
-            verdict.code,
-            f"no station keeping in {speed:.2f} m/s: {verdict.said}",
-            verdict.figure,
-        )
-
-    limits = RestLimits()
-    if isinstance(hovered, HoverFigures) and hovered.rest < limits.time:
-        message = (
-            f"in {speed:.2f} m/s the hover is not steady for {limits.time:g} s: {hovered.turn:.2g} "
-            f"rad/s (limit {limits.turn:g}); check minimum thrust and dead band of the thrusters"
-        )
-        return _refused(name, "rest", message, hovered.turn)
-
-    return None
+Watch = Callable[[str, int, int], None]  # job, poses that are done, of how many
+SMALL_PAD = 50.0  # [N] at the tip in its weakest direction, under which the small pad is proposed
 
 
 class ArmJobs:
@@ -149,91 +59,149 @@ class ArmJobs:
         self,
         vehicle: str,
         *,
-        tool: str | None,
-        parts: str | None,
-        forces: Sequence[float] = (),
-        flow: FlowField | None = None,
-        poses: int = 1,
-        battery: Battery | None = None,
+        tool: str | None = None,
+        parts: str | None = None,
+        conditions: Conditions | None = None,
+        override: mujoco.MjSpec | None = None,
+        watch: Watch | None = None,
     ) -> None:
         """Take a vehicle by its name or file.
 
         Args:
-            vehicle: Value of the jobs' option --vehicle.
-            tool: Value of --tool.
-            parts: Value of --parts.
-            forces: [N] set forces in place of the jobs' own.
-            flow: Flow field that is added to the jobs' current.
-            poses: Number of poses of the object that are drawn, with the seeds from 0 on.
-            battery: Battery of the thrusters; None: their voltage is constant.
+            vehicle: As the option --vehicle of the jobs.
+            tool: As --tool.
+            parts: As --parts.
+            conditions: Poses of the object, and options of the jobs.
+            override: Spec of the vehicle, with its tool and battery, in place of the one that its
+                name stands for.
+            watch: Called with the job, the poses that are done, and how many there are.
         """
-        self._battery = battery
+        self.conditions = Conditions() if conditions is None else conditions
         self._vehicle = vehicle
         self._tool = tool
-        self._flow = flow
-        self._poses = poses
         self._parts = parts
-        self.forces = tuple(forces)
-        # verdict by tools and current, for which station keeping is simulated once
-        self._rest: dict[Any, JobVerdict | None] = {}
+        self._override = override
+        self._watch = watch
+        # by tools and current: station keeping is simulated once
+        self._rest: dict[Any, RestVerdict] = {}
 
-    def scenario(self, name: str) -> Scenario:
-        """Scenario of a job for the vehicle."""
-        options: dict[str, Any] = {"vehicle": self._vehicle}
-        if self.forces and ARM_JOBS[name].takes_forces:
-            options["forces"] = self.forces
-        scenario = ARM_JOBS[name](**options)
+    def scenario(self, name: str, changes: Mapping[str, Any] | None = None) -> Scenario:
+        """Scenario of a job for the vehicle; `changes` are further options of the job."""
+        job = ARM_JOBS[name]
+        conditions = self.conditions
+        options = {**conditions.options, **(changes or {})}
+        scenario = job(
+            vehicle=self._vehicle,
+            **{word: value for word, value in options.items() if job.takes(word)},
+        )
 
         # a job with its own tool adds that tool itself
         tool = self._tool if scenario.task.tool is None else None
-        site = replace(scenario.site, flow=self._flow) if self._flow is not None else scenario.site
-        vehicle = replace(scenario.vehicle, parts=self._parts, tool=tool, battery=self._battery)
-        return replace(scenario, site=site, vehicle=vehicle)
+        flow = conditions.flow
+        site = scenario.site if flow is None else replace(scenario.site, flow=flow)
+        setup = replace(scenario.vehicle, parts=self._parts, tool=tool, battery=conditions.battery)
+        return replace(scenario, site=site, vehicle=setup, seed=conditions.seed)
 
-    def verdict(
-        self, name: str, blocked: float, override: mujoco.MjSpec | None = None
-    ) -> JobVerdict:
-        """Verdict on a job.
+    def verdict(self, name: str, blocked: float) -> JobVerdict:
+        """Verdict on a job; a refusal names an option with which it is feasible, if one is found.
 
         Args:
             name: Name of the job.
             blocked: Share of the camera's view that is on the vehicle itself.
-            override: Spec of the vehicle, in place of the one that its name refers to.
         """
-        scenario = self.scenario(name)
+        try:
+            place = self._at_site(name, blocked)
+            if isinstance(place, JobVerdict):
+                return self._mended(name, blocked, place)
+            verdicts = []
+            for pose in range(self.conditions.poses):
+                verdicts.append(place(pose))
+                if self._watch is not None:
+                    self._watch(name, len(verdicts), self.conditions.poses)
+        except UuvError as error:
+            return refused(name, "parts", str(error))
+
+        verdict = of_poses(verdicts)
+        bad = [pose for pose, judged in enumerate(verdicts) if not judged.promised]
+        return verdict if verdict.promised else self._mended(name, blocked, verdict, bad)
+
+    def _at_site(
+        self, name: str, blocked: float, changes: Mapping[str, Any] | None = None
+    ) -> "Callable[[int], JobVerdict] | JobVerdict":
+        """What judges the job at one of the poses; or its refusal at all of them."""
+        scenario = self.scenario(name, changes)
         task = scenario.task
         setup = scenario.vehicle
+        vehicle = setup.vehicle if self._override is None else self._override
+        spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
+        if setup.battery is not None and self._override is None:
+            battery_feed.attach(spec, setup.battery)
+        model = spec.compile()
+        lacking = lacks(model, task.spares)
+        if lacking:
+            hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
+            return refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
 
-        try:
-            vehicle = setup.vehicle if override is None else override
-            spec = vehicle_spec(vehicle, setup.tool, setup.parts, task.tool)
-            if setup.battery is not None:
-                battery_feed.attach(spec, setup.battery)
-            model = spec.compile()
-            lacking = lacks(model, task.spares)
-            if lacking:
-                hint = _tool_hint(model) if "geom" in " ".join(lacking) else ""
-                return _refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
+        believed = OwnVehicle.of(spec, task.spares)
+        if (weak := ReadyForce.of(scenario, believed).refusal(BEYOND)) is not None:
+            return refused(name, *weak)
+        if (hidden := _view(name, scenario, blocked)) is not None:
+            return hidden
 
-            believed = OwnVehicle.of(spec, task.spares)
-            if (refused := ReadyForce.of(scenario, believed).refusal(scenario, BEYOND)) is not None:
-                return _refused(name, *refused)
-            if (hidden := _view(name, scenario, blocked)) is not None:
-                return hidden
-            # evaluated at the origin, near the hull
-            water = tuple(scenario.site.strongest_water(np.zeros(3)).tolist())
-            key = setup.tool, task.tool, water
-            if key not in self._rest:
-                self._rest[key] = restless(name, hydrodynamics.compile(spec.copy()), water)
-            if (moving := self._rest[key]) is not None:
-                return replace(moving, job=name)
+        # the hull is about there
+        water = tuple(scenario.site.strongest_water(np.zeros(3)).tolist())
+        key = setup.tool, task.tool, water
+        if key not in self._rest:
+            self._rest[key] = rest_of(name, hydrodynamics.compile(spec.copy()), water)
+        rest = self._rest[key]
+        if rest.refusal is not None:
+            return replace(rest.refusal, job=name)
 
-            seeds = range(scenario.seed, scenario.seed + self._poses)
-            return of_poses(
-                [_planned(name, replace(scenario, seed=seed), believed, spec) for seed in seeds]
-            )
-        except UuvError as error:
-            return _refused(name, "parts", str(error))
+        def judged(pose: int) -> JobVerdict:
+            drawn = replace(scenario, seed=scenario.seed + pose)
+            return _planned(name, drawn, believed, spec, rest.swing)
+
+        return judged
+
+    def _mended(
+        self, name: str, blocked: float, verdict: JobVerdict, bad: Sequence[int] = ()
+    ) -> JobVerdict:
+        """A refusal with the option that would make the job feasible, or those that do not.
+
+        Args:
+            name: Of the job.
+            blocked: As of `verdict`.
+            verdict: The refusal.
+            bad: Poses at which it is refused, which are tried first; (): all.
+        """
+        poses = self.conditions.poses
+        order = [*bad, *(pose for pose in range(poses) if pose not in bad)]
+        tried = []
+        for change in changes_for(verdict.code, name, self.scenario(name)):
+            try:
+                place = self._at_site(name, blocked, change.options)
+                passed = 0 if isinstance(place, JobVerdict) else _passed(place, order)
+            except UuvError:
+                passed = 0
+            if passed >= PROMISED * poses:
+                remedy = f"{change.typed}: {passed} of {poses} poses"
+                line = f"{verdict.said}; feasible with {remedy}"
+                return replace(verdict, said=line, remedy=change.typed)
+            tried.append(change)
+
+        if not tried:
+            return verdict
+        return replace(verdict, said=f"{verdict.said}; not feasible either with {last_of(tried)}")
+
+
+def _passed(place: "Callable[[int], JobVerdict]", poses: Sequence[int]) -> int:
+    """Number of poses that pass; it stops where too few would be left."""
+    failed = 0
+    for pose in poses:
+        failed += not place(pose).promised
+        if failed > (1.0 - PROMISED) * len(poses) + 1e-9:
+            return 0
+    return len(poses) - failed
 
 
 def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
@@ -265,10 +233,6 @@ def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
     )
 
 
-def _refused(job: str, code: str, message: str, figure: float | None = None) -> JobVerdict:
-    return JobVerdict(job=job, promised=False, code=code, said=message, figure=figure)
-
-
 def _tool_hint(model: mujoco.MjModel) -> str:
     try:
         vehicle = Vehicle.of(model)
@@ -283,7 +247,7 @@ def _tool_hint(model: mujoco.MjModel) -> str:
 def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
     if not looks_by_camera(scenario) or blocked <= VIEW:
         return None
-    return _refused(
+    return refused(
         name,
         "view",
         f"{blocked:.0%} of the camera's view is blocked by the vehicle itself, above the limit of "
@@ -292,15 +256,22 @@ def _view(name: str, scenario: Scenario, blocked: float) -> JobVerdict | None:
 
 
 def _planned(
-    name: str, scenario: Scenario, believed: OwnVehicle, spec: mujoco.MjSpec
+    name: str, scenario: Scenario, believed: OwnVehicle, spec: mujoco.MjSpec, swing: float
 ) -> JobVerdict:
-    """Verdict by the job's own planner, for the object at its true pose."""
-    placed = scenario.task.place(scenario, believed, np.random.default_rng(scenario.seed))
+    """Verdict by the job's own planner, for the object at its true pose.
+
+    Args:
+        name: Of the job.
+        scenario: With the seed of the pose.
+        believed: The vehicle's model of itself.
+        spec: Of the vehicle.
+        swing: [m] by which its points move while it settles.
+    """
+    rng = np.random.default_rng(scenario.seed)
+    placed = scenario.task.place(scenario, believed, rng)
     scene = placed.scene(spec.copy()).compile()
-    try:
-        check_start(scene, Vehicle.of(scene), placed.X_WB)
-    except ConfigurationError as error:
-        return _refused(name, "start", str(error))
+    if (lies := _start(scene, placed, RunStreams.of(rng).start, swing)) is not None:
+        return refused(name, "start", *lies)
 
     current = scenario.site.strongest_water(placed.X_WB[:3, 3])
     speed = float(np.linalg.norm(current))
@@ -308,43 +279,31 @@ def _planned(
     try:
         placement, share, gap = _stand(placed, current)
     except StrongCurrentError as error:
-        return _refused(name, "current", str(error), speed)
+        return refused(name, "current", str(error), speed)
     except ReachError as error:
-        if (refused := ReadyForce.of(scenario, believed).refusal(scenario)) is not None:
-            return _refused(name, *refused)
+        if (weak := ReadyForce.of(scenario, believed).refusal()) is not None:
+            return refused(name, *weak)
 
         joints = len(believed.vehicle.joints)
         more = f"; the arm has {joints} joints" if joints < FULL else ""
-        return _refused(
+        return refused(
             name, "reach", f"{_short(str(error))}{more}", float(joints) if more else None
         )
 
-    margin = placement.margin
-    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, believed)) > HIDDEN:
-        message = (
-            f"the vehicle hides {hidden:.0%} of the ground around the target from its sonar, "
-            f"above the limit of {HIDDEN:.0%}"
-        )
-        return _refused(name, "view", message, hidden)
-
-    if len(believed.vehicle.joints) < FULL and margin < SHORT_MARGIN:
-        message = (
-            f"margin {margin:.2f}; an arm of {len(believed.vehicle.joints)} joints needs "
-            f"{SHORT_MARGIN:g}: it compensates the hull's drift by its posture alone"
-        )
-        return _refused(name, "margin", message, margin)
+    if (refusal := _at_placement(name, placed, believed, placement.margin)) is not None:
+        return refusal
 
     listing = _worst_list(spec, believed.vehicle, placement.q_start, push_of(scenario))
     if listing is not None and not listing.angle <= MOST_LIST:
-        return _listed(name, listing)
+        return listed(name, listing)
 
     part = "" if share > 0.999 else f", {share:.0%} of the path"
     return JobVerdict(
         job=name,
         promised=True,
         code="ok",
-        said=f"margin {margin:.2f} (1 is ample, 0 at a limit) at {push_of(scenario):.0f} N in "
-        f"{speed:.2f} m/s{part}"
+        said=f"margin {placement.margin:.2f} (1 is ample, 0 at a limit) at "
+        f"{push_of(scenario):.0f} N in {speed:.2f} m/s{part}"
         + _touching(believed, placement.q_start)
         + ("" if listing is None else f"; {listing.in_words()}")
         + (
@@ -353,8 +312,48 @@ def _planned(
             if gap < 0.0
             else ""
         ),
-        figure=margin,
+        figure=placement.margin,
     )
+
+
+def _at_placement(
+    name: str, placed: PlacedTask, believed: OwnVehicle, margin: float
+) -> JobVerdict | None:
+    """Refusal of a place that the planner has found: what it hides, or too small a margin."""
+    if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, believed)) > HIDDEN:
+        message = (
+            f"the vehicle hides {hidden:.0%} of the ground around the target from its sonar, "
+            f"above the limit of {HIDDEN:.0%}"
+        )
+        return refused(name, "view", message, hidden)
+
+    if len(believed.vehicle.joints) < FULL and margin < SHORT_MARGIN:
+        message = (
+            f"margin {margin:.2f}; an arm of {len(believed.vehicle.joints)} joints needs "
+            f"{SHORT_MARGIN:g}: it compensates the hull's drift by its posture alone"
+        )
+        return refused(name, "margin", message, margin)
+    return None
+
+
+def _start(
+    scene: mujoco.MjModel, placed: PlacedTask, rng: np.random.Generator, swing: float
+) -> tuple[str, float] | None:
+    """Sentence and clearance [m] of a start, or of the way to the task's pose, without room."""
+    vehicle = Vehicle.of(scene)
+    start = start_pose(placed, rng)
+    if lies := start_refusal(scene, vehicle, start):
+        return lies, clearance(scene, vehicle, start).distance
+
+    # It settles about the task's pose, its arm sags, and it may swing on the way.
+    nearest = min(
+        (clearance(scene, vehicle, X_WB) for X_WB in (start, placed.X_WB)),
+        key=lambda clear: clear.distance,
+    )
+    if nearest.distance >= swing:
+        return None
+    message = f"the vehicle starts {nearest}, and moves by {swing:.2f} m while it settles"
+    return message, nearest.distance
 
 
 def _worst_list(

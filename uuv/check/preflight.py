@@ -1,5 +1,8 @@
 """The fast part of a vehicle's check, before a job starts: refusals and doubts."""
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -17,8 +20,22 @@ from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
 
 
-def preflight(scenario: Scenario, believed: OwnVehicle) -> list[str]:
-    """Doubts about a vehicle for a job, one line each.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Preflight:
+    """What was said of a job before it started, one line each."""
+
+    refused: tuple[str, ...] = ()  # why it would not be started, of an unchecked run
+    doubtful: tuple[str, ...] = ()
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All of it, for the terminal."""
+        refused = (f"not checked: {line}" for line in self.refused)
+        return (*refused, *(f"doubtful: {line}" for line in self.doubtful))
+
+
+def preflight(scenario: Scenario, believed: OwnVehicle) -> Preflight:
+    """What is doubtful about a vehicle for a job, one line each.
 
     Args:
         scenario: Scenario of the job.
@@ -28,20 +45,43 @@ def preflight(scenario: Scenario, believed: OwnVehicle) -> list[str]:
         The lines; none for a vehicle without doubts, and for a job without the arm.
 
     Raises:
-        ConfigurationError: The job cannot be done: thrusters that leave a direction without thrust,
-            servos instead of motors, weight that MuJoCo cancels, an arm, tool or thrusters that are
-            far too weak for its set force, a camera whose view is mostly blocked by the vehicle.
+        ConfigurationError: The job cannot be done, and it is not to run `unchecked`: thrusters
+            that leave a direction without thrust, servos for motors, weight that MuJoCo takes away,
+            an arm, tool or thrusters that bear far less than it sets, a camera that sees little but
+            the vehicle.
     """
     task, model, vehicle = scenario.task, believed.model, believed.vehicle
     if (
         not isinstance(task, SurfaceWorkTask | InsertionTask | SeabedSamplingTask)
         or vehicle.tip < 0
     ):
-        return []
+        return Preflight()
     if isinstance(task, SurfaceWorkTask) and task.contactless is not None:
-        return []
+        return Preflight()
 
-    more = f"; uuv check {scenario.vehicle.vehicle} gives the details"
+    ready = ReadyForce.of(scenario, believed)
+    refused = tuple(_refusals(scenario, believed, ready))
+    if refused and not scenario.vehicle.unchecked:
+        more = f"uuv check {scenario.vehicle.vehicle} says what passes, --unchecked runs it anyway"
+        raise ConfigurationError(f"the work was not started: {refused[0]}; {more}")
+
+    # What is doubtful only.
+    lines = []
+    if not refused and (weak := ready.refusal()) is not None:
+        lines.append(f"{weak[1]}; uuv check finds a set force that passes")
+    if _wet(believed):
+        lines += _water_doubts(scenario, model, vehicle)
+        lines += [
+            finding.said
+            for finding in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))
+        ]
+    return Preflight(refused=refused, doubtful=tuple(lines))
+
+
+def _refusals(scenario: Scenario, believed: OwnVehicle, ready: ReadyForce) -> Iterator[str]:
+    """Why the work is not to be started, one line each."""
+    model = believed.model
+    vehicle = believed.vehicle
 
     # Faults of the model, whatever the job.
     for fault in (
@@ -50,32 +90,15 @@ def preflight(scenario: Scenario, believed: OwnVehicle) -> list[str]:
         *doubts.gravity_doubts(model, vehicle),
     ):
         if fault.level == "fault":
-            raise ConfigurationError(f"the work was not started: {fault.said}{more}")
+            yield fault.said
 
-    ready = ReadyForce.of(scenario, believed)
-    if (refused := ready.refusal(scenario, BEYOND)) is not None:
-        raise ConfigurationError(f"the work was not started: {refused[1]}{more}")
+    if (weak := ready.refusal(BEYOND)) is not None:
+        yield weak[1]
 
-    search = PostureSearch(model)
-    lines = []
-    home = vehicle.q_home
-    blocked, body = search.view_hits(home, doubts.HALF_VIEW)
+    blocked, body = PostureSearch(model).view_hits(vehicle.q_home, doubts.HALF_VIEW)
     if looks_by_camera(scenario) and blocked > VIEW:
-        raise ConfigurationError(
-            f"the work was not started: {blocked:.0%} of the camera's view is blocked by the "
-            f"vehicle itself, mostly by {body}{more}"
-        )
-
-    # Doubts, one line each.
-    if (weak := ready.refusal(scenario)) is not None:
-        lines.append(weak[1])
-    if _wet(believed):
-        lines += _water_doubts(scenario, model, vehicle)
-        lines += [
-            finding.said
-            for finding in doubts.trim_doubts(trim_of(model, vehicle), weight_of(model, vehicle))
-        ]
-    return [f"doubtful: {line}" for line in lines]
+        share = f"{blocked:.0%} of the camera's view is blocked by the vehicle itself"
+        yield f"{share}, mostly by {body}"
 
 
 def _wet(believed: OwnVehicle) -> bool:

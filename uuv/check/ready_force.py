@@ -40,41 +40,30 @@ class ReadyForce:
             force=force, bears=tip.along, by=tip.by, spring=_spring_limit(believed), used=used
         )
 
-    def refusal(self, scenario: Scenario, beyond: float = 1.0) -> tuple[str, str, float] | None:
-        """Code, sentence and figure of the part that is too weak, or None.
-
-        Arm and thrusters are too weak if the push exceeds `beyond` times their capacity.
-        """
+    def refusal(self, beyond: float = 1.0) -> tuple[str, str, float] | None:
+        """Code, sentence and figure of what bears less than `beyond` times the push, or None."""
         if self.spring < self.force:
             message = (
                 f"the tool's spring bottoms out at {self.spring:.0f} N, the set force is "
                 f"{self.force:.0f} N"
             )
-            return "force", message + _lower(scenario, self.spring), self.spring
+            return "force", message, self.spring
 
         if beyond * self.bears < self.force:
             message = (
                 f"the available tip force is {self.bears:.0f} N in the ready posture ({self.by}), "
                 f"the set force is {self.force:.0f} N"
             )
-            return "force", message + _lower(scenario, self.bears), self.bears
+            return "force", message, self.bears
 
         if self.used > beyond:
             message = (
                 f"the set force of {self.force:.0f} N needs {self.used:.0%} of a thruster's limit "
                 "in the ready posture"
             )
-            return "thrust", message + _lower(scenario, self.force / self.used), self.used
+            return "thrust", message, self.used
 
         return None
-
-
-def _lower(scenario: Scenario, force: float) -> str:
-    """Hint to a set force that may be feasible, if the job takes one."""
-    wise = 0.8 * force
-    if not isinstance(scenario.task, SurfaceWorkTask) or wise < 1.0:
-        return ""
-    return f"; try --forces {wise:.0f}"
 
 
 def push_of(scenario: Scenario) -> float:

@@ -77,11 +77,11 @@ def _print_commands(promised: Iterable[str], console: Console) -> None:
     """Print commands for the feasible jobs of the arm; the check itself simulates hovering."""
     runs = [ARM_JOBS[name] for name in promised if name in ARM_JOBS and ARM_JOBS[name].command]
 
-    # Jobs with their own tool take no --tool.
-    for brings, same in ((False, "--vehicle, --tool and --forces"), (True, "--vehicle")):
+    # Those with a tool of their own take none.
+    for brings, but in ((False, ""), (True, " but --tool and --forces")):
         commands = sorted(run.command for run in runs if run.brings_tool is brings)
         if commands:
-            line = f"to run the feasible jobs with the same {same}: uuv run {', '.join(commands)}"
+            line = f"to run with the same options{but}: uuv run {', '.join(commands)}"
             console.print(Text(line, style="dim"))
 
 

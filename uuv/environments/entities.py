@@ -20,7 +20,7 @@ from dm_control import composer, mjcf
 from dm_control.composer import variation
 from dm_control.rl import control
 
-from uuv.environments.mjcf_parts import MOUNT, VehicleParts, parts_of, root_of
+from uuv.environments.mjcf_parts import MOUNT, parts_of, root_of
 from uuv.environments.model_variation import ModelVariation
 from uuv.environments.sensing import (
     ArmObservables,
@@ -337,7 +337,7 @@ class VehicleEntity(composer.Entity):
 
         # Hull, arm and tool as separate models.
         self.spec = vehicle_spec(vehicle, tool)
-        parts: VehicleParts = parts_of(self.spec)
+        self._parts = parts = parts_of(self.spec)
         self._root = root_of(parts.hull, name, parts.folder)
         if parts.arm is not None:
             held = (
@@ -446,7 +446,7 @@ class VehicleEntity(composer.Entity):
 
     def _find(self, kind: str, name: str) -> str:
         for entity in self.iter_entities():
-            element = entity.mjcf_model.find(kind, name)
+            element = entity.mjcf_model.find(kind, self._parts.renamed.get(name, name))
             if element is not None:
                 return element.full_identifier
         return f"{self._root.full_identifier}{name}"

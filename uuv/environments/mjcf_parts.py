@@ -3,8 +3,8 @@ digits.
 """
 
 import copy
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from itertools import count
 
 import mujoco
@@ -18,7 +18,10 @@ from uuv.sim.interfaces.errors import ConfigurationError, one_line
 
 MOUNT = "mount"  # site of hull or arm at which the next part is attached
 _PLACE = ("pos", "quat")
-# elements that may couple parts
+_SCOPE = "/"  # of PyMJCF
+_NAMES = ("name", "class")
+_TEXTS = ("file", "data", "model")  # attributes that hold no name of an element
+# elements that may tie parts together
 _JOINED = ("tendon", "equality", "contact", "sensor", "deformable", "skin")
 
 
@@ -29,7 +32,8 @@ class VehicleParts:
     hull: str
     arm: str | None
     tool: str | None
-    folder: str = ""  # folder of the files that they name, such as meshes
+    folder: str = ""  # of the files that they name, such as meshes
+    renamed: Mapping[str, str] = field(default_factory=dict)  # names in them, by those of the spec
 
 
 def root_of(xml: str, name: str, folder: str = "") -> mjcf.RootElement:
@@ -77,6 +81,7 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     """
     whole = etree.fromstring(exact_xml(spec).encode())
     folder = spec.modelfiledir
+    renamed = _without_slashes(whole)
 
     hull = _named(whole, "body", HULL_BODY)
     if hull is None:
@@ -91,7 +96,7 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
         or base not in tip.iterancestors()
         or any(len(section) for name in _JOINED for section in whole.findall(name))
     ):
-        return VehicleParts(_text(whole), None, None, folder)
+        return VehicleParts(_text(whole), None, None, folder, renamed)
 
     of_tool = _end_of(whole, tip)
     arm = _document(whole, _cut_out(whole, [base]))
@@ -99,7 +104,28 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
 
     for document in (whole, arm, tool):
         _keep_own_actuators(document)
-    return VehicleParts(_text(whole), _text(arm), _text(tool), folder)
+    return VehicleParts(_text(whole), _text(arm), _text(tool), folder, renamed)
+
+
+def _without_slashes(document: etree._Element) -> dict[str, str]:
+    """Rename what has a slash in its name, PyMJCF's sign of a scope, and all that refers to it.
+
+    Returns:
+        The new names by the old ones.
+    """
+    names = {element.get(key) for element in document.iter() for key in _NAMES if element.get(key)}
+    renamed: dict[str, str] = {}
+    for name in sorted(name for name in names if _SCOPE in name):
+        wish = name.replace(_SCOPE, "_")
+        renamed[name] = next(free for free in _numbered(wish) if free not in names)
+        names.add(renamed[name])
+
+    # A reference is an attribute whose whole value is a name; texts and files are none.
+    for element in document.iter():
+        for key, value in element.attrib.items():
+            if key not in _TEXTS and value in renamed:
+                element.set(key, renamed[value])
+    return renamed
 
 
 def _end_of(document: etree._Element, tip: etree._Element) -> list[etree._Element]:

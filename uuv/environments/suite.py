@@ -8,6 +8,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TypedDict, Unpack
 
 import mujoco
 import numpy as np
@@ -59,6 +60,14 @@ ACTIONS: dict[str, Callable[[OwnVehicle], Actions]] = {
     "joint_velocity": JointVelocities,
     "tool": ToolTwist,
 }
+
+
+class Fitting(TypedDict, total=False):
+    """What a vehicle of `load` is fitted with; each may be left out."""
+
+    tool: str | None  # of `uuv.models.tools.tools.TOOLS`; None: the task's, or the vehicle's own
+    sensors: Sequence[Sensor]  # whose readings are observed in place of the true state
+    perturbations: Sequence[Perturbation]  # of the vehicle, drawn anew in each episode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,26 +179,23 @@ def load(
     seed: Seed = None,
     vehicle: str = "uuv_puma",
     actions: str | None = None,
-    sensors: Sequence[Sensor] = (),
-    perturbations: Sequence[Perturbation] = (),
     sparse: bool = False,
     time_limit: float | None = None,
     period: float | None = None,
+    **fitted: Unpack[Fitting],
 ) -> composer.Environment:
     """Environment of the suite, by domain and task.
 
     Args:
         domain: "water", "barrel" or "manifold".
-        task: A task of the domain, see ALL_TASKS; both may also be given in the first argument,
-            such as "water/hover".
-        seed: Seed of all random numbers; None: a new seed every time.
-        vehicle: A name of `uuv.models.available()`, or an MJCF file.
-        actions: A kind of ACTIONS; None: the default of the task.
-        sensors: Sensors whose readings are observed in place of the true state.
-        perturbations: Deviations of the vehicle from its model, drawn in each episode.
-        sparse: Whether only success is rewarded.
-        time_limit: [s] Duration of an episode; None: the default of the task.
-        period: [s] Time between actions; None: 0.02.
+        task: A task of it, see ALL_TASKS; or both in the first argument, as "water/hover".
+        seed: Of all random numbers; None: other ones every time.
+        vehicle: A name of `uuv.models.available()`, or a file, MJCF, URDF, xacro or SDF.
+        actions: A kind of ACTIONS; None: the task's usual one.
+        sparse: Reward success alone.
+        time_limit: [s] of an episode; None: the task's usual one.
+        period: [s] between actions; None: 0.02.
+        fitted: Tool, sensors and perturbations of the vehicle, as `Fitting` has them.
 
     Returns:
         dm_control's environment.
@@ -214,7 +220,13 @@ def load(
     if kind not in ACTIONS:
         raise ConfigurationError(f"unknown actions {shown(kind)}; there are {', '.join(ACTIONS)}")
 
-    body = VehicleEntity(vehicle, tool=entry.tool, sensors=sensors, perturbations=perturbations)
+    tool = fitted.get("tool") or entry.tool
+    body = VehicleEntity(
+        vehicle,
+        tool=tool,
+        sensors=fitted.get("sensors", ()),
+        perturbations=fitted.get("perturbations", ()),
+    )
     vehicle_task = entry.make(body, ACTIONS[kind](body.own), sparse)
     if period is not None:
         vehicle_task.set_period(period)

@@ -15,7 +15,8 @@ from typing import Any, cast
 import numpy as np
 
 from uuv.check.check import check_vehicle
-from uuv.check.checked_jobs import ARM_JOBS, HOVERING
+from uuv.check.checked_jobs import HOVERING, JOBS
+from uuv.check.conditions import Conditions
 from uuv.check.findings import JobVerdict
 from uuv.check.jobs import ArmJobs
 from uuv.experiment import Page, column, experiment, stat
@@ -33,13 +34,16 @@ VEHICLES: dict[str, tuple[str | None, tuple[float, ...]]] = {
 }
 
 
+_ARM_JOBS = tuple(job for job in JOBS if job not in HOVERING)
+
+
 @dataclass(frozen=True, kw_only=True)
 class VehicleJobs:
     """Which vehicles and jobs."""
 
     vehicles: tuple[str, ...] = tuple(VEHICLES)
     """Names, of those that the experiment knows."""
-    jobs: tuple[str, ...] = tuple(ARM_JOBS)
+    jobs: tuple[str, ...] = _ARM_JOBS
     """Jobs of the arm; those of the hull alone are always checked."""
     seeds: int = 5
     """Runs of each job, with seeds from 0 on."""
@@ -49,7 +53,7 @@ class VehicleJobs:
         for vehicle in self.vehicles:
             one_of(vehicle, tuple(VEHICLES), "--vehicles")
         for job in self.jobs:
-            one_of(job, tuple(ARM_JOBS), "--jobs")
+            one_of(job, _ARM_JOBS, "--jobs")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +110,7 @@ def vehicles(case: VehicleJobCase) -> VehicleJobRow:
         return replace(row, accepted=verdict.promised, reason=verdict.said)
 
     tool, forces = VEHICLES[case.vehicle]
-    jobs = ArmJobs(case.vehicle, tool=tool, parts=None, forces=forces)
+    jobs = ArmJobs(case.vehicle, tool=tool, conditions=Conditions(forces=forces))
     try:
         done = run(replace(jobs.scenario(case.job), seed=case.seed))
     except UuvError as error:
@@ -129,7 +133,7 @@ def vehicles(case: VehicleJobCase) -> VehicleJobRow:
 def _verdict(vehicle: str, job: str) -> JobVerdict:
     """What the check says of a job; made once in a process."""
     tool, forces = VEHICLES[vehicle]
-    check = check_vehicle(vehicle, tool=tool, forces=forces, jobs=(job,))
+    check = check_vehicle(vehicle, tool=tool, jobs=(job,), conditions=Conditions(forces=forces))
     return next(verdict for verdict in check.jobs if verdict.job == job)
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from untyped import untyped
 from uuv.assembly import Assembly, assemble
+from uuv.check.conditions import Conditions
 from uuv.check.jobs import ArmJobs
 from uuv.check.preflight import preflight
 from uuv.inputs import check_inputs
@@ -476,15 +477,15 @@ def test_the_check_and_the_start_of_a_run_know_the_flow() -> None:
     scenario = replace(clean_barrel(), site=site)
     strongest = site.strongest_water(np.zeros(3))
     np.testing.assert_allclose(strongest, [0.1, 1.9 * (1.0 - np.exp(-100.0 / 20.0)), 0.0])
-    lines = preflight(scenario, assemble(replace(scenario, site=Site())).own)
+    lines = preflight(scenario, assemble(replace(scenario, site=Site())).own).lines
     assert any(
         "the water at the hull moves at 1.89 m/s along sway, the thrusters can hold" in line
         for line in lines
     )
     still = replace(scenario, site=Site())
-    assert not any("the water" in line for line in preflight(still, assemble(still).own))
+    assert not any("the water" in line for line in preflight(still, assemble(still).own).lines)
 
-    jobs = ArmJobs("uuv_puma", tool=None, parts=None, flow=TurningJet(speed=1.9))
+    jobs = ArmJobs("uuv_puma", conditions=Conditions(flow=TurningJet(speed=1.9)))
     verdict = jobs.verdict("barrel-longitudinal", 0.0)
     assert not verdict.promised
     assert "no station keeping in 1.89 m/s" in verdict.said

@@ -7,7 +7,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from uuv.check.checked_jobs import JOBS, check_jobs
+from uuv.check.checked_jobs import JOBS, JOBS_ON_OBJECT, check_jobs, check_options
+from uuv.check.conditions import POSES
 from uuv.cli.json_output import print_json
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.command_line import parse
@@ -35,55 +36,82 @@ class CheckOptions:
     folder of the vehicle's file."""
     tool: str | None = None
     """Tool on the tip: a name of `uuv list tools`."""
+    poses: Annotated[int, arg(metavar="N")] = POSES
+    """Poses of the object that are drawn for each job of the arm: it is feasible if 95 % of them
+    pass."""
+    seed: int = 0
+    """Seed of the first pose; those of the others follow it."""
     forces: tuple[float, ...] = ()
     """Set forces [N] in place of the jobs' own."""
+    speed: float | None = None
+    """Speed of the tool [m/s] along its path, in place of the jobs' own."""
+    current: tuple[float, float, float] | None = None
+    """Steady current [m/s], world axes, in place of the jobs' own."""
     flow: str | None = None
     """Flow field at the jobs' site: a kind, or MODULE:CLASS (docs/own_current.md)."""
-    poses: Annotated[int, arg(metavar="N")] = 1
-    """Number of poses of the object to draw for each job of the arm, which is feasible if 95 % of
-    them pass."""
+    object: str | None = None
+    """Object of the job `object`, a name or file as for `uuv run clean-object`; unless --jobs
+    names others, that job takes the place of those of the arm."""
     battery: float | None = None
     """Battery of this voltage [V] for thrusters with tables of their current; default: their
     voltage is constant."""
-    jobs: tuple[str, ...] = JOBS
-    """Jobs to judge."""
+    jobs: tuple[str, ...] = ()
+    """Jobs for which a verdict is wanted; default: all but `object`."""
     json: bool = False
     """Print the check as JSON."""
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """Jobs that are checked."""
+        return self.jobs or (JOBS if self.object is None else JOBS_ON_OBJECT)
 
 
 def main(verb: str, args: Sequence[str]) -> int:
     """Prints the check; exit code 1 if a job is refused."""
     del verb
     options = parse(CheckOptions, args)
-    check_jobs(options.jobs)
+    check_jobs(options.chosen)
     if options.poses < 1:
         raise ConfigurationError(f"--poses: must be at least 1, got {options.poses}")
     from uuv import inputs
+    from uuv.check.conditions import Conditions
     from uuv.models.water.battery import Battery
     from uuv.scenario import VehicleSetup
-
-    parts = None if options.parts is None else str(options.parts)
-    battery = None if options.battery is None else Battery(voltage=options.battery)
-    inputs.check_vehicle(
-        VehicleSetup(vehicle=options.vehicle, tool=options.tool, parts=parts, battery=battery)
-    )
-    from uuv import first_start
-    from uuv.check.check import check_vehicle
-    from uuv.check.table import print_check
-    from uuv.sim.runs.terminal import console
     from uuv.site import flow_of
 
-    first_start.build()
-    verdicts = check_vehicle(
-        options.vehicle,  # its name or file
-        parts_file=options.parts,
-        tool=options.tool,
-        jobs=options.jobs,
-        forces=options.forces,
-        flow=None if options.flow is None else flow_of(options.flow),
+    parts = None if options.parts is None else str(options.parts)
+    conditions = Conditions(
         poses=options.poses,
-        battery=battery,
+        seed=options.seed,
+        forces=options.forces,
+        speed=options.speed,
+        current=options.current,
+        flow=None if options.flow is None else flow_of(options.flow),
+        object=options.object,
+        battery=None if options.battery is None else Battery(voltage=options.battery),
     )
+    inputs.check_vehicle(
+        VehicleSetup(
+            vehicle=options.vehicle, tool=options.tool, parts=parts, battery=conditions.battery
+        )
+    )
+    check_options(options.chosen, conditions)
+    from uuv import first_start
+    from uuv.check.check import check_vehicle
+    from uuv.check.progress import pose_progress
+    from uuv.check.table import print_check
+    from uuv.sim.runs.terminal import console
+
+    first_start.build()
+    with pose_progress() as watch:
+        verdicts = check_vehicle(
+            options.vehicle,  # its name or file
+            parts_file=options.parts,
+            tool=options.tool,
+            jobs=options.chosen,
+            conditions=conditions,
+            watch=watch,
+        )
 
     if options.json:
         print_json(verdicts.as_dict())

@@ -111,6 +111,15 @@ def test_what_it_was_made_by_is_in_the_file(tmp_path):
     assert origin["model_sha256"] != model_digest(model)
 
 
+def test_an_unchecked_run_keeps_why_it_would_have_been_refused(tmp_path):
+    assert "unchecked" not in assessed(recorded()).metrics
+    reasons = ["56% of the camera's view is blocked"]
+    assessed(recorded()).extended(unchecked=reasons).write(tmp_path / "metrics.json")
+    document = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
+    jsonschema.validate(document, schema())
+    assert document["unchecked"] == reasons
+
+
 def test_force_error_counts_from_one_second_after_each_change():
     force = np.interp(TIME, [0.0, 4.0, 4.5, 10.0], [60.0, 60.0, 90.0, 90.0])
     error = 2.0 * np.sin(2.0 * np.pi * 5.0 * TIME)  # whole periods in [1, 4) and [5, 10)

@@ -251,6 +251,17 @@ def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):
     )
 
 
+def test_page_of_an_unchecked_run_says_why_it_would_have_been_refused(tmp_path: Path) -> None:
+    recording = recorded(WorkState.WORK, WorkState.DONE)
+    assessment = assess(recording, TRUTH, seed=0, wall_s=1.0)
+    for unchecked, line in ((["an arm & a leg"], True), ([], False)):
+        file = tmp_path / "report.html"
+        asked = assessment.extended(unchecked=unchecked)
+        write_report(file, recording, asked, title="barrel", options={})
+        text = "Not checked; it would have been refused: an arm &amp; a leg."
+        assert (text in file.read_text(encoding="utf-8")) is line
+
+
 def test_page_without_slow_series_leaves_their_pictures_out(tmp_path: Path):
     recording = recorded(WorkState.WORK, WorkState.DONE)
     few = {

@@ -14,10 +14,11 @@ import pytest
 from rich.console import Console
 
 from uuv.check.check import check_vehicle
+from uuv.check.conditions import Conditions
 from uuv.check.doubts import inertia_doubts
 from uuv.check.findings import JobVerdict, VehicleCheck
-from uuv.check.jobs import restless
-from uuv.check.preflight import preflight
+from uuv.check.hovering import rest_of
+from uuv.check.preflight import Preflight, preflight
 from uuv.check.table import print_check
 from uuv.cli.vehicles import check_vehicle as command
 from uuv.jobs import clean_barrel
@@ -31,6 +32,7 @@ from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation, rotation_from_z
 # with the tool that each carries
 VEHICLES = {"uuv_puma": None, "bluerov2_heavy_alpha5": "small_pad"}
 G = 9.81
+ONE = Conditions(poses=1)
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +142,11 @@ def test_a_broken_vehicle_is_told_by_code_and_figure(
         assert finding.figure == pytest.approx(figure, rel=1e-2)
 
 
+def judged(spec: mujoco.MjSpec, job: str) -> JobVerdict:
+    """Verdict on a job at one pose of its object."""
+    return check_vehicle(spec, jobs=(job,), conditions=ONE).verdict(job)
+
+
 def codes(check: VehicleCheck) -> set[str]:
     return {finding.code for finding in check.findings if finding.level != "note"}
 
@@ -200,7 +207,7 @@ def test_verdicts_name_what_decides(
 ) -> None:
     spec = sound["uuv_puma"].copy()
     breaks(spec)
-    verdict = check_vehicle(spec, jobs=(job,)).verdict(job)
+    verdict = judged(spec, job)
     assert (verdict.code, verdict.promised) == (code, code == "ok")
     assert re.search(r"\d", verdict.said.replace("joint2", "")) or code == "contract"
 
@@ -216,7 +223,7 @@ def test_what_begins_or_hovers_badly_is_refused(sound: dict[str, mujoco.MjSpec])
         (light, "gravcomp", "gravcomp cancels the weight of hull"),
         (low, "start", "m deep in 'seabed' with"),
     ):
-        verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
+        verdict = judged(spec, "barrel-longitudinal")
         assert (verdict.code, verdict.promised) == (code, False), verdict.said
         assert words in verdict.said
 
@@ -230,17 +237,15 @@ def test_a_hull_that_swings_about_its_place_is_no_base_for_work(
     still, gone = (
         hydrodynamics_of.compile(vehicle_spec("bluerov2_heavy_alpha5", None)) for _ in range(2)
     )
-    swings = restless("tap", still, (0.0, 0.0, 0.0))
+    swings = rest_of("tap", still, (0.0, 0.0, 0.0)).refusal
     assert swings is not None
     assert (swings.code, swings.promised) == ("rest", False)
     assert "(limit 0.02)" in swings.said
-    away = restless("tap", gone, (0.0, 3.0, 0.0))
+    away = rest_of("tap", gone, (0.0, 3.0, 0.0)).refusal
     assert away is not None
     assert away.code == "hover"
-    assert (
-        restless("tap", hydrodynamics_of.compile(sound["uuv_puma"].copy()), (0.15, 0.0, 0.0))
-        is None
-    )
+    steady = hydrodynamics_of.compile(sound["uuv_puma"].copy())
+    assert rest_of("tap", steady, (0.15, 0.0, 0.0)).refusal is None
 
 
 def test_water_of_welded_links_counts_as_one(sound: dict[str, mujoco.MjSpec]) -> None:
@@ -262,7 +267,7 @@ def test_a_fault_refuses_jobs(sound: dict[str, mujoco.MjSpec]) -> None:
     next(actuator for actuator in servo.actuators if actuator.name == "joint2").gear[0] = 2.0
     five.delete(next(actuator for actuator in five.actuators if actuator.name == "thruster_sway"))
     for spec, code in ((servo, "motor"), (five, "thruster-rank")):
-        verdict = check_vehicle(spec, jobs=("barrel-longitudinal",)).verdict("barrel-longitudinal")
+        verdict = judged(spec, "barrel-longitudinal")
         assert (verdict.promised, verdict.code) == (False, code)
         with pytest.raises(ConfigurationError, match=r"the work was not started: .* uuv check"):
             preflight(clean_barrel(), OwnVehicle.of(spec))
@@ -306,7 +311,7 @@ def test_hover_of_eight_thrusters_is_promised(sound: dict[str, mujoco.MjSpec]) -
 
 
 def test_the_command_prints_a_screen_and_json(capsys: pytest.CaptureFixture[str]) -> None:
-    assert command.main("check", ["uuv_puma", "--jobs", "barrel-longitudinal"]) == 0
+    assert command.main("check", ["uuv_puma", "--jobs", "barrel-longitudinal", "--poses", "2"]) == 0
     output = capsys.readouterr().out
     assert len(output.splitlines()) < 30
     assert "feasible" in output
@@ -331,7 +336,7 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     """And one that is beyond `ready` alone is begun with a line about it, a sound one without."""
     job = clean_barrel()
     vehicle = OwnVehicle.of(sound["uuv_puma"].copy())
-    assert preflight(job, vehicle) == []
+    assert preflight(job, vehicle) == Preflight()
     weak = sound["uuv_puma"].copy()
     arm_too_weak(weak)
     with pytest.raises(
@@ -347,10 +352,11 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
     ):
         preflight(job, OwnVehicle.of(blind))
     small = OwnVehicle.of(sound["bluerov2_heavy_alpha5"].copy())
-    (message,) = preflight(clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small)
+    (message,) = preflight(
+        clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small
+    ).lines
     assert re.fullmatch(
-        r"doubtful: .* the set force is 80 N; try --forces \d+|"
-        r"doubtful: the set force of 80 N .* of a thruster.*",
+        r"doubtful: 80 N .* need \d+% of a thruster; uuv check finds a set force that passes",
         message,
     )
     with pytest.raises(
@@ -376,5 +382,8 @@ def test_commands_behind_a_check_say_what_stays_the_same() -> None:
     output = StringIO()
     print_check(VehicleCheck(vehicle="rov", jobs=tuple(jobs)), Console(width=200, file=output))
     text = output.getvalue()
-    assert "with the same --vehicle, --tool and --forces: uuv run clean-pile\n" in text
-    assert "with the same --vehicle: uuv run insert-sampler, sample-seabed\n" in text
+    assert "with the same options: uuv run clean-pile\n" in text
+    assert (
+        "with the same options but --tool and --forces: uuv run insert-sampler, sample-seabed\n"
+        in text
+    )

@@ -5,6 +5,7 @@ episodes.
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ if sys.version_info >= (3, 13):
     pytest.skip("dm_control has no packages for this Python", allow_module_level=True)
 
 # isort: skip  # before dm_control, for which it chooses a renderer
+import gymnasium
 import mujoco
 import trimesh
 from dm_control import composer, mjcf
@@ -21,6 +23,7 @@ from dm_control.composer.observation import observable
 
 from untyped import untyped
 from uuv import environments as uuv
+from uuv.environments import suite
 from uuv.environments.actions import ThrustersAndTorques
 from uuv.environments.entities import put
 from uuv.environments.mjcf_parts import parts_of
@@ -543,3 +546,49 @@ def test_a_command_reaches_the_thrusters_of_a_vehicle_outside_a_task():
     for _ in range(20):
         env.step(np.zeros(0))
     assert vehicle.truth.p_WB[2] > 0.005
+
+
+def test_names_with_slashes_and_dots_change_nothing(tmp_path: Path) -> None:
+    """As in the URDFs of ROS, with namespaces; two names differ by the slash alone."""
+    xml = sidecar.xml_with_elements(vehicle_spec("uuv_puma"))
+    renamed = {
+        "link2": "ns/link.2",
+        "joint3": "ns/j.3",
+        "joint4": "ns_j.3",
+        "joint5": "a.b",
+        "thruster_sway": "thr/s.way",
+    }
+    for before, after in renamed.items():
+        assert before in xml
+        xml = xml.replace(before, after)
+    file = tmp_path / "scoped.xml"
+    file.write_text(xml, encoding="utf-8")
+
+    states = []
+    for vehicle in ("uuv_puma", str(file)):
+        spread = (Gears(spread=0.3), Water(spread=0.2))
+        environment = suite.load("water/reach", vehicle=vehicle, seed=3, perturbations=spread)
+        environment.reset()
+        rng = np.random.default_rng(1)
+        for _ in range(5):
+            environment.step(rng.uniform(-1.0, 1.0, environment.action_spec().shape))
+        states.append(np.array(environment.physics.data.qpos))
+    np.testing.assert_array_equal(*states)
+    model = environment.physics.model.ptr
+    names = {model.joint(j).name for j in range(model.njnt)}
+    assert {"vehicle/arm/ns_j.3_2", "vehicle/arm/ns_j.3", "vehicle/arm/a.b"} <= names
+    assert float(np.abs(states[0][7:]).max()) > 0.01
+
+
+def test_a_task_takes_a_vehicle_with_another_tool() -> None:
+    """A vehicle whose arm has none of its own is given one, in dm_control and in Gymnasium."""
+    made = suite.load("water/reach", vehicle="bluerov2_heavy_alpha5", tool="small_pad", seed=0)
+    assert "vehicle/arm/tool/contact_force" in made.reset().observation
+    gym_made = gymnasium.make(
+        "uuv.environments.gym_tasks:uuv/Reach-v0", vehicle="bluerov2_heavy_alpha5", tool="small_pad"
+    )
+    observation, _ = gym_made.reset(seed=0)
+    assert "vehicle/arm/tool/contact_force" in observation
+    gym_made.close()
+    with pytest.raises(ConfigurationError, match=r"unknown tool 'hammer'"):
+        suite.load("water/reach", tool="hammer")

@@ -64,7 +64,7 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
         def made_by(self, _made_by: Any) -> Any:
             return self
 
-        def started(self, _start: Any) -> Any:
+        def extended(self, **_entries: Any) -> Any:
             return self
 
         def write(self, file: Path) -> None:

@@ -261,7 +261,7 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
 
 
 @kernel
-def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
+def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, spare, out):
     """Re-aiming, p*_C = R^T (p*_O - r) [Konoplin 2022]: tool pose in the arm's base, joint rates.
 
     Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular
@@ -278,6 +278,8 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
         tip: pose X_BG (4, 4) and Jacobian J_B (6, n) of the tip as it is, hull axes.
         drift: True compensates the motion of the hull.
         speed_limit: [rad/s] of the fastest joint; the others are slowed down with it.
+        spare: (n,) [rad/s] joint speeds wanted where the tool leaves them free; of an arm with
+            other than six joints.
         out: fields of `ResolvedMotion`, in a tuple; written.
     """
     tool = ToolTarget(*tool)
@@ -325,7 +327,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
         z = tip_B[:3, 2].copy()
         rest = np.zeros(n)
         held = np.zeros(n, dtype=np.bool_)
-        prioritised(J_B, z, twists[0], DAMPING, rest, held, qd)
+        prioritised(J_B, z, twists[0], DAMPING, spare, held, qd)
         prioritised(J_B, z, twists[1], DAMPING, rest, held, qdd)
         prioritised(J_B, z, twists[2], DAMPING, rest, held, yielding[1])
 

@@ -29,6 +29,7 @@ from uuv.controllers.ik.damped_descent import solve_hybrid, solve_keep
 from uuv.controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
 from uuv.controllers.ik.pose_parts import PartTolerances, alike, split
 from uuv.controllers.ik.priorities import solve_priority
+from uuv.controllers.ik.spare_joints import spare_motion
 from uuv.controllers.ik.sweeps import solve_jacobian_free
 from uuv.sim.interfaces.kernels import kernel
 
@@ -51,6 +52,11 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     def kinematics(memory, q, X, J):
         table, _, _, work, _, _ = partition(memory, q.shape[0])
         forward(table, q, work, X, J)
+
+    @_holding
+    def spare(memory, q, blocked, rates):
+        table, _, _, work, _, _ = partition(memory, q.shape[0])
+        return spare_motion(table, q, work, blocked, rates)
 
     # The usual calls of `solve` take plain numbers: numba would have to take a record of settings
     # apart at each call.
@@ -152,6 +158,7 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     by_parts = (_GIVEN[2], _GIVEN[1], _SETTINGS, _REAL, _REAL, _TABLE, _VECTOR)
     return {
         "kinematics": (kinematics, (_GIVEN[1], _TABLE, _TABLE)),
+        "spare": (spare, (_GIVEN[1], _GIVEN[2], _VECTOR)),
         "hybrid": (hybrid, usual),
         "keep": (keep, usual),
         "traced_hybrid": (traced_hybrid, traced),

@@ -520,6 +520,7 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
             (inverse(X_WB) @ X_WG, np.ascontiguousarray(J_B)),
             True,
             np.inf,
+            np.zeros(len(qd)),
             (np.empty((4, 4)), qd, qdd, yielding),
         )
         rates = np.zeros(model.nv)

@@ -154,7 +154,7 @@ def start(chain: Chain, q_lock: Array, path: Array, case: TrackCase) -> Array:
     """
     back = path[: len(path) // 2][::-1]
     run = track(
-        chain, back, q_lock, case.period, speed_limits=4.0 * case.speed_limit, passing="limit"
+        chain, back, q_lock, case.period, speed_limits=4.0 * case.speed_limit, spare_joints=False
     )
 
     if not run.converged[-1]:

@@ -150,13 +150,18 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         hull,
         tip,
         track.follows_hull,
-        track.speed_limit,
-        spare,
+        (track.speed_limit, spare),
         resolved,
     )
 
+    # Joints to spare would integrate the offset that is blended out: they start where the arm would
+    # stand without it
+    start = out.q.copy()
+    if track.spare_speed > 0.0:
+        for j in range(n):
+            start[j] += dt * spare[j] - (0.0 if out.holding[0] else out.offset[j])
+
     # Inverse kinematics on the branch of the last angles
-    start = out.q + dt * spare
     trail = out.chain[:0].reshape(0, 1)
     q = np.empty(n)
     if track.solver:

@@ -53,11 +53,6 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
         table, _, _, work, _, _ = partition(memory, q.shape[0])
         forward(table, q, work, X, J)
 
-    @_holding
-    def spare(memory, q, blocked, rates):
-        table, _, _, work, _, _ = partition(memory, q.shape[0])
-        return spare_motion(table, q, work, blocked, rates)
-
     # The usual calls of `solve` take plain numbers: numba would have to take a record of settings
     # apart at each call.
     @_holding
@@ -158,7 +153,6 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     by_parts = (_GIVEN[2], _GIVEN[1], _SETTINGS, _REAL, _REAL, _TABLE, _VECTOR)
     return {
         "kinematics": (kinematics, (_GIVEN[1], _TABLE, _TABLE)),
-        "spare": (spare, (_GIVEN[1], _GIVEN[2], _VECTOR)),
         "hybrid": (hybrid, usual),
         "keep": (keep, usual),
         "traced_hybrid": (traced_hybrid, traced),
@@ -177,7 +171,13 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     }
 
 
-_ENTRIES = _make_entries()
+@_holding
+def _spare(memory, q, blocked, rates):
+    views = partition(memory, q.shape[0])
+    return spare_motion(views.table, q, views.work, blocked, rates)
+
+
+_ENTRIES = _make_entries() | {"spare": (_spare, (_GIVEN[1], _GIVEN[2], _VECTOR))}
 
 
 @cache

@@ -43,6 +43,7 @@ from uuv.sim.interfaces.spatial import (
     one_of,
     readonly,
     real_array,
+    shown,
     whole_number,
 )
 
@@ -141,26 +142,16 @@ class Tracker:
             ConfigurationError: for a period, speed limit, nearness or tolerance that is not
                 positive and finite, or for an unknown passing, method or joint.
         """
-        positive = {
-            "period": period,
-            "near": near,
-            "position_tolerance": position_tolerance,
-            "orientation_tolerance": orientation_tolerance,
-        }
-        for name, value in ((name, number(value, name)) for name, value in positive.items()):
-            if not (value > 0.0 and (np.isfinite(value) or name == "near")):
-                raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
-        if not orientation_tolerance < np.pi:
-            raise ConfigurationError(
-                "orientation_tolerance: must be under pi, for the whole pose is tracked, got "
-                f"{orientation_tolerance:g}"
-            )
-
+        _check_sizes(period, near, position_tolerance, orientation_tolerance)
         speeds = _checked_speeds(speed_limits, chain.n)
         one_of(passing, get_args(Passing), "passing")
         one_of(method, get_args(Method), "method")
         if hold_joint is not None:
             whole_number(hold_joint, "hold_joint", most=chain.n - 1)
+        if not isinstance(spare_joints, bool | np.bool_):
+            raise ConfigurationError(
+                f"spare_joints: must be True or False, got {shown(spare_joints)}"
+            )
 
         self.hold_joint = hold_joint
         self.chain = chain
@@ -423,6 +414,27 @@ def _tracked(tracker: Tracker, targets: Array, q0: ArrayLike) -> Track:
         way=tuple(step.way for step in steps),
         restricted=np.array([step.restricted for step in steps]),
     )
+
+
+def _check_sizes(
+    period: float, near: float, position_tolerance: float, orientation_tolerance: float
+) -> None:
+    """Refuse numbers of a tracker that are not positive and finite; `near` may be infinite."""
+    positive = {
+        "period": period,
+        "near": near,
+        "position_tolerance": position_tolerance,
+        "orientation_tolerance": orientation_tolerance,
+    }
+    for name, value in ((name, number(value, name)) for name, value in positive.items()):
+        if not (value > 0.0 and (np.isfinite(value) or name == "near")):
+            raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
+
+    if not orientation_tolerance < np.pi:
+        raise ConfigurationError(
+            "orientation_tolerance: must be under pi, for the whole pose is tracked, got "
+            f"{orientation_tolerance:g}"
+        )
 
 
 def _checked_speeds(speed_limits: ArrayLike, n: int) -> Array:

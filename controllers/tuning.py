@@ -113,6 +113,9 @@ class ArmTuning:
     )
     integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
     joint_speed_limit: float = tuned(1.6, "[rad/s] of the fastest joint; reached in a retreat only")
+    spare_joint_speed: float = tuned(
+        0.1, "[rad/s] of joints to spare on the way off singular postures and limits"
+    )
     force_filter: float = tuned(0.012, "[s] first-order filter of the force estimate")
     observer_lag: float = tuned(0.012, "[s] lag of the load observer, which is also its filter")
     acceleration_filter: float = tuned(

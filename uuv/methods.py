@@ -18,3 +18,5 @@ NavigationMethod = Literal["fusion", "gyro-check"]
 AblatedMethod = Literal[Method, NavigationMethod]
 NAVIGATION: frozenset[NavigationMethod] = frozenset(get_args(NavigationMethod))
 PublishedMethod = Literal["force-law", "normal-force-law", "tip-force", "identification"]
+# what the contact force is estimated from: sensors of the joint torques, or motor torques
+ForceSource = Literal["sensors", "motors"]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 
 from uuv.controllers.ik.method import Method as IkMethod
-from uuv.methods import AblatedMethod, PublishedMethod
+from uuv.methods import AblatedMethod, ForceSource, PublishedMethod
 from uuv.models.water.battery import Battery
 from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
 from uuv.perturbations.perturbation import Perturbation
@@ -224,6 +224,12 @@ class Control:
         group="control",
         everywhere=False,
     )
+    force_from: ForceSource = option(
+        "sensors",
+        "Source of the contact force: sensors of the joint torques, or motors: motor torques, by a "
+        "load observer.",
+        group="control",
+    )
     elastic_gears: bool = False  # the softer joint servo for gears that twist under load
     operator: Operator | None = None  # operator who drives the vehicle; None: the task's planner
 
@@ -233,6 +239,11 @@ class Control:
             raise ConfigurationError(
                 "control.without force-control, control.published force-law and "
                 "normal-force-law: give only one of them"
+            )
+        if self.force_from == "motors" and "tip-force" in self.published:
+            raise ConfigurationError(
+                "control.force_from motors and control.published tip-force: give only one of them; "
+                "the published formula reads torque sensors"
             )
 
 

@@ -261,7 +261,7 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
 
 
 @kernel
-def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
+def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, joints, out):
     """Re-aiming, p*_C = R^T (p*_O - r) [Konoplin 2022]: tool pose in the arm's base, joint rates.
 
     Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular
@@ -277,12 +277,14 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
         hull: (24,) motion of the hull as in `newton_euler`.
         tip: pose X_BG (4, 4) and Jacobian J_B (6, n) of the tip as it is, hull axes.
         drift: True compensates the motion of the hull.
-        speed_limit: [rad/s] of the fastest joint; the others are slowed down with it.
+        joints: speed limit [rad/s] of the fastest, with which the others are slowed down; and
+            speeds (n,) [rad/s] wanted where the tool leaves them free, with other than six joints.
         out: fields of `ResolvedMotion`, in a tuple; written.
     """
     tool = ToolTarget(*tool)
     out = ResolvedMotion(*out)
     tip_B, J_B = tip
+    speed_limit, spare = joints
     qd = out.qd
     qdd = out.qdd
     yielding = out.yielding
@@ -325,7 +327,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, speed_limit, out):
         z = tip_B[:3, 2].copy()
         rest = np.zeros(n)
         held = np.zeros(n, dtype=np.bool_)
-        prioritised(J_B, z, twists[0], DAMPING, rest, held, qd)
+        prioritised(J_B, z, twists[0], DAMPING, spare, held, qd)
         prioritised(J_B, z, twists[1], DAMPING, rest, held, qdd)
         prioritised(J_B, z, twists[2], DAMPING, rest, held, yielding[1])
 

@@ -1,8 +1,9 @@
 """Joint motion between the planner's steps: tool pose to joint angles, compiled for its rate.
 
 One step extrapolates the tool pose, displaces it, and resolves it into the arm's base. MKPS solves
-the inverse kinematics on the branch of the last angles. The jump where the arm began to follow a
-tool pose is blended out.
+the inverse kinematics on the branch of the last angles, from where joints to spare have moved the
+arm off singular postures and limits. The jump where the arm began to follow a tool pose is blended
+out.
 """
 
 from typing import NamedTuple
@@ -10,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv.controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
-from uuv.controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings
+from uuv.controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings, partition
 from uuv.controllers.ik.damped_descent import solve_keep
 from uuv.controllers.ik.method import tracking_method
+from uuv.controllers.ik.spare_joints import spare_motion
 from uuv.controllers.ik.tracking_solvers import solve_at, solver_address
 from uuv.controllers.tuning import ArmTuning
 from uuv.sim.interfaces.kernels import kernel
@@ -21,6 +23,7 @@ from uuv.sim.interfaces.spatial import Array
 _POSITION = 1e-6  # [m] tolerance of the inverse kinematics
 _ORIENTATION = 1e-5  # [rad] tolerance of the inverse kinematics
 _STEPS = 4000  # [-] most iterations of the inverse kinematics
+_NEEDED = 6  # joints that a tool pose needs; those beyond are to spare
 
 
 class ToolMotion(NamedTuple):
@@ -61,6 +64,7 @@ class ToolTracking(NamedTuple):
     # address of the inverse kinematics (`uuv.controllers.ik.tracking_solvers`); 0: the hybrid
     # method
     solver: int
+    spare_speed: float  # [rad/s] at which joints to spare move the arm; 0: it has none
 
     @classmethod
     def of(
@@ -82,6 +86,7 @@ class ToolTracking(NamedTuple):
             tuning.blend_time,
             tuning.task_period,
             solver,
+            tuning.spare_joint_speed if joints > _NEEDED else 0.0,
         )
 
 
@@ -127,6 +132,14 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     n = out.q.shape[0]
     dt = track.period
 
+    # Way off singular postures and limits, with the tool at rest
+    spare = np.zeros(n)
+    if track.spare_speed > 0.0:
+        views = partition(out.chain, n)
+        spare_motion(views.table, out.q, views.work, np.zeros((6, 6)), spare)
+        for j in range(n):
+            spare[j] *= track.spare_speed
+
     # Tool pose now, and the motion that it asks of the arm
     X_WG = extrapolated(tool.X_WG, tool.v_WG_W, tool.w_WG_W, since, displaced[0], displaced[1])
     resolved = ResolvedMotion(np.empty((4, 4)), np.empty(n), out.qdd, out.yielding)
@@ -137,9 +150,16 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
         hull,
         tip,
         track.follows_hull,
-        track.speed_limit,
+        (track.speed_limit, spare),
         resolved,
     )
+
+    # Joints to spare would integrate the offset that is blended out: they start where the arm would
+    # stand without it
+    start = out.q.copy()
+    if track.spare_speed > 0.0:
+        for j in range(n):
+            start[j] += dt * spare[j] - (0.0 if out.holding[0] else out.offset[j])
 
     # Inverse kinematics on the branch of the last angles
     trail = out.chain[:0].reshape(0, 1)
@@ -150,7 +170,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
             track.solver,
             out.chain,
             resolved.X_AG,
-            out.q,
+            start,
             (_POSITION, _ORIENTATION),
             _STEPS,
             q,
@@ -163,7 +183,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
             HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False
         )
         code, _, _, error_p, error_r = solve_keep(
-            out.chain, resolved.X_AG, out.q, settings, None, trail, q
+            out.chain, resolved.X_AG, start, settings, None, trail, q
         )
 
     if code >= BAD_TARGET:

@@ -311,7 +311,10 @@ def momentum(arm, work, p_joint, turning):
 
 
 class MomentumObserver(TorqueResidual):
-    """Contact force from motor torques by the momentum of arm and hull [DeLuca 2003]."""
+    """Contact force from motor torques by the momentum of arm and hull [DeLuca 2003].
+
+    Of a joint at rest, whatever its gears hold by dry friction counts as contact.
+    """
 
     def __init__(
         self,
@@ -391,7 +394,10 @@ class MomentumObserver(TorqueResidual):
             dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, qd_wanted, state.friction
         )
 
-        self._tare(state, reference)
+        # At rest the tare would take for its zero whatever the gears hold by their dry friction
+        if not np.any(dry.stiction):
+            self._tare(state, reference)
+
         sigma_G = state.record.sigma_G
         if self._is_slow_tick(state):
             known = tuning.gears.known

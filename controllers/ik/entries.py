@@ -29,6 +29,7 @@ from uuv.controllers.ik.damped_descent import solve_hybrid, solve_keep
 from uuv.controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
 from uuv.controllers.ik.pose_parts import PartTolerances, alike, split
 from uuv.controllers.ik.priorities import solve_priority
+from uuv.controllers.ik.spare_joints import spare_motion
 from uuv.controllers.ik.sweeps import solve_jacobian_free
 from uuv.sim.interfaces.kernels import kernel
 
@@ -170,7 +171,13 @@ def _make_entries() -> dict[str, tuple[Any, tuple[Any, ...]]]:
     }
 
 
-_ENTRIES = _make_entries()
+@_holding
+def _spare(memory, q, blocked, rates):
+    views = partition(memory, q.shape[0])
+    return spare_motion(views.table, q, views.work, blocked, rates)
+
+
+_ENTRIES = _make_entries() | {"spare": (_spare, (_GIVEN[1], _GIVEN[2], _VECTOR))}
 
 
 @cache

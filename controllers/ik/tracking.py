@@ -18,10 +18,13 @@ and the plain solution exceeds `speed_limits`. It ends where the plain solution 
 `speed_limits` again. By default it is `limit`, which leaves the path least
 (scripts/experiments/papers/singular_crossings.py). With `auto` it is `hold` under a quarter of
 `near`, else `limit`.
+
+An arm with joints to spare seldom comes so far. While the tool follows its path they move the arm
+off singular configurations and joint limits (`uuv.controllers.ik.spare_joints`).
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, TypedDict, Unpack, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +43,7 @@ from uuv.sim.interfaces.spatial import (
     one_of,
     readonly,
     real_array,
+    shown,
     whole_number,
 )
 
@@ -50,6 +54,8 @@ _HOLD_SHARE = 0.25  # share of `near` under which a joint is held
 # [s] after which a joint is let go: while it stands still the arm may stay singular
 _LONGEST_HOLD = 2.0
 _STEPS = 400  # largest number of solver steps per pose
+_SPARE_SHARE = 0.5  # of the speed limits, up to which joints to spare move the arm
+_SPARE_SPEED = 0.3  # [rad/s] largest speed of a joint that is used for this
 _LEAD = 8.0  # factor of position against orientation errors where the tool must leave its path
 
 
@@ -110,6 +116,7 @@ class Tracker:
         orientation_tolerance: float = 1e-5,
         method: Method = "hybrid",
         hold_joint: int | None = None,
+        spare_joints: bool = True,
     ) -> None:
         """Validate and store the options of the tracking.
 
@@ -128,31 +135,23 @@ class Tracker:
             method: solver, as in `uuv.controllers.mkps.solve`.
             hold_joint: index of the joint that is held, theta_1 in [Danilov 2021]; default: the one
                 that would spin.
+            spare_joints: with more joints than the tool needs, move off singular postures and joint
+                limits on the way (`uuv.controllers.ik.spare_joints`).
 
         Raises:
             ConfigurationError: for a period, speed limit, nearness or tolerance that is not
                 positive and finite, or for an unknown passing, method or joint.
         """
-        positive = {
-            "period": period,
-            "near": near,
-            "position_tolerance": position_tolerance,
-            "orientation_tolerance": orientation_tolerance,
-        }
-        for name, value in ((name, number(value, name)) for name, value in positive.items()):
-            if not (value > 0.0 and (np.isfinite(value) or name == "near")):
-                raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
-        if not orientation_tolerance < np.pi:
-            raise ConfigurationError(
-                "orientation_tolerance: must be under pi, for the whole pose is tracked, got "
-                f"{orientation_tolerance:g}"
-            )
-
+        _check_sizes(period, near, position_tolerance, orientation_tolerance)
         speeds = _checked_speeds(speed_limits, chain.n)
         one_of(passing, get_args(Passing), "passing")
         one_of(method, get_args(Method), "method")
         if hold_joint is not None:
             whole_number(hold_joint, "hold_joint", most=chain.n - 1)
+        if not isinstance(spare_joints, bool | np.bool_):
+            raise ConfigurationError(
+                f"spare_joints: must be True or False, got {shown(spare_joints)}"
+            )
 
         self.hold_joint = hold_joint
         self.chain = chain
@@ -161,6 +160,8 @@ class Tracker:
         self.passing = passing
         self.method = method
         self._travel = speeds * period
+        units = np.where([letter == "p" for letter in chain.joint_types], chain._scale, 1.0)
+        self._spare_travel = min(float(np.min(units * self._travel)), _SPARE_SPEED * period)
 
         # Settings of the compiled solver; in an axis stage each axis may take its share of `tol_r`
         tol_p = float(position_tolerance)
@@ -182,7 +183,13 @@ class Tracker:
         self._entry = entry(
             "keep" if self._usual else "traced_keep" if method == "hybrid" else method
         )
-        self._rank = _generic_rank(chain)
+        self._rank, blocked = _generic_rank(chain)
+        self._spare = blocked if spare_joints and chain.n > self._rank else None
+
+    @property
+    def uses_spare_joints(self) -> bool:
+        """True if the chain has joints to spare, and they move it off singular configurations."""
+        return self._spare is not None
 
     def init(self, q0: ArrayLike) -> TrackState:
         """State at `q0` (n,) [rad] or [m]; ConfigurationError if bad or beyond the limits."""
@@ -199,40 +206,45 @@ class Tracker:
         """Joint values for the next pose; ConfigurationError if `X_base_tip` (4, 4) is no pose."""
         target = checked(X_base_tip, (4, 4), "X_base_tip")
         nearness, motion = self._weakest(state.q)
-        q, errors, converged = self._solve(target, state.q, self.chain.limits)
+        limits = self.chain.limits
+        solution = self._solve(target, state.q, limits)
 
         way: Way = "none"
         held = None
         restricted = np.zeros(self.chain.n, dtype=bool)
 
         # Too fast near a singular configuration: pass it within the speed limits
-        too_fast = bool(np.any(np.abs(q - state.q) > self._travel))
+        too_fast = bool(np.any(np.abs(solution.q - state.q) > self._travel))
         if self.passing != "off" and too_fast and (state.way != "none" or nearness < self.near):
             way, held = self._choose(state, nearness, motion)
 
-            lower = np.maximum(self.chain.limits[:, 0], state.q - self._travel)
-            upper = np.minimum(self.chain.limits[:, 1], state.q + self._travel)
+            lower = np.maximum(limits[:, 0], state.q - self._travel)
+            upper = np.minimum(limits[:, 1], state.q + self._travel)
             if held is not None:
                 lower[held] = upper[held] = state.q[held]
 
-            q, errors, converged = self._solve(target, state.q, np.column_stack([lower, upper]))
-            restricted = ((q <= lower) & (lower > self.chain.limits[:, 0])) | (
-                (q >= upper) & (upper < self.chain.limits[:, 1])
+            limits = np.column_stack([lower, upper])
+            solution = self._solve(target, state.q, limits)
+            restricted = ((solution.q <= lower) & (lower > self.chain.limits[:, 0])) | (
+                (solution.q >= upper) & (upper < self.chain.limits[:, 1])
             )
 
+        if self._spare is not None and solution.met and held is None:
+            solution = self._cleared(target, state.q, solution, limits, self._spare)
+
         step = TrackStep(
-            q=q,
-            qd=readonly((q - state.q) / self.period),
-            position_error=errors[0],
-            orientation_error=errors[1],
-            converged=converged,
+            q=solution.q,
+            qd=readonly((solution.q - state.q) / self.period),
+            position_error=solution.position_error,
+            orientation_error=solution.orientation_error,
+            converged=solution.met,
             nearness=nearness,
             way=way,
             restricted=restricted,
         )
 
         held_for = state.held_for + self.period * (held is not None) if way != "none" else 0.0
-        return TrackState(q=q, way=way, held=held, held_for=held_for), step
+        return TrackState(q=solution.q, way=way, held=held, held_for=held_for), step
 
     def _choose(self, state: TrackState, nearness: float, motion: Array) -> tuple[Way, int | None]:
         """Way of passing, and the joint to hold: the one that moves most in the weakest motion."""
@@ -256,10 +268,42 @@ class Tracker:
         _, nearnesses, motions = np.linalg.svd(J, full_matrices=False)
         return float(nearnesses[self._rank - 1]), motions[self._rank - 1]
 
-    def _solve(
-        self, target: Array, q0: Array, limits: Array
-    ) -> tuple[Array, tuple[float, float], bool]:
-        """Nearest pose within `limits` by short steps from `q0`: (q, errors [m] [rad], met)."""
+    def _cleared(
+        self, target: Array, q_last: Array, solution: "_Solution", limits: Array, blocked: Array
+    ) -> "_Solution":
+        """The solution, moved off singular configurations and limits by the joints to spare.
+
+        Unchanged where the joints are fast already, or the tool would leave its path.
+
+        Args:
+            target: (4, 4) pose.
+            q_last: (n,) joint values one period ago.
+            solution: within `limits`.
+            limits: (n, 2) of the joints in this period.
+            blocked: (6, 6) of `spare_motion`.
+        """
+        rates = np.empty(self.chain.n)
+        entry("spare")(self.chain._memory, solution.q, blocked, rates)
+        if not np.any(rates):
+            return solution
+
+        # Not faster than the share of the speed limits that is for this, or than the fastest joint
+        moved = solution.q - q_last
+        share = min(max(_SPARE_SHARE, float(np.max(np.abs(moved) / self._travel))), 1.0)
+        room = share * self._travel - np.sign(rates) * moved
+        with np.errstate(divide="ignore"):
+            far = min(self._spare_travel, float(np.min(room / np.abs(rates))))
+        if far <= 0.0:
+            return solution
+
+        # The tool back on its path, which this leaves to second order
+        start = np.clip(solution.q + far * rates, limits[:, 0], limits[:, 1])
+        cleared = self._solve(target, start, limits)
+        fast = np.abs(cleared.q - q_last) > np.maximum(self._travel, np.abs(moved))
+        return cleared if cleared.met and not np.any(fast) else solution
+
+    def _solve(self, target: Array, q0: Array, limits: Array) -> "_Solution":
+        """Nearest pose within `limits` by short steps from `q0`."""
         chain = self.chain
         memory = self._memory.copy()
         set_limits(memory, kernels.LOWER, limits[:, 0])
@@ -274,8 +318,34 @@ class Tracker:
         code, _, _, error_p, error_r = outcome
         if code == kernels.BAD_TARGET:
             raise not_a_pose("X_base_tip", target)
-        close = error_p <= self._tolerances[0] and error_r <= self._tolerances[1]
-        return readonly(q), (error_p, error_r), close
+        return _Solution(
+            q=readonly(q),
+            position_error=error_p,
+            orientation_error=error_r,
+            met=error_p <= self._tolerances[0] and error_r <= self._tolerances[1],
+        )
+
+
+class _Solution(NamedTuple):
+    """Joint values for a pose."""
+
+    q: Array  # (n,) [rad] or [m]
+    position_error: float  # [m]
+    orientation_error: float  # [rad]
+    met: bool  # both within their tolerances
+
+
+class TrackingOptions(TypedDict, total=False):
+    """Options of a `Tracker`, by keyword."""
+
+    speed_limits: ArrayLike
+    passing: Passing
+    near: float
+    position_tolerance: float
+    orientation_tolerance: float
+    method: Method
+    hold_joint: int | None
+    spare_joints: bool
 
 
 def track(
@@ -283,29 +353,20 @@ def track(
     X_base_tip: ArrayLike,
     q0: ArrayLike,
     period: float,
-    *,
-    speed_limits: ArrayLike = 1.0,
-    passing: Passing = "limit",
-    near: float = 0.1,
-    position_tolerance: float = 1e-6,
-    orientation_tolerance: float = 1e-5,
-    method: Method = "hybrid",
-    hold_joint: int | None = None,
+    **options: Unpack[TrackingOptions],
 ) -> Track:
     """Track a whole sequence of tool poses.
+
+    Joints to spare may lead an arm to where its tool must leave the path. A sequence from which the
+    tool would be off is therefore tracked without them too, and that run is returned if its largest
+    error of position or of orientation is smaller.
 
     Args:
         chain: the serial chain.
         X_base_tip: (N, 4, 4) tip poses in the base frame.
         q0: (n,) [rad] or [m] joint values one period before the first pose.
         period: [s] between poses.
-        speed_limits: [rad/s] or [m/s], as in `Tracker`.
-        passing: as in `Tracker`.
-        near: as in `Tracker`.
-        position_tolerance: [m] as in `Tracker`.
-        orientation_tolerance: [rad] as in `Tracker`.
-        method: as in `Tracker`.
-        hold_joint: as in `Tracker`.
+        **options: of the `Tracker`, with its defaults.
 
     Returns:
         Joint values, speeds and errors, one row per pose.
@@ -313,17 +374,7 @@ def track(
     Raises:
         ConfigurationError: as `Tracker`, and for poses or joint values that are not valid.
     """
-    tracker = Tracker(
-        chain,
-        period,
-        speed_limits=speed_limits,
-        passing=passing,
-        near=near,
-        position_tolerance=position_tolerance,
-        orientation_tolerance=orientation_tolerance,
-        method=method,
-        hold_joint=hold_joint,
-    )
+    tracker = Tracker(chain, period, **options)
 
     targets = np.asarray(X_base_tip, dtype=np.float64)
     if targets.ndim != 3 or targets.shape[1:] != (4, 4) or len(targets) == 0:
@@ -331,6 +382,21 @@ def track(
             f"X_base_tip: expected shape (N, 4, 4) with N > 0, got {targets.shape}"
         )
 
+    run = _tracked(tracker, targets, q0)
+    if run.converged.all() or not tracker.uses_spare_joints:
+        return run
+
+    options["spare_joints"] = False
+    plain = _tracked(Tracker(chain, period, **options), targets, q0)
+    farther = (
+        run.position_error.max() > plain.position_error.max()
+        or run.orientation_error.max() > plain.orientation_error.max()
+    )
+    return plain if farther else run
+
+
+def _tracked(tracker: Tracker, targets: Array, q0: ArrayLike) -> Track:
+    """Run of a tracker along poses (N, 4, 4) from `q0`."""
     state = tracker.init(q0)
     steps = []
     for target in targets:
@@ -338,7 +404,7 @@ def track(
         steps.append(step)
 
     return Track(
-        time=readonly(period * np.arange(1, len(steps) + 1)),
+        time=readonly(tracker.period * np.arange(1, len(steps) + 1)),
         q=readonly([step.q for step in steps]),
         qd=readonly([step.qd for step in steps]),
         position_error=readonly([step.position_error for step in steps]),
@@ -348,6 +414,27 @@ def track(
         way=tuple(step.way for step in steps),
         restricted=np.array([step.restricted for step in steps]),
     )
+
+
+def _check_sizes(
+    period: float, near: float, position_tolerance: float, orientation_tolerance: float
+) -> None:
+    """Refuse numbers of a tracker that are not positive and finite; `near` may be infinite."""
+    positive = {
+        "period": period,
+        "near": near,
+        "position_tolerance": position_tolerance,
+        "orientation_tolerance": orientation_tolerance,
+    }
+    for name, value in ((name, number(value, name)) for name, value in positive.items()):
+        if not (value > 0.0 and (np.isfinite(value) or name == "near")):
+            raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
+
+    if not orientation_tolerance < np.pi:
+        raise ConfigurationError(
+            "orientation_tolerance: must be under pi, for the whole pose is tracked, got "
+            f"{orientation_tolerance:g}"
+        )
 
 
 def _checked_speeds(speed_limits: ArrayLike, n: int) -> Array:
@@ -361,11 +448,17 @@ def _checked_speeds(speed_limits: ArrayLike, n: int) -> Array:
     return speeds
 
 
-def _generic_rank(chain: Chain) -> int:
-    """Rank of the chain's Jacobian almost everywhere (3 for a planar arm)."""
+def _generic_rank(chain: Chain) -> tuple[int, Array | None]:
+    """Rank of the chain's Jacobian almost everywhere (3 for a planar arm), and the projector (6, 6)
+    on the twists that its tool never has; None where these depend on the posture.
+    """
     rng = np.random.default_rng(0)
     samples = rng.uniform(-3.0, 3.0, (8, chain.n))
-    return max(
-        int(np.linalg.matrix_rank(chain.jacobian(q), tol=1e-9 * max(1.0, 1.0 / chain._scale)))
-        for q in samples
-    )
+    tolerance = 1e-9 * max(1.0, 1.0 / chain._scale)
+    jacobians = [chain.jacobian(q) for q in samples]
+    rank = max(int(np.linalg.matrix_rank(J, tol=tolerance)) for J in jacobians)
+
+    U, sizes, _ = np.linalg.svd(np.hstack(jacobians))
+    if np.sum(sizes > tolerance) > rank:
+        return rank, None
+    return rank, np.ascontiguousarray(U[:, rank:] @ U[:, rank:].T)

@@ -10,19 +10,23 @@ from uuv.experiment import read_rows
 
 
 def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path) -> None:
-    short = ("--reach", 0.5, "--period", 0.1, "--speed-limit", 0.12, "--passing", "off", "limit")
+    recipes = ("--recipe", "without", "limit", "default", "--method", "hybrid")
+    short = ("--reach", 0.5, "--period", 0.1, "--speed-limit", 0.12, *recipes)
     done = script("experiments.papers.track_singularity", *short, "--workers", 1, "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
-    runs = {row["passing"]: row for row in read_rows(tmp_path)}
-    assert runs["off"]["joint_speed"] > 3.0 * 0.12  # measured 3.0
-    assert runs["off"]["position_error"] < 1e-5
+    runs = {row["recipe"]: row for row in read_rows(tmp_path)}
+    assert runs["without"]["joint_speed"] > 3.0 * 0.12  # measured 3.0
+    assert runs["without"]["position_error"] < 1e-5
     assert runs["limit"]["joint_speed"] <= 0.12 * (1.0 + 1e-9)
     # what the passing costs: measured 2.5 s, 1.4 mm and 0.6 deg
-    assert runs["limit"]["off_path"] > 0.0
+    assert runs["limit"]["share_off"] > 0.0
     assert runs["limit"]["position_error"] < 0.02
     assert runs["limit"]["orientation_error"] < 0.1
     assert runs["limit"]["end_error"] < 1e-5
+    # the seventh joint saves all of it
+    assert runs["default"]["joint_speed"] <= 0.06
+    assert runs["default"]["share_off"] == 0.0
     assert "Wrist along y0 through the gimbal lock" in (tmp_path / "report.html").read_text()
 
 
@@ -75,6 +79,7 @@ def test_the_bench_has_its_tables_and_pictures(script, tmp_path: Path) -> None:
     [
         ("experiments.kinematics.ik", ("--arm", "puma"), "'puma'"),
         ("experiments.papers.track_singularity", ("--speed", "0"), "--speed"),
+        ("experiments.papers.track_singularity", ("--recipe", "none"), "--recipe"),
     ],
 )
 def test_bad_input_ends_in_one_line(

@@ -519,7 +519,7 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
             hull,
             (inverse(X_WB) @ X_WG, np.ascontiguousarray(J_B)),
             True,
-            np.inf,
+            (np.inf, np.zeros(n)),
             (np.empty((4, 4)), qd, qdd, yielding),
         )
         rates = np.zeros(model.nv)

@@ -139,6 +139,8 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
         del described["vehicle"]["battery"]
     if scenario.control.operator is None:
         del described["control"]["operator"]
+    if scenario.control.force_from == Control.force_from:
+        del described["control"]["force_from"]
     if not scenario.sensing.follow:
         del described["sensing"]["follow"]
     if scenario.site.flow is None:

@@ -12,6 +12,7 @@ import numpy as np
 from uuv.components.ablations import ablated
 from uuv.controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
 from uuv.controllers.estimation.closed_form_force import ClosedFormForce
+from uuv.controllers.estimation.load_observer import MomentumObserver
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import ELASTIC_GEARS, ArmTuning
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, cause_of, class_of
@@ -150,9 +151,10 @@ def controller(control: Control, model: mujoco.MjModel, *, water_error: float) -
     """The controller of a scenario, made of the vehicle's own model and wrapped in SafetyWrapper.
 
     Args:
-        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that are replaced
-            (`ablated`, `as_published`). An inverse kinematics other than "hybrid", and a servo for
-            elastic gears, are passed in the controller's tuning.
+        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects
+            take the place of (`ablated`, `as_published`), also the load observer for the torque
+            sensors. Another inverse kinematics than "hybrid", and a servo for elastic gears, go to
+            it in its tuning.
         model: The vehicle's model of itself.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
@@ -165,6 +167,8 @@ def controller(control: Control, model: mujoco.MjModel, *, water_error: float) -
     parts = ablated(without, model, water_error) | as_published(
         frozenset(control.published), model, water_error
     )
+    if control.force_from == "motors":
+        parts["estimator"] = MomentumObserver(model, water_error=water_error)
 
     kind = partial(CONTROLLERS.load, name) if ":" not in name else class_of(name, CONTROLLER)
     if ":" not in name:

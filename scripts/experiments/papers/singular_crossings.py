@@ -5,21 +5,23 @@ singular, or up to 20 mm beside it. That of the European Robotic Arm (ERA) is th
 (figs. 6, 7); on the others the wrist has to spin. The tool is off its path where it is more than
 0.1 mm or 1 mrad away.
 
-The recipes: without passing; those of the paper, joints 5 and 6 kept within +-80 deg, or joint 1
-held near the singularity; and those of `uuv.controllers.ik.tracking`. Accepted: no recipe but
-"without" exceeds the speed limit, and the default one leaves the paths for the least share.
+The recipes are those of recipes.py beside this file: without passing; those of the paper, joints 5
+and 6 kept within +-80 deg, or joint 1 held near the singularity; and those of this project. On the
+PUMA and the UR5 such limits of joints 5 and 6 hardly act, and there is no joint to spare. Their
+paths therefore have tables of their own. Accepted: no recipe but "without" exceeds the speed limit,
+and the default one leaves the paths for the least share.
 """
 
 from uuv.start import run_scenario  # isort: skip
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
+from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT, ToolPath, tracked
 from experiments.papers.track_singularity import lock
 from uuv.controllers.mkps import Chain, track
 from uuv.experiment import Page, Row, column, experiment, stat
@@ -27,17 +29,8 @@ from uuv.experiment.statistic import Statistic
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, finite_number, pose
+from uuv.sim.interfaces.spatial import Array, finite_number, one_of, pose
 
-RECIPES: dict[str, dict[str, Any]] = {  # options of `track`; `narrow` limits joints 5 and 6
-    "without": {"passing": "off"},
-    "paper, 5 and 6 within 80 deg": {"passing": "limit", "narrow": True},
-    "paper, joint 1 held": {"passing": "hold", "hold_joint": 0},
-    "limit (default)": {"passing": "limit"},
-    "hold": {"passing": "hold"},
-    "auto": {"passing": "auto"},
-}
-WITHOUT, DEFAULT = "without", "limit (default)"
 # [rad] singular joint values, joint 5 at zero; and which directions of `fast_first` lead along and
 # across
 WRISTS = {
@@ -54,7 +47,6 @@ PATHS: dict[str, tuple[str, float]] = {  # arm, and how far beside the singulari
 }
 REACH_ERA, SLOW_ERA = 1.0, 0.4  # [m] of its path; [rad/s] speed limit on the way back to its begin
 NEAR, OFF, TURNED = 0.02, 1e-4, 1e-3  # [rad] beside the singularity; [m], [rad] off the path
-NARROW = np.deg2rad(80.0)
 BACK = 0.01  # [s] between poses on the way back
 
 
@@ -76,6 +68,8 @@ class CrossingCase:
     """Time between poses [s]."""
 
     def __post_init__(self) -> None:
+        one_of(self.recipe, RECIPES, "--recipe")
+        one_of(self.path, PATHS, "--path")
         for name in ("speed", "speed_limit", "reach", "period"):
             finite_number(getattr(self, name), f"--{name.replace('_', '-')}", above=0.0)
 
@@ -84,6 +78,7 @@ class CrossingCase:
 class CrossingRow:
     """Largest errors of the tool, and what the joints do."""
 
+    arm: str = column("arm")
     position_error: float = column("tool off", "mm", factor=1e3)
     orientation_error: float = column("tool off", "deg", factor=math.degrees(1.0))
     share_off: float = column("of the path off", "%", factor=100.0)
@@ -107,21 +102,13 @@ class Crossing:
 def singular_crossings(case: CrossingCase) -> CrossingRow:
     """Passes one path by one recipe."""
     crossing = crossing_of(case.path, case.speed * case.period, case.reach)
-    options = dict(RECIPES[case.recipe])
-    arm = crossing.arm
-    if options.pop("narrow", False):
-        arm = narrowed(arm, crossing.q0)
-
-    run = track(
-        Chain.from_arm(arm),
-        crossing.path,
-        crossing.q0,
-        case.period,
-        speed_limits=case.speed_limit,
-        **options,
+    path = ToolPath(
+        poses=crossing.path, q0=crossing.q0, period=case.period, speed_limit=case.speed_limit
     )
+    run = tracked(crossing.arm, path, case.recipe, "hybrid")
     off = (run.position_error > OFF) | (run.orientation_error > TURNED)
     return CrossingRow(
+        arm=PATHS[case.path][0],
         position_error=float(run.position_error.max()),
         orientation_error=float(run.orientation_error.max()),
         share_off=float(off.mean()),
@@ -164,7 +151,7 @@ def crossing_of(name: str, step: float, reach: float) -> Crossing:
 
     # Through the singularity with passing, or from beside it.
     if arm_name == ERA:
-        run = track(chain, back, q, BACK, passing="limit", speed_limits=SLOW_ERA)
+        run = track(chain, back, q, BACK, speed_limits=SLOW_ERA, spare_joints=False)
     else:
         run = track(chain, back, q + NEAR, BACK, passing="off")
     if not run.converged[-1]:
@@ -177,16 +164,6 @@ def fast_first(chain: Chain, q: Array) -> Array:
     singular `q`.
     """
     return np.linalg.svd(np.linalg.pinv(chain.jacobian(q + NEAR))[:, :3])[2]
-
-
-def narrowed(arm: PublishedArm, q0: Array) -> PublishedArm:
-    """`arm` with joints 5 and 6 within 80 deg, or as far as `q0` (n,) [rad] is out."""
-    limits = np.array(arm.limits)
-    for joint in (4, 5):
-        most = max(NARROW, abs(float(q0[joint])))
-        limits[joint] = np.clip(limits[joint], -most, most)
-
-    return replace(arm, limits=limits)
 
 
 def default_over_least(rows: Sequence[Row]) -> float | None:
@@ -210,8 +187,8 @@ def _worst_and_mean(name: str, label: str) -> list[Statistic]:
 singular_crossings.page = (
     Page()
     .table(
-        "Crossings by recipe",
-        by="recipe",
+        "Crossings by arm and recipe",
+        by=("arm", "recipe"),
         columns=[
             *_worst_and_mean("position_error", "tool off"),
             *_worst_and_mean("orientation_error", "turned off"),

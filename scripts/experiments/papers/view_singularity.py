@@ -1,6 +1,6 @@
 """Records ERA's way through gimbal lock, with and without passing, for the Rerun viewer.
 
-    ./uvw run scripts/experiments/papers/view_singularity.py --passing limit --speed 0.05 --view
+    ./uvw run scripts/experiments/papers/view_singularity.py --recipe limit --speed 0.05 --view
 
 The runs are those of track_singularity.py beside this file; writes run.rrd.
 """
@@ -15,22 +15,22 @@ import numpy as np
 import rerun.blueprint as rrb
 from rich.console import Console
 
+from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT
 from experiments.papers.track_singularity import ARM, TrackCase, passed_lock
 from uuv.arm_identification.arm_log import ArmLog
-from uuv.controllers.ik.tracking import Passing
 from uuv.controllers.mkps import Track
 from uuv.models.arms import published_arms
-from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.palette import BLUE, ORANGE, rgb
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, one_of
 
 
 @dataclass
 class Options:
     """Motion of the arm along a path through the gimbal lock."""
 
-    passing: Passing = "limit"
-    """Method of passing the lock, in the run with passing."""
+    recipe: str = DEFAULT
+    """How the lock is passed, in the run with passing: default, limit, hold, auto, or one of the
+    paper."""
     reach: float = TrackCase.reach
     """Length of the path before and after the lock [m]."""
     speed: float = TrackCase.speed
@@ -44,15 +44,12 @@ class Options:
 def main() -> int:
     """Tracks the path twice, and records both."""
     options = parse(Options)
-    if options.passing == "off":
-        raise ConfigurationError(
-            "--passing: one run passes the lock; allowed auto, limit, hold, got 'off'"
-        )
+    one_of(options.recipe, tuple(name for name in RECIPES if name != WITHOUT), "--recipe")
 
-    ways: dict[str, Passing] = {"without": "off", "with": options.passing}
+    recipes = {"without": WITHOUT, "with": options.recipe}
     cases = {
-        name: TrackCase(passing=passing, reach=options.reach, speed=options.speed)
-        for name, passing in ways.items()
+        name: TrackCase(recipe=recipe, reach=options.reach, speed=options.speed)
+        for name, recipe in recipes.items()
     }
     tracked = {name: passed_lock(case) for name, case in cases.items()}
 

@@ -11,13 +11,17 @@ import pytest
 
 from uuv import models
 from uuv.components.ablations import ablated
-from uuv.components.contact_parts import as_published
+from uuv.components.contact_parts import as_published, controller
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.estimation.load_observer import MomentumObserver
+from uuv.controllers.estimation.tip_force_estimator import DriveState
 from uuv.controllers.hull.feedforward import WithoutCompensation
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
+from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.vehicle import Vehicle
+from uuv.scenario import Control
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, pose
 
@@ -232,3 +236,36 @@ def test_the_momentum_observer_reads_no_torque_sensor():
     )
     assert np.array_equal(first, second)
     assert np.abs(first[-1, -4:]).max() > 0.1
+
+
+def test_the_force_of_any_job_may_come_from_the_motors():
+    def commanded(control: Control, sensors: bool) -> np.ndarray:
+        chosen = controller(control, OWN, water_error=0.0)
+        rows = [(e if sensors else replace(e, tau=np.zeros(N)), r) for e, r in inputs(6, 100)]
+        state = chosen.init(rows[0][0])
+        for estimate, reference in rows:
+            state, command = chosen.step(state, estimate, reference)
+        return command.contact.force_W
+
+    motors = Control(force_from="motors")
+    np.testing.assert_array_equal(commanded(motors, True), commanded(motors, False))
+    assert not np.allclose(commanded(Control(), True), commanded(Control(), False))
+    with pytest.raises(ConfigurationError, match=r"force_from motors .* tip-force: give only one"):
+        Control(force_from="motors", published=("tip-force",))
+
+
+def test_motors_with_dry_gear_friction_take_no_tare():
+    """At rest the gears may hold anything below stiction, which a tare would take for its zero."""
+    frictionless = DryFriction(
+        coulomb=np.zeros(N), stiction=np.zeros(N), stribeck_speed=np.full(N, 0.1)
+    )
+    for friction, tared in ((None, False), (frictionless, True)):
+        observer = MomentumObserver(OWN, friction=friction)
+        (estimate, reference), *_ = inputs(7, 1)
+        state = observer.init(estimate)
+        drives = DriveState(
+            tau=np.full(N, 3.0), qd_wanted=np.zeros(N), current_W=np.array([0.1, 0.0, 0.0])
+        )
+        for _ in range(20):
+            observer.step(state, estimate, replace(reference, tare=True), drives)
+        assert bool(np.any(state.bias)) is tared

@@ -215,6 +215,7 @@ def test_tracking_keeps_joint_limits() -> None:
         ({"passing": "jump"}, "passing: allowed auto"),
         ({"method": "magic"}, "method: allowed hybrid"),
         ({"near": np.nan}, "near"),
+        ({"spare_joints": "no"}, "spare_joints: must be True or False"),
         ({"position_tolerance": 0.0}, "position_tolerance"),
         ({"orientation_tolerance": 3.2}, "orientation_tolerance: must be under pi"),
         ({"q0": np.full(6, 9.0)}, "q0: joint1"),

@@ -2,13 +2,14 @@
 
 from typing import Any
 
-from experiments.papers.singular_crossings import DEFAULT, WITHOUT, CrossingCase, singular_crossings
+from experiments.papers.recipes import DEFAULT, WITHOUT
+from experiments.papers.singular_crossings import CrossingCase, singular_crossings
 
 
 def row(recipe: str, share_off: float, joint_speed: float) -> dict[str, Any]:
     """A row of a recipe."""
     outcome = {"share_off": share_off, "joint_speed": joint_speed}
-    errors = {"position_error": 1e-3, "orientation_error": 1e-2}
+    errors = {"arm": "ur5", "position_error": 1e-3, "orientation_error": 1e-2}
     return vars(CrossingCase(recipe=recipe, path="ur5, 2 mm")) | errors | outcome
 
 

@@ -69,7 +69,7 @@ SMALL: Registry[Any] = Registry("object", {"small_anode": small_anode, "stone": 
 
 
 def available() -> tuple[str, ...]:
-    """Names of the objects that `named` accepts, without SMALL, including those of other packages."""
+    """Names of the objects that `named` accepts, of other packages too, but without SMALL."""
     return OBJECTS.names()
 
 

@@ -294,7 +294,8 @@ def test_stock_vehicles_survive_both_files(name: str, tmp_path: Path) -> None:
         ("thrusters: {bow: {t200: {}, forward: 1}}", "t200 must be the only key"),
         (
             "thrusters: {bow: {of_table: {command: [-1, 0, 1], thrust: [-1, 0, 1], forward: 1}}}",
-            "thrusters.bow.of_table: thruster forward: must be left out, since the curve determines it",
+            "thrusters.bow.of_table: thruster forward: must be left out, since the curve "
+            "determines it",
         ),
         (
             "bodies: {hull: {volume: 1, forms: [{wing: {area: 0.1, span: 1e-320, drag_0: 0.1}}]}}",
@@ -393,7 +394,9 @@ def test_water_stated_twice_is_refused(tmp_path: Path) -> None:
         vehicle_spec(file)
     file.write_text(by_python().to_xml())
     sidecar.beside(file).write_text("bodies: {hull: {volume: 0.03}}")
-    with pytest.raises(ConfigurationError, match="'hull' has hydrodynamic data already, in user data"):
+    with pytest.raises(
+        ConfigurationError, match="'hull' has hydrodynamic data already, in user data"
+    ):
         vehicle_spec(file)
     sidecar.beside(file).write_text("thrusters: {bow: {forward: 1, reverse: 1}}")
     with pytest.raises(ConfigurationError, match="'bow' has its table already"):

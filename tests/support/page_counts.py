@@ -40,6 +40,7 @@ class Page:
     tree: ast.Module
     nodes: list[ast.AST]  # all of the tree: a walk takes longer than the rules
     lines: list[str]
+    documented: frozenset[int]  # numbers of the lines of docstrings
 
 
 def too_little_air(page: Page) -> Iterator[Offence]:
@@ -141,7 +142,7 @@ def long_functions(page: Page) -> Iterator[Offence]:
 
 def long_files(page: Page) -> Iterator[Offence]:
     """Lines of a file beyond those allowed."""
-    length = _count(page.lines)
+    length = _count(page, 1, len(page.lines))
     if length > FILE_LINES:
         yield Offence(1, length - FILE_LINES, f"{length} lines of {FILE_LINES}")
 
@@ -174,7 +175,9 @@ RULES: dict[str, Callable[[Page], Iterator[Offence]]] = {  # by the key in the r
 def offences(path: Path) -> dict[str, list[Offence]]:
     """Offences of a file against each rule, in the order of its lines."""
     tree = parsed(path)
-    page = Page(tree, list(ast.walk(tree)), path.read_text(encoding="utf-8").splitlines())
+    nodes = list(ast.walk(tree))
+    lines = path.read_text(encoding="utf-8").splitlines()
+    page = Page(tree, nodes, lines, frozenset(_docstring_lines(nodes)))
     return {
         name: sorted(rule(page), key=lambda offence: offence.line) for name, rule in RULES.items()
     }
@@ -185,13 +188,25 @@ def _excess(node: Function | ast.ClassDef, number: int, most: int, unit: str) ->
         yield Offence(node.lineno, number - most, f"{node.name}: {number} {unit}, at most {most}")
 
 
+def _docstring_lines(nodes: list[ast.AST]) -> Iterator[int]:
+    for node in nodes:
+        if (
+            isinstance(node, (*Definition, ast.ClassDef, ast.Module))
+            and ast.get_docstring(node, clean=False) is not None
+        ):
+            yield from range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)
+
+
 def _length(page: Page, node: Function | ast.ClassDef) -> int:
-    return _count(page.lines[node.lineno - 1 : node.end_lineno])
+    return _count(page, node.lineno, node.end_lineno or node.lineno)
 
 
-def _count(lines: list[str]) -> int:
-    """Lines but for the pauses: air makes nothing longer."""
-    return sum(not _is_pause(line) for line in lines)
+def _count(page: Page, first: int, last: int) -> int:
+    """Lines of code from `first` to `last`: air, comments and docstrings make nothing longer."""
+    return sum(
+        number not in page.documented and not _is_pause(page.lines[number - 1])
+        for number in range(first, last + 1)
+    )
 
 
 def _words(nodes: list[ast.expr]) -> set[str]:
@@ -222,13 +237,6 @@ def _outer_functions(node: ast.AST) -> Iterator[Function]:
 
 def _body_lines(page: Page, function: Function) -> Iterator[tuple[int, str]]:
     """Numbers and lines of a function's body, docstrings left out."""
-    silent: set[int] = set()
-    for node in ast.walk(function):
-        if (
-            isinstance(node, (*Definition, ast.ClassDef))
-            and ast.get_docstring(node, clean=False) is not None
-        ):
-            silent |= {*range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)}
     for number in range(function.body[0].lineno, (function.end_lineno or 0) + 1):
-        if number not in silent:
+        if number not in page.documented:
             yield number, page.lines[number - 1]

@@ -1,6 +1,7 @@
 """Tasks without contact: hold station, go to a waypoint, reach a pose with the tool."""
 
 from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from dm_control.utils import rewards
@@ -15,23 +16,35 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, cross, exp_so3, inverse, log_so3, pose, readonly
 from uuv.sim.plant.truth import Truth
 
-START_OFFSET = 0.5  # [m] largest initial distance per axis from the pose to hold
-START_TURN = 0.3  # [rad] largest initial rotation about the vertical
-# [m] position error up to which the reward is full, and further error at which the reward is a
-# tenth
-CLOSE = 0.05, 0.5
-ALIGNED = 0.05, 0.5  # [rad] the same for the attitude error
-STATION_TIME, ARRIVED_TIME, REACHED_TIME = 5.0, 2.0, 1.0  # [s] for which the goal must be kept
-# [m] largest distance of the waypoint per horizontal axis; half of it vertically
-FARTHEST_WAYPOINT = 2.0
-WAYPOINT_TURN = 0.8  # [rad] largest rotation of the waypoint about the vertical
-# [m] distance of the tip up to which the reward is full, and further distance at which it is a
-# tenth
-REACHED = 0.02, 0.3
-POINTED = 0.1, 1.0  # [rad] the same for the tool's axis
-# (4, 4) pose of the hull at the centre of the site
+
+class Closeness(NamedTuple):
+    """How an error is rewarded, and up to which one the goal is met."""
+
+    met: float  # largest error with the full reward
+    margin: float  # further error at which the reward is a tenth
+
+    def reward(self, error: float) -> float:
+        """1 where the goal is met, falling with the error beyond."""
+        return rewards.tolerance(
+            error, bounds=(0.0, self.met), margin=self.margin, value_at_margin=0.1
+        )
+
+
+START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
+START_TURN = 0.3  # [rad] largest, about the vertical
+CLOSE = Closeness(0.05, 0.5)  # [m] of the hull's position
+ALIGNED = Closeness(0.05, 0.5)  # [rad] of its attitude
+STATION_TIME = 5.0  # [s] for which a pose must be held
+ARRIVED_TIME = 2.0  # [s] for which a waypoint must be kept
+REACHED_TIME = 1.0  # [s] for which the tool must stay at its goal
+FARTHEST_WAYPOINT = 2.0  # [m] per horizontal axis from the start; half as much up and down
+WAYPOINT_TURN = 0.8  # [rad] largest, about the vertical
+REACHED = Closeness(0.02, 0.3)  # [m] of the tip
+POINTED = Closeness(0.1, 1.0)  # [rad] of the tool's axis
+# (4, 4) pose of the hull in the middle of the site
 MIDDLE = readonly(pose(p=[0.0, 0.0, -SITE_DEPTH]))
-SPREAD = 0.35  # [rad] range of each joint about the ready posture in which goals are drawn
+SPREAD = 0.35  # [rad] of each joint about the ready posture, in which goals to reach are drawn
+NEAR_MIDDLE = (0.1, 0.2)  # [m] per axis and [rad] about the vertical, of a hull that is to reach
 
 
 class HoldStation(VehicleTask):
@@ -42,6 +55,8 @@ class HoldStation(VehicleTask):
     hull axes.
     """
 
+    seconds: ClassVar[float] = STATION_TIME  # for which the goal must be met
+
     def __init__(
         self, sea: Sea, vehicle: VehicleEntity, actions: Actions, *, sparse: bool = False
     ) -> None:
@@ -50,8 +65,6 @@ class HoldStation(VehicleTask):
         self.X_WH = np.eye(4)  # pose to hold
         self._judge = KeptFor(self._at_goal, self.seconds)
         self.add_goals(FARTHEST, goal_position=3, goal_attitude=3)
-
-    seconds = STATION_TIME
 
     @property
     def judge(self) -> KeptFor:
@@ -67,13 +80,14 @@ class HoldStation(VehicleTask):
         """The pose (4, 4) to hold, in hull axes."""
         return inverse(pose(truth.R_WB, truth.p_WB)) @ self.X_WH
 
-    def _off(self, truth: Truth) -> tuple[float, float]:
+    def _errors(self, truth: Truth) -> tuple[float, float]:
+        """Distance [m] and angle [rad] from the goal."""
         X_BH = self.X_BH(truth)
         return float(np.linalg.norm(X_BH[:3, 3])), float(np.linalg.norm(log_so3(X_BH[:3, :3])))
 
     def _at_goal(self, truth: Truth) -> bool:
-        distance, angle = self._off(truth)
-        return distance <= CLOSE[0] and angle <= ALIGNED[0]
+        distance, angle = self._errors(truth)
+        return distance <= CLOSE.met and angle <= ALIGNED.met
 
     def goal(self, truth: Truth) -> Mapping[str, Array]:
         """The pose to hold, as numbers."""
@@ -82,15 +96,12 @@ class HoldStation(VehicleTask):
 
     def shaped(self, truth: Truth) -> float:
         """Reward 1 at the pose, decreasing with distance and angle."""
-        distance, angle = self._off(truth)
-        close = rewards.tolerance(distance, bounds=(0.0, CLOSE[0]), margin=CLOSE[1])
-        return close * rewards.tolerance(angle, bounds=(0.0, ALIGNED[0]), margin=ALIGNED[1])
+        distance, angle = self._errors(truth)
+        return CLOSE.reward(distance) * ALIGNED.reward(angle)
 
 
 class GoToWaypoint(HoldStation):
-    """Go to a hull pose some metres away and stay there for ARRIVED_TIME; otherwise like
-    `HoldStation`.
-    """
+    """Go to a hull pose some metres away, and stay there for ARRIVED_TIME."""
 
     seconds = ARRIVED_TIME
 
@@ -103,13 +114,13 @@ class GoToWaypoint(HoldStation):
 
     def shaped(self, truth: Truth) -> float:
         """Reward 1 at the pose, and a tenth at the largest distance of a waypoint."""
-        distance, angle = self._off(truth)
-        close = rewards.tolerance(distance, bounds=(0.0, CLOSE[0]), margin=1.5 * FARTHEST_WAYPOINT)
-        return close * rewards.tolerance(angle, bounds=(0.0, ALIGNED[0]), margin=WAYPOINT_TURN)
+        distance, angle = self._errors(truth)
+        close = CLOSE._replace(margin=1.5 * FARTHEST_WAYPOINT)  # the diagonal of the waypoints' box
+        return close.reward(distance) * ALIGNED._replace(margin=WAYPOINT_TURN).reward(angle)
 
 
 class ReachPose(VehicleTask):
-    """Move the tool's tip to a point, and its axis to a direction, while the hull hovers.
+    """Move the tool's tip to a point, and its axis to a direction, from a hovering hull.
 
     The point is fixed to the world, and within reach of the arm from the ready posture. The work is
     done once the tip has been within REACHED and the axis within POINTED for REACHED_TIME. The goal
@@ -143,17 +154,18 @@ class ReachPose(VehicleTask):
     def begin(self, random_state: Random) -> tuple[Array, Array]:
         """Draw the goal, and the initial posture of the arm near the ready one."""
         vehicle = self.vehicle.own.vehicle
-        X_WB = near(MIDDLE, random_state, offset=0.1, turn=0.2)
+        offset, turn = NEAR_MIDDLE
+        X_WB = near(MIDDLE, random_state, offset=offset, turn=turn)
 
         # The goal is reachable, since it is the tool's pose at another posture within the limits.
         low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
         n = len(vehicle.joints)
-        start, goal = (
-            np.clip(vehicle.q_ready + random_state.uniform(-SPREAD, SPREAD, n), low, high)
-            for _ in "sg"
-        )
 
-        self.X_WH = X_WB @ vehicle.X_BA @ self._chain.forward(goal)
+        def near_ready() -> Array:
+            return np.clip(vehicle.q_ready + random_state.uniform(-SPREAD, SPREAD, n), low, high)
+
+        start = near_ready()
+        self.X_WH = X_WB @ vehicle.X_BA @ self._chain.forward(near_ready())
         return X_WB, start
 
     def goal(self, truth: Truth) -> Mapping[str, Array]:
@@ -169,19 +181,22 @@ class ReachPose(VehicleTask):
         z, z_goal = truth.R_WG[:, 2], self.X_WH[:3, 2]
         axis = np.array(cross(z, z_goal))
         sine = float(np.linalg.norm(axis))
-        return np.arctan2(sine, float(z @ z_goal)) * axis / sine if sine > 1e-9 else np.zeros(3)
+        if sine > 1e-9:
+            return np.arctan2(sine, float(z @ z_goal)) * axis / sine
 
-    def _off(self, truth: Truth) -> tuple[float, float]:
-        return float(np.linalg.norm(self.X_WH[:3, 3] - truth.p_WG)), float(
-            np.linalg.norm(self._turn(truth))
-        )
+        # Along the goal's axis, or half a turn off it about any axis across
+        return np.zeros(3) if z @ z_goal > 0.0 else np.pi * truth.R_WG[:, 0]
+
+    def _errors(self, truth: Truth) -> tuple[float, float]:
+        """Distance [m] and angle [rad] from the goal."""
+        distance = float(np.linalg.norm(self.X_WH[:3, 3] - truth.p_WG))
+        return distance, float(np.linalg.norm(self._turn(truth)))
 
     def _at_goal(self, truth: Truth) -> bool:
-        distance, angle = self._off(truth)
-        return distance <= REACHED[0] and angle <= POINTED[0]
+        distance, angle = self._errors(truth)
+        return distance <= REACHED.met and angle <= POINTED.met
 
     def shaped(self, truth: Truth) -> float:
         """Reward 1 at the goal, decreasing with distance and angle."""
-        distance, angle = self._off(truth)
-        close = rewards.tolerance(distance, bounds=(0.0, REACHED[0]), margin=REACHED[1])
-        return close * rewards.tolerance(angle, bounds=(0.0, POINTED[0]), margin=POINTED[1])
+        distance, angle = self._errors(truth)
+        return REACHED.reward(distance) * POINTED.reward(angle)

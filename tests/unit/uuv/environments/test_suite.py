@@ -151,6 +151,17 @@ def test_the_reward_of_holding_station(offset: float, angle: float, reward: floa
     assert task.shaped(truth) == pytest.approx(reward, abs=1e-12)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi - 1e-6, np.pi])
+def test_the_turn_to_a_goal_is_its_angle_also_where_the_tool_points_the_wrong_way(angle: float):
+    task = uuv.load("water", "reach", seed=0).task
+    R_WG = exp_so3([0.4, -0.2, 0.9])
+    task.X_WH = pose(R_WG @ exp_so3(angle * np.array([0.6, 0.8, 0.0])), [0.1, 0.2, -5.0])
+    truth = untyped(SimpleNamespace(R_WG=R_WG, p_WG=task.X_WH[:3, 3]))
+    turn = task.goal(truth)["goal_turn"]
+    assert np.linalg.norm(turn) == pytest.approx(angle, abs=1e-9)
+    assert exp_so3(turn)[:, 2] == pytest.approx((R_WG.T @ task.X_WH[:3, :3])[:, 2], abs=1e-9)
+
+
 @pytest.mark.parametrize("vehicle", ["bluerov2_heavy", "uuv_puma_side"])
 def test_other_vehicles_hover(vehicle: str):
     environment = uuv.load("water", "hover", vehicle=vehicle, seed=0)

@@ -1,18 +1,25 @@
 """Force law as published: a PID on the force error displaces the tool [Konoplin 2022, section 3].
 
-    G_f = G_F*_imp - G_F_imp,    displacement = K_p G_f + K_i int G_f dt + K_d dG_f/dt
+    e = f_set - f_felt,    displacement = K_p e + K_i int e dt + K_d de/dt
 
-G_F*_imp is the set force of the tool on the object, G_F_imp the one felt. The paper gives the
-displacement a size k, by a PID on the length of G_f, and the direction of G_f. A PID is linear, so
-this is one PID for each component. The component along the tool axis is `PublishedForceLaw`, the
-two across it are `TangentialForceLoop`; a controller with the published law has both, with the same
-gains.
+f_set is the set force of the tool on the object, f_felt the estimated one; e is the paper's G_f.
+The paper gives the displacement the direction of e, and as its size k a PID on the length of e.
+Here each component has a PID of its own, which is the same while the direction of e does not
+change. The component along the tool axis is `PublishedForceLaw`, the two across it are
+`TangentialForceLoop`; a controller with the published law has both, with the same gains.
 
-Friction makes the components across the axis differ from zero for as long as the tool moves; the
-integral then drives the tool off its path. The paper also says that the displacement goes "towards
-the surface or away from it", by the sign of the difference of the two forces: read so, the
-component along the axis is the whole law. `--published force-law` is the first reading,
-`normal-force-law` the second. The paper gives no gains. Those here are fixed, whatever the surface.
+Two readings
+    Friction makes the components across the axis differ from zero for as long as the tool moves;
+    the integral then drives the tool off its path. The paper also says that the displacement goes
+    "towards the surface or away from it", by the sign of the difference of the two forces: read
+    so, the component along the axis is the whole law. `--published force-law` is the first reading,
+    `normal-force-law` the second.
+
+Not in the paper
+    Gains, which are fixed here, whatever the surface. Limits of the displacement and of its speed,
+    along the axis and across it each for itself; what a limit cuts off is taken out of the integral
+    (back-calculation), so that a step of the error acts through the integral where the speed limit
+    holds. The return to zero with the force loop open (`release`).
 """
 
 from dataclasses import dataclass, field

@@ -2,17 +2,18 @@
 
     G_f = G_F*_imp - G_F_imp,    displacement = K_p G_f + K_i int G_f dt + K_d dG_f/dt
 
-G_F*_imp is the set force of the tool on the object, G_F_imp the one felt. The paper gives the
-displacement a size k, by a PID on the length of G_f, and the direction of G_f. A PID is linear, so
-this is one PID for each component. The component along the tool axis is `PublishedForceLaw`, the
-two across it are `TangentialForceLoop`; a controller with the published law has both, with the same
-gains.
+G_F*_imp is the set force of the tool on the object, G_F_imp the measured force. In the paper the
+displacement has the length k, from a PID on the length of G_f, and the direction of G_f. A PID is
+linear, so this equals one PID for each component. The component along the tool axis is
+`PublishedForceLaw`, the two perpendicular to it are `TangentialForceLoop`; a controller with the
+published law has both, with the same gains.
 
-Friction makes the components across the axis differ from zero for as long as the tool moves; the
+Because of friction the perpendicular components differ from zero as long as the tool moves, and the
 integral then drives the tool off its path. The paper also says that the displacement goes "towards
-the surface or away from it", by the sign of the difference of the two forces: read so, the
-component along the axis is the whole law. `--published force-law` is the first reading,
-`normal-force-law` the second. The paper gives no gains. Those here are fixed, whatever the surface.
+the surface or away from it", by the sign of the difference of the two forces. In this
+interpretation the component along the axis is the whole law. `--published force-law` is the first
+interpretation, `normal-force-law` the second. The paper states no gains. The gains here are fixed,
+for all surfaces.
 """
 
 from dataclasses import dataclass, field
@@ -30,8 +31,8 @@ class PidState:
     """Memory of one PID: displacement, integral and last error."""
 
     k: float = 0.0  # [m] displacement along the tool axis, into the surface
-    integral: float = 0.0  # [m]
-    error: float | None = None  # [N] at the last step; None: the loop was open
+    integral: float = 0.0  # [m] integral
+    error: float | None = None  # [N] error at the last step; None: the loop was open
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +81,8 @@ class PublishedForceLaw(PublishedForceTuning):
         Args:
             state: of the loop; changed in place.
             dt: [s] since the last step.
-            inwards: False keeps a negative displacement: the surface is not where it was expected.
+            inwards: False keeps a negative displacement, for a surface that is not where it was
+                expected.
 
         Returns:
             The displacement k [m].
@@ -94,7 +96,7 @@ class PublishedForceLaw(PublishedForceTuning):
 
 @dataclass(slots=True, eq=False)
 class TangentialState(ComplianceState):
-    """Offset across the tool axis, and the memory of its PIDs."""
+    """Offset perpendicular to the tool axis, and the memory of the PIDs."""
 
     integral_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
     error_W: Array | None = None  # (3,) [N] at the last step; None: the loop was open
@@ -102,7 +104,9 @@ class TangentialState(ComplianceState):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TangentialForceLoop(PublishedForceTuning):
-    """Components across the tool axis, whose set force is zero: a `SideDisplacement`."""
+    """Components perpendicular to the tool axis, whose set force is zero, as a
+    `SideDisplacement`.
+    """
 
     def init(self) -> TangentialState:
         """Initial state: no offset."""
@@ -125,10 +129,11 @@ class TangentialForceLoop(PublishedForceTuning):
 
         Args:
             state: the present offset; changed in place.
-            f_tip_W: (3,) [N] force of the world on the tip, W: minus the tool's on the object.
+            f_tip_W: (3,) [N] force of the world on the tip, W; the negative of the tool's force on
+                the object.
             z_WG: (3,) unit tool axis, W.
             dt: [s] since the last step.
-            gently: without effect; it yields all the time.
+            gently: without effect; the loop always yields.
 
         Returns:
             The offset (3,) [m], W.

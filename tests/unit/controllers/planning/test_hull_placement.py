@@ -317,7 +317,7 @@ def test_what_ends_a_path_is_named_with_its_joint(own):
         (margins(own), track(own, near, nearer), 1, "joint5 comes to its limit"),
         (margins(own), track(own, ready, turned), 1, "joint1 would turn by 86 deg in one step"),
         (margins(own), beyond, 0, "the arm is too short"),
-        (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the push"),
+        (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the set force"),
     )
     for arm, way, at, words in cases:
         dropped = arm.along(way, np.eye(4), 0.0)

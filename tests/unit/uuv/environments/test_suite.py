@@ -237,7 +237,7 @@ def test_records_of_episodes(tmp_path):
             "perturbations: 'water' is none of them",
         ),
         (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "has no thrusters"),
-        (("water", "reach"), {"vehicle": "phoenix_smart3s"}, "no thrusters to hold it"),
+        (("water", "reach"), {"vehicle": "phoenix_smart3s"}, "must have thrusters, has none"),
         (
             ("water", "reach"),
             {"vehicle": "bluerov2_heavy"},

@@ -222,7 +222,11 @@ def test_columns_that_stand_alone_are_refused(rov, tmp_path):
         log, commands={name: command for name, command in log.commands.items() if name != first}
     )
     write_log(tmp_path / "half.csv", half)
-    refused(tmp_path, f"thruster {first} has no column, although others have one", log=(tmp_path / "half.csv",))
+    refused(
+        tmp_path,
+        f"thruster {first} has no column, although others have one",
+        log=(tmp_path / "half.csv",),
+    )
     write_log(tmp_path / "place.csv", replace(log, channels={POSITION: log.channels[POSITION]}))
     refused(tmp_path, "x y z must be accompanied by qx qy qz qw", log=(tmp_path / "place.csv",))
     pushed = ReplayVehicle(models.load("phoenix_smart3s"))

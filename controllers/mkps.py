@@ -155,10 +155,9 @@ def solve(
             `turn_tolerance` if only one of these is stated.
         method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps), "plain"
             ([Danilov 2021]), or "priority": the tip's position, then its z axis, then the turn
-            about it. With "priority" a pose counts as reached without that turn, and the
-            orientation error is the angle between the axes. "priority" keeps the branch of `q0` and
-            makes no restarts, regardless of `branch` and `max_restarts`, and iterates in double
-            precision only.
+            about it. A pose counts as reached without that turn, and the orientation
+            error is the angle between the axes. "priority" keeps the branch of `q0` without
+            restarts for any `branch` and `max_restarts`, in double precision only.
         branch: "free" restarts until the pose is reached, with the same starts for the same chain
             and q0. "keep" is for tracking: the solver moves from `q0` by short steps only, without
             restarts or jumps by a whole turn. If some joint moved by more than half a radian (or
@@ -378,9 +377,7 @@ def solve_many(
     )
     settings, parts = solver_settings(chain, tolerances, method, branch, options)
     if options.history or options.precision == "single":
-        raise ConfigurationError(
-            "options: `solve_many` must be without history and in double precision"
-        )
+        raise ConfigurationError("options: `solve_many` needs double precision and no history")
 
     threads = options.threads or _cores()
     q = np.empty((count, chain.n))
@@ -443,9 +440,7 @@ def _cause(code: int, restarts: int) -> str:
 
 
 def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float, float, float]:
-    """Position error [m] and orientation, axis and turn errors [rad] of `q`, in double
-    precision.
-    """
+    """Position [m], orientation, axis and turn errors [rad] of `q`, in double precision."""
     X = chain.forward(q)
     R = X[:3, :3].T @ target[:3, :3]
     whole = log_so3(R)

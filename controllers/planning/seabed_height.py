@@ -99,8 +99,7 @@ def choose_height(
     standoff: float,
     search: HeightSearch | None = None,
 ) -> WorkHeight:
-    """Highest feasible hull pose above `path` with a sufficient margin, else the pose with the
-    largest margin.
+    """Highest feasible hull pose above `path` with a sufficient margin, else the best margin.
 
     Args:
         own: the vehicle.

@@ -226,7 +226,7 @@ def test_set_current_needs_water():
 
 def test_trim_names_what_is_wrong():
     spec = ball()
-    with pytest.raises(ConfigurationError, match="ball: no hydrodynamics attached"):
+    with pytest.raises(ConfigurationError, match="ball: has no hydrodynamics"):
         water.trim(spec, "ball", metacentric_height=0.1)
     water.attach(spec, {"ball": water.sphere(0.1)})
     with pytest.raises(ConfigurationError, match="metacentric_height"):

@@ -115,7 +115,7 @@ def test_single_and_repeated_touches_are_said_and_left_out(series: list[Array], 
     more = [np.vstack([series[0], series[0][:5]]), *series[1:], series[0][:1] + 0.1]
     fit = identify(more, UR10E)
     assert any("series 1: 5 of 26 touches left out" in line for line in fit.warnings)
-    assert any("series 4: a single touch" in line for line in fit.warnings)
+    assert any("series 4: left out, since a single touch" in line for line in fit.warnings)
     within("table", fit.arm.table - clean.arm.table, 1e-9)
     assert [len(distances) for distances in fit.residuals] == [26, 21, 21, 1]
 
@@ -127,7 +127,8 @@ def test_touches_of_another_arm_are_doubted():
     far = Arm.from_dh(UR10E + np.array([0.02, 0.01, 0.01, 0.02]) * (-1.0) ** np.arange(6)[:, None])
     fit = identify(touch(far, OFF_AXIS, np.random.default_rng(22)), UR10E)
     assert any(
-        "far from the nominal one" in line and "the prior holds" in line for line in fit.warnings
+        "far from the nominal one" in line and "the prior is limited" in line
+        for line in fit.warnings
     )
     shuffled = [q[:, ::-1] for q in touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(23))]
     assert any(

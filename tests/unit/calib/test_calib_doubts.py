@@ -278,7 +278,7 @@ def test_a_stated_unit_is_not_overruled(tmp_path) -> None:
     with pytest.raises(ConfigurationError, match="in millimetres"):
         read_arm(file)
     file.write_text("theta [rad],d,a,alpha\n20,0.3,0,1.5\n0,0,-0.6,0\n")
-    with pytest.raises(ConfigurationError, match="looks like degrees"):
+    with pytest.raises(ConfigurationError, match="in degrees"):
         read_arm(file)
     file.write_text("theta,d [mm],a,alpha\n0,30,0,1.5\n0,0,40,0\n")
     assert read_arm(file).arm.table[1, 2] == pytest.approx(0.04)

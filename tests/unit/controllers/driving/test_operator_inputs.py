@@ -71,7 +71,7 @@ def test_what_is_written_is_read_to_the_bit(tmp_path: Path):
         (text_of(rows_of([(1.0, {})])).replace("surge", "speed"), "no column 'speed'"),
         (text_of(rows_of([(1.0, {})])).replace("surge,", ""), "column surge is missing"),
         (text_of(rows_of([(1.0, {})]), (*NAMES, "time")), "a column occurs twice"),
-        (text_of(rows_of([(1.0, {})])) + "1,2\n", "line 4: 13 numbers expected, got 2"),
+        (text_of(rows_of([(1.0, {})])) + "1,2\n", "line 4: must have 13 numbers, got 2"),
         (text_of(rows_of([(1.0, {})])) + "x" + ",0" * 12, "line 4: time .s.: must be a number"),
         (text_of(rows_of([(1.0, {})])) + '"', "line 4: "),
     ],

@@ -190,7 +190,7 @@ def hinge(
         (
             hinge("ab") + hinge("cb"),
             "b",
-            "^arm: joint 'cb': must join a parent link to a child link that is the child of no other",
+            "^arm: joint 'cb': must join a parent link to a child link that is the child of no",
         ),
         (hinge("ab") + hinge("bd"), "b", "^arm: joint 'bd': must join"),
         (hinge("ab") + hinge("bc", "planar"), "c", "^arm: joint 'bc' .*got type planar"),

@@ -260,10 +260,7 @@ def test_water_that_would_feed_energy_in_is_reduced_and_said(tmp_path: Path) -> 
     wrong = FOSSEN.replace(row(-LINEAR), row(LINEAR)).replace(row(ADDED), row(ADDED - 60.0))
     (tmp_path / "rov.urdf").write_text(urdf(wrong))
     text = "\n".join(entry.line() for entry in read(tmp_path / "rov.urdf").entries)
-    assert (
-        "added mass, guessed (its diagonal only, since the whole matrix is not positive semidefinite)"
-        in text
-    )
+    assert "added mass, guessed (its diagonal only, since the whole matrix is not positive" in text
     assert (
         "linear damping, guessed (magnitudes only, since the signs of the file would add energy)"
         in text

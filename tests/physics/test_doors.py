@@ -235,7 +235,7 @@ def test_trim_names_what_is_wrong():
         water.trim(spec, "ball", metacentric_height=0.1, qpos=np.zeros(3))
     child = spec.body("ball").add_body(name="float")
     water.attach(spec, {"float": BodyHydrodynamics(volume=1.0)})
-    with pytest.raises(ConfigurationError, match="weighs 4 kg, but its other bodies .* 1025 kg"):
+    with pytest.raises(ConfigurationError, match=r"weighs 4 kg, but its other bodies .* 1025 kg"):
         water.trim(spec, "ball", metacentric_height=0.1)
     spec.delete(child)
     spec.option.gravity = [0, 0, 0]

@@ -235,8 +235,8 @@ def test_px4s_plugins_are_read(tmp_path: Path) -> None:
             '<link name="cone"><collision name="c"><geometry><cone><radius>1</radius></cone>'
             '</geometry></collision></link><joint name="j" type="fixed"><parent>base</parent>'
             "<child>cone</child></joint>",
-            "shapes left out, since they are none of box, cylinder, capsule, sphere, ellipsoid, mesh: "
-            "cone of cone",
+            "shapes left out, since they are none of box, cylinder, capsule, sphere, ellipsoid, "
+            "mesh: cone of cone",
         ),
         (
             "<include><uri>model://camera</uri></include>",

@@ -278,9 +278,7 @@ def _of_rows(
     tip: str | None,
     notes: Sequence[str] = (),
 ) -> ArmSource:
-    """An arm from rows of named columns; units from the names ("alpha_deg", "d [mm]"), from
-    `about`, or inferred from the size.
-    """
+    """An arm from rows of named columns; units from the names ("a [mm]"), `about`, or the size."""
     # imported here, since its kernels compile on import; inputs that can be refused are refused
     # before
     from uuv.models.arms.serial_arm import SerialArm
@@ -360,9 +358,7 @@ class _Table:
 
 
 def _table_of(file: Path, rows: list[dict[str, Any]], units: _Units) -> _Table:
-    """The rows of a table; a stated unit also applies to all columns of its kind that state
-    none.
-    """
+    """The rows of a table; a stated unit also applies to columns of its kind that state none."""
     table = np.zeros((len(rows), len(_COLUMNS)))
     names: list[str] = []
     types: list[str] = []
@@ -477,9 +473,7 @@ def _extent(file: Path, table: Array, letters: str) -> float:
 
 
 def _near_frames(arm: "SerialArm") -> "SerialArm":
-    """The same arm, with the origin of each frame at the point of its axis that is nearest to the
-    previous axis.
-    """
+    """The same arm, with each frame's origin where its axis is nearest to the previous axis."""
     from uuv.models.arms import kinematics
     from uuv.models.arms.serial_arm import SerialArm
 
@@ -531,9 +525,7 @@ def _limits(file: Path, about: _ArmTable, n: int) -> Array:
 def _of_ur(
     file: Path, robot: _UniversalRobot, digest: str, base: str | None, tip: str | None
 ) -> ArmSource:
-    """An arm from Universal Robots' calibration: x, y, z, roll, pitch, yaw of each joint, whose
-    axis is z.
-    """
+    """An arm from Universal Robots' calibration, which states pose and z axis of each joint."""
     joints = {
         name: _PASSING.made(_UniversalJoint, entry, f"kinematics.{name}")
         for name, entry in robot.kinematics.items()

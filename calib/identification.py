@@ -204,8 +204,7 @@ class Calibration:
     def scale(self, q: ArrayLike) -> tuple[float, float]:
         """Scale of the identified arm to the nominal one, from flanges at poses `q` (N, n).
 
-        A scale of 1.001 means that the identified arm moves 1.001 m where the nominal arm moves 1
-        m.
+        Scale 1.001: the identified arm moves 1.001 m where the nominal arm moves 1 m.
 
         Returns:
             The scale and its standard deviation.
@@ -238,8 +237,7 @@ class Calibration:
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
 
     def touched_tips(self, series: Sequence[Array]) -> list[Array]:
-        """Tip positions (m_i, 3) [m] of the calibration's own touches, each under the payload of
-        that touch.
+        """Tip positions (m_i, 3) [m] of the calibration's touches, each under its payload.
 
         Args:
             series: those touches (m_i, n), all of them.
@@ -366,9 +364,7 @@ def identify(
 
     arm = nominal if isinstance(nominal, SerialArm) else SerialArm.from_dh(nominal, name="nominal")
     if not max(float(np.abs(arm.X_base_0[:3, 3]).max()), arm.reach) < _MOST_LENGTH:
-        raise ConfigurationError(
-            f"nominal: all of the arm must be within {_MOST_LENGTH:g} m of its base"
-        )
+        raise ConfigurationError(f"nominal: must be within {_MOST_LENGTH:g} m of its base")
     touches = usable(series, arm, tcp)
     used = touches.used
 
@@ -431,15 +427,11 @@ def _map_fit(
         raise ConfigurationError(f"free: must be words, got {shown(free)}") from error
 
     if prior is not None and not isinstance(prior, Mapping):
-        raise ConfigurationError(
-            f"prior: must be a mapping of words to deviations, got {shown(prior)}"
-        )
+        raise ConfigurationError(f"prior: must map words to deviations, got {shown(prior)}")
 
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
-        raise ConfigurationError(
-            "free: compliance is allowed only with `loads`, which deflect the joints"
-        )
+        raise ConfigurationError("free: compliance requires `loads`, which deflect the joints")
 
     solver = (
         solve_robustly
@@ -480,9 +472,7 @@ def _words(parameters: Parameters) -> set[str]:
 def _checked_distances(
     distances: Iterable[Distance], live: list[int], count: int
 ) -> tuple[tuple[int, int, float, float], ...]:
-    """Known distances between series in use, with the indices of these series among those in use,
-    each with a deviation.
-    """
+    """Known distances between series in use, by indices among those, each with a deviation."""
     out = []
     try:
         rows = [tuple(entry) for entry in distances]
@@ -499,8 +489,7 @@ def _checked_distances(
         i, j = (whole_number(k, "distances: series", most=count - 1) for k in row[:2])
         if i == j:
             raise ConfigurationError(
-                f"distances: must be between two different series of 0 to {count - 1}, got {i} and "
-                f"{j}"
+                f"distances: must be between two series of 0 to {count - 1}, got {i} and {j}"
             )
 
         length = finite_number(row[2], "distances: length [m]", above=0.0, most=_MOST_LENGTH)
@@ -622,9 +611,7 @@ def _assemble(
 
 
 def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]:
-    """Warning about the groups for which the touches require a prior wider than manufacturing
-    tolerances.
-    """
+    """Warning about groups that require a prior wider than manufacturing tolerances."""
     widest = widest_prior(parameters, arm.reach)
     held = {group: k for k, group in enumerate(parameters.groups) if fit.deviations[k] == widest[k]}
 

@@ -296,7 +296,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
         ),
         (
             last,
-            "last frame and tool point describe the same tip",
+            "last frame and tool point: both describe the same tip",
             "nothing is lost for this tool; the flange itself needs a tool of known length",
         ),
     ]

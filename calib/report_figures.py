@@ -1,6 +1,4 @@
-"""Figures of a calibration report: those of [Yukhimets 2023, fig. 4-8], and intervals of
-parameters.
-"""
+"""Figures of a calibration report: [Yukhimets 2023, fig. 4-8], and intervals of parameters."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -64,8 +62,7 @@ def figures(
             ),
             (
                 "Clouds, centred",
-                "The same points minus their means; the frames have different orientations (figure "
-                "6).",
+                "The same points minus their means; the frames differ in orientation (figure 6).",
                 lambda c: c.centred,
             ),
             (
@@ -99,8 +96,7 @@ def figures(
     yield (
         "Changes of the parameters",
         "Identified minus nominal in deviations of the prior, with 95 % intervals: a bar as wide "
-        "as the band shows a parameter about which the touches contain no information, a short bar "
-        "an identified parameter.",
+        "as the band: no information from the touches; a short bar: an identified parameter.",
         _changes(calibration),
     )
 

@@ -138,9 +138,7 @@ def read_touches(
         return read
     outside = _beyond_limits(read, np.asarray(limits), hinges, joint_names)
     if outside and beyond == "refuse":
-        raise ConfigurationError(
-            f"{outside[0]}: check the arm, the unit and the order of the joint values"
-        )
+        raise ConfigurationError(f"{outside[0]}: check arm, unit and order of the joint values")
     return replace(read, beyond=tuple(outside))
 
 

@@ -65,8 +65,8 @@ __all__ = [
 ]
 
 _MOST_HYBRID = MOST["hybrid"]
-_CHUNK = 64  # targets per task of a thread in `solve_many`
-_SINGLE_MARGIN = 0.7  # share of the tolerances that errors computed in single precision must meet
+_CHUNK = 64  # number of targets per task of a thread in `solve_many`
+_SINGLE_MARGIN = 0.7  # share of the tolerances that errors in single precision must meet
 _CONVERGED = kernels.CONVERGED
 _BAD_TARGET = kernels.BAD_TARGET
 _NAN = math.nan
@@ -74,25 +74,28 @@ _new = tuple.__new__
 _empty = np.empty
 
 
-class IkResult(NamedTuple):  # constructing a frozen dataclass would take as long as a warm solve
+# used because constructing a frozen dataclass takes as long as a warm solve
+class IkResult(NamedTuple):
     """Solution of `solve`: joint values, always within the limits, and their pose errors."""
 
     q: Array  # (n,) [rad] or [m]
-    # every error that counts is within its tolerance; with branch="keep" the branch was kept too
+    # True: every error with a finite tolerance is within it; with branch="keep" the branch was kept
+    # too
     converged: bool
-    iterations: int  # Levenberg-Marquardt steps or sweeps, restarts included
+    iterations: int  # number of Levenberg-Marquardt steps or sweeps, including restarts
     position_error: float  # [m] distance from tip to target
     orientation_error: float  # [rad] angle between tip and target, by atan2
-    cause: str  # why the iteration ended
-    # other starts tried; after any, the solution may lie on another branch than q0
+    cause: str  # reason why the iteration ended
+    # number of other starts tried; if any, the solution may be on another branch than q0
     restarts: int = 0
-    # (iterations + 1, n) joint values from start to solution, if asked for
+    # (iterations + 1, n) joint values from start to solution, if requested
     history: Array | None = None
-    # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] of it [Danilov 2021, eq. 6]
+    # (iterations + 1, 3) errors F_R [m], F_alpha1, F_alpha2 [rad] of this history [Danilov 2021,
+    # eq. 6]
     goals: Array | None = None
-    # [rad] of the orientation error, for a pose solved for by parts: angle between the tool axes,
-    # turn about that of the tip. NaN where position and whole orientation counted alike, and with
-    # "priority".
+    # [rad] parts of the orientation error, for a pose solved for by parts: angle between the tool
+    # axes, and turn about that of the tip. NaN if position and whole orientation were solved for,
+    # and with "priority".
     axis_error: float = math.nan
     turn_error: float = math.nan
 
@@ -130,14 +133,14 @@ def solve(
 ) -> IkResult:
     """Solve the inverse kinematics of a chain for one tip pose, from `q0`, within the joint limits.
 
-    A part of the pose whose tolerance is infinite does not count: `orientation_tolerance=inf` asks
-    for a position alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for
-    position and tool axis.
+    A part of the pose with an infinite tolerance is ignored: `orientation_tolerance=inf` asks for a
+    position alone, `position_tolerance=inf` for an orientation, `turn_tolerance=inf` for position
+    and tool axis.
 
-    Where no solution is found, `q` is that of the nearest pose found. "Nearest" minimises the sum
-    of the squares of both errors. Metres are divided by a power of two near the chain's length; the
-    angle counts as its chord 2 sin(angle/2). For a pose solved for by parts, each error is divided
-    by its tolerance.
+    If no solution is found, `q` belongs to the nearest pose found. "Nearest" minimises the sum of
+    the squares of both errors. Metres are divided by a power of two near the chain's length; the
+    angle is replaced by its chord 2 sin(angle/2). For a pose solved for by parts, each error is
+    divided by its tolerance.
 
     The GIL is held during the call.
 
@@ -145,34 +148,34 @@ def solve(
         chain: the serial chain.
         X_base_tip: (4, 4) target pose of the tip in the base frame.
         q0: (n,) [rad] or [m] start; values beyond the limits are brought within them.
-        position_tolerance: [m] largest position error of a solution; with infinity it does not
-            count.
+        position_tolerance: [m] largest position error of a solution; with infinity the position is
+            ignored.
         orientation_tolerance: [rad] largest angle of the whole rotation error of a solution; from
-            pi on it does not count. It is the default of the next two tolerances where only one of
-            them is given.
+            pi on the orientation is ignored. It is the default of `axis_tolerance` and
+            `turn_tolerance` if only one of these is stated.
         method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps), "plain"
             ([Danilov 2021]), or "priority": the tip's position, then its z axis, then the turn
-            about it. A pose counts as met without that turn, and its orientation error is the angle
-            of the axes. It keeps the branch of `q0` and makes no restarts, whatever `branch` and
-            `max_restarts` say, and iterates in double precision only.
-        branch: "free" restarts until a pose is met, from the same places for the same chain and q0.
-            "keep" is for tracking: it moves from `q0` by short steps only, without restarts or
-            jumps by a whole turn. A solution to which some joint moved by more than half a radian
-            (or half the chain's length) is then tested further. It is refused if the straight line
-            in joint space from `q0` to it crosses a singular configuration.
-        options: limits of the iterations, precision, history, and what concerns "plain" alone.
+            about it. A pose counts as reached without that turn, and the orientation
+            error is the angle between the axes. "priority" keeps the branch of `q0` without
+            restarts for any `branch` and `max_restarts`, in double precision only.
+        branch: "free" restarts until the pose is reached, with the same starts for the same chain
+            and q0. "keep" is for tracking: the solver moves from `q0` by short steps only, without
+            restarts or jumps by a whole turn. If some joint moved by more than half a radian (or
+            half the chain's length), the solution is tested further, and refused if the straight
+            line in joint space from `q0` to it crosses a singular configuration.
+        options: limits of the iterations, precision, history, and options of "plain".
         axis_tolerance: [rad] largest angle between the tool axis, the tip's z, and that of the
-            target. Where it or the next is given, the two take the place of the whole rotation.
-        turn_tolerance: [rad] largest turn about the tool axis that is left. "priority" never counts
-            it.
+            target. If this or `turn_tolerance` is stated, the two replace the tolerance of the
+            whole rotation.
+        turn_tolerance: [rad] largest remaining turn about the tool axis. "priority" ignores it.
 
     Returns:
         The joint values with errors, counts and the reason why the iteration ended.
 
     Raises:
-        ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not
-            positive, tolerances of which none counts or that the method does not know, or an
-            unknown option.
+        ConfigurationError: the target is not a pose, `q0` is bad, a tolerance is not positive, all
+            tolerances are infinite, the method does not support a tolerance, or an option is
+            unknown.
     """
     whole = axis_tolerance is turn_tolerance is None
     if (
@@ -182,7 +185,7 @@ def solve(
         and type(options) is IkOptions
         and options.usual
     ):
-        # Half a microsecond counts here: names of this module are found faster than those of
+        # Half a microsecond matters here, and names of this module are found faster than those of
         # another.
 
         q = _empty(chain.n)
@@ -199,7 +202,7 @@ def solve(
                 q,
             )
         except (TypeError, KeyError, OverflowError, ValueError):
-            # not yet compiled, or arguments of other types: the general way below
+            # not yet compiled, or arguments of other types: use the general path below
             outcome = _NO_OUTCOME
 
         code, iterations, restarts, error_p, error_r = outcome
@@ -228,7 +231,7 @@ def _solve(
     parts: PartTolerances | None,
     options: IkOptions,
 ) -> IkResult:
-    # Memory, tolerances and trail of the compiled loop
+    # Memory, tolerances and history of the compiled loop
     history = bool(options.history)
     single = options.precision == "single"
     memory = chain.single() if single else chain._memory
@@ -241,7 +244,7 @@ def _solve(
         tol_p, tol_r, tol_1, tol_2 = (_SINGLE_MARGIN * tol for tol in settings[1:5])
         used = settings._replace(tol_p=tol_p, tol_r=tol_r, tol_1=tol_1, tol_2=tol_2)
 
-    # By parts, by the usual entry, or by one that keeps a trail
+    # By parts, by the usual entry, or by one that keeps a history
     outcome: tuple[int, int, int, float, float]
     split = math.nan, math.nan
     if parts is not None:
@@ -266,7 +269,7 @@ def _solve(
         _refuse(code, target, start, "")
     cause = _cause(code, restarts)
 
-    # Errors of a solution in single precision, in double precision
+    # Errors of a solution in single precision are recomputed in double precision
     if single:
         error_p, error_r, axis, turn = _errors(chain, q, target)
         met = error_p <= settings.tol_p and error_r <= settings.tol_r
@@ -279,7 +282,8 @@ def _solve(
 
     path = goals = None
     if history:
-        trail[iterations] = q  # without convergence the result is the best iterate, not the last
+        # without convergence the result is the best iterate, not the last one
+        trail[iterations] = q
         trail = trail[: iterations + 1]
         goals = np.empty((iterations + 1, 3))
         entry("goals")(chain._memory, target, settings.tip_axes, trail, goals)
@@ -295,7 +299,7 @@ def _solve(
 class IkBatch:
     """Solutions of `solve_many`, one row per target.
 
-    `batch[i]` is what `solve` would have returned for target i.
+    `batch[i]` equals the result of `solve` for target i.
     """
 
     q: Array  # (N, n) [rad] or [m], within the limits
@@ -306,7 +310,8 @@ class IkBatch:
     restarts: NDArray[np.int64]  # (N,)
     axis_error: Array  # (N,) [rad], as in `IkResult`
     turn_error: Array  # (N,) [rad], as in `IkResult`
-    codes: NDArray[np.int64]  # (N,) why each ended, a code of `uuv.controllers.ik.chain_kernels`
+    # (N,) reason why each iteration ended, a code of `uuv.controllers.ik.chain_kernels`
+    codes: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.q)
@@ -361,8 +366,8 @@ def solve_many(
         One row per target.
 
     Raises:
-        ConfigurationError: as `solve`, and for history or single precision; it names the first bad
-            row, and no other row is returned.
+        ConfigurationError: as for `solve`, or history or single precision is requested; the message
+            names the first bad row, and no row is returned.
     """
     targets, starts = _stacks(chain, X_base_tip, q0)
     count = len(targets)
@@ -372,7 +377,7 @@ def solve_many(
     )
     settings, parts = solver_settings(chain, tolerances, method, branch, options)
     if options.history or options.precision == "single":
-        raise ConfigurationError("options: `solve_many` is without history and in double precision")
+        raise ConfigurationError("options: `solve_many` needs double precision and no history")
 
     threads = options.threads or _cores()
     q = np.empty((count, chain.n))
@@ -430,12 +435,12 @@ def _cores() -> int:
 
 
 def _cause(code: int, restarts: int) -> str:
-    """Reason in words for a code of the compiled loops."""
+    """Reason, as text, for a code of the compiled loops."""
     return _RESTARTED if restarts and code == _CONVERGED else _CAUSES[code]
 
 
 def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float, float, float]:
-    """Position [m], orientation, axis and turn [rad] error of `q`, in double precision."""
+    """Position [m], orientation, axis and turn errors [rad] of `q`, in double precision."""
     X = chain.forward(q)
     R = X[:3, :3].T @ target[:3, :3]
     whole = log_so3(R)

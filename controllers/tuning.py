@@ -1,4 +1,4 @@
-"""Gains, filters and limits of all controllers: default, unit, meaning, effect without them.
+"""Gains, filters and limits of all controllers, with default, unit and meaning.
 
     WorkController(model, tuning=ArmTuning(joint_frequency=40.0))
 
@@ -18,7 +18,7 @@ from uuv.sim.interfaces.spatial import Array
 
 
 def tuned(default: Any, about: str) -> Any:
-    """Field of a tuning: its default, and its unit in brackets with its meaning."""
+    """Field of a tuning, with its default, its unit in brackets, and its meaning."""
     return field(default=default, metadata={"about": about})
 
 
@@ -72,13 +72,17 @@ class GearTuning:
     title = "friction"
 
     filter: float = tuned(
-        0.003, "[s] of the estimated gear friction; slower, each reversal presses too hard"
+        0.003,
+        "[s] filter of the estimated gear friction; if slower, the force is too large after each "
+        "reversal",
     )
     reversal: float = tuned(
-        0.01, "[rad/s] wanted speed over which the friction feedforward changes its sign"
+        0.01, "[rad/s] desired speed over which the friction feedforward changes its sign"
     )
     known: float = tuned(0.8, "[-] share of the dry friction that is known while a joint slides")
-    excess: float = tuned(1.5, "[-] most compensated friction over the believed stiction")
+    excess: float = tuned(
+        1.5, "[-] largest ratio of the compensated friction to the modelled stiction"
+    )
     feedforward: float = tuned(
         0.8, "[-] share of the tangential tool force that the servo feeds forward"
     )
@@ -94,7 +98,9 @@ class TorqueNoise:
         0.01, "[-] standard deviation of a torque sensor as a share of its reading"
     )
     floor: float = tuned(0.1, "[N m] least standard deviation of a torque sensor")
-    drift: float = tuned(0.3, "[N m] standard deviation of the external torques since the tare")
+    drift: float = tuned(
+        0.3, "[N m] standard deviation of the external torques' drift since the tare"
+    )
     observer_floor: float = tuned(0.4, "[N m] least standard deviation of the load observer")
 
 
@@ -106,10 +112,16 @@ class ArmTuning:
 
     joint_frequency: float = tuned(60.0, "[rad/s] bandwidth of the joint servo")
     joint_damping: float = tuned(
-        2.0, "[-] damping ratio; with less, gear friction makes the tip chatter on stiff surfaces"
+        2.0,
+        "[-] damping ratio; with a smaller one, gear friction makes the tip chatter on stiff "
+        "surfaces",
     )
     joint_integral_time: float = tuned(
-        0.2, "[s] of the servo's integral, for friction at the tool and model errors"
+        0.2, "[s] time constant of the servo's integral, for friction at the tool and model errors"
+    )
+    integral_limit: float = tuned(0.01, "[rad s] limit of the integral, in both directions")
+    joint_speed_limit: float = tuned(
+        1.6, "[rad/s] speed limit of the fastest joint; reached only in a retreat"
     )
     integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
     joint_speed_limit: float = tuned(1.6, "[rad/s] of the fastest joint; reached in a retreat only")
@@ -117,21 +129,26 @@ class ArmTuning:
         0.1, "[rad/s] of joints to spare on the way off singular postures and limits"
     )
     force_filter: float = tuned(0.012, "[s] first-order filter of the force estimate")
-    observer_lag: float = tuned(0.012, "[s] lag of the load observer, which is also its filter")
+    observer_lag: float = tuned(
+        0.012, "[s] lag of the load observer, which is also the observer's filter"
+    )
     acceleration_filter: float = tuned(
-        0.015, "[s] of the joint acceleration, taken from the encoders' speed"
+        0.015, "[s] filter of the joint acceleration, computed from the encoders' speed"
     )
     normal_softness: float = tuned(
         0.7, "[-] share of the servo's stiffness that force control removes along the tool axis"
     )
     hardening_time: float = tuned(
-        0.3, "[s] to restore it after force control; a step throws the tool into the surface"
+        0.3,
+        "[s] to restore the stiffness after force control; a step would throw the tool into the "
+        "surface",
     )
     weighing_after: float = tuned(
-        2.0, "[s] after the start at which payload identification begins, filters settled"
+        2.0,
+        "[s] after the start, at which payload identification begins, when filters have settled",
     )
-    hover_period: float = tuned(0.02, "[s] of station keeping and allocation")
-    task_period: float = tuned(0.004, "[s] of inverse kinematics and force loop")
+    hover_period: float = tuned(0.02, "[s] period of station keeping and allocation")
+    task_period: float = tuned(0.004, "[s] period of inverse kinematics and force loop")
     compliance_period: float = tuned(0.2, "[s] update period of the servo's compliance at the tip")
     blend_time: float = tuned(
         0.2, "[s] of the critically damped transition from held joint angles to a tool pose"
@@ -139,8 +156,10 @@ class ArmTuning:
     inverse_kinematics: Method = field(
         default="hybrid",
         metadata={
-            "about": "[-] method that tracks the tool pose; hybrid is priority for other "
-            "than six joints"
+            "about": (
+                "[-] method that tracks the tool pose; hybrid becomes priority unless the arm has "
+                "six joints"
+            )
         },
     )
 
@@ -162,7 +181,9 @@ class ArmTuning:
 
     @property
     def motion_filters(self) -> tuple[float, float]:
-        """Time constants [s] of the joint acceleration and of the felt force."""
+        """Time constants [s] of the filters of the joint acceleration and of the estimated
+        force.
+        """
         return self.acceleration_filter, self.force_filter
 
 
@@ -171,16 +192,20 @@ class ForceLoopTuning:
     """Force loop: integral law, with optional P and D, from force error to displacement."""
 
     title = "force loop"
-    bandwidth: float = tuned(24.0, "[rad/s] of the closed loop on any surface")
+    bandwidth: float = tuned(24.0, "[rad/s] bandwidth of the closed loop on any surface")
     proportional_time: float = tuned(0.0, "[s] proportional gain over integral gain")
     derivative_time: float = tuned(0.0, "[s] derivative gain over proportional gain")
-    response: float = tuned(0.08, "[s] lag from set to measured force; gives no error meanwhile")
+    response: float = tuned(
+        0.08, "[s] lag from set to measured force that does not count as an error"
+    )
     limit: float = tuned(0.04, "[m] largest displacement in either direction")
     speed: float = tuned(0.03, "[m/s] largest speed of the displacement")
     softest: float = tuned(2e-4, "[m/N] largest surface compliance, that of 5e3 N/m")
     smoothing: float = tuned(0.05, "[s] filter of force and displacement before the slope")
-    memory: float = tuned(3.0, "[s] memory of the slope, counted while the set force changes")
-    prior: float = tuned(4.0, "[N] spread of the force at which the slope counts by half")
+    memory: float = tuned(
+        3.0, "[s] memory of the slope, which runs only while the set force changes"
+    )
+    prior: float = tuned(4.0, "[N] spread of the force at which the slope has half its weight")
 
     def __post_init__(self) -> None:
         positive = ("bandwidth", "limit", "speed", "softest", "smoothing", "memory", "prior")
@@ -196,7 +221,9 @@ class PublishedForceTuning:
     proportional: float = tuned(1e-5, "[m/N]")
     integral: float = tuned(5e-4, "[m/(N s)]")
     derivative: float = tuned(0.0, "[m s/N]")
-    limit: float = tuned(0.04, "[m] largest displacement along the tool axis, and across it")
+    limit: float = tuned(
+        0.04, "[m] largest displacement along the tool axis, and perpendicular to it"
+    )
     speed: float = tuned(0.03, "[m/s] largest speed of the displacement")
 
     def __post_init__(self) -> None:
@@ -219,7 +246,7 @@ class ComplianceTuning:
     speed: float = tuned(0.02, "[m/s] largest speed of the offset")
     release_speed: float = tuned(0.01, "[m/s] at which the offset returns to zero")
     gentle_speed: float = tuned(
-        0.005, "[m/s] largest speed, either way, of a tool at rest on a surface"
+        0.005, "[m/s] largest speed of a tool at rest on a surface, in both directions"
     )
 
     def __post_init__(self) -> None:
@@ -229,7 +256,7 @@ class ComplianceTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HullTuning:
-    """Station keeping, and the thrusters behind it."""
+    """Station keeping, and use of the thrusters."""
 
     title = "hull"
     frequency: float = tuned(1.6, "[rad/s] natural frequency of the closed loop")
@@ -239,7 +266,9 @@ class HullTuning:
         "[m] cube root of the displaced volume, below which the loop is faster by Froude's law",
     )
     mass: float = tuned(
-        350.0, "[kg] of the vehicle that thresholds of force and moment are for; they grow with it"
+        350.0,
+        "[kg] mass of the vehicle for which thresholds of force and moment are set; they are "
+        "proportional to it",
     )
     response: float = tuned(
         0.05,
@@ -271,10 +300,13 @@ class ObserverDeviations:
     gain_walk: float = tuned(0.003, "[1/sqrt(s)] random walk")
     offset: float = tuned(0.01, "[m/s^2] steady force over the hull's inertia, initial")
     offset_walk: float = tuned(0.003, "[m/s^2/sqrt(s)] random walk")
-    moment_bandwidth: float = tuned(3.0, "[rad/s] of the Luenberger observer of the moment")
+    moment_bandwidth: float = tuned(
+        3.0, "[rad/s] bandwidth of the Luenberger observer of the moment"
+    )
 
 
-# share of `HullTuning.mass` under which thresholds of force do not sink: sensors do not shrink
+# least share of `HullTuning.mass` by which thresholds of force are scaled, since sensor noise does
+# not shrink
 LIGHTEST = 0.2
 
 
@@ -286,16 +318,17 @@ class FaultLimits:
 
     vision_age: float = tuned(1.0, "[s] largest age of the newest picture")
     warm_up: float = tuned(
-        4.0, "[s] initial learning, without detection except for the age of pictures"
+        4.0,
+        "[s] duration of the initial learning, without detection except for the age of pictures",
     )
     frozen_time: float = tuned(0.05, "[s] for which a torque sensor may be frozen")
     frozen_encoder_time: float = tuned(
-        0.02, "[s] for which an encoder may be frozen; its drive is servoed on it meanwhile"
+        0.02, "[s] for which an encoder may be frozen, while its drive is still servoed on it"
     )
     frozen_factor: float = tuned(
-        5.0, "[-] and at least this times its longest frozen run while sound"
+        5.0, "[-] and at least this multiple of its longest frozen run while healthy"
     )
-    torque_time: float = tuned(0.1, "[s] filter of the difference of sensor and motor")
+    torque_time: float = tuned(0.1, "[s] filter of the difference between sensor and motor")
     torque_share: float = tuned(0.08, "[-] torque bound: share of the reading")
     torque_floor: float = tuned(0.05, "[-] plus this share of the drive's torque limit")
     friction: float = tuned(
@@ -303,37 +336,44 @@ class FaultLimits:
     )
     torque_confirm: float = tuned(0.1, "[s] for which the torque bound must be exceeded")
     learning_time: float = tuned(
-        20.0, "[s] of the average with which a torque residual is compared"
+        20.0, "[s] time constant of the average with which a torque residual is compared"
     )
     encoder_time: float = tuned(1.0, "[s] window for angle against integrated speed")
-    encoder_slip: float = tuned(4e-3, "[rad] by which they may differ")
+    encoder_slip: float = tuned(4e-3, "[rad] largest difference of the two")
     hull_time: float = tuned(0.15, "[s] filter of the hull's momentum balance")
     hull_learning_time: float = tuned(
-        6.0, "[s] of the average that counts as current, not as a fault"
+        6.0, "[s] time constant of the average that counts as current, not as a fault"
     )
     hull_force: float = tuned(20.0, "[N] hull bound: missing force, moments divided by `lever`")
     hull_share: float = tuned(
-        0.12, "[-] plus this share of the thrust demanded, sum over all thrusters"
+        0.12, "[-] plus this share of the demanded thrust, summed over all thrusters"
     )
     hull_change: float = tuned(
-        0.1, "[-] plus this share of the thrust that differs from the usual: gains are uncertain"
+        0.1,
+        "[-] plus this share of the thrust's change from its usual value, since gains are "
+        "uncertain",
     )
     hull_speed: float = tuned(
-        250.0, "[N s/m] plus this times the hull's speed: its drag is uncertain"
+        250.0, "[N s/m] plus this multiple of the hull's speed, since drag is uncertain"
     )
     lever: float = tuned(0.5, "[m] that converts moments to forces")
     thruster_loss: tuple[float, float] = tuned(
-        (0.5, 1.3), "[-] range of the missing share of its thrust that is a loss"
+        (0.5, 1.3),
+        "[-] range of the missing share of its thrust that counts as the loss of a thruster",
     )
     thruster_moment: float = tuned(
-        0.3, "[-] moment over force of a column, at `lever`; below it a loss resembles a current"
+        0.3,
+        "[-] ratio of moment to force of a thruster's column, at `lever`, below which a loss "
+        "resembles a current",
     )
     thruster_leftover: float = tuned(
-        0.4, "[-] share of the missing wrench that the thruster may leave unexplained"
+        0.4, "[-] share of the missing wrench that the loss of a thruster may leave unexplained"
     )
     thruster_confirm: float = tuned(0.35, "[s] for which a loss must persist")
     current_confirm: float = tuned(
-        0.4, "[s] where it may be a current or a wave; then the thruster is probed"
+        0.4,
+        "[s] for which a loss must persist if it may be a current or a wave; then the thruster is "
+        "probed",
     )
     probe_share: float = tuned(0.12, "[-] size of a probe's doublet, as a share of full thrust")
     probe_time: float = tuned(0.6, "[s] of a doublet: half of it ahead, half of it astern")
@@ -345,8 +385,8 @@ class FaultLimits:
     def of_mass(cls, mass: float) -> Self:
         """The limits of a vehicle of `mass` [kg]; forces grow with it, lengths with its cube root.
 
-        The share of the usual mass is rounded to tenths, so that a payload leaves the limits as
-        they are.
+        The ratio to the usual mass is rounded to tenths, so that a payload does not change the
+        limits.
         """
         usual, share = cls(), max(LIGHTEST, round(mass / HULL.mass, 1))
         return cls(
@@ -361,36 +401,39 @@ class FaultLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyTuning:
-    """Safety wrapper: rejection of estimates, brake of the arm, and blind departure of the hull."""
+    """Safety wrapper: rejection of estimates, braking of the arm, and blind departure of the
+    hull.
+    """
 
     title = "safety wrapper"
 
     old_imu: float = tuned(
-        0.1, "[s] age of the newest IMU data from which on an estimate is rejected"
+        0.1, "[s] age of the newest IMU data, from which on an estimate is rejected"
     )
     braking_speed: float = tuned(
-        0.4, "[rad/s] joint speed from which on the full braking torque acts"
+        0.4, "[rad/s] joint speed, from which on the full braking torque acts"
     )
     braking_share: float = tuned(0.5, "[-] braking torque as a share of the drive's torque limit")
     gentle_force: float = tuned(
-        50.0, "[N] at the tip, above which the arm gives way once the work is broken off"
+        50.0, "[N] force at the tip, above which the arm yields once the work is aborted"
     )
     balance_time: float = tuned(
         1.0, "[s] over which thrusts and contact are averaged for a blind departure"
     )
     leave_acceleration: float = tuned(
-        0.2, "[m/s^2] times the vehicle's mass: force of a blind departure"
+        0.2, "[m/s^2] force of a blind departure, per mass of the vehicle"
     )
-    leave_time: float = tuned(3.0, "[s] for which it acts off the surface")
-    rise_time: float = tuned(10.0, "[s] for which it then acts upwards")
+    leave_time: float = tuned(3.0, "[s] duration of this force away from the surface")
+    rise_time: float = tuned(10.0, "[s] duration of the force upwards after that")
 
 
-# A gear that twists hides its link's inertia from the motor at high frequency: with the full gains
-# the servo oscillates on gears of up to 1e6 N m/rad, with these down to 1e4 N m/rad it does not.
+# The twist of a gear hides the link's inertia from the motor at high frequency. With the full gains
+# the servo oscillates on gears of up to 1e6 N m/rad, with these gains it is stable down to 1e4 N
+# m/rad.
 ELASTIC_GEARS = ArmTuning(joint_frequency=30.0, joint_damping=1.0)
 
-# Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors
-# and gears).
+# The servo is softer than for work on a stiff surface; filters, noise and friction are the same
+# (same sensors and gears).
 _DRIVES = ArmTuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
 
 
@@ -401,25 +444,28 @@ class TouchTuning:
     title = "touching"
 
     lift: float = tuned(0.05, "[m] height above the nest between touches")
-    descent: float = tuned(0.03, "[m/s] of the spring's end; upwards twice that")
+    descent: float = tuned(0.03, "[m/s] speed of the spring's end; upwards twice as fast")
     beyond: float = tuned(
         0.012, "[m] by which the spring's end moves below the nest before it follows the tip"
     )
-    move_speed: float = tuned(0.8, "[rad/s] of the fastest joint")
-    settle: float = tuned(1.5, "[s] pressed before the reading")
-    reading: float = tuned(0.5, "[s] over which encoders are averaged")
+    move_speed: float = tuned(0.8, "[rad/s] speed limit of the fastest joint")
+    settle: float = tuned(1.5, "[s] duration of pressing before the reading")
+    reading: float = tuned(0.5, "[s] duration over which encoders are averaged")
     believable: float = tuned(0.03, "[m] a tip farther than this from the nest has missed it")
-    stiffness: float = tuned(600.0, "[N/m] of the spring at the tip")
+    stiffness: float = tuned(600.0, "[N/m] stiffness of the spring at the tip")
     most: float = tuned(12.0, "[N] largest force of the spring")
     push: float = tuned(10.0, "[N] constant force into the nest")
     let_go: float = tuned(
         0.3, "[s] time constant with which the spring's end approaches the tip, and the push grows"
     )
-    turn_stiffness: float = tuned(60.0, "[N m/rad] of the spring that holds the pin's direction")
+    turn_stiffness: float = tuned(
+        60.0, "[N m/rad] stiffness of the spring that holds the pin's direction"
+    )
     turn_most: float = tuned(8.0, "[N m] largest moment of that spring")
     damping: float = tuned(1.0, "joint damping as a multiple of the gears' viscous friction")
-    drives: ArmTuning = _DRIVES  # servo of free motion, and filters of the force estimate
+    drives: ArmTuning = _DRIVES  # servo for free motion, and filters of the force estimate
 
 
-DRIVE_PERIOD = 0.002  # [s] of joint servo and contact estimator
-HULL, SAFETY, TOUCH = HullTuning(), SafetyTuning(), TouchTuning()  # defaults, for signatures
+DRIVE_PERIOD = 0.002  # [s] period of joint servo and contact estimator
+# default instances, for signatures
+HULL, SAFETY, TOUCH = HullTuning(), SafetyTuning(), TouchTuning()

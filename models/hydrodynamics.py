@@ -173,9 +173,8 @@ def attach(
 ) -> None:
     """Write the coefficients of `bodies` and the density of the water into `spec`.
 
-    Repeated calls add or replace bodies; the last density holds for all. Rows of bodies are kept by
-    `MjSpec.attach` and by MJCF, which keeps six digits. No force acts on a body welded to the
-    world.
+    Repeated calls add or replace bodies; the last density holds for all. `MjSpec.attach` keeps the
+    rows of bodies, MJCF with six digits. No force acts on a body welded to the world.
 
     Args:
         spec: model to extend.
@@ -289,10 +288,9 @@ def set_current(
 ) -> None:
     """Set the current of a model: velocity at z = 0, acceleration and shear, in world axes.
 
-    A simulation can have a current of its own (`uuv.sim.hydrodynamics.set_current`). Each body is
-    exposed to the current at the body's origin. A compiled model stores the velocity in `opt.wind`,
-    acceleration and shear in `body_user[0]` (`LAYOUT.current_acceleration`, `current_shear`). MJCF
-    keeps only the velocity.
+    A simulation can have its own current (`uuv.sim.hydrodynamics.set_current`). A body is exposed
+    to the current at the body's origin. A compiled model has the velocity in `opt.wind`, the rest
+    in `body_user[0]` (`LAYOUT.current_acceleration`, `current_shear`). MJCF has only the velocity.
 
     Args:
         spec: model with hydrodynamics attached.
@@ -371,9 +369,7 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
 
 @lru_cache(maxsize=512)
 def _unpacked(content: bytes) -> BodyHydrodynamics:
-    """The body of a row, stored because an assembly asks for the same bodies dozens of times; it is
-    frozen.
-    """
+    """The body of a row; stored, since an assembly asks for the same bodies dozens of times."""
     row = np.frombuffer(content)
 
     # After rounding to MJCF's six digits a matrix may no longer be definite.
@@ -409,10 +405,9 @@ def _unpacked(content: bytes) -> BodyHydrodynamics:
 
 
 def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
-    """Decode a row for a model that does not support forms; a PhysicsWarning names the forms left
-    out.
+    """Decode a row for a model that does not support forms.
 
-    `whose` is the beginning of the warning.
+    A PhysicsWarning that begins with `whose` names the forms left out.
 
     Raises:
         ConfigurationError: as `unpack` does.
@@ -421,10 +416,7 @@ def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
     if body.terms:
         names = ", ".join(sorted({type(form).__name__ for form in body.terms}))
         warnings.warn(
-            f"{whose} does not include these forms of the hydrodynamics, which the plant has: "
-            f"{names}",
-            PhysicsWarning,
-            3,
+            f"{whose} does not include forms that the plant has: {names}", PhysicsWarning, 3
         )
     return replace(body, forms=())
 
@@ -432,8 +424,7 @@ def without_forms(row: ArrayLike, whose: str) -> BodyHydrodynamics:
 def trim(
     spec: mujoco.MjSpec, body: str, *, metacentric_height: float, qpos: ArrayLike | None = None
 ) -> BodyHydrodynamics:
-    """Ballast a tree: set volume and centre of buoyancy of `body` so that the tree is neutral and
-    upright.
+    """Ballast a tree: set volume and centre of buoyancy of `body` so that it floats upright.
 
     Afterwards the tree's buoyancy equals its weight. The centre of buoyancy is vertically above the
     centre of mass. All other coefficients are unchanged. All bodies must have their coefficients
@@ -449,16 +440,14 @@ def trim(
         The coefficients now attached to `body`.
 
     Raises:
-        ConfigurationError: an argument is not an MjSpec or number, `body` has no coefficients,
-            gravity is zero, `qpos` has a wrong shape, or the other bodies alone displace more mass
-            than the tree has.
+        ConfigurationError: a wrong type or shape of an argument, no coefficients on `body`, zero
+            gravity, or other bodies that alone displace more mass than the tree has.
     """
     _check_spec(spec)
     here = attached(spec)
     if body not in here:
         raise ConfigurationError(
-            f"{body}: has no hydrodynamics; the bodies with hydrodynamics are "
-            f"{', '.join(sorted(here))}"
+            f"{body}: has no hydrodynamics; bodies with it are {', '.join(sorted(here))}"
         )
 
     metacentric_height = float(checked([metacentric_height], (1,), "metacentric_height [m]")[0])
@@ -618,8 +607,7 @@ def box(
     area = volume / edges
     side = np.sqrt(area)  # [m] side of a square of equal frontal area
 
-    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant for
-    # long prisms.
+    # C_A b/a over b/a: finite at 0, a plate (0.579 pi/4 a^3), and constant for long prisms.
     slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
     reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
     translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
@@ -800,9 +788,7 @@ def _body_named(spec: mujoco.MjSpec, name: object) -> Any:
 
 
 def _numbers(userdata: Sequence[float]) -> Array:
-    """Array of MuJoCo's vector `userdata`, read number by number, which is fifteen times as fast as
-    NumPy's conversion.
-    """
+    """Array of MuJoCo's vector `userdata`, number by number: fifteen times as fast as NumPy."""
     return np.array([userdata[k] for k in range(len(userdata))])
 
 
@@ -815,9 +801,7 @@ def _row_of(body: mujoco.MjsBody) -> Array:
 
 
 def _restored(symmetric: Array) -> Array:
-    """`symmetric` (6, 6), or the nearest semidefinite matrix if rounding to six digits made it
-    indefinite.
-    """
+    """`symmetric` (6, 6), or the nearest semidefinite matrix if rounding made it indefinite."""
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
         return symmetric

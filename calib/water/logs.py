@@ -4,13 +4,13 @@ The columns are listed below. All except `time` are optional. A cell is blank (n
 there is no sample at that time.
 
     time                 [s], increasing
-    x y z qx qy qz qw pose of the hull in W [m], z up from the surface; the quaternion may be alone
+    x y z qx qy qz qw    pose of the hull in W [m], z up from the surface; or quaternion alone
     wx wy wz             IMU in hull axes: rate [rad/s]
     ax ay az             IMU in hull axes: specific force [m/s^2], +9.81 in z at rest
     vx vy vz             DVL: velocity over ground in hull axes [m/s]
     depth                of the hull's origin [m], down
     thruster.NAME        command as a fraction from -1 to 1, held until the next
-    thrust.NAME alternatively: thrust [N], if it is known
+    thrust.NAME          alternatively: thrust [N], if it is known
     joint.NAME           joint angle [rad]
 
 A Parquet table recorded by a run of this project can be read too; its column names are translated.

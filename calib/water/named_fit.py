@@ -84,9 +84,7 @@ class Blocks(Protocol):
         ...
 
     def residuals(self, deviations: Array, local: Sequence[Array]) -> list[Array]:
-        """Residuals of each block in units of their standard deviations; not finite if they cannot
-        be computed.
-        """
+        """Residuals of each block over their standard deviations; not finite if not computable."""
         ...
 
     def slopes(self, deviations: Array, local: Sequence[Array]) -> list[Slopes]:
@@ -113,9 +111,7 @@ class NamedFit:
 
     @property
     def told(self) -> Array:
-        """Share (n,) of the prior variance that the data removed; 0 for data without
-        information.
-        """
+        """Share (n,) of the prior variance that the data removed; 0 without information."""
         return 1.0 - np.diag(self.covariance)
 
     def interval(self, index: int, sigmas: float) -> tuple[float, float]:
@@ -238,9 +234,7 @@ def fit_blocks(
 
 
 class Reduced(NamedTuple):
-    """Normal equations of the named parameters, with the local parameters of the blocks
-    eliminated.
-    """
+    """Normal equations of the named parameters, with the blocks' local parameters eliminated."""
 
     H: Array  # (n, n)
     gradient: Array  # (n,)
@@ -266,18 +260,14 @@ class Reduced(NamedTuple):
         return cls(H, gradient, eliminated)
 
     def local(self, step: Array) -> list[Array]:
-        """Steps of each block's local parameters that belong to a step (n,) of the named
-        parameters.
-        """
+        """Steps of each block's local parameters for a step (n,) of the named parameters."""
         return [alone + slope @ step for alone, slope in self.eliminated]
 
 
 def _moved(
     parameters: Sequence[NamedParameter], x: Array, step: Array, straight: bool
 ) -> tuple[Array, Array]:
-    """The step that is taken, shortened unless `straight`, and the deviations (n,) after the
-    step.
-    """
+    """The step that is taken, shortened unless `straight`, and the deviations (n,) after it."""
     if straight:
         moved = [p.moved(float(a), float(b)) for p, a, b in zip(parameters, x, step, strict=True)]
         return step, np.array(moved, dtype=np.float64)

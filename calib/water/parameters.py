@@ -91,9 +91,7 @@ class VehicleWater:
         hull = Vehicle.of(model, names).hull
         nominal = {i: unpack(row) for i, row in enumerate(model.body_user) if i and carries(row)}
         if hull not in nominal:
-            raise ConfigurationError(
-                f"body {names.hull!r} must have nominal hydrodynamics, has none"
-            )
+            raise ConfigurationError(f"body {names.hull!r}: must have nominal hydrodynamics")
         density = water_density(model)
 
         water = nominal[hull]

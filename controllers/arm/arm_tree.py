@@ -24,35 +24,37 @@ OF_BODIES = {
     "buoyancy": 1,
     "cob": 3,
     "origin": 3,
-}  # count of each parameter per body, in the order of the packed block that the kernels read
+}  # number of each parameter per body, in the order of the packed block that the kernels read
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmTree:
     """Bodies of the arm, parents first; row i of every array is body i."""
 
-    parent: np.ndarray  # (nb,) row of the parent, -1 for the hull
+    parent: np.ndarray  # (nb,) row of the parent body, -1 for the hull
     kind: np.ndarray  # (nb,) FIXED, HINGE or SLIDE
-    column: np.ndarray  # (nb,) index into q, or -1
+    column: np.ndarray  # (nb,) index of the joint in q, or -1
     axis: Array  # (nb, 3) joint axis in body axes
-    # (nb, 3, 3) body in parent at q = 0; joints that are no coordinates stay at their qpos0
+    # (nb, 3, 3) body in parent at q = 0; joints that are not coordinates stay at their qpos0
     R0: Array
-    p0: Array  # (nb, 3) joint frame in the parent's joint frame, likewise [m]
+    p0: Array  # (nb, 3) joint frame in the parent's joint frame, at q = 0 [m]
     mass: Array  # (nb,) [kg]
-    com: Array  # (nb, 3) [m]
-    inertia: Array  # (nb, 3, 3) about the joint frame's origin [kg m^2]
+    com: Array  # (nb, 3) centre of mass [m]
+    inertia: Array  # (nb, 3, 3) inertia about the joint frame's origin [kg m^2]
     added: Array  # (nb, 6, 6)
     linear: Array  # (nb, 6, 6)
     quadratic: Array  # (nb, 6)
     buoyancy: Array  # (nb,) displaced mass rho V [kg]
-    cob: Array  # (nb, 3) [m]
+    cob: Array  # (nb, 3) centre of buoyancy [m]
     # (nb, 3) the body's own origin in its joint frame [m]; the coefficients refer to it
     origin: Array
     # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
     stations: Array
 
     def packed(self, gravity: Array, R_tip: Array, p_tip: Array) -> Array:
-        """Pack all parameters into one block: of the bodies, gravity, tip position and rotation."""
+        """Pack all parameters into one block: those of the bodies, gravity, tip position and
+        rotation.
+        """
         blocks = [*(getattr(self, name) for name in OF_BODIES), gravity, p_tip, R_tip]
         return np.concatenate([np.ravel(block) for block in blocks])
 
@@ -60,16 +62,17 @@ class ArmTree:
 def read_tree(
     model: mujoco.MjModel, vehicle: Vehicle, passive: bool, water_scale: float
 ) -> tuple[ArmTree, tuple[str, ...], dict[int, int]]:
-    """Bodies carried by the hull, names of the joints that are coordinates, row of each body.
+    """Tree of the bodies carried by the hull, names of the joints that are coordinates, and the row
+    of each body.
 
     Args:
         model: compiled model of the vehicle.
         vehicle: the vehicle in it.
-        passive: joints without actuator are coordinates too.
+        passive: True: joints without actuator are coordinates too.
         water_scale: [-] factor of all hydrodynamic coefficients.
 
     Raises:
-        ConfigurationError: a joint is no hinge or slide, or a body has several.
+        ConfigurationError: a joint is neither a hinge nor a slide, or a body has several joints.
     """
     bodies = [b for b in range(vehicle.hull + 1, model.nbody) if _carried(model, b, vehicle.hull)]
     rows = {body: row for row, body in enumerate(bodies)}
@@ -118,7 +121,7 @@ def _empty_tree(nb: int, stations: Array) -> ArmTree:
 
 
 def _joint_of(model: mujoco.MjModel, body: int) -> int | None:
-    """The hinge or slide of a body, None for a fixed one; ConfigurationError for other joints."""
+    """The hinge or slide of a body, None for a fixed body; ConfigurationError for other joints."""
     if model.body_jntnum[body] > 1:
         raise ConfigurationError(
             f"body {model.body(body).name!r} of the arm has more than one joint"
@@ -138,7 +141,7 @@ def _joint_of(model: mujoco.MjModel, body: int) -> int | None:
 def _set_pose(
     tree: ArmTree, row: int, model: mujoco.MjModel, body: int, anchor: Array, parent: int | None
 ) -> None:
-    """Joint frame of a body in that of its parent (a row; None: the hull), where q is zero."""
+    """Write the joint frame of a body in that of its parent (a row; None: the hull), at q = 0."""
     # The joint frame lies at the joint's anchor, parallel to the body's axes.
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, model.body_quat[body])
@@ -174,7 +177,7 @@ def _set_inertia(tree: ArmTree, row: int, model: mujoco.MjModel, body: int, anch
 def _set_water(
     tree: ArmTree, row: int, model: mujoco.MjModel, body: int, water_scale: float
 ) -> None:
-    """Hydrodynamic coefficients of a body that has them, times `water_scale`, and its buoyancy."""
+    """Write the hydrodynamic coefficients of a body, times `water_scale`, and its buoyancy."""
     if not hydrodynamics.carries(model.body_user[body]):
         return
 

@@ -1,4 +1,4 @@
-"""Believed dry friction of the gears, for drives without torque sensors."""
+"""Nominal ("believed") dry friction of the gears, for drives without torque sensors."""
 
 import numpy as np
 
@@ -24,11 +24,12 @@ def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
 
 @kernel
 def dry_friction_sigma(coulomb, stiction, width, known, qd, sigma):
-    """Standard deviation of dry friction: 0.6 of stiction at rest, the unknown share in motion.
+    """Standard deviation of dry friction: 0.6 of stiction at rest, and the unknown share of the
+    friction in motion.
 
     Args:
         coulomb: (n,) [N m] Coulomb friction.
-        stiction: (n,) [N m] friction at rest; the torque at rest lies anywhere below it.
+        stiction: (n,) [N m] friction at rest; the torque at rest may have any value below it.
         width: [rad/s] width of the smoothed step at rest.
         known: [-] share of the friction in motion that is known.
         qd: (n,) [rad/s] joint speeds.

@@ -1,24 +1,25 @@
-"""Lateral compliance: an admittance by which the tool yields sideways and centres in a hole.
+"""Lateral compliance: an admittance with which the tool yields sideways and centres itself in a
+hole.
 
-It acts beside the displacement k of [Konoplin 2022]. The displacement controls the force along the
-tool axis to its set value; the admittance controls the force across the axis to zero. The tool's
-reference moves at
+It acts in addition to the displacement k of [Konoplin 2022]. The displacement controls the force
+along the tool axis to its set value; the admittance controls the force across the axis to zero. The
+tool's reference moves at
 
     d/dt o = A (1 - min(1, b / |f|)) f,    f = F - (F . z) z.
 
 F is the measured force of the world on the tip, z the tool axis, A the admittance and b a dead
-band. A bias of the measured force within the band moves nothing while the tool is free.
+band. A bias of the measured force within the dead band causes no motion while the tool is free.
 
 Against a wall of stiffness K the loop is an integrator of crossover K A [rad/s] in series with
 three lags. These are the filter of the measured force (12 ms), the joint servo (critically damped,
 60 rad/s: 33 ms) and half a task period (2 ms). The phase margin is 90 deg - K A 47 ms. The default
 and K = 3e4 N/m of the tool's mount give 12 rad/s and 58 deg. The stability limit is K = 8e4 N/m,
-which the mount's spring in series excludes. The offset is the integral itself and is limited as
-such, so there is no windup.
+which cannot occur, because the spring of the mount is in series. The offset is the integral itself
+and is limited, so there is no windup.
 
-A tool that stands on a stiff surface yields gently: its lateral force falls from that of sliding
-friction to little, and disturbs the normal force meanwhile. On 6e5 to 1e6 N/m the peaks were 8 to
-12 N at full speed, 7 to 10 N gently.
+A tool that stops on a stiff surface yields gently. Its lateral force then falls from that of
+sliding friction to a small value, which disturbs the normal force. On surfaces of 6e5 to 1e6 N/m
+the peaks of this disturbance were 8 to 12 N at full speed, and 7 to 10 N at `gentle_speed`.
 """
 
 from dataclasses import dataclass, field
@@ -32,17 +33,18 @@ from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
 from uuv.sim.interfaces.messages import Reference
 from uuv.sim.interfaces.spatial import Array
 
-# Entry of `ComplianceState.numbers` behind the offset (3,) [m], W: not 0 where that is the offset
-# of a tool that stands on a surface
+# Entry of `ComplianceState.numbers` after the offset (3,) [m], W: not 0 if that is the offset of a
+# tool that stands on a surface
 GENTLE = 3
 # Number of entries
 NUMBERS = 4
 
-# Entries of the values of a slot for a displacement across the tool axis: force (3,) [N] and axis
-# (3,), W, time [s] since the last step, flags of `Reference`; the answer is the offset (3,) [m], W
+# Entries of the values of a slot for a displacement perpendicular to the tool axis: force (3,) [N]
+# and axis (3,), W, time [s] since the last step, flags of `Reference`; the result is the offset
+# (3,) [m], W
 FORCE, AXIS, DT = 0, 3, 6
 CONTROLLED, COMPLIANT, STANDING = range(7, 10)
-# The answer
+# The result
 OFFSET = 10
 # Number of entries
 VALUES = 13
@@ -66,7 +68,7 @@ class ComplianceState:
 
 
 class ComplianceGains(NamedTuple):
-    """Fields of `ComplianceTuning`, as the kernels take them."""
+    """Fields of `ComplianceTuning`, in the form of the kernels."""
 
     admittance: float
     dead_band: float
@@ -82,11 +84,11 @@ class LateralCompliance(ComplianceTuning):
 
     @property
     def gains(self) -> ComplianceGains:
-        """The gains, as the kernels take them."""
+        """The gains, in the form of the kernels."""
         return ComplianceGains(*(getattr(self, name) for name in ComplianceGains._fields))
 
     def slot(self, state: ComplianceState) -> Slot:
-        """It is contained in the tick, which works on the numbers of `state`."""
+        """The law is contained in the tick, which works on the numbers of `state`."""
         return empty_slot(state.numbers, VALUES)
 
     def init(self) -> ComplianceState:
@@ -94,7 +96,7 @@ class LateralCompliance(ComplianceTuning):
         return ComplianceState()
 
     def acts(self, reference: Reference) -> bool:
-        """True where the tool is to yield to lateral forces."""
+        """True if the tool is to yield to lateral forces."""
         return reference.compliant
 
     def step(
@@ -113,7 +115,7 @@ class LateralCompliance(ComplianceTuning):
             f_tip_W: (3,) [N] force of the world on the tip, W.
             z_WG: (3,) unit tool axis, W.
             dt: [s] since the last step.
-            gently: yield, and later return, no faster than `gentle_speed`.
+            gently: True: yield, and later return, no faster than `gentle_speed`.
 
         Returns:
             The offset (3,) [m], W.

@@ -1,15 +1,15 @@
 """Inverse dynamics of an underwater arm on a moving hull, by recursive Newton-Euler.
 
-Independent of MuJoCo's dynamics. Only names, sizes and coefficients are read from a compiled model,
-possibly one with deliberately wrong coefficients. Per body, in body axes at the body's origin,
-six-vectors (linear; angular):
+The computation is independent of MuJoCo's dynamics. Only names, sizes and coefficients are read
+from a compiled model, possibly one with deliberately wrong coefficients. Per body, in body axes at
+the body's origin, six-vectors (linear; angular):
 
     rigid body    f = M nudot + (w x momentum terms) - weight
     water         f = A nudot_r + (w x p_l; w x p_a + v_r x p_l)
                       + D nu_r + Dq |nu_r| nu_r + strips - buoyancy,
                   p = A nu_r, nu_r = nu - (R^T v_c; 0)          [Fossen 2011, ch. 6 and 8]
 
-The sum is the load of the body's joint; it is passed down from tip to base. In [Konoplin 2022]
+The sum is the load of the body's joint; loads are passed down from tip to base. In [Konoplin 2022]
 these are the inverse dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
 """
 
@@ -26,7 +26,7 @@ from uuv.sim.interfaces.spatial import Array, finite_number
 
 
 class ArmParameters(NamedTuple):
-    """Believed arm as the kernels take it; `ArmDynamics.parameters`."""
+    """Arm model of the controller in the form of the kernels; see `ArmDynamics.parameters`."""
 
     # (4, nb) parent row, joint kind, column in q (-1: none), and row of the tip's body
     layout: np.ndarray
@@ -72,8 +72,8 @@ def workspace(layout):
 def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     """Recursive Newton-Euler: forward pass for motion, backward pass for forces.
 
-    The tree comes as one packed block of numbers (`ArmTree.packed`): passing thirty arrays costs
-    more than the computation.
+    The tree is passed as one packed block of numbers (`ArmTree.packed`), because passing thirty
+    arrays costs more than the computation.
 
     Args:
         arm: `ArmParameters`.

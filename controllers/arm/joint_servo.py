@@ -1,8 +1,9 @@
-"""Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull.
+"""Joint servo: computed torque at the rate of the drives, and tool motion relative to the drifting
+hull.
 
 The kernels are compiled as a whole, since they run at the rate of the drives. Their dynamics are
-those of `uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They
-take records as plain tuples of their fields, which numba types faster.
+those of `uuv.controllers.arm.inverse_dynamics`; the tests compare them with their plain forms.
+Records are passed as plain tuples of their fields, which numba types faster.
 """
 
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ class Drives(NamedTuple):
 
 
 class SeenArm(NamedTuple):
-    """Measured motion of joints and hull."""
+    """Measured motion of joints and hull, input of the servo."""
 
     q: Array  # (n,) [rad] joint angles
     qd: Array  # (n,) [rad/s] joint speeds
@@ -47,32 +48,32 @@ class SeenArm(NamedTuple):
 
 
 class JointTarget(NamedTuple):
-    """Joint motion wanted."""
+    """Desired joint motion."""
 
-    q: Array  # (n,) [rad] angles wanted `age` ago; extrapolated at `qd`
+    q: Array  # (n,) [rad] angles desired `age` ago; extrapolated at `qd`
     qd: Array  # (n,) [rad/s] speeds
     qdd: Array  # (n,) [rad/s^2] accelerations
     age: float  # [s]
 
 
 class SoftAxis(NamedTuple):
-    """Tool axis along which the servo gives up stiffness to force control."""
+    """Tool axis along which the servo has less stiffness for force control."""
 
-    # (2, n) tip motion along the tool axis per joint angle [m/rad]; joint motion that gives it
+    # (2, n) tip motion along the tool axis per joint angle [m/rad]; joint motion that causes it
     # [rad/m]
     yielding: Array
-    softness: float  # [-] share of the stiffness that the tip loses along the tool axis
+    softness: float  # [-] share of the stiffness by which the tip is softer along the tool axis
 
 
 class BorneLoad(NamedTuple):
-    """Loads that the drives bear by feedforward."""
+    """Loads that are fed forward to the drives."""
 
     wrench_G: Array  # (6,) [N, N m] contact wrench on the tip, tool axes
     friction: Array  # (n,) [N m] dry friction of the gears
 
 
 class ToolTarget(NamedTuple):
-    """Tool motion wanted."""
+    """Desired tool motion."""
 
     X_WG: Array  # (4, 4) pose
     v_WG_W: Array  # (3,) [m/s] velocity of its origin, W
@@ -84,7 +85,7 @@ class ResolvedMotion(NamedTuple):
 
     X_AG: Array  # (4, 4) tool pose in the arm's base
     qd: Array  # (n,) [rad/s] joint speeds
-    # (n,) [rad/s^2] joint accelerations that cancel the hull's; zero without drift correction
+    # (n,) [rad/s^2] joint accelerations that compensate the hull's; zero without drift correction
     qdd: Array
     yielding: Array  # (2, n) as in `SoftAxis`
 
@@ -93,8 +94,8 @@ class ResolvedMotion(NamedTuple):
 class JointServoState:
     """State of the servo."""
 
-    integral: Array  # (n,) [rad s] of the angle errors; changes in place
-    tau: Array  # (n,) [N m] last asked of the motors
+    integral: Array  # (n,) [rad s] integral of the angle errors; changed in place
+    tau: Array  # (n,) [N m] last commands of the motors
 
 
 class JointServo:
@@ -119,7 +120,7 @@ class JointServo:
         return self._tuning.normal_softness * self._period / self._tuning.hardening_time
 
     def init(self) -> JointServoState:
-        """Initial state: no torque asked."""
+        """Initial state: no torque commanded."""
         return JointServoState(integral=np.zeros(self._n), tau=np.zeros(self._n))
 
     def step(
@@ -130,14 +131,15 @@ class JointServo:
         wanted: JointTarget,
         borne: BorneLoad,
     ) -> Array:
-        """Torques (n,) [N m] of the drives for one period; the tool axis is as stiff as the others.
+        """Torques (n,) [N m] of the drives for one period, with the same stiffness along the tool
+        axis as elsewhere.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            arm: believed arm.
+            arm: arm model.
             seen: measured motion.
-            wanted: joint motion wanted.
-            borne: loads borne by feedforward.
+            wanted: desired joint motion.
+            borne: loads that are fed forward.
 
         Returns:
             The torques, within the drives' limits.
@@ -157,12 +159,12 @@ class JointServo:
 
 @kernel
 def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
-    """Track the dry friction torque of the gears, as the torque sensors show it.
+    """Track the dry friction torque of the gears from the torque sensors.
 
-    It is the motor torque less rotor inertia, viscous friction and the sensor's reading. Added to
-    the motor commands, it turns the drives into torque sources at the gear output, also at rest.
-    There friction takes any value that keeps the joint, and the motors' torque grows until the
-    joint breaks away.
+    The dry friction is the motor torque minus rotor inertia, viscous friction and the sensor's
+    reading. If it is added to the motor commands, the drives become torque sources at the gear
+    output, also at rest. At rest the friction has any value that holds the joint, and the torque of
+    the motor grows until the joint breaks away.
 
     Args:
         tau_motor: (n,) [N m] motor torques.
@@ -219,7 +221,7 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
     tau = np.empty(n)
     wrench_B = np.empty(6)
 
-    # Angle errors, and the part of them along the tool axis
+    # Angle errors, and their component along the tool axis
     along = 0.0
     for j in range(n):
         error[j] = wanted.q[j] + wanted.age * wanted.qd[j] - q[j]
@@ -245,7 +247,7 @@ def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
         wrench_B,
     )
 
-    # Rotors and gears, within the limits
+    # Add rotors and gears, within the limits
     for j in range(n):
         tau[j] += drives.armature[j] * qdd[j] + drives.damping[j] * qd[j] + borne.friction[j]
         if abs(tau[j]) > drives.limits[j]:
@@ -265,10 +267,10 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, joints, out):
     """Re-aiming, p*_C = R^T (p*_O - r) [Konoplin 2022]: tool pose in the arm's base, joint rates.
 
     Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular
-    postures. Of an arm with other than six joints they are by priorities. With `drift` the motion
-    of the hull is compensated: its velocity in `qd`, its acceleration in `qdd`. The tool then
-    stands still on the object. Without it the drives carry the arm along when contact pushes the
-    hull, and their force adds to the contact force.
+    postures. For an arm that does not have six joints they are computed by priorities. With `drift`
+    the motion of the hull is compensated: the velocity in `qd`, the acceleration in `qdd`. The tool
+    is then at rest relative to the object. Without `drift` the drives move the arm with the hull
+    when contact pushes the hull, and their force adds to the contact force.
 
     Args:
         X_AB: (4, 4) hull pose in the arm's base.
@@ -302,7 +304,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, joints, out):
     X_BG = X_BW @ tool.X_WG
     out.X_AG[:, :] = X_AB @ X_BG
 
-    # Less the motion of the hull, which carries the tool
+    # Subtract the motion of the hull, with which the tool moves
     if drift:
         p = X_BG[:3, 3]
         v = hull[9:12]
@@ -322,8 +324,8 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, joints, out):
     if n == 6:
         _all_at_once(J_B, twists, qd, qdd, yielding)
     else:
-        # The axis as it is: a joint that turns the tool about it would else seem to tilt it, and
-        # spin.
+        # The present axis is used, since otherwise a joint that turns the tool about its axis would
+        # seem to tilt the axis, and would spin.
         z = tip_B[:3, 2].copy()
         rest = np.zeros(n)
         held = np.zeros(n, dtype=np.bool_)
@@ -331,7 +333,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, joints, out):
         prioritised(J_B, z, twists[1], DAMPING, rest, held, qdd)
         prioritised(J_B, z, twists[2], DAMPING, rest, held, yielding[1])
 
-    # Tip along its axis by each joint, and the fastest joint
+    # Motion of the tip along its axis per joint, and the fastest joint
     fastest = 0.0
     for j in range(n):
         yielding[0, j] = 0.0
@@ -339,7 +341,7 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, joints, out):
             yielding[0, j] += J_B[i, j] * X_BG[i, 2]
         fastest = max(fastest, abs(qd[j]))
 
-    if fastest > speed_limit:  # all alike: the tool lags on its way, and does not leave it
+    if fastest > speed_limit:  # by the same factor, so that the tool lags but stays on its path
         for j in range(n):
             qd[j] *= speed_limit / fastest
 

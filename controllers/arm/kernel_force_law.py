@@ -1,4 +1,4 @@
-"""Force law of one's own as a kernel: the tick of the drives calls it by its address."""
+"""A user's force law as a kernel, which the tick of the drives calls by its address."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -31,16 +31,17 @@ from uuv.sim.interfaces.kernels.slots import FINE, Slot, call, slot_function
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KernelForceLaw(ForceDisplacement):
-    """Force law from a plain function, which is compiled: the tick calls it without Python.
+    """Force law from a plain function, which is compiled, so that the tick calls it without Python.
 
     Its displacement is limited by `speed` and `limit` and released like that of
-    `ForceDisplacement`; the other gains do not count.
+    `ForceDisplacement`; the other gains are not used.
     """
 
-    # law(memory, set_force, felt, servo_compliance, dt), see `step`: the displacement [m]
+    # law(memory, set_force, felt, servo_compliance, dt), see `step`: returns the displacement [m]
     law: Callable[..., float]
-    numbers: int = 1  # length of its memory, which is zero whenever the loop closes
-    _compiled: Any = field(init=False, repr=False, compare=False)  # kept alive: `slot` calls it
+    numbers: int = 1  # length of the memory, which is set to zero whenever the loop closes
+    # kept here so that the code stays alive: `slot` calls it
+    _compiled: Any = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Compile the law.
@@ -60,7 +61,7 @@ class KernelForceLaw(ForceDisplacement):
         object.__setattr__(self, "_compiled", compiled)
 
     def init(self) -> ForceDisplacementState:
-        """Initial state: no displacement, and the memory behind the usual numbers."""
+        """Initial state: no displacement, and the memory after the usual numbers."""
         usual = ForceDisplacementState().numbers
         return ForceDisplacementState(np.concatenate([usual, np.zeros(self.numbers)]))
 
@@ -76,7 +77,7 @@ class KernelForceLaw(ForceDisplacement):
         servo_compliance: float,
         dt: float,
     ) -> float:
-        """Displacement k by the law.
+        """Displacement k from the law.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -105,7 +106,7 @@ def _of_pointers(law: Any, size: int, speed: float, limit: float) -> Callable[[A
             packed[ANSWER] = let_go(numbers, most, packed[LOOP] == INWARDS)
             return FINE
 
-        # The law, from a memory of zeros whenever the loop closes.
+        # The law, with a memory of zeros whenever the loop closes.
         law_memory = numbers[NUMBERS:]
         if np.isnan(numbers[SET_FORCE]):
             law_memory[:] = 0.0

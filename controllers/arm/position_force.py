@@ -1,24 +1,24 @@
 """Position-force control: displacement k from the force error [Konoplin 2022, section 3].
 
-The original displaces the tool along the error vector G_f = G_F*_imp - G_F_imp by k, from a PID on
-its length. Friction makes the tangential part of that vector non-zero while the tool moves; a
-displacement against friction would take the tool off its path. Therefore the displacement here acts
-along the tool axis, from the normal part of the error.
+The paper displaces the tool along the error vector G_f = G_F*_imp - G_F_imp by k, which is the
+output of a PID on the length of G_f. Friction makes the tangential part of that vector non-zero
+while the tool moves; a displacement against friction would move the tool off its path. Therefore
+the displacement here acts along the tool axis, from the normal part of the error.
 
     k = I + K T_p (e + T_d de/dt)
     dI = K e dt + C_surface dF_set
     K = bandwidth (C_servo + C_surface)
 
-e is the expected less the felt force; the expected one follows the set force F_set with the lag
-`response`. T_p and T_d are `proportional_time` and `derivative_time`. They are zero by default: an
-integral law, fed forward by the learnt compliance. Then k is limited in speed and size. The law as
-published is `published_force_law`.
+e is the expected force minus the measured force; the expected force follows the set force F_set
+with the lag `response`. T_p and T_d are `proportional_time` and `derivative_time`. They are zero by
+default, which gives an integral law with a feedforward by the identified compliance. Then k is
+limited in speed and magnitude. The law as published is in `published_force_law`.
 
 One tuning covers soft rubber and steel. The gains are stated as a loop bandwidth and multiplied by
-the displacement per newton. This is the compliance of the arm's servo, which is known, plus that of
-the surface under the pad. The latter is identified while the force grows, as the slope of k over
-the measured force. A change of the set force displaces the tool at once by the surface's share; the
-loop corrects only the unknown rest.
+the displacement per newton. The displacement per newton is the compliance of the arm's servo, which
+is known, plus that of the surface under the pad. The compliance of the surface is identified while
+the force grows, as the slope of k over the measured force. A change of the set force immediately
+displaces the tool by the part of the surface; the loop corrects only the unknown rest.
 """
 
 from dataclasses import dataclass, field
@@ -33,18 +33,18 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import FINE, Slot, empty_slot, slot_function
 from uuv.sim.interfaces.spatial import Array
 
-# Entries of `ForceDisplacementState.numbers`
-# [m] displacement along the tool axis, into the surface; its part from the error
+# Entries of `ForceDisplacementState.numbers`: [m] displacement along the tool axis, into the
+# surface; the part of it from the error
 K, INTEGRAL = 0, 1
 ERROR, SET_FORCE, EXPECTED = 2, 3, 4  # [N] at the last step; NaN set force: the loop was open
 FELT, DISPLACED = 5, 6  # measured normal force [N] and displacement [m], smoothed for the slope
-COMPLIANCE = 7  # [m/N] of the surface, as identified
+COMPLIANCE = 7  # [m/N] identified compliance of the surface
 SUMS = 8  # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] and Fk [N m]
 NUMBERS = 13  # number of entries
 
 # Entries of the values of a slot for a force law: set force [N], measured force [N], compliance
-# [m/N] of the arm's servo, time [s] since the last step, whether the LOOP is CLOSED or the
-# displacement returns to zero, INWARDS too or only OUTWARDS; the answer is the displacement k [m]
+# [m/N] of the arm's servo, time [s] since the last step, whether the loop is CLOSED or the
+# displacement returns to zero, INWARDS too or only OUTWARDS; the result is the displacement k [m]
 ASKED, MEASURED, SOFT, LASTING, LOOP, ANSWER, VALUES = range(7)
 CLOSED, INWARDS, OUTWARDS = range(3)
 
@@ -78,7 +78,7 @@ class ForceDisplacementState:
 
 
 class ForceLoopGains(NamedTuple):
-    """Fields of `ForceLoopTuning`, as the kernels take them."""
+    """Fields of `ForceLoopTuning`, in the form of the kernels."""
 
     bandwidth: float
     proportional_time: float
@@ -103,7 +103,7 @@ class ForceDisplacement(ForceLoopTuning):
 
     @property
     def gains(self) -> ForceLoopGains:
-        """The gains, as the kernels take them."""
+        """The gains, in the form of the kernels."""
         return ForceLoopGains(*(getattr(self, name) for name in ForceLoopGains._fields))
 
     def init(self) -> ForceDisplacementState:
@@ -111,7 +111,7 @@ class ForceDisplacement(ForceLoopTuning):
         return ForceDisplacementState()
 
     def slot(self, state: ForceDisplacementState) -> Slot:
-        """It is contained in the tick, which works on the numbers of `state`."""
+        """The law is contained in the tick, which works on the numbers of `state`."""
         return empty_slot(state.numbers, VALUES)
 
     def step(
@@ -142,7 +142,8 @@ class ForceDisplacement(ForceLoopTuning):
         Args:
             state: of the loop; changed in place.
             dt: [s] since the last step.
-            inwards: False keeps a negative displacement: the surface is not where it was expected.
+            inwards: False keeps a negative displacement, for a surface that is not where it was
+                expected.
 
         Returns:
             The displacement k [m].
@@ -172,7 +173,7 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
         numbers[FELT] = felt
         numbers[DISPLACED] = numbers[K]
 
-    # Error against the force expected, and what it teaches of the surface
+    # Error relative to the expected force, and the identification of the surface
     numbers[EXPECTED] += min(1.0, dt / gains.response) * (set_force - numbers[EXPECTED])
     error = numbers[EXPECTED] - felt
     change = set_force - numbers[SET_FORCE]
@@ -187,7 +188,7 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
     numbers[INTEGRAL] += integral * error * dt + numbers[COMPLIANCE] * change
     k_wanted = numbers[INTEGRAL] + proportional * (error + gains.derivative_time * rate)
 
-    # Limits of speed and size
+    # Limits of speed and magnitude
     most = gains.speed * dt
     k = min(max(k_wanted, numbers[K] - most), numbers[K] + most)
     k = min(max(k, -gains.limit), gains.limit)
@@ -198,7 +199,8 @@ def displace(gains, numbers, set_force, felt, servo_compliance, dt):
 
 @kernel
 def _learn(gains, numbers, felt, change, dt):
-    """Update the surface compliance: slope of k over the felt force while the set force changes.
+    """Update the surface compliance: slope of k over the measured force while the set force
+    changes.
 
     At a constant set force k follows the surface's shape and the drift of the estimated hull pose,
     which are not informative.
@@ -219,7 +221,7 @@ def _learn(gains, numbers, felt, change, dt):
     sums[3] += gain * ((1.0 - gain) * dF * dF - sums[3])
     sums[4] += gain * ((1.0 - gain) * dF * dk - sums[4])
 
-    # The prior is a rigid surface: its loop is the slowest, and stable on any surface.
+    # The prior is a rigid surface, for which the loop is slowest and stable on any surface.
     slope = sums[4] / (sums[3] + gains.prior * gains.prior)
     numbers[COMPLIANCE] = min(max(slope, 0.0), gains.softest)
 
@@ -236,9 +238,9 @@ def let_go(numbers, most, inwards):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NominalStiffness(ForceDisplacement):
-    """Pressing without force control: a depth computed from the nominal stiffness of the pad."""
+    """Pressing without force control, to a depth computed from the nominal stiffness of the pad."""
 
-    stiffness: float = tuned(3e4, "[N/m] assumed of the pad")
+    stiffness: float = tuned(3e4, "[N/m] assumed stiffness of the pad")
 
     @property
     def closed_loop(self) -> bool:

@@ -37,8 +37,8 @@ class PidState:
     """Memory of one PID: displacement, integral and last error."""
 
     k: float = 0.0  # [m] displacement along the tool axis, into the surface
-    integral: float = 0.0  # [m]
-    error: float | None = None  # [N] at the last step; None: the loop was open
+    integral: float = 0.0  # [m] integral
+    error: float | None = None  # [N] error at the last step; None: the loop was open
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +87,8 @@ class PublishedForceLaw(PublishedForceTuning):
         Args:
             state: of the loop; changed in place.
             dt: [s] since the last step.
-            inwards: False keeps a negative displacement: the surface is not where it was expected.
+            inwards: False keeps a negative displacement, for a surface that is not where it was
+                expected.
 
         Returns:
             The displacement k [m].
@@ -101,7 +102,7 @@ class PublishedForceLaw(PublishedForceTuning):
 
 @dataclass(slots=True, eq=False)
 class TangentialState(ComplianceState):
-    """Offset across the tool axis, and the memory of its PIDs."""
+    """Offset perpendicular to the tool axis, and the memory of the PIDs."""
 
     integral_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
     error_W: Array | None = None  # (3,) [N] at the last step; None: the loop was open
@@ -109,7 +110,9 @@ class TangentialState(ComplianceState):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TangentialForceLoop(PublishedForceTuning):
-    """Components across the tool axis, whose set force is zero: a `SideDisplacement`."""
+    """Components perpendicular to the tool axis, whose set force is zero, as a
+    `SideDisplacement`.
+    """
 
     def init(self) -> TangentialState:
         """Initial state: no offset."""
@@ -132,10 +135,11 @@ class TangentialForceLoop(PublishedForceTuning):
 
         Args:
             state: the present offset; changed in place.
-            f_tip_W: (3,) [N] force of the world on the tip, W: minus the tool's on the object.
+            f_tip_W: (3,) [N] force of the world on the tip, W; the negative of the tool's force on
+                the object.
             z_WG: (3,) unit tool axis, W.
             dt: [s] since the last step.
-            gently: without effect; it yields all the time.
+            gently: without effect; the loop always yields.
 
         Returns:
             The offset (3,) [m], W.

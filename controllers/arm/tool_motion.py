@@ -1,4 +1,5 @@
-"""Joint motion between the planner's steps: tool pose to joint angles, compiled for its rate.
+"""Joint motion between the planner's steps, from tool pose to joint angles, compiled because of its
+high rate.
 
 One step extrapolates the tool pose, displaces it, and resolves it into the arm's base. MKPS solves
 the inverse kinematics on the branch of the last angles, from where joints to spare have moved the
@@ -27,21 +28,26 @@ _NEEDED = 6  # joints that a tool pose needs; those beyond are to spare
 
 
 class ToolMotion(NamedTuple):
-    """Joint motion wanted, and what its blending remembers; arrays change in place."""
+    """Desired joint motion, and the memory of its blending, as arrays that are changed in place."""
 
-    q: Array  # (n,) [rad] at the last step
+    q: Array  # (n,) [rad] desired angles of the last step
     qd: Array  # (n,) [rad/s]
-    qdd: Array  # (n,) [rad/s^2] by which the arm does not go with the hull
-    yielding: Array  # (2, n) how the joints move the tip along its axis, see `resolve_tool_motion`
-    offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
+    qdd: Array  # (n,) [rad/s^2] joint acceleration relative to one that moves with the hull
+    yielding: Array  # (2, n) motion of the tip along its axis per joint, see `resolve_tool_motion`
+    # (n,) [rad] remaining part of the jump at which the arm began to follow a tool pose
+    offset: Array
     offset_rate: Array  # (n,) [rad/s]
-    ik_error: Array  # (2,) [m, rad] of the last inverse kinematics; NaN before the first
-    holding: np.ndarray  # (1,) bool: joint angles were held at the last step, no tool pose followed
-    chain: Array  # kernel memory of the arm's chain, also for the working of the inverse kinematics
+    ik_error: Array  # (2,) [m, rad] errors of the last inverse kinematics; NaN before the first
+    # (1,) bool: joint angles were held at the last step, and no tool pose was followed
+    holding: np.ndarray
+    # kernel memory of the arm's chain, which the inverse kinematics uses as working memory too
+    chain: Array
 
     @classmethod
     def start(cls, q: Array, chain: Array) -> "ToolMotion":
-        """The arm held at `q` (n,) [rad]; `chain` is an own copy of its kernel memory."""
+        """The arm held at `q` (n,) [rad]; `chain` is a separate copy of the chain's kernel
+        memory.
+        """
         n = len(q)
         zeros = (np.zeros(n), np.zeros(n), np.zeros((2, n)), np.zeros(n), np.zeros(n))
         return cls(
@@ -57,8 +63,8 @@ class ToolTracking(NamedTuple):
     """Arm, limits and period of `track_tool`."""
 
     X_AB: Array  # (4, 4) hull pose in the arm's base
-    follows_hull: bool  # the joints compensate the hull's velocity and acceleration too
-    speed_limit: float  # [rad/s] of every joint
+    follows_hull: bool  # True: the joints also compensate the hull's velocity and acceleration
+    speed_limit: float  # [rad/s] speed limit of every joint
     blend_time: float  # [s] see `ArmTuning`
     period: float  # [s]
     # address of the inverse kinematics (`uuv.controllers.ik.tracking_solvers`); 0: the hybrid
@@ -73,9 +79,9 @@ class ToolTracking(NamedTuple):
         """Record for an arm.
 
         Args:
-            X_AB: (4, 4) hull pose in its base.
-            joints: their number.
-            tuning: its gains.
+            X_AB: (4, 4) hull pose in the arm's base.
+            joints: number of joints.
+            tuning: gains of the arm.
             follows_hull: as the field.
         """
         solver = solver_address(tracking_method(tuning.inverse_kinematics, joints))
@@ -96,8 +102,8 @@ def hold_joints(motion, q, qd, since):
 
     Args:
         motion: fields of `ToolMotion`, in a tuple; updated.
-        q: (n,) [rad] angles wanted `since` [s] ago.
-        qd: (n,) [rad/s] their speeds.
+        q: (n,) [rad] angles desired `since` [s] ago.
+        qd: (n,) [rad/s] joint speeds.
         since: [s] age of `q`.
     """
     motion = ToolMotion(*motion)
@@ -115,16 +121,16 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     Args:
         tracking: fields of `ToolTracking`, in a tuple; likewise below.
         motion: `ToolMotion`; updated.
-        target: `ToolTarget`, the tool motion wanted `since` ago.
+        target: `ToolTarget`, the tool motion desired `since` ago.
         since: [s] age of `target`.
         displaced: displacement along the tool axis [m], and further displacement (3,) [m] in W.
-        X_WB: (4, 4) hull pose by which the arm places the tool.
+        X_WB: (4, 4) hull pose from which the arm places the tool.
         hull: (24,) motion of the hull as in `newton_euler`.
         tip: pose X_BG (4, 4) and Jacobian J_B (6, n) of the tip as it is, hull axes.
 
     Returns:
-        False, with the motion unchanged, for a target that is no pose; the tool pose (4, 4) in the
-        arm's base.
+        False, with the motion unchanged, if the target is not a pose; and the tool pose (4, 4) in
+            the arm's base.
     """
     track = ToolTracking(*tracking)
     out = ToolMotion(*motion)
@@ -189,7 +195,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     if code >= BAD_TARGET:
         return False, resolved.X_AG
 
-    # the hull stands a little off the place that the held angles were computed for
+    # the hull is slightly off the pose for which the held angles were computed
     if out.holding[0]:
         for j in range(n):
             out.offset[j] = out.q[j] - q[j]
@@ -247,23 +253,24 @@ def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
 
 @kernel
 def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
-    """Bumpless transfer to a new joint reference: a remaining offset decays, critically damped.
+    """Bumpless transfer to a new joint reference, in which the remaining offset decays with
+    critical damping.
 
-    Joints that would move too far are slowed down all alike: a single one that lags takes the tool
-    off its way, into the surface.
+    If one joint would move too far, all joints are slowed down by the same factor, because a single
+    joint that lags would move the tool off its path, into the surface.
 
     Args:
         q: (n,) [rad] angles of the reference.
         qd: (n,) [rad/s] speeds of the reference.
-        q_last: (n,) [rad] angles wanted in the last step.
+        q_last: (n,) [rad] angles desired in the last step.
         offset: (n,) [rad] remaining offset from the reference.
-        offset_rate: (n,) [rad/s] its rate.
+        offset_rate: (n,) [rad/s] rate of the offset.
         blend_time: [s] time constant of the decay.
         most: [rad] largest change of an angle in this step.
         dt: [s] of this step.
 
     Returns:
-        Angles and speeds wanted, remaining offset and its rate, (n,) each.
+        Desired angles and speeds, remaining offset and its rate, (n,) each.
     """
     n = q.shape[0]
     angle = np.empty(n)

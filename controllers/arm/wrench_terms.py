@@ -1,11 +1,11 @@
-"""Terms of the arm's wrench on the hull, to study the value of compensating each one.
+"""Terms of the arm's wrench on the hull, to study the benefit of compensating each of them.
 
-[Konoplin 2022] feeds C_F = D_F + A f_e forward as one. Here, with the equations of
+[Konoplin 2022] feeds C_F = D_F + A f_e forward as one wrench. Here, with the equations of
 `uuv.controllers.arm.inverse_dynamics`:
 
     wrench = weight and buoyancy + dynamic + hydrodynamic + contact
 
-"dynamic" is the rigid inertia, "hydrodynamic" added mass and drag.
+"dynamic" is the wrench of rigid inertia, "hydrodynamic" that of added mass and drag.
 """
 
 import numpy as np

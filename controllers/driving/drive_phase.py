@@ -1,8 +1,9 @@
-"""Phase that an operator drives: velocities become poses of hull and tool, within limits.
+"""Phase in which an operator drives: velocities are integrated to poses of hull and tool, within
+limits.
 
-The tool is carried by the hull. Its way is bounded by the mode of the phase: free; guarded, where a
-set force is asked for and the tool advances slowly until it touches; in contact, where the force
-loop alone moves the tool along its axis.
+The tool moves with the hull. The mode of the phase restricts its own motion. In the mode "free"
+there is no restriction. In the mode "guarded" a set force is requested, and the tool advances
+slowly until contact. In the mode "contact" only the force loop moves the tool along its axis.
 """
 
 import itertools
@@ -34,12 +35,14 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
 _UP = np.array([0.0, 0.0, 1.0])
-# [m] across the tool axis and back along it, from the ready posture, for an arm of size 1
+# [m] distances tried across the tool axis and back along it, from the ready posture, for an arm of
+# size 1
 _ASIDE = (-0.25, -0.125, 0.0, 0.125, 0.25)
 _BACK = (0.0, -0.1, -0.2)
-_ROOM = 0.3  # [rad] of every joint to its limits, in the posture in which the drive begins
-_CALM = 0.3  # [s] at touch speed before a force counts as contact: braking is felt too
-_STILL = 1e-6  # [m/s], [rad/s] below which a velocity is none
+# [rad] distance of every joint from its limits, in the posture in which the drive begins
+_ROOM = 0.3
+_CALM = 0.3  # [s] at touch speed before a force counts as contact, since braking causes a force too
+_STILL = 1e-6  # [m/s], [rad/s] below which a velocity counts as zero
 OUT_OF_REACH = "the tool is at the end of the arm's reach"
 INPUTS_ENDED = "the inputs ended"
 
@@ -48,43 +51,46 @@ class Mode(StrEnum):
     """How the tool may move."""
 
     FREE = "free"
-    GUARDED = "guarded"  # a force is set; slowly until contact
-    CONTACT = "contact"  # under force control; across its axis only
+    GUARDED = "guarded"  # a force is set; slow motion until contact
+    CONTACT = "contact"  # under force control; motion only perpendicular to the tool axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveLimits:
-    """Limits of what an operator moves; those of his speeds are in `operator_inputs`."""
+    """Limits of the motion that an operator commands; limits of the input speeds are in
+    `operator_inputs`.
+    """
 
     motion: HullMotion = field(default_factory=HullMotion)
     near_hull: float = 0.03  # [m/s] of the hull, with a set force
-    near_yaw: float = 0.03  # [rad/s] likewise
-    near_tool: float = 0.05  # [m/s] of the tool across its axis, likewise
+    near_yaw: float = 0.03  # [rad/s] of the hull, with a set force
+    near_tool: float = 0.05  # [m/s] of the tool perpendicular to its axis, with a set force
     tool_acceleration: float = 0.1  # [m/s^2]
     turn_acceleration: float = 0.3  # [rad/s^2] of hull and tool
-    joint_speed: float = 0.6  # [rad/s] above which the tool stops
-    # [-] margin from singular postures below which the tool moves away from them only: the force
-    # loop needs some centimetres more along its axis
+    joint_speed: float = 0.6  # [rad/s] turning rate of the hull above which the tool stops
+    # [-] margin from singular postures, below which the tool may only move away from them, since
+    # the force loop needs some centimetres more along the tool axis
     singular: float = 0.5
-    roomy: float = 0.9  # [-] such a margin of the posture in which the drive begins
-    # [s] without contact, after which the tool approaches again; before the work ends for it
+    roomy: float = 0.9  # [-] such a margin for the posture in which the drive begins
+    # [s] without contact, after which the tool approaches again; shorter than the time that ends
+    # the work
     lost: float
     hold: float = 2.0  # [s] of rest after the last input
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Cockpit:
-    """What the operator drives, and by what."""
+    """The arm that the operator drives, and the operator's inputs."""
 
     work_vehicle: WorkVehicle
     source: OperatorInputs
-    delay: float  # [s] between operator and vehicle
+    delay: float  # [s] delay between operator and vehicle
     approach: ApproachLimits
-    force_rate: float  # [N/s] of the set force
+    force_rate: float  # [N/s] rate of the set force
     limits: DriveLimits
 
     def line(self, X_WB: Array, X_WG: Array, q: Array) -> ToolLine:
-        """Line of one tool pose, along whose axis the tool is withdrawn."""
+        """Path of a single tool pose, along whose axis the tool is withdrawn."""
         ends = np.array([0.0, 0.01])
         axes = np.repeat(X_WG[None, :3, :3], 2, axis=0)
         path = ToolPath(
@@ -100,18 +106,22 @@ class Cockpit:
         return ToolLine(path, placement, 0.0)
 
     def reached(self, X_WB: Array, X_WG: Array, q: Array, period: float) -> Array | None:
-        """Joint angles (n,) of a tool pose, from `q`; None: out of reach within a period [s]."""
+        """Joint angles (n,) of a tool pose, starting from `q`; None if they cannot be reached
+        within a period [s].
+        """
         q_next = self.posture(X_WB, X_WG, q)
         if q_next is None or np.abs(q_next - q).max() > self.limits.joint_speed * period:
             return None
 
-        # Near a singular posture only away from it
+        # Near a singular posture only motion away from it is allowed
         margin = self._margin(q_next)
         near = margin < self.limits.singular
         return None if near and margin < self._margin(q) else q_next
 
     def posture(self, X_WB: Array, X_WG: Array, q: Array) -> Array | None:
-        """Joint angles (n,) of a tool pose, of those around `q`, however far; None: none."""
+        """Joint angles (n,) of a tool pose, on the branch of `q` but at any distance; None if there
+        are none.
+        """
         X_AG = inverse(X_WB @ self.work_vehicle.vehicle.X_BA) @ X_WG
         solution = posture_for(self.work_vehicle.chain, X_AG, q)
         return solution.q if solution.converged else None
@@ -128,8 +138,9 @@ class Cockpit:
     def roomy_posture(self) -> Array:
         """Joint angles (n,) near the ready posture with room to drive the tool in.
 
-        The tool axis is that of the ready posture, whose wrist may be singular: the nearest of some
-        places around it that is not, else the least singular one.
+        The tool axis is that of the ready posture. Since the wrist may be singular there, the
+        nearest of some positions around it that is not singular is used, else the least singular
+        one.
         """
         chain = self.work_vehicle.chain
         size = self.work_vehicle.size
@@ -155,24 +166,26 @@ class Cockpit:
 
 @dataclass(slots=True, eq=False)
 class Driven:
-    """What the operator has moved so far, in `Held.plan`."""
+    """Present poses and speeds of the drive, stored in `Held.plan`."""
 
-    start: float  # [s] time of the vehicle at which that of the inputs begins
+    start: float  # [s] time of the vehicle at which the time of the inputs begins
     X_WG: Array  # (4, 4) tool pose
     q: Array  # (n,) [rad] joint angles for it
-    hull: Array = field(default_factory=lambda: np.zeros(4))  # velocities as `OperatorInput`
+    # velocities in the form of `OperatorInput`
+    hull: Array = field(default_factory=lambda: np.zeros(4))
     tool: Array = field(default_factory=lambda: np.zeros(3))
     turn: Array = field(default_factory=lambda: np.zeros(3))
-    along: float = 0.0  # [m/s] of the tool, along its axis
-    asked_force: float = 0.0  # [N] by the last input with a closed clutch
-    ended: float = math.inf  # [s] since when there is no input any more
-    v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s]
-    w_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [rad/s]
+    along: float = 0.0  # [m/s] speed of the tool, along its axis
+    asked_force: float = 0.0  # [N] set force of the last input with a closed clutch
+    ended: float = math.inf  # [s] time since which there is no input any more
+    v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s] velocity of the tool, W
+    # (3,) [rad/s] angular velocity of the tool, W
+    w_WB_W: Array = field(default_factory=lambda: ZERO)
     v_WG_W: Array = field(default_factory=lambda: ZERO)
     w_WG_W: Array = field(default_factory=lambda: ZERO)
 
     def rest(self) -> None:
-        """Come to rest at once."""
+        """Set all speeds to zero at once."""
         self.hull = np.zeros(4)
         self.tool = np.zeros(3)
         self.turn = np.zeros(3)
@@ -184,19 +197,21 @@ class Driven:
 class OperatorDriveState:
     """State of `OperatorDrive`."""
 
-    felt_for: float = 0.0  # [s] for which contact has lasted, or in contact has been lost
-    slow_for: float = 0.0  # [s] for which the tool has been slow enough for a touch to be felt
+    felt_for: float = 0.0  # [s] duration of contact, or, in contact, of its loss
+    slow_for: float = 0.0  # [s] duration for which the tool has been slow enough to detect contact
 
 
 class OperatorDrive(Phase):
-    """Hull and tool follow the operator; more or refused where another mode is to follow."""
+    """Phase in which hull and tool follow the operator; it ends with the event "more" or "refused"
+    if another mode is to follow.
+    """
 
     def __init__(self, cockpit: Cockpit, mode: Mode) -> None:
         self._cockpit = cockpit
         self._mode = mode
 
     def enter(self, held: Held, now: Context) -> OperatorDriveState:
-        """Go on in this mode; in contact from rest, with the force that is felt."""
+        """Continue in this mode; in contact the tool starts from rest, with the measured force."""
         if self._mode is Mode.CONTACT:
             held.plan_of(Driven).rest()
             held.set_force = max(now.normal, 0.0)
@@ -205,7 +220,7 @@ class OperatorDrive(Phase):
         return OperatorDriveState()
 
     def step(self, state: OperatorDriveState, held: Held, now: Context) -> Outcome:
-        """Done some time after the last input; the other events change the mode."""
+        """Report "done" some time after the last input; other events change the mode."""
         cockpit = self._cockpit
         driven = held.plan_of(Driven)
         asked = self._asked(driven, held, now)
@@ -222,7 +237,9 @@ class OperatorDrive(Phase):
         return None
 
     def _asked(self, driven: Driven, held: Held, context: Context) -> OperatorInput:
-        """What the operator asks for; nothing while the clutch is open or motion is to wait."""
+        """Motion that the operator requests; none while the clutch is open or motion has to
+        wait.
+        """
         source = self._cockpit.source
         time = context.time - driven.start
         source.poll(time)
@@ -252,7 +269,7 @@ class OperatorDrive(Phase):
         if driven.asked_force == 0.0:
             return PhaseEvent.REFUSED
 
-        # Slipped off: slowly on to the surface again
+        # Contact was lost: move slowly to the surface again
         if self._mode is Mode.CONTACT:
             lost = context.normal < 0.5 * approach.touch
             state.felt_for = state.felt_for + context.period if lost else 0.0
@@ -269,7 +286,7 @@ class OperatorDrive(Phase):
         period = context.period
         self._speed_up(asked, driven, held, context)
 
-        # The hull stays level; the tool is carried along
+        # The hull stays level; the tool moves with the hull
         R_WB = held.X_WB[:3, :3]
         X_WG = driven.X_WG
         v_WB_W = R_WB @ driven.hull[:3]
@@ -277,7 +294,7 @@ class OperatorDrive(Phase):
         X_WB = _moved(held.X_WB, v_WB_W, w_WB_W, period)
         carried = v_WB_W + np.cross(w_WB_W, X_WG[:3, 3] - held.X_WB[:3, 3])
 
-        # The tool's own motion, bounded along its axis
+        # The tool's own motion, limited along its axis
         axis = X_WG[:3, 2]
         v_WG_W = carried + X_WG[:3, :3] @ driven.tool
         along = self._inwards(float(v_WG_W @ axis), driven, context)
@@ -285,7 +302,7 @@ class OperatorDrive(Phase):
         w_WG_W = w_WB_W + X_WG[:3, :3] @ driven.turn
         X_next = _moved(X_WG, v_WG_W, w_WG_W, period)
 
-        # Within reach, or the tool is only carried
+        # The pose must be within reach, unless the tool only moves with the hull
         q = self._cockpit.reached(X_WB, X_next, driven.q, period)
         if q is None:
             held.note = OUT_OF_REACH
@@ -303,7 +320,7 @@ class OperatorDrive(Phase):
         elif held.note == OUT_OF_REACH:
             held.note = ""
 
-        # As it is commanded
+        # Store the motion as commanded
         driven.v_WB_W = v_WB_W
         driven.w_WB_W = w_WB_W
         driven.v_WG_W = v_WG_W
@@ -316,7 +333,7 @@ class OperatorDrive(Phase):
         held.line = self._cockpit.line(X_WB, X_next, q)
 
     def _speed_up(self, asked: OperatorInput, driven: Driven, held: Held, context: Context) -> None:
-        """Change the speeds towards what is asked for, by the accelerations."""
+        """Change the speeds towards the requested ones, within the limits of acceleration."""
         limits = self._cockpit.limits
         motion = limits.motion
         hull = asked.hull * motion.pace(held.off(context.estimate))
@@ -335,7 +352,7 @@ class OperatorDrive(Phase):
         driven.turn = driven.turn + np.clip(asked.turn - driven.turn, -most_turn, most_turn)
 
     def _inwards(self, speed: float, driven: Driven, context: Context) -> float:
-        """Speed [m/s] of the tool along its axis, as far as the mode allows it."""
+        """Speed [m/s] of the tool along its axis, within the limits of the mode."""
         approach = self._cockpit.approach
         if self._mode is Mode.CONTACT:
             return 0.0
@@ -343,12 +360,12 @@ class OperatorDrive(Phase):
         if self._mode is Mode.FREE:
             return min(speed, 0.0) if touches else speed
 
-        # Guarded: from a faster motion it brakes
+        # Guarded: the tool brakes from a faster motion
         braking = driven.along - self._cockpit.limits.tool_acceleration * context.period
         return min(speed, max(approach.touch_speed, 0.0 if touches else braking))
 
     def setpoint(self, state: OperatorDriveState, held: Held, now: Context) -> Setpoint:
-        """Hull and tool as driven."""
+        """References of hull and tool at their driven poses."""
         del state, now
         driven = held.plan_of(Driven)
         return Setpoint(

@@ -1,4 +1,5 @@
-"""Planner of a driven vehicle: rest, unfold, tare, then what the operator asks for, until it ends.
+"""Planner of a driven vehicle: rest, unfold, tare, then the operator's requests until the inputs
+end.
 
 | phase | next |
 |---|---|
@@ -43,15 +44,15 @@ from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import Array
 
-_LIFT = 0.05  # [m] by which the tool leaves a surface on which no force is set any more
-# of the time after which a lost contact ends the work: the tool approaches again before that
+_LIFT = 0.05  # [m] by which the tool is lifted off a surface on which no force is set any more
+# share of the time after which lost contact ends the work: the tool approaches again before that
 _LOST = 0.5
 
 
 def driven_task(
     vehicle: WorkVehicle, source: OperatorInputs, delay: float, *, X_WB: Array
 ) -> TaskPlanner:
-    """Planner that an operator's inputs take the place of.
+    """Planner that follows an operator's inputs.
 
     Args:
         vehicle: the vehicle.
@@ -79,7 +80,7 @@ def driven_task(
         limits=DriveLimits(lost=_LOST * job.contact.lost_time),
     )
 
-    # A force where none is set
+    # The set force when none is stated
     touched = Monitor(
         condition=too_much_force(job.force_limit, normal_force),
         reaction=Reaction.RETREAT,
@@ -104,7 +105,7 @@ def _rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskR
 
 
 def _ready_rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
-    """The vehicle at rest, its arm unfolded, its torque sensors tared."""
+    """Rows until the vehicle is at rest, its arm unfolded and its torque sensors tared."""
     states = WorkState
     done = PhaseEvent.DONE
 
@@ -132,13 +133,13 @@ def _ready_rows(cockpit: Cockpit, job: SurfaceTaskConfig) -> Iterable[tuple[str,
 
 
 def _driven_rows(cockpit: Cockpit) -> Iterable[tuple[str, TaskRow]]:
-    """The operator's: a mode each, and what it changes to."""
+    """Rows of the operator's modes, one for each mode, with the rows that follow."""
     ends = PhaseEvent
     free = OperatorDrive(cockpit, Mode.FREE)
     guarded = OperatorDrive(cockpit, Mode.GUARDED)
     contact = OperatorDrive(cockpit, Mode.CONTACT)
 
-    # What follows each
+    # Row that follows each event
     after_free = {ends.MORE: "guarded", ends.DONE: "stay"}
     after_guarded = {ends.TOUCHED: "contact", ends.REFUSED: "free", ends.DONE: "stay"}
     after_contact = {ends.MORE: "guarded", ends.REFUSED: "let go", ends.DONE: "unload"}
@@ -151,12 +152,14 @@ def _driven_rows(cockpit: Cockpit) -> Iterable[tuple[str, TaskRow]]:
 def _lift_rows(
     cockpit: Cockpit, job: SurfaceTaskConfig, lift: float
 ) -> Iterable[tuple[str, TaskRow]]:
-    """Off a surface by `lift` [m], and on from there."""
+    """Rows that lift the tool off a surface by `lift` [m], and continue from there."""
     retreat = WorkState.RETREAT
     done = PhaseEvent.DONE
 
     def lifted(held: Held, context: Context) -> None:
-        """Go on from where the tool was lifted to, or from where the arm stands below it."""
+        """Continue from the pose to which the tool was lifted, or from the present pose of the arm
+        if it is below that.
+        """
         driven = held.plan_of(Driven)
         X_WG = held.tool(lift)[0]
         q = cockpit.posture(held.X_WB, X_WG, driven.q)
@@ -178,7 +181,7 @@ def _lift_rows(
     yield "lifted", TaskRow(onward, retreat, {done: "free"}, BREAK_OFF)
 
 
-# Up to the tare the vehicle stays where it is.
+# Until the tare the vehicle stays in place.
 _STAY = {
     **dict.fromkeys((Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW), "held"),
     Reaction.STOP: "halt",

@@ -1,4 +1,6 @@
-"""Keys as an operator's inputs: a press changes a velocity by a step, and it stays."""
+"""Keys as an operator's inputs: each press changes a velocity by a step, and the velocity is
+kept.
+"""
 
 import math
 from collections.abc import Sequence
@@ -6,13 +8,13 @@ from typing import NamedTuple
 
 from uuv.controllers.driving.operator_inputs import COLUMNS, LONGEST, OperatorInputs
 
-STEPS = 5  # presses from rest to the largest velocity
+STEPS = 5  # number of presses from rest to the largest velocity
 _FORCE_STEP = 10.0  # [N]
-_AFTER = 1e-9  # [s] far below any period
+_AFTER = 1e-9  # [s] far shorter than any period
 
 
 class _Key(NamedTuple):
-    """A key; a letter's code is that of the capital."""
+    """A key; the code of a letter is that of the capital."""
 
     name: str
     code: int  # of GLFW
@@ -65,9 +67,10 @@ HELP = (
 
 
 class KeyInputs(OperatorInputs):
-    """Inputs by key presses, with the clutch closed at first; their times are noted as they come.
+    """Inputs by key presses, with the clutch closed at first. The times of presses are recorded as
+    they arrive.
 
-    Presses come from another thread: each replaces one tuple. After `LONGEST` the inputs end.
+    Presses come from another thread, which only replaces one tuple. After `LONGEST` the inputs end.
     """
 
     def __init__(self) -> None:
@@ -87,7 +90,7 @@ class KeyInputs(OperatorInputs):
         """Take a key by its code; others do nothing."""
         values = dict(zip([*COLUMNS][1:], self._now, strict=True))
 
-        # A step of one velocity, within its bounds
+        # Change one velocity by a step, within its bounds
         if key in _STEPPED:
             name, sign = _STEPPED[key]
             most = COLUMNS[name].most
@@ -108,11 +111,11 @@ class KeyInputs(OperatorInputs):
         self._now = tuple(values.values())
 
     def end(self) -> None:
-        """No more keys come."""
+        """End the inputs: no more keys are accepted."""
         self._over = True
 
     def poll(self, time: float) -> None:
-        """Note what has changed since the last row, at `time` [s]."""
+        """Record changes since the last row, with the time `time` [s]."""
         if self.ended or not math.isfinite(time) or (self.rows and time <= self.rows[-1][0]):
             return
         self._polled = time
@@ -123,7 +126,9 @@ class KeyInputs(OperatorInputs):
             self.add((time, *self._now))
 
     def kept(self) -> list[tuple[float, ...]]:
-        """Rows of a file that repeats them; of keys that have not ended, up to the last poll."""
+        """Rows of a file that repeats the inputs; up to the last poll if the inputs have not
+        ended.
+        """
         if self.ended:
             return self.rows
         rows = self.rows or [(0.0, *self._now)]

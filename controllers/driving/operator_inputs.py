@@ -1,6 +1,6 @@
 """Inputs of an operator over time: velocities of hull and tool, set force, clutch; from a CSV file.
 
-A row holds until the next one. Of the last row only the time counts: there the inputs end.
+A row is valid until the next row. Only the time of the last row is used, at which the inputs end.
 """
 
 import csv
@@ -17,8 +17,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import text_of
 from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
-LONGEST = 3600.0  # [s] of inputs
-_MOST_BYTES = 50_000_000  # of a file
+LONGEST = 3600.0  # [s] largest length of inputs
+_MOST_BYTES = 50_000_000  # largest size of a file
 _HULL = 0.25  # [m/s]
 _YAW = 0.15  # [rad/s]
 _TOOL = 0.1  # [m/s]
@@ -27,7 +27,7 @@ _FORCE = 120.0  # [N]
 
 
 class InputColumn(NamedTuple):
-    """A column of the file, and what it may hold."""
+    """A column of the file, with the bounds of its values."""
 
     unit: str
     least: float
@@ -42,7 +42,7 @@ COLUMNS = {
     "sway": InputColumn("m/s", -_HULL, _HULL),
     "heave": InputColumn("m/s", -_HULL, _HULL),
     "yaw_rate": InputColumn("rad/s", -_YAW, _YAW),
-    # tool against the hull, along its own axes; z is the tool axis, outwards
+    # tool relative to the hull, along its own axes; z is the tool axis, outwards
     "tool_x": InputColumn("m/s", -_TOOL, _TOOL),
     "tool_y": InputColumn("m/s", -_TOOL, _TOOL),
     "tool_z": InputColumn("m/s", -_TOOL, _TOOL),
@@ -58,27 +58,27 @@ _NAMES = tuple(COLUMNS)
 
 
 class OperatorInput(NamedTuple):
-    """What the operator asks for at one time."""
+    """Requests of the operator at one time."""
 
     hull: Array  # (4,) [m/s, rad/s] surge, sway, heave, yaw rate
-    tool: Array  # (3,) [m/s] against the hull, tool axes
-    turn: Array  # (3,) [rad/s] likewise
+    tool: Array  # (3,) [m/s] velocity of the tool relative to the hull, tool axes
+    turn: Array  # (3,) [rad/s] angular velocity of the tool relative to the hull, tool axes
     set_force: float  # [N] along the tool axis; 0: free
-    clutch: bool  # closed; open: the vehicle comes to rest and holds what it has
+    clutch: bool  # True: closed; open: the vehicle comes to rest, and holds its pose and force
 
 
 OPEN = OperatorInput(np.zeros(4), np.zeros(3), np.zeros(3), 0.0, False)
 
 
 class OperatorInputs:
-    """Inputs over time, from a file or as they come."""
+    """Inputs over time, from a file or as they arrive."""
 
     def __init__(self, rows: Iterable[Sequence[float]] = (), *, ended: bool = True) -> None:
         """Set up the inputs.
 
         Args:
-            rows: numbers in the order of COLUMNS, their times increasing.
-            ended: False: more rows follow, and the last one holds.
+            rows: numbers in the order of COLUMNS, with increasing times.
+            ended: False: more rows follow, and the last row is valid until then.
         """
         self.rows = [tuple(row) for row in rows]
         self._times = [row[0] for row in self.rows]
@@ -86,18 +86,18 @@ class OperatorInputs:
 
     @property
     def duration(self) -> float:
-        """Time [s] at which the inputs end; inf: not known yet."""
+        """Time [s] at which the inputs end; inf if it is not known yet."""
         return self._times[-1] if self.ended else math.inf
 
     @property
     def largest_force(self) -> float:
-        """Largest set force [N]; that allowed, while more rows follow."""
+        """Largest set force [N]; the largest allowed one while more rows follow."""
         if not self.ended:
             return COLUMNS["set_force"].most
         return max((row[_NAMES.index("set_force")] for row in self.rows[:-1]), default=0.0)
 
     def poll(self, time: float) -> None:
-        """Take what has come until `time` [s]; a file has all of it."""
+        """Add the rows that arrived until `time` [s]; a file has all its rows already."""
 
     def add(self, row: Sequence[float]) -> None:
         """Append a row, in the order of COLUMNS."""
@@ -105,7 +105,7 @@ class OperatorInputs:
         self._times.append(row[0])
 
     def at(self, time: float) -> OperatorInput | None:
-        """Inputs at `time` [s]: with an open clutch before the first row, None from the end on."""
+        """Inputs at `time` [s], with an open clutch before the first row; None from the end on."""
         if self.ended and time >= self._times[-1]:
             return None
 
@@ -117,7 +117,7 @@ class OperatorInputs:
 
     @classmethod
     def read(cls, file: str | Path) -> Self:
-        """Inputs of a CSV file with a head of COLUMNS, in any order.
+        """Inputs from a CSV file whose header has COLUMNS in any order.
 
         Raises:
             ConfigurationError: The file cannot be read, a column is missing or unknown, or a number
@@ -128,7 +128,7 @@ class OperatorInputs:
         rows: list[list[float]] = []
         order: list[str] = []
 
-        # The head, then the rows; empty lines are passed over
+        # The header, then the rows; empty lines are skipped
         try:
             for cells in table:
                 words = [cell.strip() for cell in cells]
@@ -144,7 +144,7 @@ class OperatorInputs:
             raise ConfigurationError(f"{what}, line {table.line_num}: {error}") from error
 
         if len(rows) < 2:
-            raise ConfigurationError(f"{what}: needs at least two rows, got {len(rows)}")
+            raise ConfigurationError(f"{what}: must have at least two rows, got {len(rows)}")
         return cls(rows)
 
     def kept(self) -> list[tuple[float, ...]]:
@@ -152,7 +152,7 @@ class OperatorInputs:
         return self.rows
 
     def text(self) -> str:
-        """Content of a file that `read` reads, to the bit."""
+        """Content of a file from which `read` restores the same inputs, to the bit."""
         lines = [",".join(repr(float(number)) for number in row) for row in self.kept()]
         return "\n".join([",".join(_NAMES), *lines, ""])
 
@@ -164,23 +164,23 @@ def _head(words: list[str], what: str) -> list[str]:
         name for name, column in COLUMNS.items() if not column.optional and name not in words
     ]
 
-    # The first trouble
+    # The first fault is reported
     if unknown or missing or len(set(words)) < len(words):
         trouble = (
             f"no column {shown(unknown[0])}"
             if unknown
             else f"column {missing[0]} is missing"
             if missing
-            else "a column comes twice"
+            else "a column occurs twice"
         )
-        raise ConfigurationError(f"{what}: {trouble}; columns are {', '.join(_NAMES)}")
+        raise ConfigurationError(f"{what}: {trouble}; the columns are {', '.join(_NAMES)}")
     return words
 
 
 def _row(words: list[str], order: list[str], where: str) -> list[float]:
     """Numbers in the order of COLUMNS, of a row in the order of the file."""
     if len(words) != len(order):
-        raise ConfigurationError(f"{where}: {len(order)} numbers expected, got {len(words)}")
+        raise ConfigurationError(f"{where}: must have {len(order)} numbers, got {len(words)}")
 
     numbers = dict.fromkeys(_NAMES, 0.0)
     for name, word in zip(order, words, strict=True):

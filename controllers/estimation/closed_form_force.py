@@ -1,9 +1,9 @@
 """Tip force from the torques of joints 1, 3 and 4 alone, as published [Konoplin 2022, eq. 5].
 
 A pure force on the tip has three unknowns, which three joints determine: three rows of J^T f =
-tau_e. On the paper's arm, a yaw joint and three parallel pitch joints with joints 5 and 6 at zero,
-this is its closed form (`force_from_torques.tip_force_closed_form`). Least squares over all joints
-(`TorqueSensors`) is more accurate.
+tau_e. On the arm of the paper, a yaw joint and three parallel pitch joints with joints 5 and 6 at
+zero, the solution is the published closed form (`force_from_torques.tip_force_closed_form`). Least
+squares over all joints (`TorqueSensors`) is more accurate.
 """
 
 import numpy as np
@@ -15,15 +15,16 @@ from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimat
 from uuv.sim.interfaces.spatial import Array
 
 JOINTS = (0, 2, 3)  # 1, 3 and 4 in the paper's count
-# [-] least singular value of the three rows over the largest, below which the force is held
+# [-] ratio of the least to the largest singular value of the three rows, below which the force is
+# held
 _SINGULAR = 0.02
 
 
 class ClosedFormForce(TorqueSensors):
     """Contact force from joints 1, 3 and 4.
 
-    Near a singular posture of the three joints (q4 = 0 on the paper's arm, or the tip over the yaw
-    axis) the force stays as it was.
+    Near a singular posture of the three joints (q4 = 0 on the arm of the paper, or the tip over the
+    yaw axis) the last force is kept.
     """
 
     def init(self, estimate: StateEstimate) -> ContactState:
@@ -34,7 +35,8 @@ class ClosedFormForce(TorqueSensors):
         """
         if len(estimate.q) <= max(JOINTS):
             raise ConfigurationError(
-                f"closed form of the tip force: needs joints 1, 3 and 4, got {len(estimate.q)}"
+                "closed form of the tip force: the arm must have at least 4 joints, since joints "
+                f"1, 3 and 4 are used; got {len(estimate.q)}"
             )
         return super().init(estimate)
 
@@ -43,8 +45,8 @@ class ClosedFormForce(TorqueSensors):
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
-            drives: what they were last asked for.
+            estimate: present estimate of the vehicle.
+            drives: last commands of the drives.
         """
         before_B = state.sensed.f_B.copy()
         super().sense(state, estimate, drives)
@@ -70,8 +72,8 @@ class ClosedFormForce(TorqueSensors):
 
         Args:
             state: as `sense` left it; changed in place.
-            estimate: of the vehicle now.
-            reference: says when the arm begins its work.
+            estimate: present estimate of the vehicle.
+            reference: shows when the arm begins its work.
         """
         if state.record.weighing[0]:
             self.weigh(state, estimate, reference)

@@ -7,16 +7,16 @@ the hull and c that of the water:
     (v - c)' = (F_i (1 + g_i) + f_arm + f_static - l_i u - q_i |u| u + d_i) / M_i,    u = v - c
     c' = noise,   g_i' = small noise,   d_i' = small noise;    v is measured
 
-One extended Kalman filter per axis estimates the states v, c, g, d. An accelerating flow carries a
-neutrally buoyant body along as if the water stood still; therefore the left side is (v - c)'.
+One extended Kalman filter per axis estimates the states v, c, g, d. A neutrally buoyant body in an
+accelerating flow is accelerated with the flow; therefore the left side is (v - c)'.
 
-Observability: c and g differ because F changes with the push of the tool while c does not. The
-measured contact force identifies the gain while it grows, and the current stays observable in
-contact. c and d cannot be told apart while the hull keeps station; only the curvature of the drag
-tells, in motion. Therefore d is assumed small, and a steady force appears as current. On an axis
-without drag everything is d. The sum, which station keeping must compensate, is always observable.
-The moment is a single disturbance, estimated by a Luenberger observer, since a uniform current
-gives next to none.
+Observability: c and g can be distinguished because F changes with the force of the tool while c
+does not. The measured contact force identifies the gain while this force grows, and the current
+stays observable in contact. c and d cannot be distinguished while the hull keeps station; only in
+motion does the curvature of the drag distinguish them. Therefore d is assumed small, and a steady
+force appears as current. On an axis without drag the whole disturbance is d. The sum, which station
+keeping must compensate, is always observable. The moment is a single disturbance, estimated by a
+Luenberger observer, since a uniform current causes almost no moment.
 """
 
 from typing import NamedTuple
@@ -29,16 +29,16 @@ from uuv.sim.interfaces.spatial import Array
 
 
 class DisturbanceObserverState(NamedTuple):
-    """State of the observer; arrays, changed in place."""
+    """State of the observer, as arrays that are changed in place."""
 
-    v_W: Array  # (3,) [m/s] of the hull
-    current_W: Array  # (3,) [m/s] of the water
-    gain: Array  # (3,) [-] share by which the thrust exceeds the believed one, hull axes
+    v_W: Array  # (3,) [m/s] velocity of the hull
+    current_W: Array  # (3,) [m/s] velocity of the water
+    gain: Array  # (3,) [-] relative excess of the thrust over the modelled thrust, hull axes
     offset_W: Array  # (3,) [N] steady force
     P: Array  # (3, 4, 4) covariance of v, c, g, d for each hull axis
-    w_B: Array  # (3,) [rad/s] of the hull
+    w_B: Array  # (3,) [rad/s] angular velocity of the hull
     moment_B: Array  # (3,) [N m] disturbance moment, hull axes
-    arm_B: Array  # (6,) [N, N m] of the arm on the hull, at the last step
+    arm_B: Array  # (6,) [N, N m] wrench of the arm on the hull, at the last step
     begun: np.ndarray  # (1,) bool
 
 
@@ -47,14 +47,14 @@ class ObservedHull(NamedTuple):
 
     mass: Array  # (3, 3) [kg]
     inverse_mass: Array  # (3, 3)
-    lever: Array  # (3, 3) [kg m] momentum of the turning
+    lever: Array  # (3, 3) [kg m] linear momentum due to rotation
     turning: Array  # (3, 3) [kg m^2]
     inverse_turning: Array  # (3, 3)
     linear: Array  # (6,)
     quadratic: Array  # (6,)
     # (4,) standard deviations of velocity, and of the walks of current, gain and offset
     noise: Array
-    moment_bandwidth: float  # [rad/s]
+    moment_bandwidth: float  # [rad/s] bandwidth of the moment observer
 
 
 class DisturbanceObserver:
@@ -67,13 +67,13 @@ class DisturbanceObserver:
         quadratic: Array,
         beliefs: ObserverDeviations | None = None,
     ) -> None:
-        """Take inertia and drag of the hull, in hull axes at its origin.
+        """Set inertia and drag of the hull, in hull axes at its origin.
 
         Args:
             inertia: (6, 6) rigid plus added inertia.
             linear: (6,) linear drag [N/(m/s), N m/(rad/s)].
             quadratic: (6,) quadratic drag [N/(m/s)^2, N m/(rad/s)^2].
-            beliefs: assumed standard deviations; None takes the defaults.
+            beliefs: assumed standard deviations; None: the defaults.
         """
         self._beliefs = beliefs or ObserverDeviations()
         b = self._beliefs
@@ -122,14 +122,14 @@ def observe(hull, state, seen, wrenches, dt):
         hull: `ObservedHull`.
         state: `DisturbanceObserverState`; updated.
         seen: attitude R_WB (3, 3), and measured velocities v_WB_B [m/s] and w_WB_B [rad/s].
-        wrenches: (6,) [N, N m] each, hull axes: mean one of the thrusters during `dt`, that of the
-            arm now, weight and buoyancy of the hull.
+        wrenches: (6,) [N, N m] each, hull axes: mean wrench of the thrusters during `dt`, present
+            wrench of the arm, weight and buoyancy of the hull.
         dt: [s] since the last step.
     """
     R_WB, v_B, w_B = seen
     given_B, arm_B, static_B = wrenches
 
-    # The first sample only sets the state: there is no interval before it.
+    # The first sample only initialises the state, since there is no interval before it.
     if not state.begun[0]:
         state.v_W[:] = R_WB @ v_B
         state.w_B[:] = w_B
@@ -137,7 +137,8 @@ def observe(hull, state, seen, wrenches, dt):
         state.arm_B[:] = arm_B
         return
 
-    # Known wrench beside the thrusters; that of the arm is averaged over the interval.
+    # Known wrench in addition to that of the thrusters; that of the arm is averaged over the
+    # interval.
     other_B = 0.5 * (arm_B + state.arm_B) + static_B
     _observe_moving(hull, (R_WB, v_B, w_B - state.w_B), given_B, other_B, dt, state)
     _observe_turning(hull, w_B, given_B, other_B, dt, state)
@@ -146,13 +147,14 @@ def observe(hull, state, seen, wrenches, dt):
 
 @kernel
 def unknown_wrench(hull, state, R_WB, v_B, given_B):
-    """Disturbance wrench (6,) [N, N m], hull axes, beside thrusters, arm, weight and buoyancy.
+    """Disturbance wrench (6,) [N, N m], hull axes, in addition to thrusters, arm, weight and
+    buoyancy.
 
     Args:
         hull: `ObservedHull`.
         state: `DisturbanceObserverState`.
         R_WB: (3, 3) attitude of the hull.
-        v_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is taken as zero.
+        v_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is assumed to be zero.
         given_B: (6,) [N, N m] wrench demanded of the thrusters, hull axes.
     """
     flow_B = R_WB.T @ state.current_W
@@ -184,7 +186,7 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
     linear = hull.linear
     quadratic = hull.quadratic
 
-    # Force that is known.
+    # Known force.
     R_BW = R_WB.T.copy()
     u = R_BW @ (v_W - current_W)
     offset = R_BW @ offset_W
@@ -192,7 +194,7 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
     for i in range(3):
         known[i] -= (linear[i] + quadratic[i] * abs(u[i])) * u[i]
 
-    # Momentum in world axes: rotation adds no further terms, except that of the lever.
+    # Momentum in world axes, in which rotation adds no terms except that of the lever.
     v_W += R_WB @ (inverse_mass @ (dt * known - lever @ turned))
     error = v_B - R_BW @ v_W
 
@@ -211,7 +213,7 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
         F[0, 3] = dt / mass[i, i]
         Pi = F @ P[i] @ F.T.copy()
 
-        # Process noise: a change of the current carries the hull along, hence the covariance.
+        # Process noise: a change of the current also accelerates the hull, hence the covariance.
         walk = noise[1] * dt
         Pi[0, 0] += walk
         Pi[0, 1] += walk
@@ -231,7 +233,7 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
         dd[i] = K[3] * error[i]
         gain[i] = min(max(gain[i] + K[2] * error[i], -0.5), 0.5)
 
-    # Corrections, back in world axes.
+    # Corrections, transformed to world axes.
     v_W += R_WB @ dv
     current_W += R_WB @ dc
     offset_W += R_WB @ dd
@@ -239,7 +241,9 @@ def _observe_moving(hull, seen, given_B, other_B, dt, state):
 
 @kernel
 def _observe_turning(hull, w_WB_B, given_B, other_B, dt, state):
-    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` the disturbance."""
+    """Step of the moment observer, in which `w_B` tracks the measured rate and `moment_B` the
+    disturbance.
+    """
     w_B = state.w_B
     moment_B = state.moment_B
     turning = hull.turning
@@ -272,7 +276,7 @@ def _observe_turning(hull, w_WB_B, given_B, other_B, dt, state):
         error[i] = w_WB_B[i] - w_B[i]
         w_B[i] += min(1.0, 2.0 * pace) * error[i]
 
-    # The disturbance integrates what is left; the gains place both poles at the bandwidth.
+    # The disturbance integrates the remaining error; the gains place both poles at the bandwidth.
     for i in range(3):
         moment_B[i] += (
             pace**2

@@ -21,7 +21,7 @@ def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
 
     Args:
         tau_e: (n,) [N m] external torques.
-        J: (3, n) [m/rad] linear Jacobian of the tip, in the axes in which the force is wanted.
+        J: (3, n) [m/rad] linear Jacobian of the tip, in the axes of the resulting force.
         sigma: (n,) [N m] standard deviation of each torque.
 
     Returns:
@@ -54,8 +54,8 @@ def force_covariance(J: Array, sigma: Array, torque_covariance: Array) -> Array:
 class WrenchEstimate:
     """Estimated force and moment on the tip, (force; moment), with their observability."""
 
-    wrench: Array  # (6,) [N, N m]
-    covariance: Array  # (6, 6), that of the prior in unobservable directions
+    wrench: Array  # (6,) [N, N m] force and moment
+    covariance: Array  # (6, 6) covariance, that of the prior in unobservable directions
     seen: Array  # (6,) [-] share of the prior's variance that the torques removed, from 0 to 1
     # (6,) least observable direction: unit vector in units of the prior's standard deviations
     blind: Array
@@ -64,7 +64,7 @@ class WrenchEstimate:
 def tip_wrench(
     tau_e: Array, J: Array, sigma: Array, *, force_prior: float = 1e3, moment_prior: float = 30.0
 ) -> WrenchEstimate:
-    """Force and moment on the tip from external torques of any joints, by a prior of zero mean.
+    """Force and moment on the tip from external torques of any joints, with a prior of zero mean.
 
     Six joints or more observe all six components outside singular postures. Fewer joints observe as
     many combinations as there are joints, and the prior decides the rest. A small `moment_prior`
@@ -72,8 +72,7 @@ def tip_wrench(
 
     Args:
         tau_e: (n,) [N m] external torques.
-        J: (6, n) Jacobian of the tip, linear over angular, in the axes in which the wrench is
-            wanted.
+        J: (6, n) Jacobian of the tip, linear over angular, in the axes of the resulting wrench.
         sigma: (n,) [N m] standard deviation of each torque.
         force_prior: [N] prior standard deviation of each force component.
         moment_prior: [N m] prior standard deviation of each moment component.
@@ -97,10 +96,10 @@ def tip_wrench(
 
 
 def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, float]) -> Array:
-    """Closed-form force on the tool from joints 1, 3 and 4 [Konoplin 2022, eq. 5], to compare with.
+    """Closed-form force on the tool from joints 1, 3 and 4 [Konoplin 2022, eq. 5], for comparison.
 
-    Holds for a pure force on that arm: yaw joint, then three parallel pitch joints, joints 5 and 6
-    at zero.
+    It is valid for a pure force on the arm of the paper: a yaw joint, then three parallel pitch
+    joints, with joints 5 and 6 at zero.
 
     Args:
         tau_e: (n >= 4,) [N m] external torques.
@@ -112,7 +111,7 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
         plane, y out of the plane.
 
     Raises:
-        ConfigurationError: at its singularities, sin q4 = 0 or the tip over the yaw axis.
+        ConfigurationError: the posture is singular: sin q4 = 0, or the tip is over the yaw axis.
     """
     l2, l3, l4 = lengths
     c2 = np.cos(q[1])
@@ -123,7 +122,8 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
     radius = l2 * c2 + l3 * c23 + l4 * c234
     if abs(s4) < 1e-6 or abs(radius) < 1e-6:
         raise ConfigurationError(
-            f"eq. (5) is singular here: sin q4 = {s4:.2e}, tip {radius:.2e} m from the yaw axis"
+            "closed form of the tip force: eq. (5) is singular in this posture: sin q4 = "
+            f"{s4:.2e}, tip {radius:.2e} m from the yaw axis"
         )
 
     Fz = tau_e[3] / l4

@@ -12,10 +12,10 @@ Per joint, at the moving samples,
     lost = b + viscous qd + sign(qd) (coulomb + (stiction - coulomb) exp(-(qd / stribeck_speed)^2))
 
 is linear except for the Stribeck speed, which is found by a search (variable projection [Golub
-1973]). b is the sensor's bias. A gear whose stiction would come out below its Coulomb friction is
-fitted without stiction; the variance of its Stribeck speed is then infinite. The covariance is the
-heteroscedasticity-consistent one [White 1980], since the noise of a torque sensor grows with its
-reading.
+1973]). b is the sensor's bias. If the stiction of a gear would be below its Coulomb friction, the
+gear is fitted without stiction, and the variance of its Stribeck speed is infinite. The covariance
+is the heteroscedasticity-consistent one [White 1980], since the noise of a torque sensor grows with
+its reading.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, Targe
 from uuv.sim.interfaces.spatial import Array, checked, readonly
 
 _LEAST_SPEED = 2e-3  # [rad/s] slower samples may belong to a joint at rest and are dropped
-_FEWEST = 200  # minimal number of moving samples of a joint; a tenth of it in each direction
+_FEWEST = 200  # minimal number of moving samples of a joint; a tenth of that in each direction
 _NAMES = ("bias", "viscous", "coulomb", "stiction", "stribeck_speed")
 
 
@@ -37,9 +37,9 @@ _NAMES = ("bias", "viscous", "coulomb", "stiction", "stribeck_speed")
 class IdentifiedFriction:
     """Identified friction of all gears with its uncertainty; arrays (n,), read-only."""
 
-    viscous: Array  # [N m s/rad]
+    viscous: Array  # [N m s/rad] viscous friction
     dry: DryFriction  # Coulomb friction, stiction, Stribeck speed
-    bias: Array  # [N m] of the torque sensors
+    bias: Array  # [N m] bias of the torque sensors
     covariance: Array  # (n, 5, 5) of bias, viscous, coulomb, stiction, stribeck_speed
     residual: Array  # [N m] standard deviation of the residual
 
@@ -60,9 +60,9 @@ class IdentifiedFriction:
 def over_steps(qd: Array, period: float) -> tuple[Array, Array]:
     """Mean speed and acceleration of the joints over each step, from the speeds at its ends.
 
-    A motor torque is held over a step, so they belong to it. Speeds at the end of the step, or
-    central differences, are half a step late or early; with a joint that shakes, this biases the
-    friction.
+    A motor torque is held over a step, and these means belong to the same step. Speeds at the end
+    of the step, or central differences, are half a step late or early, which biases the friction of
+    a vibrating joint.
 
     Args:
         qd: (N + 1, n) [rad/s] joint speeds, one sample per step.
@@ -129,8 +129,9 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     fewest = min(int(np.sum(qd > 0.0)), int(np.sum(qd < 0.0)))
     if len(qd) < _FEWEST or fewest < _FEWEST // 10:
         raise ConfigurationError(
-            f"friction of joint {joint + 1}: {len(qd)} samples faster than {_LEAST_SPEED} rad/s, "
-            f"{fewest} of them the rarer way; at least {_FEWEST} and {_FEWEST // 10} are needed"
+            f"friction of joint {joint + 1}: must have at least {_FEWEST} samples faster than "
+            f"{_LEAST_SPEED} rad/s, and {_FEWEST // 10} in each direction, got {len(qd)} and "
+            f"{fewest}"
         )
 
     def columns(over: float) -> Array:
@@ -143,7 +144,7 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
         A = columns(over)
         return float(np.sum((lost - A @ np.linalg.lstsq(A, lost, rcond=None)[0]) ** 2))
 
-    # Stribeck speed by a search, the linear parameters by least squares within it
+    # Stribeck speed by a search, with the linear parameters by least squares
     grid = np.geomspace(2.0 * _LEAST_SPEED, np.quantile(np.abs(qd), 0.9), 24)
     for _ in range(3):  # finer grids about the minimum
         at = int(np.argmin([left(over) for over in grid]))
@@ -154,7 +155,8 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     A = columns(over)
     x = np.linalg.lstsq(A, lost, rcond=None)[0]
 
-    # Covariance, with the slope over the Stribeck speed; without stiction that is not known
+    # Covariance, with the derivative with respect to the Stribeck speed; without stiction that is
+    # unknown
     if x[3] > x[2]:
         slope = (x[3] - x[2]) * np.sign(qd) * np.exp(-((qd / over) ** 2)) * 2.0 * qd**2 / over**3
         residual = lost - A @ x
@@ -185,7 +187,7 @@ def _robust_covariance(A: Array, residual: Array) -> Array:
 
 
 class FrictionMotion:
-    """Planner of the excitation: the joints swing while the hull keeps station."""
+    """Planner of the excitation motion, in which the joints swing while the hull keeps station."""
 
     def __init__(
         self,
@@ -199,12 +201,12 @@ class FrictionMotion:
     ) -> None:
         """Swing each joint about the ready posture: one slow turn, then two fast turns.
 
-        The rates differ by 5 % from joint to joint, so that no two joints move alike.
+        The rates differ by 5 % from joint to joint, so that no two joints have the same motion.
 
         Args:
             vehicle: the vehicle with its arm.
             X_WB: (4, 4) hull pose to keep.
-            swing: [rad] amplitude of each joint; less where its limits are closer.
+            swing: [rad] amplitude of each joint; smaller if the joint's limits require it.
             slow: [s] duration of the slow turn.
             fast: [s] duration of a fast turn.
             period: [s] of the planner's steps.
@@ -233,7 +235,7 @@ class FrictionMotion:
 
     @property
     def recorded(self) -> tuple[float, float]:
-        """Begin and end of the swings [s] since the motion began."""
+        """Beginning and end of the swings [s], since the start of the motion."""
         return self._unfold, self._unfold + self._slow + 2.0 * self._fast
 
     def init(self, estimate: StateEstimate) -> float:
@@ -241,7 +243,9 @@ class FrictionMotion:
         return estimate.time
 
     def _phase(self, since: float) -> tuple[Array, Array]:
-        """Phase (n,) [rad] of each joint and its rate [rad/s], `since` [s] the swings began."""
+        """Phase (n,) [rad] of each joint and its rate [rad/s], `since` [s] after the swings
+        began.
+        """
         if since <= self._slow:
             rate = 2.0 * np.pi / self._slow * self._rate
             return rate * since, rate

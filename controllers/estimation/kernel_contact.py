@@ -1,4 +1,4 @@
-"""Contact estimator of one's own as a kernel: the tick of the drives calls it by its address."""
+"""A user's contact estimator as a kernel, which the tick of the drives calls by its address."""
 
 from collections.abc import Callable
 from typing import Any
@@ -18,10 +18,10 @@ from uuv.sim.interfaces.messages import StateEstimate
 
 
 class KernelContact(TorqueSensors):
-    """Contact force from a plain function, which is compiled, in the place of least squares.
+    """Contact force from a plain function, which is compiled and replaces the least squares.
 
-    Motion of arm and hull, tare and payload are those of `TorqueSensors`, and its force and
-    friction are what the function starts from.
+    Motion of arm and hull, tare and payload are those of `TorqueSensors`, and the force and
+    friction of `TorqueSensors` are the initial values for the function.
     """
 
     def __init__(
@@ -39,14 +39,15 @@ class KernelContact(TorqueSensors):
         Args:
             model: believed model, compiled.
             function: function(memory, joints, torques, J_B, f_B, friction, dt). `joints` (3, n) are
-                angles [rad], speeds and accelerations; `torques` (3, n) [N m] those measured, those
-                of the motors, and the external ones less their tare; `J_B` (3, n) [m] moves the
-                tip, hull axes; dt is in s. It writes the force of the world on the tip `f_B` (3,)
-                [N], hull axes, and the dry friction of the gears `friction` (n,) [N m].
-            numbers: length of its memory, which is zero at first.
-            arm: believed dynamics of the arm; None reads them from `model`.
+                angles [rad], speeds and accelerations; `torques` (3, n) [N m] the measured ones,
+                those of the motors, and the external ones minus their tare; `J_B` (3, n) [m] is the
+                Jacobian of the tip, hull axes; dt is in s. The function writes the force of the
+                world on the tip `f_B` (3,) [N], hull axes, and the dry friction of the gears
+                `friction` (n,) [N m].
+            numbers: length of the function's memory, which is zero at first.
+            arm: believed dynamics of the arm; None: read from `model`.
             tuning: filters and noise.
-            water_error: [-] share by which added masses and drags are wrong; only where `arm` is
+            water_error: [-] share by which added masses and drags are wrong; used only if `arm` is
                 None.
 
         Raises:
@@ -78,8 +79,8 @@ class KernelContact(TorqueSensors):
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
-            drives: what they were last asked for.
+            estimate: present estimate of the vehicle.
+            drives: last commands of the drives.
         """
         super().sense(state, estimate, drives)
         seen = estimate.X_WB, estimate.q, estimate.qd, estimate.tau
@@ -95,7 +96,7 @@ def _of_pointers(function: Any, size: int, n: int, dt: float) -> Callable[[Any, 
         torques = packed[3 * n : 6 * n].reshape(3, n)
         J_B = packed[6 * n : 9 * n].reshape(3, n)
 
-        # What it changes.
+        # Outputs of the function.
         f_B = packed[9 * n : 9 * n + 3]
         friction = packed[9 * n + 3 :]
         function(carray(memory, size), joints, torques, J_B, f_B, friction, dt)

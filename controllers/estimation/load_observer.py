@@ -1,15 +1,15 @@
-"""Load observer: external joint torques from momentum, without accelerations or torque sensors.
+"""Load observer for external joint torques from momentum, without accelerations or torque sensors.
 
 The hull moves freely. T is the kinetic energy of rigid bodies and water (added mass included), and
 p = dT/dqd. Lagrange's equation of joint j is
 
     dp/dt = tau + dT/dq - g(q) - d(q, qd, nu) - friction + tau_e,
 
-where the hull's velocity nu enters p and T, but none of its accelerations appears. The right side
-is integrated without tau_e and compared with the measured p. The residual r = K (p - integral of
-(right side + r)) follows tau_e with a first-order lag 1/K [DeLuca 2003], here with a moving base. A
-steady current is a change of frame: the arm's equations hold unchanged in a frame that drifts with
-the water.
+where p and T depend on the hull's velocity nu, but no acceleration of the hull appears. The right
+side is integrated without tau_e and compared with the measured p. The residual r = K (p - integral
+of (right side + r)) follows tau_e with a first-order lag 1/K [DeLuca 2003], here applied to a
+moving base. A steady current is a change of frame: the arm's equations are unchanged in a frame
+that drifts with the water.
 
 Let s_j be the axis of the joint, h_j the momentum of all bodies that it carries and v_j the twist
 of its body, six-vectors at the joint. Then p_j = s_j . h_j, and dT/dq_j = h_j . (v_j x s_j): a
@@ -46,13 +46,13 @@ SMOOTHING = 1e-3
 
 
 class GearModel(NamedTuple):
-    """Believed gears: rotor inertia and friction, (n,) each."""
+    """Gear model of the controller: rotor inertia and friction, (n,) each."""
 
     armature: Array  # [kg m^2] rotor inertia at the joint
     viscous: Array  # [N m s/rad]
-    coulomb: Array  # [N m]
-    stiction: Array  # [N m]
-    stribeck_speed: Array  # [rad/s]
+    coulomb: Array  # [N m] Coulomb friction
+    stiction: Array  # [N m] stiction
+    stribeck_speed: Array  # [rad/s] Stribeck speed
 
 
 @dataclass(slots=True, eq=False)
@@ -84,8 +84,8 @@ class LoadObserver:
             period: [s] of the observer's steps.
             time_constant: [s] lag of the estimate.
             water_error: [-] share by which the hydrodynamic coefficients are deliberately wrong.
-            friction: believed dry friction of the gears; None takes the model's. At rest it may be
-                anything below stiction, and is taken as zero.
+            friction: modelled dry friction of the gears; None: that of the model. At rest the
+                friction may have any value below stiction, and is assumed to be zero.
 
         Raises:
             ConfigurationError: a time is not finite or not > 0.
@@ -116,7 +116,7 @@ class LoadObserver:
         )
 
         self._period = period
-        # [1/s] its pole: exactly exp(-period / time_constant)
+        # [1/s] gain whose pole is exactly exp(-period / time_constant)
         self._gain = -np.expm1(-period / time_constant) / period
 
     def init(self) -> LoadObserverState:
@@ -135,7 +135,8 @@ class LoadObserver:
         nu_B: Array,
         v_current_W: Array,
     ) -> Array:
-        """External torques (n,) [N m], J^T f of the world on the arm; advances `state` by a period.
+        """External torques (n,) [N m], which are J^T f of the world on the arm; also advances
+        `state` by a period.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -150,7 +151,7 @@ class LoadObserver:
             The torques (n,) [N m].
 
         Raises:
-            ConfigurationError: another shape, or a number that is not finite.
+            ConfigurationError: an input has another shape, or a number is not finite.
         """
         hull = np.zeros(24)
         joints = (self._arm.n,)
@@ -227,7 +228,8 @@ def _observe(arm, bare, gears, hull, seen, timing, state):
 def momentum(arm, work, p_joint, turning):
     """Generalised momentum of every joint and dT/dq, in still water.
 
-    Reads the joint rotations, positions and twists that `newton_euler` left in `work`.
+    The function uses the joint rotations, positions and twists that `newton_euler` stored in
+    `work`.
 
     Args:
         arm: `ArmParameters`.
@@ -330,7 +332,7 @@ class MomentumObserver(TorqueResidual):
 
         Args:
             model: believed model, compiled.
-            arm: believed dynamics of the arm; None reads them from `model`.
+            arm: modelled dynamics of the arm; None: read from `model`.
             tuning: filters and noise.
             period: [s] of a step.
             water_error: [-] share by which added masses and drags are wrong.
@@ -357,13 +359,13 @@ class MomentumObserver(TorqueResidual):
     def step(
         self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState
     ) -> None:
-        """One sample: leaves force, friction, and motion of arm and hull in `state`.
+        """Process one sample; force, friction, and motion of arm and hull are stored in `state`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now; its torques are not used.
-            reference: says when to tare.
-            drives: what they were last asked for.
+            estimate: present estimate of the vehicle; its torques are not used.
+            reference: shows when to tare.
+            drives: last commands of the drives.
         """
         tuning = self._tuning
         dry = self._dry
@@ -371,7 +373,7 @@ class MomentumObserver(TorqueResidual):
         f_tip_W = np.empty(3)
         load: LoadObserverState = state.own
 
-        # for the motion; the force is overwritten
+        # only the motion is used; the force is overwritten
         self._sense(state, estimate, drives.current_W, f_tip_W)
         sensed.tau_e[:] = self._observer.step(
             load,

@@ -3,15 +3,15 @@
 In a single posture the torque residual of a wrong mass looks like a sensor bias, and the tare
 removes both. In another posture the residual of a part that is heavier than believed is different.
 An error of 10 % in the weights of a PUMA-type arm became 6 N of false force half-way around a
-barrel. On its way from folded to the work the arm passes many postures free of contact, which
-separate the two:
+barrel. While the arm moves from the folded posture to the work, it passes many postures free of
+contact, in which the two causes can be distinguished:
 
     tau_model - tau_measured = -sum_k G_k(q) d_k - b - H w
 
-G_k (n,) is the torque of weight and inertia of part k, and d_k the excess of its mass, as a share.
-b is the sensors' bias. H is the torque due to moving water, and w the share by which that is
-larger. This is a least-squares problem with priors on d, b and w. A part whose excess is
-unobservable keeps its believed mass.
+G_k (n,) is the torque of weight and inertia of part k, and d_k the relative excess of its mass. b
+is the sensors' bias. H is the torque due to moving water, and w the relative excess of H. This is a
+least-squares problem with priors on d, b and w. A part whose excess is unobservable keeps its
+modelled mass.
 """
 
 from dataclasses import dataclass
@@ -31,22 +31,22 @@ from uuv.sim.interfaces.spatial import Array
 
 @dataclass(slots=True, eq=False)
 class PayloadIdentificationState:
-    """Accumulated normal equations; arrays change in place."""
+    """Accumulated normal equations, as arrays that are changed in place."""
 
-    # (u, u) information matrix of the unknowns: nb excesses, n biases, the water's share
+    # (u, u) information matrix of the unknowns: nb mass excesses, n biases, the excess of the water
     information: Array
     seen: Array  # (u,) right side of the normal equations
     total: Array  # (n, u + 1) sums over the present posture: -G, -I, -H, tau_e
-    count: int  # samples in these sums
+    count: int  # number of samples in these sums
     q: Array  # (n,) [rad] first angles of the present posture
 
 
 class _Terms(NamedTuple):
-    """Parameters of `newton_euler` for single terms of the arm's dynamics."""
+    """Parameters of `newton_euler` with which it computes single terms of the arm's dynamics."""
 
     layout: np.ndarray  # of `ArmParameters`
     parts: Array  # (nb, k) numbers of the arm in vacuum with the mass of one part only
-    water: Array  # (k,) numbers of added mass and drag alone
+    water: Array  # (k,) numbers of added mass and drag only
     stations: Array  # drag stations of `ArmParameters`
 
 
@@ -63,18 +63,18 @@ class PayloadIdentification:
         water: float = 0.2,
         step: float = 0.05,
     ) -> None:
-        """Take the believed arm and the prior standard deviations.
+        """Set the modelled arm and the prior standard deviations.
 
-        The error of a posture's torque combines `doubt` with once more the share `water` of the
-        moving water's torque: the errors of single parts differ from the common one.
+        The error of a torque in a posture combines `doubt` with a share `water` of the torque of
+        the moving water, because the errors of single parts differ from their common error.
 
         Args:
             arm: believed dynamics of the arm.
             spread: [-] prior of a part's mass error, as a share of its mass.
             bias: [N m] prior of a torque sensor's bias.
-            doubt: [N m] standard deviation of all other errors of a torque in a posture; more than
-                in a single one, for neighbouring postures share these errors and are counted as
-                independent.
+            doubt: [N m] standard deviation of all other errors of a torque in a posture. It is
+                larger than for a single posture, because neighbouring postures share these errors
+                but are treated as independent.
             water: [-] prior of the common relative error of the arm's drag and added mass.
             step: [rad] change of a joint from which on a posture counts as a new one.
         """
@@ -86,7 +86,7 @@ class PayloadIdentification:
         believed = arm.parameters
         nb = believed.layout.shape[1]
 
-        # The arm with the mass of one part only, and its water alone
+        # The arm with the mass of one part only, and only its water
         parts = np.tile(believed.numbers, (nb, 1))
         for k, alone in enumerate(parts):
             for masses in arm.of_bodies(alone, "mass", "inertia"):
@@ -119,7 +119,7 @@ class PayloadIdentification:
             state: of `init`; changed in place.
             joints: motion of the joints.
             hull: (24,) motion of the hull as in `newton_euler`.
-            tau_e: (n,) [N m] torques of the model less those measured.
+            tau_e: (n,) [N m] torques of the model minus the measured ones.
         """
         _add(self._terms, tuple(joints), hull, tau_e, state.total)
 
@@ -140,7 +140,9 @@ class PayloadIdentification:
         state.count = 0
 
     def excess(self, state: PayloadIdentificationState) -> Array:
-        """Estimated excess mass (nb,) [-] of each part, as a share of its mass, by all samples."""
+        """Estimated excess mass (nb,) [-] of each part, as a share of the part's mass, from all
+        samples.
+        """
         if state.count:
             self._take(state)
         solution = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)

@@ -1,7 +1,7 @@
 """Tip-force estimator that runs in the loop: contact force from the torques of the joints.
 
 `TorqueSensors` reads sensors on the gear outputs, with tare, payload and sigma. Another
-`ContactEstimator` takes its place by `WorkController(model, estimator=...)`, such as
+`ContactEstimator` replaces it by `WorkController(model, estimator=...)`, such as
 `uuv.controllers.estimation.load_observer.MomentumObserver`.
 """
 
@@ -38,7 +38,7 @@ from uuv.sim.interfaces.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DriveState:
-    """What the drives were last asked for, and the current that the station keeping estimates."""
+    """Last commands of the drives, and the current estimated by the station keeping."""
 
     tau: Array  # (n,) [N m] motor torques
     qd_wanted: Array  # (n,) [rad/s]
@@ -47,12 +47,13 @@ class DriveState:
 
 @dataclass(slots=True, eq=False)
 class ContactState:
-    """State of an estimator; arrays change in place."""
+    """State of an estimator, as arrays that are changed in place."""
 
-    arm: ArmParameters  # own copy of the believed arm, with its payload once that is identified
+    # separate copy of the arm model, including the payload once it is identified
+    arm: ArmParameters
     record: ContactRecord
-    memory: Array = field(default_factory=lambda: np.zeros(0))  # of a kernel
-    own: Any = None  # of the kind of estimator: payload identification, or load observer
+    memory: Array = field(default_factory=lambda: np.zeros(0))  # memory of a kernel
+    own: Any = None  # state of the kind of estimator: payload identification, or load observer
     excess: Array | None = None  # (nb,) [-] identified excess masses of the arm's parts
 
     @property
@@ -67,7 +68,9 @@ class ContactState:
 
     @property
     def floor(self) -> Array:
-        """Standard deviation (n,) [N m] of the external torques, beside the sensors' noise."""
+        """Standard deviation (n,) [N m] of the external torques, in addition to the sensors'
+        noise.
+        """
         return self.record.floor
 
     @property
@@ -77,7 +80,7 @@ class ContactState:
 
     @property
     def estimate(self) -> ContactEstimate:
-        """Present force; a message with copies."""
+        """Present force, as a message with copies of the arrays."""
         return ContactEstimate(
             force_W=self.record.f_W.copy(),
             normal=float(self.record.felt[0]),
@@ -92,7 +95,9 @@ class ContactState:
         self.record.sigma_G[:] = estimate.sigma_G
 
     def wrench_B(self) -> Array:
-        """Contact wrench (6,) [N, N m] on the hull, through the arm; at its origin in hull axes."""
+        """Contact wrench (6,) [N, N m] on the hull, through the arm, at the hull's origin in hull
+        axes.
+        """
         contact_B = np.empty(6)
         contact_wrench(self.sensed.X_BG, self.sensed.f_B, contact_B)
         return contact_B
@@ -108,19 +113,21 @@ class ContactEstimator(Protocol):
     def step(
         self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState
     ) -> None:
-        """One sample: leaves force, friction, and motion of arm and hull in `state`.
+        """Process one sample; force, friction, and motion of arm and hull are stored in `state`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
-            reference: says when to tare.
-            drives: what they were last asked for.
+            estimate: present estimate of the vehicle.
+            reference: shows when to tare.
+            drives: last commands of the drives.
         """
         ...
 
 
 class TorqueResidual:
-    """Common part of the estimators: motion, and torques beyond those of the contact-free model."""
+    """Common part of the estimators: motion, and the torques that differ from the contact-free
+    model.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float
@@ -156,11 +163,13 @@ class TorqueResidual:
     def _sense(
         self, state: ContactState, estimate: StateEstimate, current_W: Array, f_tip_W: Array
     ) -> float:
-        """Force by torque sensors into `f_tip_W`, residual into `state.sensed`; its normal part."""
+        """Write the force from torque sensors into `f_tip_W` and the residual into `state.sensed`;
+        returns the normal force.
+        """
         e = estimate
         floor = state.floor
 
-        # Doubt of a replaced sensor adds to the noise of its joint.
+        # The uncertainty of a replaced sensor adds to the noise of its joint.
         if e.tau_doubt is not None:
             floor = np.hypot(floor, e.tau_doubt)
 
@@ -175,12 +184,14 @@ class TorqueResidual:
             add_to_tare(tuple(state.record.tare), state.sensed.tau_e, state.bias)
 
     def _is_slow_tick(self, state: ContactState) -> bool:
-        """True where the part of a step is due that is as slow as the hull's."""
+        """True if the slow part of a step, at the rate of the hull, is due."""
         return bool(state.record.ticks[0] % self._slow_ticks == 0)
 
 
 class TorqueSensors(TorqueResidual):
-    """Contact force by torque sensors on the gear outputs; payload identified while unfolding."""
+    """Contact force from torque sensors on the gear outputs; the payload is identified while
+    unfolding.
+    """
 
     def __init__(
         self,
@@ -196,10 +207,10 @@ class TorqueSensors(TorqueResidual):
 
         Args:
             model: believed model, compiled.
-            arm: believed dynamics of the arm; None reads them from `model`.
+            arm: believed dynamics of the arm; None: read from `model`.
             tuning: filters and noise.
             period: [s] of a step.
-            water_error: [-] share by which added masses and drags are wrong; only where `arm` is
+            water_error: [-] share by which added masses and drags are wrong; used only if `arm` is
                 None.
             friction: identified friction of the gears; None: the model's.
         """
@@ -236,19 +247,19 @@ class TorqueSensors(TorqueResidual):
         return state
 
     def slot(self, state: ContactState) -> Slot:
-        """It is contained in the tick, which works on the record of `state`."""
+        """The estimator is contained in the tick, which works on the record of `state`."""
         return empty_slot(state.record.felt)
 
     def step(
         self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState
     ) -> None:
-        """One sample: leaves force, friction, and motion of arm and hull in `state`.
+        """Process one sample; force, friction, and motion of arm and hull are stored in `state`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
-            reference: says when to tare, and when the arm begins its work.
-            drives: what they were last asked for.
+            estimate: present estimate of the vehicle.
+            reference: shows when to tare, and when the arm begins its work.
+            drives: last commands of the drives.
         """
         self.sense(state, estimate, drives)
         self._tare(state, reference)
@@ -263,8 +274,8 @@ class TorqueSensors(TorqueResidual):
 
         Args:
             state: as `sense` left it; changed in place.
-            estimate: of the vehicle now.
-            reference: says when the arm begins its work.
+            estimate: present estimate of the vehicle.
+            reference: shows when the arm begins its work.
         """
         if state.record.weighing[0]:
             self.weigh(state, estimate, reference)
@@ -275,8 +286,8 @@ class TorqueSensors(TorqueResidual):
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
-            drives: what they were last asked for.
+            estimate: present estimate of the vehicle.
+            drives: last commands of the drives.
         """
         e = estimate
         moving = e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B
@@ -292,8 +303,8 @@ class TorqueSensors(TorqueResidual):
 
         Args:
             state: as `sense` left it; changed in place.
-            estimate: of the vehicle now.
-            reference: says when the arm begins its work.
+            estimate: present estimate of the vehicle.
+            reference: shows when the arm begins its work.
         """
         sensed = state.sensed
         payload = state.own
@@ -304,6 +315,6 @@ class TorqueSensors(TorqueResidual):
             state.own = None
             state.record.weighing[0] = False
         elif state.record.ticks[0] * self._period > self._tuning.weighing_after:
-            # Until then, once the start is over: one more sample.
+            # Before that, once the start is over, each step adds one sample.
             motion = JointMotion(estimate.q, estimate.qd, sensed.qdd)
             self._payload.add(payload, motion, sensed.hull, sensed.tau_e)

@@ -1,8 +1,8 @@
 """Kernels of the tip-force estimator: from joint torques to the force on the tool.
 
-The parts are those of `uuv.controllers.arm.inverse_dynamics` and
-`uuv.controllers.estimation.force_from_torques`. The tests compare the compiled forms here with the
-plain forms there. Records may come as plain tuples of their fields, which numba types faster.
+The kernels implement `uuv.controllers.arm.inverse_dynamics` and
+`uuv.controllers.estimation.force_from_torques`. The tests compare these compiled forms with the
+plain forms. Records may be passed as plain tuples of their fields, which numba types faster.
 """
 
 from typing import NamedTuple
@@ -21,12 +21,13 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.kernels.slots import call
 from uuv.sim.interfaces.spatial import Array
 
-# [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
+# [1/N^2] weak prior with a sigma of 1 kN about zero, which bounds directions that a posture cannot
+# observe
 PRIOR = 1e-6
 
 
 class ArmReadings(NamedTuple):
-    """Measured motion of hull and arm, and the torques read."""
+    """Measured motion of hull and arm, and the measured torques."""
 
     X_WB: Array  # (4, 4) hull pose
     v_B: Array  # (3,) [m/s] velocity of the hull, hull axes
@@ -41,7 +42,7 @@ class ArmReadings(NamedTuple):
 class TorqueErrors(NamedTuple):
     """Errors of the joint torques."""
 
-    bias: Array  # (n,) [N m] tare, not due to contact
+    bias: Array  # (n,) [N m] tare, which is not due to contact
     floor: Array  # (n,) [N m] constant standard deviation of a torque
     noise: float  # [-] standard deviation of a torque as a share of its reading
 
@@ -87,10 +88,12 @@ class SensedArm(NamedTuple):
 
 
 class Tare(NamedTuple):
-    """Tare of the torque sensors: mean reading free of contact, bias and model error together."""
+    """Tare of the torque sensors: mean reading free of contact, which combines bias and model
+    error.
+    """
 
     total: Array  # (n,) [N m] sum of the samples
-    samples: Array  # (1,) their number
+    samples: Array  # (1,) number of samples
 
     @classmethod
     def start(cls, n: int) -> "Tare":
@@ -100,7 +103,8 @@ class Tare(NamedTuple):
 
 @kernel
 def add_to_tare(tare, tau_e, bias):
-    """Add a sample of external torques free of contact; the mean of all samples goes to `bias`.
+    """Add a sample of external torques free of contact; the mean of all samples is written to
+    `bias`.
 
     Args:
         tare: fields of `Tare`, in a tuple.
@@ -133,7 +137,7 @@ def contact_wrench(X_BG, f_B, wrench_B):
 
 @kernel
 def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
-    """Filtered force of the world on the tip from torque sensors less the arm model.
+    """Filtered force of the world on the tip, from torque sensors minus the arm model.
 
     Joint and hull angular accelerations come from the lag of filtered rates.
 
@@ -221,7 +225,7 @@ def _in_axes(X_WB, out, f_W):
 
 @kernel
 def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
-    """Unfiltered force (3,) [N] on the tip, hull axes, from torque sensors less the arm model.
+    """Unfiltered force (3,) [N] on the tip, hull axes, from torque sensors minus the arm model.
 
     Args:
         arm: `ArmParameters`.
@@ -293,7 +297,7 @@ def force_sigma(X_BG, J_B, weighed, variance):
         X_BG: (4, 4) tip pose in the hull's frame.
         J_B: (6, n) Jacobian of the tip, hull axes.
         weighed: (n,) [N m] standard deviations that weight the torques in the estimate.
-        variance: (n,) [N^2 m^2] variances of their actual errors.
+        variance: (n,) [N^2 m^2] variances of the actual errors of the torques.
 
     Returns:
         The standard deviation of each component.
@@ -309,14 +313,14 @@ def force_sigma(X_BG, J_B, weighed, variance):
             for k in range(3):
                 J[i, j] += X_BG[k, i] * J_B[k, j]
 
-    # Covariance that the weights state
+    # Covariance that belongs to the weights
     for i in range(3):
         for k in range(3):
             for j in range(n):
                 stated[i, k] += J[i, j] * J[k, j] / weighed[j] ** 2
     stated = np.linalg.inv(stated)
 
-    # Covariance by the actual errors
+    # Covariance from the actual errors
     for i in range(3):
         total = 0.0
         for k in range(3):
@@ -331,12 +335,12 @@ def force_sigma(X_BG, J_B, weighed, variance):
 
 
 class ContactRecord(NamedTuple):
-    """Contact as it is felt; arrays, changed in place."""
+    """Estimated contact, as arrays that are changed in place."""
 
     sensed: SensedArm
     tare: Tare
-    bias: Array  # (n,) [N m] of the external torques
-    # (n,) [N m] standard deviation of the external torques, beside the noise of the sensors
+    bias: Array  # (n,) [N m] tare of the external torques
+    # (n,) [N m] standard deviation of the external torques, in addition to the noise of the sensors
     floor: Array
     friction: Array  # (n,) [N m] dry friction in the gears that the drives have to overcome
     f_W: Array  # (3,) [N] force of the world on the tip, W; NaN: not known
@@ -350,33 +354,33 @@ class FeelGains(NamedTuple):
     """Constants of `feel_by_torques`."""
 
     timing: SenseTiming
-    noise: float  # [-] of the torque sensors, share of the reading
+    noise: float  # [-] noise of the torque sensors, as a share of the reading
     kept: float  # [-] share of the variance of white noise that the filter of the force passes
     drift: float  # [N m] standard deviation of the torques' slow errors
     gears: FrictionTracking
-    slow_ticks: int  # steps between two of payload and sigma
+    slow_ticks: int  # number of steps between two updates of payload and sigma
 
 
 @kernel
 def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
-    """Contact force by `estimate_tip_force` and gear friction, as `TorqueSensors` gives them.
+    """Contact force by `estimate_tip_force`, and gear friction, for `TorqueSensors`.
 
     Args:
         arm: `ArmParameters`.
         gains: `FeelGains`.
         readings: `ArmReadings`.
-        doubt: (n,) [N m] standard deviation of the torques beyond that of sound sensors.
-        tau_motor: (n,) [N m] last asked of the motors.
+        doubt: (n,) [N m] standard deviation of the torques in addition to that of healthy sensors.
+        tau_motor: (n,) [N m] last commands of the motors.
         contact: `ContactRecord`; updated.
     """
-    # Errors of the torques, larger where a sensor is in doubt.
+    # Errors of the torques, which are larger if a sensor is in doubt.
     floor = contact.floor.copy()
     for j in range(doubt.shape[0]):
         if doubt[j] != 0.0:
             floor[j] = np.hypot(floor[j], doubt[j])
     errors = TorqueErrors(contact.bias, floor, gains.noise)
 
-    # Force, and what the gears lose.
+    # Force, and friction of the gears.
     sensed = contact.sensed
     contact.felt[0] = estimate_tip_force(arm, readings, errors, gains.timing, sensed, contact.f_W)
     track_gear_friction(
@@ -386,11 +390,11 @@ def feel_by_torques(arm, gains, readings, doubt, tau_motor, contact):
 
 @kernel
 def find_sigma(gains, tau, contact):
-    """Standard deviation of the contact force, into `contact`; due as often as the hull steps.
+    """Write the standard deviation of the contact force into `contact`, once per step of the hull.
 
     Args:
         gains: `FeelGains`.
-        tau: (n,) [N m] torques read.
+        tau: (n,) [N m] measured torques.
         contact: `ContactRecord`; updated.
     """
     n = tau.shape[0]
@@ -406,20 +410,21 @@ def find_sigma(gains, tau, contact):
 
 @kernel
 def feel_by_slot(slot, seen, tau_motor, contact):
-    """Contact force and friction by a `Slot`, from what `feel_by_torques` has left.
+    """Contact force and friction by a `Slot`, from the results of `feel_by_torques`.
 
-    Its values are, n for each joint: angles, speeds, accelerations; torques measured, of the
-    motors, and external ones less their tare; the Jacobian (3, n) of the tip's position, hull axes.
-    Then what it changes: force (3,), hull axes, and friction (n,).
+    The inputs of the slot are n values each of angles, speeds, accelerations, measured torques,
+    torques of the motors, and external torques minus their tare; then the Jacobian (3, n) of the
+    tip's position, hull axes. The values that it changes follow: force (3,), hull axes, and
+    friction (n,).
 
     Args:
         slot: of a `KernelContact`.
         seen: hull pose (4, 4), joint angles, speeds and torques, (n,) each.
-        tau_motor: (n,) [N m] last asked of the motors.
+        tau_motor: (n,) [N m] last commands of the motors.
         contact: `ContactRecord`; updated.
 
     Returns:
-        The answer of the slot.
+        The return value of the slot.
     """
     X_WB, q, qd, tau = seen
     sensed = contact.sensed

@@ -1,13 +1,15 @@
-"""Thrust allocation: hull wrench to thruster commands, within bounds, by the static thrust curve.
+"""Thrust allocation from the hull wrench to thruster commands, within bounds, by the static thrust
+curve.
 
-Six thrusters leave no redundancy. Where they saturate, part of the wrench is given up in the order
-of `PRIORITIES`: strict priority levels (`uuv.controllers.hull.priorities`), no weights. Roll and
-pitch come first: a tilt of the hull tilts the tool and moves the tip by the length of the arm. The
-force comes next: where it lacks, the hull is pushed away slowly and the arm re-aims. Yaw is last.
-Among thrusts that are equal in all this, the effort is minimal.
+Six thrusters leave no redundancy. If thrusters saturate, part of the wrench is given up by strict
+priority levels (`uuv.controllers.hull.priorities`) in the order of `PRIORITIES`, not by weights.
+Roll and pitch come first, because a tilt of the hull tilts the tool and moves the tip by the tilt
+times the length of the arm. The force comes next: if it is too small, the hull is pushed away
+slowly and the arm re-aims. Yaw is last. Among thrusts that are equal in all this, those of least
+effort are chosen.
 
-Where no thrusters drive roll or pitch, weight and buoyancy right the hull: that axis is in no level
-(`undriven_axes`), and the hull lists until they balance the moment that is left.
+If no thrusters drive roll or pitch, weight and buoyancy right the hull. That axis then is in no
+level (`undriven_axes`), and the hull lists until weight and buoyancy balance the remaining moment.
 
 A rotating propeller gives at least a minimal thrust: `uuv.controllers.hull.thruster_gaps` finds the
 nearest thrusts that exist.
@@ -36,42 +38,45 @@ from uuv.sim.interfaces.spatial import Array, checked, fitting
 
 # order of a wrench on the hull, hull axes
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-# those that weight and buoyancy hold where no thrusters do
+# axes that weight and buoyancy stabilise if no thrusters do
 RIGHTED = ("pitch", "roll")
-MOST_LIST = float(np.radians(20.0))  # [rad] of a hull that they right, up to which it is to work
-# [-] share of the largest entry of B below which an entry is rounding noise and set to zero
+# [rad] largest list of a hull stabilised by weight and buoyancy, at which it has to work
+MOST_LIST = float(np.radians(20.0))
+# [-] share of the largest entry of B, below which an entry is rounding noise and set to zero
 _ROUNDING = 1e-12
 # [m] lever, or share of a unit thrust, below which thrusters do not reach an axis
 _REACHED = 1e-6
-# [-] times the sum of all thrusts: a demand that always saturates, to measure the authority
+# [-] factor on the sum of all thrusts: a demand that always saturates, to measure the authority
 _BEYOND = 1e3
 
 
-# Entries of `AllocationRecord.numbers`: driven axes; not 0 where the thrusters span these; not 0
-# where a thruster has a gap; sign patterns
+# Entries of `AllocationRecord.numbers`: number of driven axes; not 0 if the thrusters span these;
+# not 0 if a thruster has a gap; number of sign patterns
 _AXES, _SPANS, _GAPS, _PATTERNS, _NUMBERS = range(5)
 
 
 class AllocationRecord(NamedTuple):
-    """Thrusters in use, and their priority levels; arrays, of one size for all of a vehicle."""
+    """Thrusters in use and priority levels, as arrays of the same size for all allocations of a
+    vehicle.
+    """
 
     numbers: np.ndarray  # (_NUMBERS,) int
     B: Array  # (6, m) wrench of unit thrusts; zero for a lost thruster
     order: np.ndarray  # (6,) int: axes by priority
-    rows: Array  # (6, m) of `B`, in this order
-    starts: np.ndarray  # (7,) int: first row of each level; the last one repeated
+    rows: Array  # (6, m) rows of `B`, in this order
+    starts: np.ndarray  # (7,) int: first row of each level; the last entry is repeated
     inverse: Array  # (m, 6) thrusts of least effort for a wrench
     effort: Array  # (m,) cost weights
-    low: Array  # (m,) [N] bounds
-    high: Array  # (m,) [N]
+    low: Array  # (m,) [N] lower bounds
+    high: Array  # (m,) [N] upper bounds
     least: Array  # (m,) [N] minimal thrusts
     patterns: np.ndarray  # (p, m) int: signs of `preloads`
     H: Array  # (m, m) matrix of `normal_equations`
-    right: Array  # (m, 6) its right side, of a wrench
+    right: Array  # (m, 6) the right side for a wrench
 
 
 def allocation_record(thrusters: int) -> AllocationRecord:
-    """Record of so many thrusters, to be filled by `take_allocation`."""
+    """Record for `thrusters` thrusters, to be filled by `take_allocation`."""
     m = thrusters
     return AllocationRecord(
         numbers=np.zeros(_NUMBERS, dtype=np.int64),
@@ -104,7 +109,7 @@ def allocate(allocation, wrench_B):
     spans = a.numbers[_SPANS]
     thrust = a.inverse @ wrench_B
 
-    # Within all bounds, else by levels.
+    # Within all bounds if possible, else by levels.
     m = thrust.shape[0]
     fits = spans != 0
     for i in range(m):
@@ -115,7 +120,7 @@ def allocate(allocation, wrench_B):
             right[row] = wrench_B[a.order[row]]
         solve_levels(a.rows[:axes], right, a.starts, a.effort, a.low, a.high, thrust)
 
-    # Out of the gaps.
+    # Thrusts are moved out of the gaps.
     in_gap = False
     for i in range(m):
         in_gap = in_gap or (thrust[i] != 0.0 and abs(thrust[i]) < a.least[i])
@@ -126,9 +131,10 @@ def allocate(allocation, wrench_B):
 
 
 def undriven_axes(B: Array) -> tuple[str, ...]:
-    """Axes of `RIGHTED` that thrusters of wrenches B (6, m) leave to weight and buoyancy.
+    """Axes of `RIGHTED` that thrusters with the wrenches B (6, m) do not drive, so that weight and
+    buoyancy stabilise them.
 
-    Empty: they span all six, or what they lack is not roll and pitch alone.
+    Empty if the thrusters span all six axes, or if they lack axes other than roll and pitch.
     """
     if _spans(B):
         return ()
@@ -137,7 +143,7 @@ def undriven_axes(B: Array) -> tuple[str, ...]:
             lacking = np.linalg.svd(B)[0][:, _rank(B) :]
             weights = np.abs(lacking).max(axis=1)
             either = len(axes) == 1 and _spans(np.delete(B, AXES.index("roll"), axis=0))
-            # of two that would do, the one that the thrusters reach less
+            # of two possible axes, the one that the thrusters reach less
             if either and weights[AXES.index("roll")] > weights[AXES.index("pitch")]:
                 return ("roll",)
             return axes
@@ -149,7 +155,9 @@ def _spans(rows: Array) -> bool:
 
 
 def _rank(rows: Array) -> int:
-    """Number of directions that thrusters reach (`_REACHED`), not that above rounding."""
+    """Number of directions that thrusters reach significantly (`_REACHED`), not just beyond
+    rounding.
+    """
     return int(np.linalg.matrix_rank(rows, tol=_REACHED))
 
 
@@ -169,11 +177,11 @@ class Allocation:
         Args:
             vehicle: the vehicle, with a thruster wrench matrix (6, m) and a table of its m
                 thrusters.
-            priorities: levels of names from `AXES`, the first is kept first once thrusters
-                saturate. Within a level newtons and newton metres count alike. An axis in no level
-                is not driven, nor is one of `undriven_axes`.
-            effort: (m,) [-] cost weight of each thruster, > 0, equal by default. A larger weight
-                spares that thruster where there is a choice.
+            priorities: levels of names from `AXES`; if thrusters saturate, the first level has the
+                highest priority. Within a level newtons and newton metres have the same weight. An
+                axis in no level is not driven, nor is one of `undriven_axes`.
+            effort: (m,) [-] cost weight of each thruster, > 0, equal by default. A thruster with a
+                larger weight is used less if there is a choice.
             headroom: [-] share of full thrust that is used, in (0, 1].
 
         Raises:
@@ -241,7 +249,7 @@ class Allocation:
 
     @property
     def record(self) -> AllocationRecord:
-        """It as `allocate` takes it."""
+        """The allocation in the form of `allocate`."""
         return self._record
 
     @property
@@ -252,9 +260,10 @@ class Allocation:
     def without(
         self, *thrusters: int | str, priorities: Sequence[Sequence[str]] | None = None
     ) -> Self:
-        """Allocation to the remaining thrusters; `thrusters` give no thrust whatever their command.
+        """Allocation to the remaining thrusters, if `thrusters` give no thrust.
 
-        It need not span all directions: the priorities decide which part of a wrench is given up.
+        The remaining thrusters need not span all directions; the priorities decide which part of a
+        wrench is given up.
 
         Args:
             thrusters: lost thrusters, each by index or name.
@@ -300,7 +309,7 @@ class Allocation:
                 if the heading is given up.
 
         Returns:
-            (6, 2) [N, N m]: row i holds the least and the greatest value along axis i of `AXES`.
+            (6, 2) [N, N m]; row i is the least and the greatest value along axis i of `AXES`.
 
         Raises:
             ConfigurationError: a name is not in `AXES`.
@@ -313,7 +322,7 @@ class Allocation:
             others = [i for i in range(6) if i != axis and i not in free]
             A = r.B[[*others, axis]]
 
-            # Demands that always saturate, one each way.
+            # Demands that always saturate, one in each direction.
             for column, sign in enumerate((-1.0, 1.0)):
                 b = np.zeros(len(A))
                 x = np.zeros(len(r.low))
@@ -325,11 +334,12 @@ class Allocation:
     def thrust(self, wrench_B: Array) -> Array:
         """Thrusts (m,) [N] for the wrench `wrench_B` (6,) [N, N m], within each thruster's bounds.
 
-        Exact, with least effort, while no bound is met. Otherwise the priorities decide which part
-        is kept. Where a thruster has a minimal thrust, its thrust is zero or at least that.
+        The wrench is exact, with least effort, while no bound is reached. Otherwise the priorities
+        decide which part is kept. If a thruster has a minimal thrust, its thrust is zero or at
+        least the minimal thrust.
 
         Raises:
-            ConfigurationError: another shape, or a number that is not finite.
+            ConfigurationError: the wrench has another shape, or a number is not finite.
         """
         return allocate(self.record, fitting(wrench_B, (6,), "wrench wanted of the thrusters"))
 

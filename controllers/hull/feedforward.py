@@ -1,8 +1,8 @@
-"""Feedforward: what of the arm's wrench on the hull is fed forward to the thrusters.
+"""Feedforward of the arm's wrench on the hull to the thrusters, all of it or only some terms.
 
 [Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the arm's motion in
-water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts of it out, for
-a study.
+water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave out parts of this
+wrench, for studies.
 """
 
 from collections.abc import Set
@@ -23,7 +23,7 @@ from uuv.sim.interfaces.spatial import Array
 Term = Literal["hydrodynamic", "dynamic", "contact"]
 
 # Entries of the values of a slot for a feedforward: wrenches (6,) [N, N m] of `ArmLoad`, and the
-# answer, what is left out
+# result, the part left out
 CONTACT_B, WRENCH_B, LEFT_OUT_B = 0, 6, 12
 FEEDFORWARD_VALUES = 3 * 6
 
@@ -32,12 +32,12 @@ FEEDFORWARD_VALUES = 3 * 6
 class ArmLoad:
     """Wrench (6,) [N, N m] of the arm on the hull, at the hull's origin in hull axes."""
 
-    contact_B: Array  # part of the contact; zero while free of contact
-    wrench_B: Array  # all of it
+    contact_B: Array  # wrench of the contact; zero while free of contact
+    wrench_B: Array  # total wrench
 
 
 class Feedforward(Protocol):
-    """Choice of what is fed forward."""
+    """Choice of the part of the arm's wrench that is fed forward."""
 
     def left_out(
         self, load: ArmLoad, contact: ContactState, estimate: StateEstimate
@@ -47,30 +47,30 @@ class Feedforward(Protocol):
         Args:
             load: the arm's wrench on the hull.
             contact: motion of arm and hull.
-            estimate: of the vehicle now.
+            estimate: present estimate of the vehicle.
         """
         ...
 
 
 class ArmWrench:
-    """Feed all of the arm's wrench forward."""
+    """Feed the whole wrench of the arm forward."""
 
     def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> None:
         """Nothing is left out."""
 
     def slot(self, state: None) -> Slot:
-        """It is contained in the tick."""
+        """The feedforward is contained in the tick."""
         return empty_slot(state, FEEDFORWARD_VALUES)
 
 
 class WithoutCompensation:
-    """Feed only the weight of the arm at home forward, whatever it does."""
+    """Feed only the weight of the arm in its home posture forward, regardless of its motion."""
 
     def __init__(self, arm: ArmDynamics, q_home: Array) -> None:
         self._home_wrench = arm.wrench_at_rest(np.array(q_home))
 
     def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> Array:
-        """Everything but the wrench at home."""
+        """The whole wrench except that in the home posture."""
         return load.wrench_B - self._home_wrench
 
     def slot(self, state: None) -> Slot:
@@ -90,7 +90,7 @@ def _all_but() -> Any:
 
 
 class WithoutTerms:
-    """Feed the arm's wrench forward without some of its terms."""
+    """Feed the arm's wrench forward without some of the wrench's terms."""
 
     def __init__(
         self, arm: ArmDynamics, terms: Set[Term], *, acceleration_filter: float, period: float
@@ -98,10 +98,10 @@ class WithoutTerms:
         """Choose the terms.
 
         Args:
-            arm: believed dynamics of the arm.
-            terms: those to leave out.
-            acceleration_filter: [s] of the joint acceleration in the contact estimator.
-            period: [s] of its steps.
+            arm: modelled dynamics of the arm.
+            terms: terms to leave out.
+            acceleration_filter: [s] filter of the joint acceleration in the contact estimator.
+            period: [s] of the estimator's steps.
         """
         self._terms = WrenchTerms(arm)
         self._without = frozenset(terms)
@@ -113,7 +113,7 @@ class WithoutTerms:
         q = estimate.q
         qd = estimate.qd
         sensed = contact.sensed
-        qdd = (qd - sensed.qd_slow) / self._lag  # the estimator has moved qd_slow on by one period
+        qdd = (qd - sensed.qd_slow) / self._lag  # the estimator has advanced qd_slow by one period
         if "hydrodynamic" in self._without:
             left_out += self._terms.hydrodynamic(sensed.hull, q, qd, qdd)
         if "dynamic" in self._without:

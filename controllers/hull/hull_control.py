@@ -42,29 +42,31 @@ from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.messages import Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
-_TILTS = 0.15  # [m] lever in roll and pitch, from which on a stuck thruster turns the hull over
-# [-] share of full thrust, above which a thruster that is stuck may turn the vehicle over
+_TILTS = 0.15  # [m] lever in roll and pitch, from which on a stuck thruster can turn the hull over
+# [-] share of full thrust, above which a stuck thruster can turn the vehicle over
 _PUSHES = 0.3
 
 
 @dataclass(slots=True, eq=False)
 class HullControlState:
-    """State of the loop; its arrays are bound at the first step: write into them, assign none."""
+    """State of the loop; the arrays are bound at the first step, so write into them but do not
+    replace them.
+    """
 
     station: StationKeepingState
     propellers: ThrusterLeadState
-    wanted_B: Array  # (6,) [N, N m] last asked of the thrusters, hull axes
+    wanted_B: Array  # (6,) [N, N m] last demand on the thrusters, hull axes
     current_W: Array  # (3,) [m/s] estimated current
     thrusters: Array  # (m,) last command, normalised
-    stuck_B: Array  # (6,) [N, N m] of lost thrusters that still push
-    allocation: AllocationRecord  # to the thrusters that are left
-    # thrusters lost, by index, and what they still give [N]: for these it was made
+    stuck_B: Array  # (6,) [N, N m] wrench of lost thrusters that still give thrust
+    allocation: AllocationRecord  # allocation to the remaining thrusters
+    # indices of lost thrusters and their thrust [N], for which `allocation` was made
     lost: tuple[tuple[int, ...], tuple[float, ...]] = ((), ())
     alone: Unsaved["HullTick"] = field(default_factory=Unsaved)  # tick of `HullControl.step`
 
 
 class HullRecord(NamedTuple):
-    """Control of the hull; arrays, changed in place."""
+    """Control of the hull, as arrays that are changed in place."""
 
     gains: StationGains
     model: Propellers
@@ -80,11 +82,11 @@ class HullRecord(NamedTuple):
 
 @kernel
 def control_hull(hull, motion, target, arm_B):
-    """Thruster commands for one period, left in `hull` with current and wrench.
+    """Compute thruster commands for one period; they are stored in `hull`, with current and wrench.
 
     Args:
         hull: `HullRecord`; updated.
-        motion: `MeasuredMotion` now.
+        motion: present `MeasuredMotion`.
         target: `HullTarget`.
         arm_B: (6,) [N, N m] wrench of the arm on the hull to be cancelled, hull axes.
     """
@@ -117,13 +119,13 @@ def hull_box(work):
 
 @kernel
 def hull_tick(box):
-    """`control_hull`, of the box of a `HullWork`."""
+    """Run `control_hull` on the box of a `HullWork`."""
     work = box.record
     control_hull(work.hull, work.motion, work.target, work.arm_B)
 
 
 class HullControl:
-    """Hull pose to thruster commands, beside the fed-forward wrench of the arm."""
+    """Control from hull pose to thruster commands, with feedforward of the arm's wrench."""
 
     def __init__(
         self,
@@ -135,14 +137,14 @@ class HullControl:
         allocation: Allocation | None = None,
         lead: ThrusterLead | None = None,
     ) -> None:
-        """Set up from the believed model of the vehicle.
+        """Set up from the controller's model of the vehicle.
 
         Args:
-            model: believed model, compiled.
-            arm: believed dynamics of its arm; None reads them from `model`.
+            model: model of the controller, compiled.
+            arm: modelled dynamics of the arm; None: read from `model`.
             period: [s] of a step.
             water_error: [-] share by which added mass and drag of the hull are deliberately wrong.
-            allocation: of the sound vehicle; None: the default one.
+            allocation: allocation of the healthy vehicle; None: the default one.
             lead: compensation of the thrusters' lag; None: the default one.
 
         Raises:
@@ -162,11 +164,11 @@ class HullControl:
                     f"control of the hull: {type(part).__name__} overrides a method of its base, "
                     "which the compiled loop would not call"
                 )
-        # by those lost, and whether they push
+        # allocations, by the lost thrusters and whether these still give thrust
         self._allocations: dict[tuple[tuple[int, ...], bool], Allocation] = {}
 
     def init(self) -> HullControlState:
-        """Initial state: thrusters off, no current known."""
+        """Initial state, with thrusters off and no estimate of the current."""
         allocation = allocation_record(self._thrusters)
         take_allocation(allocation, self._sound.record)
         return HullControlState(
@@ -180,10 +182,11 @@ class HullControl:
         )
 
     def allocation(self, lost: tuple[int, ...], *, pushing: bool = False) -> Allocation:
-        """Allocation to the thrusters that are left without those `lost`, by index.
+        """Allocation to the thrusters that remain without the `lost` ones, which are given by
+        index.
 
-        Where a lost one is still `pushing`, roll and pitch come first as for a sound vehicle: it
-        may turn over.
+        If a lost thruster still gives thrust (`pushing`), roll and pitch come first as for a
+        healthy vehicle, since it may turn the vehicle over.
         """
         if not lost:
             return self._sound
@@ -203,7 +206,7 @@ class HullControl:
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
+            estimate: present estimate of the vehicle.
             reference: hull pose and its velocities, and the thrusters that are lost.
             arm_wrench_B: (6,) [N, N m] wrench of the arm on the hull to be cancelled, hull axes.
 
@@ -220,7 +223,8 @@ class HullControl:
         return state.thrusters.copy()
 
     def refer(self, state: HullControlState, reference: Reference) -> None:
-        """Take the thrusters that are lost: what they still give, and the allocation to the others.
+        """Store the lost thrusters, their remaining thrust, and the allocation to the other
+        thrusters.
 
         Args:
             state: of `init`; changed in place.
@@ -234,17 +238,17 @@ class HullControl:
         state.stuck_B[:] = self._columns[:, lost] @ r.lost_thrust if r.lost_thrust else 0.0
         pushing = bool(np.any(np.abs(r.lost_thrust) > _PUSHES * self._full[lost]))
 
-        # Kept level under a thruster that pushes down, the hull sinks onto the object: there depth
-        # comes first.
+        # If it is kept level under a thruster that pushes down, the hull sinks onto the object;
+        # then depth comes first.
         pushing = pushing and bool(state.stuck_B[2] > -1.0)
 
-        # With another one lost, to keep level may cost the depth: only against one that itself
-        # turns the hull over.
+        # With another thruster lost, keeping level may cost depth, so it comes first only if the
+        # stuck thruster can turn the hull over.
         pushing = pushing and (len(lost) == 1 or _tilts(state.stuck_B))
         take_allocation(state.allocation, self.allocation(r.lost_thrusters, pushing=pushing).record)
 
     def record(self, state: HullControlState) -> HullRecord:
-        """The state as the kernel takes it."""
+        """The state in the form of the kernel."""
         return HullRecord(
             gains=self.station.gains,
             model=self._lead.propellers,
@@ -260,7 +264,7 @@ class HullControl:
 
 
 class HullTick:
-    """Tick of hull control by itself, bound to the arrays of a state."""
+    """Tick of hull control alone, bound to the arrays of a state."""
 
     def __init__(self, hull: HullRecord, state: HullControlState) -> None:
         self.bound = BoundFields(state)
@@ -270,7 +274,7 @@ class HullTick:
         self._box: Any = hull_box(as_annotated(self._work))
 
     def run(self, estimate: StateEstimate, reference: Reference, arm_wrench_B: Array) -> None:
-        """`control_hull` on copies of these."""
+        """Run `control_hull` on copies of the arguments."""
         e = estimate
         r = reference
         work = self._work
@@ -283,5 +287,5 @@ class HullTick:
 
 
 def _tilts(stuck_B: Array) -> bool:
-    """True if the wrench (6,) [N, N m] of stuck thrusters tilts the hull rather than pushes it."""
+    """True if the wrench (6,) [N, N m] of stuck thrusters mainly tilts the hull."""
     return float(np.hypot(*stuck_B[3:5])) > _TILTS * float(np.linalg.norm(stuck_B[:3]))

@@ -1,4 +1,4 @@
-"""Hierarchical least squares within bounds: no level is degraded for the sake of a lower one.
+"""Hierarchical least squares within bounds, in which no level is degraded in favour of a lower one.
 
 Levels l = 1, 2, ... of rows A_l x = b_l are solved in this order [Escande 2014]. Level l minimises
 |A_l x - b_l|^2 over low <= x <= high, with A_j x = A_j x_j kept for every level j above, where x_j
@@ -17,14 +17,16 @@ import numpy as np
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-# Axes of a wrench on the hull, hull axes: the first is given up last where thrusters saturate.
+# Axes of a wrench on the hull, hull axes, by priority: the first level is given up last if
+# thrusters saturate.
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
-# After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss
-# of depth control.
+# Priorities after the loss of a thruster: a small tilt, which weight and buoyancy resist, is better
+# than loss of depth control.
 PRIORITIES_AFTER_LOSS = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
-# [-] share of a row's norm below which its remainder after projection is rounding noise
+# [-] share of a row's norm, below which its remainder after projection is rounding noise
 _SAME = 1e-10
-# [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint
+# [-] share of a unit step: below it the levels above fix a variable, and its bound adds no
+# constraint
 _HELD = 1e-9
 
 
@@ -69,7 +71,7 @@ def solve_levels(A, b, starts, effort, low, high, x):
             if count < alive:
                 count = _keep(rows[r], kept, count)
 
-    # The effort decides what the levels leave open.
+    # The effort decides the directions that the levels leave free.
     if count < alive:
         spare = np.zeros((m, m))
         none = np.zeros(m)
@@ -82,7 +84,9 @@ def solve_levels(A, b, starts, effort, low, high, x):
 
 @kernel
 def _keep(row, kept, count):
-    """Append the part of `row` outside the span of the rows `kept`; returns their new number."""
+    """Append the part of `row` outside the span of the rows `kept`; returns the new number of
+    rows.
+    """
     m = row.shape[0]
     new = row.copy()
 
@@ -96,7 +100,9 @@ def _keep(row, kept, count):
 
 @kernel
 def _off(v, basis, count):
-    """Project `v` in place off the span of the rows of `basis`, twice for rounding; its norm."""
+    """Remove from `v`, in place, its part in the span of the rows of `basis`, twice because of
+    rounding; returns the norm.
+    """
     m = v.shape[0]
     for _ in range(2):
         for j in range(count):
@@ -113,7 +119,7 @@ def _off(v, basis, count):
 
 
 class _Factors(NamedTuple):
-    """Active bounds, and the factors over the variables that are free of them."""
+    """Active bounds, and the factors over the variables without an active bound."""
 
     # (m,) int8: -1, 0 or 1; active bounds are independent of each other and of the kept rows
     at: np.ndarray
@@ -125,7 +131,9 @@ class _Factors(NamedTuple):
 
 @kernel
 def _level(A, b, kept, count, low, high, x):
-    """Minimise |A x - b|^2 from `x` in bounds, `kept[:count] @ x` unchanged; the steps taken."""
+    """Minimise |A x - b|^2 from `x` within bounds, with `kept[:count] @ x` unchanged; returns the
+    number of steps.
+    """
     k, m = A.shape
     at = np.zeros(m, dtype=np.int8)
     U, L, V, T = np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((k, m))
@@ -154,7 +162,7 @@ def _level(A, b, kept, count, low, high, x):
                 total += A[r, i] * x[i]
             residual[r] = total
 
-        # Kept rows over the free variables, L U, and beside them those of A, T V.
+        # Kept rows over the free variables as L U, and the rows of A as T V.
         for j in range(count):
             for i in range(m):
                 U[j, i] = kept[j, i] if at[i] == 0 and low[i] != high[i] else 0.0
@@ -168,7 +176,7 @@ def _level(A, b, kept, count, low, high, x):
             for j in range(rank):
                 p[i] += s[j] * V[j, i]
 
-        # The first bound on the way there.
+        # The first bound on the way to the minimum.
         share, hit = 1.0, -1
         for i in range(m):
             if at[i] != 0 or low[i] == high[i] or p[i] == 0.0:
@@ -181,7 +189,7 @@ def _level(A, b, kept, count, low, high, x):
             if at[i] == 0 and low[i] != high[i]:
                 x[i] = min(max(x[i] + share * p[i], low[i]), high[i])
 
-        # A bound was hit: it becomes active.
+        # A bound was reached and becomes active.
         if hit >= 0:
             at[hit] = 1 if p[hit] > 0.0 else -1
             x[hit] = high[hit] if at[hit] > 0 else low[hit]
@@ -200,7 +208,9 @@ def _level(A, b, kept, count, low, high, x):
 
 @kernel
 def _split(U, j, L):
-    """Orthonormalise row `j` of U against those before it; its coefficients into row `j` of L."""
+    """Orthonormalise row `j` of U against the rows before it; the coefficients are written into row
+    `j` of L.
+    """
     m = U.shape[1]
     for c in range(j + 1):
         L[j, c] = 0.0
@@ -224,7 +234,9 @@ def _split(U, j, L):
 
 @kernel
 def _beside(A, low, high, factors, count, longest):
-    """Factorise A over the free variables, beside `count` rows of U, into T V; returns the rank."""
+    """Factorise A over the free variables, outside the span of `count` rows of U, into T V; returns
+    the rank.
+    """
     k, m = A.shape
     at = factors.at
     U = factors.U
@@ -257,7 +269,7 @@ def _beside(A, low, high, factors, count, longest):
         for i in range(m):
             V[rank, i] /= length
 
-        # Coefficients of all rows, and what the new direction leaves of them.
+        # Coefficients of all rows, and their remainder after the new direction.
         for r in range(k):
             along = 0.0
             for i in range(m):

@@ -1,12 +1,12 @@
-"""Station keeping: feedback on the hull's pose beside feedforward; stage 3 of [Konoplin 2022].
+"""Station keeping by feedback on the hull's pose and feedforward; stage 3 of [Konoplin 2022].
 
     wrench = M (frequency^2 e + 2 damping frequency rate) - static - arm - unknown
     e = (R_WB^T (p_wanted - p), log(R_WB^T R_wanted))
     rate = (R_WB^T v_wanted - v_B, R_WB^T w_wanted - w_B)
 
-All are in hull axes, wrenches at the hull's origin. M is the inertia of hull and arm with added
-mass, the arm at home. Proportional and rate feedback act on the pose. Weight, buoyancy and the
-arm's wrench are fed forward. A disturbance observer
+All quantities are in hull axes, wrenches at the hull's origin. M is the inertia of hull and arm
+with added mass, with the arm in its home posture. Proportional and rate feedback act on the pose.
+Weight, buoyancy and the arm's wrench are fed forward. A disturbance observer
 (`uuv.controllers.estimation.disturbance_observer`) estimates the remaining wrench, mainly current
 drag, and cancels it. The observer replaces an integral term. It uses the thrust actually given, so
 saturation causes no windup.
@@ -38,7 +38,7 @@ _STILL = readonly(np.zeros(3))
 
 
 class StationKeepingState(NamedTuple):
-    """State of station keeping; arrays, changed in place."""
+    """State of station keeping, as arrays that are changed in place."""
 
     observer: DisturbanceObserverState
     # (6,) [N, N m] mean wrench of the thrusters since the last step; the demand, unless overwritten
@@ -50,9 +50,12 @@ class StationGains(NamedTuple):
 
     stiffness: float  # [1/s^2]
     damping: float  # [1/s]
-    inertia: Array  # (6, 6) [kg, kg m, kg m^2] with the arm's, hull axes at the hull's origin
-    static: Array  # (6, 3) weight and buoyancy, times the unit vector up in hull axes
-    hull: ObservedHull  # without the arm
+    # (6, 6) [kg, kg m, kg m^2] inertia including the arm, hull axes at the hull's origin
+    inertia: Array
+    # (6, 3) matrix that gives weight and buoyancy when multiplied by the unit vector up in hull
+    # axes
+    static: Array
+    hull: ObservedHull  # number of thrusters, or inertia, without the arm
 
 
 class MeasuredMotion(NamedTuple):
@@ -64,7 +67,7 @@ class MeasuredMotion(NamedTuple):
 
 
 class HullTarget(NamedTuple):
-    """Motion of the hull wanted."""
+    """Desired motion of the hull."""
 
     X_WB: Array  # (4, 4) pose
     v_W: Array  # (3,) [m/s] its velocity, W
@@ -77,8 +80,8 @@ def keep_station(gains, state, motion, target, arm_B, dt):
 
     Args:
         gains: `StationGains`.
-        state: `StationKeepingState`; updated, with the demand as the wrench given.
-        motion: `MeasuredMotion` now.
+        state: `StationKeepingState`; updated; the demand is stored as the wrench given.
+        motion: present `MeasuredMotion`.
         target: `HullTarget`.
         arm_B: (6,) [N, N m] wrench of the arm on the hull, hull axes, to be cancelled.
         dt: [s] since the last step.
@@ -113,7 +116,7 @@ def through_water(state, motion):
 
     Args:
         state: `StationKeepingState`.
-        motion: `MeasuredMotion` now.
+        motion: present `MeasuredMotion`.
     """
     flow_B = motion.X_WB[:3, :3].copy().T @ state.observer.current_W
     nu_B = np.empty(6)
@@ -140,16 +143,16 @@ class StationKeeping:
 
         Args:
             model: compiled model of the vehicle, with hydrodynamics on its hull.
-            arm: believed dynamics of the arm; None reads them from `model`, where a vehicle may
+            arm: modelled dynamics of the arm; None: read from `model`, in which the vehicle may
                 have no arm.
-            frequency: [rad/s] natural frequency of the closed loop; None: that of the tuning, by
-                Froude's law higher for a vehicle smaller than the one it was tuned on.
+            frequency: [rad/s] natural frequency of the closed loop; None: that of the tuning,
+                scaled up by Froude's law for a vehicle smaller than the one on which it was tuned.
             damping: [-] damping ratio of the closed loop.
             water_error: [-] share by which added mass and drag of the hull are deliberately wrong.
             beliefs: standard deviations assumed by the disturbance observer.
 
         Raises:
-            ConfigurationError: a figure is out of range, or the hull carries no hydrodynamics.
+            ConfigurationError: a figure is out of range, or the hull has no hydrodynamics.
         """
         if frequency is None:
             frequency = HULL.frequency * quickness(model)
@@ -158,7 +161,7 @@ class StationKeeping:
                 raise ConfigurationError(f"hover {name}: must be > 0, got {value}")
         checked([water_error], (1,), "hover water_error")
 
-        # Inertia, the arm at home.
+        # Inertia, with the arm in its home posture.
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
             raise ConfigurationError(
@@ -193,11 +196,11 @@ class StationKeeping:
 
     @property
     def inertia(self) -> Array:
-        """Inertia (6, 6) of `StationGains`, as the kernel reads it."""
+        """Inertia (6, 6) of `StationGains`, as the kernel uses it."""
         return self.gains.inertia
 
     def init(self) -> StationKeepingState:
-        """Initial state: no current known, no thrust given."""
+        """Initial state, with no estimate of the current and no thrust."""
         return StationKeepingState(self._observer.init(), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
@@ -229,8 +232,8 @@ class StationKeeping:
     ) -> Array:
         """Wrench (6,) [N, N m] that the thrusters should put on the hull, hull axes.
 
-        It is left in `state.given_B` too. A caller that knows better what the thrusters will give
-        until the next step writes that there.
+        The wrench is also stored in `state.given_B`. A caller that knows the wrench of the
+        thrusters until the next step more accurately writes it there.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -252,7 +255,7 @@ class StationKeeping:
 
 
 def motion_of(estimate: StateEstimate) -> MeasuredMotion:
-    """Motion of the hull in a message; copies."""
+    """Motion of the hull from an estimate, as copies."""
     e = estimate
     return MeasuredMotion(np.array(e.X_WB), np.array(e.v_WB_B), np.array(e.w_WB_B))
 
@@ -273,10 +276,11 @@ def _static(model: mujoco.MjModel, hull: int) -> Array:
 
 
 def quickness(model: mujoco.MjModel) -> float:
-    """Frequencies [-] of the vehicle in `model` against the one `HULL` was tuned on; at least 1.
+    """Ratio [-] of the frequencies of the vehicle in `model` to those of the vehicle on which
+    `HULL` was tuned; at least 1.
 
-    By Froude's law: the square root of the lengths, which are the cube roots of the displaced
-    volumes.
+    By Froude's law it is the square root of the ratio of lengths, which are cube roots of the
+    displaced volumes.
     """
     wet = [
         hydrodynamics.unpack(row).volume
@@ -314,7 +318,9 @@ def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
 
 
 def _arm_inertia(arm: ArmDynamics, q: Array) -> Array:
-    """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds: wrenches of unit accelerations."""
+    """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds, computed as the wrenches of unit
+    accelerations.
+    """
     rest = np.zeros(arm.n)
 
     def wrench(a_B: Array) -> Array:

@@ -1,9 +1,9 @@
 """Thrust margin: largest share of thrust used by a hull at rest whose arm pushes on a surface.
 
-Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction;
-in a current also its drag on hull and arm, the hull's Munk moment, and the inflow of the thrusters.
-Hull placement (`uuv.controllers.planning.hull_placement`) counts the share that remains as one of
-its margins.
+Loads are weight and buoyancy, the arm's weight in water, the set force, and the friction of the
+surface. In a current there are also the drag on hull and arm, the hull's Munk moment, and the
+inflow of the thrusters. Hull placement (`uuv.controllers.planning.hull_placement`) uses the
+remaining share as one of its margins.
 """
 
 from copy import copy
@@ -40,9 +40,9 @@ class ThrustMargin:
 
         Args:
             vehicle: the vehicle, with thrusters.
-            arm: believed dynamics of its arm.
+            arm: modelled dynamics of the arm.
             static_B: (6,) [N, N m] weight and buoyancy of the level hull alone, hull axes.
-            drag: [-] friction that may hold the tool back, as a share of the set force.
+            drag: [-] largest friction on the tool, as a share of the set force.
             water: hydrodynamics of the hull, for its drag in a current; None: it has none.
 
         Raises:
@@ -51,7 +51,7 @@ class ThrustMargin:
         if not checked([drag], (1,), "drag")[0] >= 0.0:
             raise ConfigurationError(f"drag: must be >= 0, got {drag}")
         if not vehicle.thruster_wrench.size:
-            raise ConfigurationError("the vehicle has no thrusters to hold it")
+            raise ConfigurationError("thrust margin: the vehicle must have thrusters, has none")
         self.drag = drag
         self._static = checked(static_B, (6,), "static_B").copy()
 
@@ -63,8 +63,8 @@ class ThrustMargin:
         )
 
         most = np.maximum(self._forward, self._reverse)
-        # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a
-        # single solution. What weight and buoyancy right is left to these.
+        # Least-norm allocation in shares of each thruster's own strength; six thrusters have a
+        # single solution. Axes that weight and buoyancy right are left out.
         spared = undriven_axes(vehicle.thruster_wrench)
         driven = [i for i, axis in enumerate(AXES) if axis not in spared]
         self._thrust = np.zeros((len(most), 6))
@@ -111,7 +111,7 @@ class ThrustMargin:
         return moved
 
     def used(self, q: Array, R_WB: Array, f_tip_G: ArrayLike) -> float:
-        """Largest share of thrust used by any thruster; 1 is full thrust.
+        """Largest share of full thrust used by any thruster.
 
         Args:
             q: (n,) [rad] joint angles of the arm, at rest.
@@ -121,28 +121,31 @@ class ThrustMargin:
         Returns:
             The share [-]; above 1 the thrusters cannot hold the hull.
         """
-        hull, wrench = np.zeros(24), np.zeros(6)  # the hull at rest: its attitude alone
+        # the hull is at rest, so only its attitude matters
+        hull, wrench = np.zeros(24), np.zeros(6)
         hull[:9], hull[21:], wrench[:3] = R_WB.ravel(), self._current_W, f_tip_G
 
         # Load of the arm, at rest.
         joints = (np.array(q, dtype=np.float64), self._still, self._still)
         load_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1] + self._static
 
-        # Drag of the hull, and what the inflow takes of each thruster at full speed ahead.
+        # Drag of the hull, and the thrust that each thruster loses by inflow at full speed ahead.
         taken: Array | float = 0.0
         if self._current_W.any():
             past_B = -(R_WB.T @ self._current_W)
             load_B += self._drag(past_B)
             taken = self._loss * (past_B @ self._advance)
 
-        # Shares of the strength that the inflow leaves.
+        # Shares of the remaining strength.
         thrust = self._thrust @ -load_B
         most = np.where(thrust > 0.0, self._forward - taken, self._reverse + taken)
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.where(thrust == 0.0, 0.0, np.abs(thrust) / np.maximum(most, 0.0)).max())
 
     def _drag(self, past_B: Array) -> Array:
-        """Wrench (6,) [N, N m] of the water on a hull that moves in it by `past_B` (3,) [m/s]."""
+        """Wrench (6,) [N, N m] of the water on a hull that moves relative to it at `past_B` (3,)
+        [m/s].
+        """
         twist = np.concatenate([past_B, np.zeros(3)])
         drag_B = -(self._linear @ twist + self._quadratic * np.abs(twist) * twist)
         drag_B[3:] -= cross(past_B, (self._added @ twist)[:3])  # Munk moment

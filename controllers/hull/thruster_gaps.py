@@ -1,16 +1,18 @@
-"""Gaps of thrusters: the nearest thrusts that exist, where a rotating one gives a minimal one.
+"""Gaps of thrusters: search of the nearest possible thrusts, if a rotating propeller gives at least
+a minimal thrust.
 
 A rotating propeller gives at least a minimal thrust (`uuv.models.water.thrusters`). Thrusts between
-zero and that minimum do not exist (the gap), so the problem is no longer convex. There the wrench
-that the levels have chosen is approached by weighted least squares, |W (B x - w)|^2 + e^2 |D x|^2.
-Weights spread the small remaining error over all axes instead of putting all of it on one:
+zero and that minimum are impossible (the gap), so the problem is not convex. With a thruster in its
+gap, the wrench that the priority levels have chosen is approximated by weighted least squares, |W
+(B x - w)|^2 + e^2 |D x|^2. Weights spread the small remaining error over all axes instead of
+putting all of it on one:
 
 - With more thrusters than directions, some work against each other (preload). All such sign
-  patterns are tried in a fixed order until one gives the wrench as well as without a gap. The fixed
-  order keeps the pattern from changing between steps.
-- Otherwise thrusters in the gap are settled one at a time: the one nearest to an existing thrust
-  first, then all others are solved again. Then each thruster is tried on its other branches while
-  that lowers the cost.
+  patterns are tried in a fixed order until one gives the wrench as accurately as without a gap. The
+  fixed order keeps the pattern from changing between steps.
+- Otherwise thrusters in the gap are fixed one at a time, first the one nearest to a possible
+  thrust; after each, the others are solved again. Then each thruster is tried on its other branches
+  as long as that lowers the cost.
 
 This is a search by single changes: its wrench error may exceed the least possible one. It has no
 memory, so a thrust near the middle of a gap may chatter.
@@ -25,7 +27,9 @@ from uuv.sim.interfaces.spatial import Array
 
 _ROUNDS = 4  # maximal number of passes over all thrusters in search of a better branch
 _EFFORT = 1e-10  # [-] weight of the effort, relative to the mean diagonal of A^T A
-_MIXES = 3  # directions of the null space that make sign patterns, each with a factor 1, 0 or -1
+# number of directions of the null space from which sign patterns are made, each with a factor 1, 0
+# or -1
+_MIXES = 3
 MOST_PATTERNS = 3**_MIXES
 
 
@@ -33,7 +37,7 @@ def preloads(B: Array) -> np.ndarray:
     """Sign patterns (p, m), 1 or -1 each, with which the thrusters of `B` (k, m) oppose each other.
 
     These are the signs of thrusts in the null space of B, sampled in a few of its directions. p = 0
-    where B has no null space, or where the null space leaves a thruster out.
+    if B has no null space, or if the null space has no component for some thruster.
     """
     null = np.linalg.svd(B)[2][np.linalg.matrix_rank(B) :]
     found: list[tuple[int, ...]] = []
@@ -48,8 +52,8 @@ def preloads(B: Array) -> np.ndarray:
 def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
     """Normal equations of min |A x - b|^2 + e^2 |effort x|^2: the matrix (m, m), and A^T (m, k).
 
-    A^T b is the right side. `e` is so small that `effort` (m,) decides only where `A` (k, m) leaves
-    a choice.
+    A^T b is the right side. `e` is so small that `effort` (m,) only decides among solutions that
+    are equal for `A` (k, m).
     """
     H = A.T @ A
     return H + _EFFORT * np.trace(H) / len(H) * np.diag(effort**2 / np.mean(effort**2)), A.T.copy()
@@ -59,9 +63,9 @@ def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
 def bounded(H, c, low, high, x):
     """Minimise x^T H x / 2 - c^T x over low <= x <= high by a primal active-set method, into `x`.
 
-    Each step solves for the free variables and moves there, or to the first bound on the way. At a
-    minimum of the free variables, the bound variable with the steepest inward descent is set free.
-    The cost falls with every step, so no active set occurs twice.
+    Each step solves for the free variables, and moves to this solution or to the first bound on the
+    way. At a minimum of the free variables, the bound variable with the steepest inward descent is
+    set free. The cost falls with every step, so no active set occurs twice.
 
     Args:
         H: (m, m) positive definite.
@@ -109,7 +113,7 @@ def bounded(H, c, low, high, x):
                 continue
             return steps
 
-        # As far towards it as the bounds allow.
+        # Move towards the minimum as far as the bounds allow.
         share = 1.0
         hit = -1
         for a in range(count):
@@ -133,7 +137,7 @@ def bounded(H, c, low, high, x):
             x[hit] = low[hit] if at[hit] < 0 else high[hit]
             continue
 
-        # At the minimum: the bound that is best set free.
+        # At the minimum: choose the bound to release.
         worst = 1e-13 * scale
         release = -1
         for i in range(m):
@@ -154,7 +158,9 @@ def bounded(H, c, low, high, x):
 
 @kernel
 def _solve_free(H, c, x, free, count, L, z):
-    """Minimise over the `count` variables in `free`, the others held; into `z`, in that order."""
+    """Minimise over the `count` variables in `free`, with the others held; the result is written to
+    `z`, in the order of `free`.
+    """
     m = c.shape[0]
     for a in range(count):
         # Right side, less the part of the variables that are held.
@@ -189,15 +195,16 @@ def _solve_free(H, c, x, free, count, L, z):
 def nearest_thrusts(H, c, low, high, least, patterns):
     """Thrusts of least cost x^T H x / 2 - c^T x within bounds, each zero or at least its minimum.
 
-    Near the least cost where a gap is met: see the search in the docstring of this module.
+    If a thruster is in its gap, the cost is near the least one; the search is described in the
+    module's docstring.
 
     Args:
         H: (m, m) matrix of `normal_equations`.
         c: (m,) right side, A^T b.
         low: (m,) [N] lower bounds.
         high: (m,) [N] upper bounds.
-        least: (m,) [N] minimal thrust of each rotating propeller, either way; 0 for a thruster
-            without a gap.
+        least: (m,) [N] minimal thrust of each rotating propeller, in both directions; 0 for a
+            thruster without a gap.
         patterns: (p, m) sign patterns of `preloads`.
 
     Returns:
@@ -207,7 +214,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
     x = np.zeros(m)
     y = np.zeros(m)
 
-    # Without the gaps: a lower bound of the cost, and how close to it is close enough.
+    # Without the gaps: a lower bound of the cost, and the accepted difference from it.
     bounded(H, c, low, high, x)
     free = _cost(H, c, x)
     from_ = low.copy()
@@ -217,7 +224,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
         enough = max(enough, 1e-6 * H[i, i] * least[i] ** 2)
     met = False
 
-    # One thruster after another, the nearest to an existing thrust first.
+    # One thruster after another, first the one nearest to a possible thrust.
     while True:
         nearest = np.inf
         which = -1
@@ -248,7 +255,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
         _limit(branch, low[which], high[which], least[which], from_, to, which)
         bounded(H, c, from_, to, x)
 
-    # Single changes of branch, while they lower the cost.
+    # Changes of single branches, as long as they lower the cost.
     best = _cost(H, c, x)
     for _ in range(_ROUNDS if met else 0):
         better = False
@@ -276,7 +283,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
 @kernel
 def _limit(branch, low, high, least, from_, to, i):
     """Set the bounds `from_`, `to` of thruster `i` on a branch: -1 reverse, 0 off, 1 forward."""
-    if least == 0.0:  # it has no gap
+    if least == 0.0:  # this thruster has no gap
         from_[i] = low
         to[i] = high
         return

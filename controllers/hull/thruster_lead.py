@@ -1,13 +1,15 @@
-"""Lead compensation of the thrusters' lag: their believed model, run in parallel and inverted.
+"""Lead compensation of the thrusters' lag, by a model of the thrusters that is run in parallel and
+inverted.
 
 A propeller follows its command with a first-order lag T (`uuv.models.water.thrusters`). Its present
-speed n is predicted from past commands. The command u that brings it towards the wanted speed c
+speed n is predicted from past commands. The command u that moves it towards the desired speed c
 with a lag T_r < T is
 
     u = n + (c - n) (1 - exp(-dt / T_r)) / (1 - exp(-dt / T)),    within full speed.
 
-This is the inverse of the lag, filtered by `response` T_r. In the steady state u = c, whatever T
-is. The price of a smaller T_r is command activity: noise is amplified by about T / T_r.
+This is the inverse of the lag, filtered with the time constant `response` = T_r. In the steady
+state u = c for any T. A smaller T_r increases command activity: noise is amplified by about T /
+T_r.
 """
 
 from typing import NamedTuple
@@ -26,7 +28,7 @@ _PARTS = 4  # number of instants in a period over which the thrust is averaged
 
 
 class ThrusterLeadState(NamedTuple):
-    """Believed state of the propellers; arrays, changed in place."""
+    """Predicted state of the propellers, as arrays that are changed in place."""
 
     passed: Array  # (m,) [-] normalised command after the slew limit of the drives
     speed: Array  # (m,) [-] normalised speed
@@ -35,9 +37,9 @@ class ThrusterLeadState(NamedTuple):
 
 
 class Propellers(NamedTuple):
-    """Model of the thrusters, as the kernel takes it."""
+    """Model of the thrusters, in the form of the kernel."""
 
-    curves: Array  # of thrust over speed
+    curves: Array  # static curves of thrust over speed
     figures: Array  # (m, 3) lag [s], slew rate [1/s], loss by inflow
     B: Array  # (6, m) wrench of unit thrusts
     advance: Array  # (6, m) levers of the inflow: `B` without the propellers' reaction torques
@@ -54,9 +56,9 @@ class ThrusterLead:
 
         Args:
             vehicle: the vehicle, with a table of its thrusters.
-            response: [s] lag with compensation. At or above a thruster's own lag its command stays
-                unchanged.
-            lag_error: [-] share by which the believed lag is deliberately wrong.
+            response: [s] lag with compensation. If it is not below a thruster's own lag, the
+                command of that thruster is unchanged.
+            lag_error: [-] share by which the modelled lag is deliberately wrong.
 
         Raises:
             ConfigurationError: `response` is not finite or not > 0, or `lag_error` leaves no lag.
@@ -85,7 +87,7 @@ class ThrusterLead:
 
     @property
     def propellers(self) -> Propellers:
-        """The model as the kernels take it."""
+        """The model in the form of the kernels."""
         return self._propellers
 
     def init(self) -> ThrusterLeadState:
@@ -96,7 +98,7 @@ class ThrusterLead:
     def step(self, state: ThrusterLeadState, wanted: Array, nu_r_B: Array, dt: float) -> Array:
         """Commands (m,) for the next `dt` that replace the static ones `wanted`.
 
-        The predicted mean wrench of the thrusters over `dt` is left in `state.given_B`.
+        The predicted mean wrench of the thrusters over `dt` is stored in `state.given_B`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -109,7 +111,7 @@ class ThrusterLead:
             Normalised commands (m,) [-] in [-1, 1].
 
         Raises:
-            ConfigurationError: another shape, or a number that is not finite.
+            ConfigurationError: an input has another shape, or a number is not finite.
         """
         wanted = fitting(wanted, state.speed.shape, "thruster commands wanted")
         nu_r_B = fitting(nu_r_B, (6,), "motion through the water")
@@ -137,7 +139,7 @@ def static_commands(model, thrust, nu_r_B):
         nu_r_B: (6,) [m/s, rad/s] velocity of the hull relative to the water, hull axes.
 
     Returns:
-        The commands, in [-1, 1]; the nearest where a thrust is out of reach.
+        The commands, in [-1, 1]; the nearest command if a thrust is out of reach.
     """
     command = np.empty(thrust.shape[0])
     for i in range(thrust.shape[0]):
@@ -148,7 +150,7 @@ def static_commands(model, thrust, nu_r_B):
 
 @kernel
 def lead_commands(model, state, wanted, nu_r_B, dt, command):
-    """Commands (m,) for the next `dt`: see `ThrusterLead.step`; `model` is `Propellers`."""
+    """Commands (m,) for the next `dt`, see `ThrusterLead.step`; `model` is a `Propellers`."""
     curve = model.curves
     B = model.B
     advance = model.advance

@@ -20,22 +20,23 @@ from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, inverse
 
 FEW_STEPS = IkOptions(max_iterations=60)
-# [rad] by which the tool axis of an arm of fewer joints may be off while the tool presses
+# [rad] largest error of the tool axis of an arm with fewer joints while the tool presses
 TILT = 0.35
-_ROOMY_TILT = 0.15  # [rad] off, that gives a margin of 1
-# share of a shorter arm's length: least singular value of its position that gives a margin of 1
+_ROOMY_TILT = 0.15  # [rad] error that gives a margin of 1
+# share of a shorter arm's length: least singular value of its position Jacobian that gives a margin
+# of 1
 BENT = 0.3
-_LARGEST_STEP = 0.8  # [rad] of a joint between two poses of a path
-_AT_LIMIT = 0.02  # [rad] from its limit a joint counts as at it, in a message
+_LARGEST_STEP = 0.8  # [rad] largest motion of a joint between two poses of a path
+_AT_LIMIT = 0.02  # [rad] from its limit within which a joint counts as at the limit, in a message
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
-# [m/rad] weights rotation against translation
+# [m/rad] weight of rotation against translation
 _SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]
 _SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives a margin of 1
 
 
 @kernel
 def _step_and_room(before, q, low, high):
-    """Largest joint step from `before` to `q`, least distance of `q` to its limits; (n,) each."""
+    """Largest joint step from `before` to `q`, and least distance of `q` (n,) to its limits."""
     jump = 0.0
     room = np.inf
     for j in range(q.shape[0]):
@@ -60,7 +61,7 @@ def _are_above(margin, J, push, torque_limits):
         if 3.0 * (1.0 - load) < margin + 1e-9:
             return False
 
-    # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky
+    # The smallest singular value is above t if the Gram matrix minus t^2 has a Cholesky
     # factorisation.
     k = min(6, n)
     t = _SINGULAR * margin * (1.0 + 1e-6)
@@ -93,26 +94,26 @@ def _are_above(margin, J, push, torque_limits):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolTrack:
-    """Tool poses along a path, from the stand-off and back to it."""
+    """Tool poses along a path, from the stand-off to the path and back."""
 
     poses: list[Array]  # k poses (4, 4) in W, relative to the travelling hull
-    gone: Array  # (k, 3) [m] displacement of the hull at each since mid-path, W
+    gone: Array  # (k, 3) [m] displacement of the hull since mid-path at each pose, W
     # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
     loads: Array | None = None
-    # k poses (4, 4) of a hull that carries its arm; the tool poses are then in W itself, and `gone`
-    # is zero. None: the hull that is tried.
+    # k poses (4, 4) of a hull that carries its arm along the path; the tool poses are then in W
+    # itself, and `gone` is zero. None: the candidate hull pose.
     hulls: list[Array] | None = None
-    # (n,) [rad] from which the inverse kinematics starts; None: the ready posture
+    # (n,) [rad] start of the inverse kinematics; None: the ready posture
     q: Array | None = None
 
 
 class Limit(Enum):
-    """What ends a path for the arm."""
+    """Reason why a path ends for the arm."""
 
-    REACH = auto()  # no inverse kinematics
+    REACH = auto()  # the inverse kinematics has no solution
     TURN = auto()  # a joint would turn too far between two poses
-    JOINT = auto()  # of a joint's angle
-    TILT = auto()  # of the tool axis
+    JOINT = auto()  # limit of a joint's angle
+    TILT = auto()  # tilt of the tool axis
     TORQUE = auto()
     SINGULAR = auto()
     OBJECT = auto()  # nearness of the arm to the object
@@ -120,20 +121,20 @@ class Limit(Enum):
 
 
 class Worked(NamedTuple):
-    """Path that the arm takes from a hull pose."""
+    """Result for a path that the arm can follow from a hull pose."""
 
-    margin: float  # [-] smallest along it
+    margin: float  # [-] smallest margin along the path
     q_start: Array  # (n,) [rad] joint angles at its first pose
 
 
 class Dropped(NamedTuple):
-    """First pose of a path that fails from a hull pose."""
+    """Result for a path that fails from a hull pose: its first pose that fails."""
 
-    at: int  # its index
-    reached: float  # share of the poses before it
+    at: int  # index of the pose
+    reached: float  # share of the poses before that pose
     limit: Limit
-    # (n,) joint angles there [rad]; for TURN the steps to them [rad], for TORQUE those per newton
-    # [m]
+    # (n,) joint angles there [rad]; for TURN the joint steps to that pose [rad], for TORQUE the
+    # torques per newton [m]
     q: Array
 
 
@@ -142,16 +143,17 @@ class ArmMargins:
     """Margins of the arm at work from a hull pose."""
 
     vehicle: Vehicle
-    chain: Chain  # kinematics of its arm
+    chain: Chain  # kinematics of the vehicle's arm
     planes: Array  # (f, 4) faces of the object's convex hull, outward unit normal and offset [m], W
     force: float  # [N] largest set force
     clearance: float  # [m] distance of joint centres to the object that gives a margin of 1
-    holding: ThrustMargin | None = None  # thrust margin of the vehicle; None leaves thrust out
-    _length: float = field(init=False, repr=False)  # [m] of the stretched arm
+    # thrust margin of the vehicle; None: thrust is not considered
+    holding: ThrustMargin | None = None
+    _length: float = field(init=False, repr=False)  # [m] length of the stretched arm
     _slides: Array = field(init=False, repr=False)  # (n,) true where a joint is a slide
 
     def __post_init__(self) -> None:
-        """What is the same for all candidates, of which there are thousands."""
+        """Compute quantities that are the same for all of the thousands of candidates."""
         object.__setattr__(self, "_length", reach(self.chain))
         slides = np.array([kind == "p" for kind in self.chain.joint_types])
         object.__setattr__(self, "_slides", slides)
@@ -162,11 +164,11 @@ class ArmMargins:
         Args:
             track: the tool poses.
             X_WB: (4, 4) hull pose.
-            to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is
+            to_beat: [-] margin that must be exceeded, but at least 0.05; otherwise the candidate is
                 dropped.
 
         Returns:
-            The margin with the first joint angles; or the first pose that fails, and why.
+            The margin with the first joint angles; or the first pose that fails, with the reason.
         """
         X_AW = inverse(X_WB @ self.vehicle.X_BA)
         low = self.vehicle.q_limits[:, 0]
@@ -183,7 +185,7 @@ class ArmMargins:
                 X_WB = track.hulls[i]
                 X_AW = inverse(X_WB @ self.vehicle.X_BA)
 
-            # Posture at this pose, on the branch of the one before
+            # Posture at this pose, on the branch of the previous one
             result = posture_for(self.chain, X_AW @ X_WG, q)
             jump, room = _step_and_room(q, result.q, low, high)
             if not result.converged:
@@ -193,7 +195,7 @@ class ArmMargins:
 
             q = result.q
             margin = min(margin, room / 0.5)
-            if margin <= floor:  # cheap margins first: most candidates are rejected here
+            if margin <= floor:  # cheap margins first, since most candidates are rejected by these
                 return Dropped(i, share, Limit.JOINT, q)
 
             # Tilt of the tool axis, where an arm of fewer joints presses
@@ -204,8 +206,8 @@ class ArmMargins:
                 if margin <= floor:
                     return Dropped(i, share, Limit.TILT, np.array([result.orientation_error]))
 
-            # These two, and the gap, seldom are the smallest margin: kernels, equal but for
-            # rounding, tell where.
+            # These two margins and the gap are seldom the smallest; kernels that agree up to
+            # rounding decide when to compute them.
             if not (
                 full and _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits)
             ):
@@ -245,7 +247,7 @@ class ArmMargins:
         return Worked(float(margin), q_start)
 
     def said(self, dropped: "Dropped") -> str:
-        """What ends the path where a candidate was dropped, in a few words."""
+        """Short description of the reason why a candidate was dropped."""
         vehicle = self.vehicle
 
         def joint(sizes: Array) -> str:
@@ -272,25 +274,28 @@ class ArmMargins:
             case Limit.JOINT:
                 low = vehicle.q_limits[:, 0]
                 high = vehicle.q_limits[:, 1]
-                return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} comes to its limit"
+                return f"{joint(-np.minimum(dropped.q - low, high - dropped.q))} reaches its limit"
             case Limit.TILT:
-                return f"the tool would lean by {np.degrees(dropped.q[0]):.0f} deg"
+                return f"the tool axis would be tilted by {np.degrees(dropped.q[0]):.0f} deg"
 
             case Limit.TORQUE:
-                return f"{joint(np.abs(dropped.q) / vehicle.torque_limits)} cannot bear the push"
+                return (
+                    f"{joint(np.abs(dropped.q) / vehicle.torque_limits)} cannot bear the set force"
+                )
             case Limit.SINGULAR:
                 return "the arm is stretched, or its wrist"
             case Limit.OBJECT:
-                return "the arm comes too near to the object"
+                return "the arm comes too close to the object"
             case Limit.THRUST:
-                return "the thrusters cannot bear push and friction"
+                return "the thrusters cannot bear set force and friction"
 
 
 def singular_margin(J: Array, length: float) -> float:
-    """Margin [-] of a posture from singular ones: 1 is roomy, 0 is singular.
+    """Margin [-] of a posture from singular ones: 1 is far away, 0 is singular.
 
     Args:
-        J: (6, n) Jacobian of the tip; of an arm of fewer than six joints the position counts alone.
+        J: (6, n) Jacobian of the tip; for an arm of fewer than six joints only the position is
+            used.
         length: [m] of the stretched arm.
     """
     full = J.shape[1] >= FULL
@@ -301,12 +306,12 @@ def singular_margin(J: Array, length: float) -> float:
 def posture_for(chain: Chain, X_AG: Array, q: Array) -> IkResult:
     """Inverse kinematics of an arm for a tool pose near `q`, on its branch.
 
-    With fewer than six joints the position is met, and the tool axis as far as it can be.
+    With fewer than six joints the position is reached, and the tool axis as far as possible.
 
     Args:
         chain: kinematics of the arm.
         X_AG: (4, 4) tool pose in its base.
-        q: (n,) [rad] where to start.
+        q: (n,) [rad] initial joint angles.
     """
     if chain.n >= FULL:
         return solve(chain, X_AG, q, 1e-4, 1e-3, branch="keep", options=FEW_STEPS)

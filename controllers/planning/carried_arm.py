@@ -3,10 +3,10 @@
 Such an arm cannot give its tool any direction. Hull and arm are therefore one chain: three slides
 and the yaw of the level hull, then the arm's joints. Its inverse kinematics by priorities gives the
 hull pose at every point of the path: the tool's position first, then its axis. Of many working
-postures of the arm the roomiest is taken.
+postures of the arm, the one with the largest margin is used.
 
-The arm alone holds the tool's position while the hull drifts. The tool's axis then leans, which a
-round pad bears.
+The arm alone holds the tool's position while the hull drifts. The tool axis then tilts, which a
+round pad tolerates.
 """
 
 from collections.abc import Iterator
@@ -43,13 +43,13 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 HULL_JOINTS = 4  # surge, sway and heave [m] in W, and yaw [rad]
-_POSTURES = 512  # working postures of the arm that are tried
-_KEPT = 24  # of them, tried along the whole path
-_ENOUGH = 0.7  # margin from which on no further posture is tried
-_INSIDE = 0.1  # share of a joint's range at either end that a working posture keeps clear of
-_UPRIGHT = 0.2  # [-] horizontal part of a tool axis under which it has no heading
-_YAWS = 8  # headings of the hull tried under an upright tool
-_POSITION, _TILT = 1e-5, 0.02  # [m], [rad] within which the whole chain meets the path
+_POSTURES = 512  # number of working postures of the arm that are tried
+_KEPT = 24  # number of these that are tried along the whole path
+_ENOUGH = 0.7  # margin, from which on no further posture is tried
+_INSIDE = 0.1  # share of a joint's range, at both ends, that a working posture avoids
+_UPRIGHT = 0.2  # [-] horizontal part of a tool axis, below which it defines no heading
+_YAWS = 8  # number of headings of the hull tried under a vertical tool axis
+_POSITION, _TILT = 1e-5, 0.02  # [m], [rad] tolerances within which the whole chain reaches the path
 _STEPS = IkOptions(max_iterations=60)
 
 
@@ -58,7 +58,7 @@ def with_hull(chain: Chain, X_BA: Array) -> Chain:
 
     Args:
         chain: the arm, base to tip.
-        X_BA: (4, 4) its base on the hull.
+        X_BA: (4, 4) pose of the arm's base on the hull.
     """
     R = X_BA[:3, :3]
     free = np.inf * np.array([[-1.0, 1.0]])
@@ -81,21 +81,21 @@ def hull_pose(joints: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CarriedArm:
-    """Search for the hull's way along a path, for an arm that it carries."""
+    """Search for the hull's path along a tool path, for an arm that the hull carries along."""
 
     vehicle: Vehicle
     chain: Chain  # of the arm
     around: Surroundings
     force: float  # [N] largest set force
-    standoff: float  # [m] from which the tool approaches
+    standoff: float  # [m] stand-off from which the tool approaches
     search: PlacementSearch
-    holding: ThrustMargin | None = None  # None: thrust is left out
+    holding: ThrustMargin | None = None  # thrust margin; None: thrust is not considered
 
     def place(self, path: ToolPath) -> Placement:
         """Placement with the largest margin for all of `path`.
 
         Raises:
-            ReachError: There is none; the message tells how far the best one comes.
+            ReachError: There is none; the message states how far the best one gets.
         """
         whole = with_hull(self.chain, self.vehicle.X_BA)
         shares = samples_along(path, self.search.samples)
@@ -117,7 +117,7 @@ class CarriedArm:
             if most >= _ENOUGH:
                 break
 
-            # The hull's way along the path, with room everywhere
+            # The hull's path along the tool path, with clearance everywhere
             hulls = self._along(whole, on_path, middle, start, keeps_x=path.keeps_x)
             if hulls is None or any(not self._has_room(X_WB, skin) for X_WB in hulls):
                 continue
@@ -132,7 +132,7 @@ class CarriedArm:
                 q=start[HULL_JOINTS:],
             )
 
-            # Margins of the arm on this way
+            # Margins of the arm on this path
             outcome = arm.along(track, hulls[0], 0.0)
             if isinstance(outcome, Dropped):
                 if best is None and (furthest is None or outcome.reached > furthest.reached):
@@ -175,19 +175,20 @@ class CarriedArm:
         )
 
     def _postures(self, z_W: Array) -> list[tuple[float, Array, Array]]:
-        """Working postures for a tool axis `z_W` (3,), the roomiest first.
+        """Working postures for a tool axis `z_W` (3,), those with the largest margin first.
 
         Returns:
-            Worth [-], joint angles (n,) [rad] and tip pose X_BG (4, 4) of each.
+            Value [-], joint angles (n,) [rad] and tip pose X_BG (4, 4) of each.
         """
-        from scipy.stats import qmc  # costs a second, and few jobs carry the arm along
+        # imported here, since it costs a second and few jobs carry the arm along
+        from scipy.stats import qmc
 
         low, high = self.vehicle.q_limits.T
         span = high - low
         even = qmc.Halton(len(low), scramble=False).random(_POSTURES)
         postures = low + _INSIDE * span + (1.0 - 2.0 * _INSIDE) * span * even
 
-        # Also with the first joint as in the ready posture
+        # Postures in which the first joint is as in the ready posture are tried too
         straight = postures.copy()
         straight[:, 0] = self.vehicle.q_ready[0]
         postures = np.vstack([self.vehicle.q_ready, straight, postures])
@@ -197,7 +198,7 @@ class CarriedArm:
             X_BG = self.vehicle.X_BA @ self.chain.kinematics(q)[0]
             J = self.chain.kinematics(q)[1]
             z_B = X_BG[:3, 2]
-            if abs(z_B[2] - z_W[2]) > 0.5:  # the hull stays level: only the arm tilts the tool
+            if abs(z_B[2] - z_W[2]) > 0.5:  # the hull stays level, so only the arm tilts the tool
                 continue
 
             room = float(np.minimum(q - low, high - q).min())
@@ -213,9 +214,10 @@ class CarriedArm:
         return sorted(candidates, key=lambda candidate: -candidate[0])
 
     def _starts(self, whole: Chain, X_WG: Array, skin: Array, met: list[Array]) -> Iterator[Array]:
-        """Joint values (4 + n,) of hull and arm for the middle of the path, roomiest first.
+        """Joint values (4 + n,) of hull and arm for the middle of the path, those with the largest
+        margin first.
 
-        `met` collects those that meet it, with room for the hull or without.
+        `met` collects those that reach it, with or without clearance for the hull.
         """
         fitting = 0
         for _, q, X_BG in self._postures(X_WG[:3, 2]):
@@ -245,7 +247,9 @@ class CarriedArm:
                 return
 
     def _side(self, q: Array) -> float:
-        """Offset of the tool to the side at `q` (n,), in arm lengths: a push there rolls it."""
+        """Lateral offset of the tool at `q` (n,), in arm lengths; a force at such an offset rolls
+        the hull.
+        """
         return abs(float((self.vehicle.X_BA @ self.chain.forward(q))[1, 3])) / reach(self.chain)
 
     @staticmethod
@@ -257,7 +261,9 @@ class CarriedArm:
 
     @staticmethod
     def _round(whole: Chain, joints: Array, X_WG: Array) -> Array:
-        """Tool pose (4, 4) with position and axis of `X_WG`, turned about it as at `joints`."""
+        """Tool pose (4, 4) with position and axis of `X_WG`, and the turn about the axis that it
+        has at `joints`.
+        """
         z = X_WG[:3, 2]
         x = whole.forward(joints)[:3, 0]
         x = x - (x @ z) * z
@@ -269,7 +275,9 @@ class CarriedArm:
     def _along(
         self, whole: Chain, poses: list[Array], middle: int, start: Array, *, keeps_x: bool
     ) -> list[Array] | None:
-        """Hull poses (4, 4) along the path, from the middle to its ends; None if not met."""
+        """Hull poses (4, 4) along the path, from the middle to its ends; None if the path is not
+        reached.
+        """
         hulls: dict[int, Array] = {}
         for way in (range(middle, len(poses)), range(middle, -1, -1)):
             joints = start

@@ -1,7 +1,8 @@
-"""Coarse approach to an unknown seabed: descent towards the plane of the Doppler log's ranges.
+"""Coarse approach to an unknown seabed, a descent towards the plane from the Doppler log's ranges.
 
-[Konoplin 2019], after its reference 11: until finer data are known, the seabed is the plane through
-the ranges of the log's beams. The plane decides if the vehicle may approach at all, and how far.
+After reference 11 of [Konoplin 2019], the seabed is approximated by the plane through the ranges of
+the log's beams until finer data are known. The plane decides whether the vehicle may approach, and
+how close.
 """
 
 import math
@@ -20,9 +21,9 @@ BEAMS = 3  # minimal number of beams, not collinear, that define a plane
 class GroundApproach:
     """Rules of the coarse approach to the plane of the ground."""
 
-    height: float  # [m] of the hull above the plane, vertical
+    height: float  # [m] height of the hull above the plane, vertical
     hull_box: Array  # (2, 3) [m] corners of the hull in B
-    # [m] of the whole hull to the plane: obstacles above it are not known yet
+    # [m] distance of the whole hull from the plane, since obstacles above it are not known yet
     clearance: float = 1.2
     slope: float = float(np.radians(35.0))  # [rad] largest slope that is accepted
     oldest: float = 1.0  # [s] largest age of the plane
@@ -44,7 +45,7 @@ class GroundApproach:
         ground = estimate.ground
         if ground is None or not estimate.time - ground.time <= self.oldest:
             raise ReachError(
-                f"the Doppler log has given no ranges for {self.oldest:g} s: the distance to the "
+                f"the Doppler log has had no ranges for {self.oldest:g} s: the distance to the "
                 "ground is unknown"
             )
 
@@ -52,7 +53,7 @@ class GroundApproach:
             silent = f", silent: {', '.join(map(str, ground.silent))}" if ground.silent else ""
             raise ReachError(
                 f"the plane of the ground is unknown: {ground.beams} of the Doppler log's beams "
-                f"see it, {BEAMS} not in a line are needed{silent}"
+                f"have an echo, but at least {BEAMS}, not in a line, are needed{silent}"
             )
 
         slope = math.acos(min(1.0, float(ground.normal_W[2])))
@@ -62,7 +63,7 @@ class GroundApproach:
                 f"of {math.degrees(self.slope):.0f} deg"
             )
 
-        # Higher where a corner of the hull would be too near
+        # Higher if a corner of the hull would be too close
         X = np.array(X_WB)
         n = ground.normal_W
         p = ground.p_W

@@ -1,4 +1,6 @@
-"""Clearance of hull and arm beside an object, and hull paths with folded arm that keep it."""
+"""Clearance of hull and arm from an object, and hull paths with folded arm that keep this
+clearance.
+"""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -13,20 +15,21 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
-# [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
+# [m] from hull, joints and tip to the object; includes the tool's size, marine growth and tracking
+# lag
 CLEARANCE = 0.2
-ROUNDING = 1e-9  # [m] far above the rounding of a distance
+ROUNDING = 1e-9  # [m] far larger than the rounding error of a distance
 _CHECKED = 40  # number of poses along a move at which its clearance is computed
 _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
-# [m] detours away from the object, tried in this order where a straight path is too near
+# [m] detours away from the object, tried in this order if a straight path is too close
 _BACK = (0.4, 0.8, 1.2)
 
 
 class HullPath:
-    """Clearance and paths of a vehicle with folded arm beside the convex hull of an object."""
+    """Clearance and paths of a vehicle with folded arm near the convex hull of an object."""
 
     def __init__(self, vehicle: Vehicle, chain: Chain, hull_box: Array, obstacle: Array) -> None:
-        """Take the vehicle and the object.
+        """Set the vehicle and the object.
 
         Args:
             vehicle: the vehicle, its arm in the home pose.
@@ -50,9 +53,9 @@ class HullPath:
         return min(hull_gap(X_WB, self._hull_box, self._skin), self._arm_gap(X_WB))
 
     def keeps(self, X_WB: Array, clearance: float) -> bool:
-        """True if `gap` is at least `clearance` [m]; sooner than by the gap itself."""
+        """True if `gap` is at least `clearance` [m]; faster than computing the gap."""
         arm = joint_gap_kernel(self._arm_B, inverse(X_WB), self._planes, np.zeros(3))
-        if abs(arm - clearance) <= ROUNDING:  # the kernel cannot tell
+        if abs(arm - clearance) <= ROUNDING:  # the kernel cannot decide
             arm = self._arm_gap(X_WB)
         if arm < clearance:
             return False
@@ -79,9 +82,9 @@ class HullPath:
     def way(self, X_from: Array, X_to: Array) -> list[Array]:
         """Poses (4, 4) of a path from `X_from` (4, 4), excluded, to `X_to` (4, 4), included.
 
-        A straight path if it keeps CLEARANCE, scaled to the arm's size, or as much as either end
-        has. Otherwise the first detour that does, the shortest detours first. If none does, the
-        path with the largest clearance.
+        The path is straight if it keeps CLEARANCE, scaled to the arm's size, or as much clearance
+        as its ends have. Otherwise it is the first detour that does, the shortest detours first. If
+        no detour does, it is the path with the largest clearance.
         """
         clearance = min(self._clearance, self.gap(X_from), self.gap(X_to))
         best = [X_to]
@@ -100,7 +103,7 @@ class HullPath:
         yield [X_to]
         R_from = X_from[:3, :3]
         R_to = X_to[:3, :3]
-        # rotation first, then a straight move: the arm is on the other side
+        # rotation first, then a straight move, since the arm is on the other side
         yield [pose(R_to, X_from[:3, 3]), X_to]
         for back in _BACK:
             yield [pose(R_from, self._off(X_from, back)), pose(R_to, self._off(X_to, back)), X_to]
@@ -139,7 +142,7 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     """
     p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
 
-    # By coordinates: NumPy reduces rows of three several times slower.
+    # Coordinate by coordinate, because NumPy reduces rows of three several times slower.
     x, y, z = np.maximum(hull_box[0] - p_B, p_B - hull_box[1]).T
     inside = float(np.maximum(np.maximum(x, y), z).min())
     if inside < 0.0:
@@ -154,7 +157,9 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
 def hull_gap_kernel(
     X_WB: Array, hull_box: Array, obstacle: Array, away: Array, enough: float
 ) -> float:
-    """As `hull_gap` of an obstacle at -`away` (3,) [m], to the rounding; ends under `enough`."""
+    """As `hull_gap` for an obstacle displaced by -`away` (3,) [m], up to rounding; ends early below
+    `enough`.
+    """
     nearest = np.inf
     for x, y, z in obstacle:
         x = x - away[0] - X_WB[0, 3]
@@ -176,10 +181,12 @@ def hull_gap_kernel(
 def hull_keeps(
     X_WB: Array, hull_box: Array, obstacle: Array, clearance: float, away: Array | None = None
 ) -> bool:
-    """True if the hull's box keeps `clearance` [m] to the object, moved by -`away` (3,) [m]."""
+    """True if the hull's box keeps `clearance` [m] from the object, which is displaced by -`away`
+    (3,) [m].
+    """
     away = np.zeros(3) if away is None else away
     gap = hull_gap_kernel(X_WB, hull_box, obstacle, away, clearance - ROUNDING)
-    if abs(gap - clearance) <= ROUNDING:  # the kernel cannot tell
+    if abs(gap - clearance) <= ROUNDING:  # the kernel cannot decide
         gap = hull_gap(X_WB, hull_box, obstacle - away)
     return gap >= clearance
 
@@ -187,8 +194,8 @@ def hull_keeps(
 def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
     """Distance [m] from the arm's joint centres to the object's convex hull; inf without joints.
 
-    Negative inside. Left out are the first two joints, which hardly move, and the last two, which
-    go with the tool to the contact.
+    Negative inside. The first two joints, which hardly move, and the last two, which move to the
+    contact with the tool, are left out.
     """
     moved = joint_centres(chain, q)[2 : chain.n - 2]
     if not len(moved):
@@ -198,15 +205,15 @@ def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> 
 
 
 def convex_gap(points: Array, planes: Array) -> float:
-    """Signed distance [m] of `points` (k, 3) [m] to a convex hull of `planes` (m, 4): the least."""
+    """Least signed distance [m] of `points` (k, 3) [m] from a convex hull of `planes` (m, 4)."""
     outside = planes[:, :3] @ points.T + planes[:, 3:]
-    # Along rows that lie side by side: NumPy reduces the few columns several times slower.
+    # Along contiguous rows, because NumPy reduces a few columns several times slower.
     return float(np.ascontiguousarray(outside.T).max(axis=1).min())
 
 
 def joint_centres(chain: Chain, q: Array) -> Array:
     """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
-    centres = np.empty((chain.n, 3))  # each moved by the joints before it
+    centres = np.empty((chain.n, 3))  # each joint is moved by the joints before it
     X = np.eye(4)
     for i, (kind, axis, point) in enumerate(
         zip(chain.joint_types, chain.axes, chain.points, strict=True)
@@ -222,7 +229,7 @@ def joint_centres(chain: Chain, q: Array) -> Array:
 
 @kernel
 def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -> float:
-    """As `arm_gap`, of given joint centres (k, 3) [m]."""
+    """As `arm_gap`, for given joint centres (k, 3) [m]."""
     nearest = np.inf
     for x, y, z in joints_A:
         x = x - X_AW[0, 3]
@@ -241,7 +248,7 @@ def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -
 
 @kernel
 def joint_centres_kernel(slides: np.ndarray, axes: Array, points: Array, q: Array) -> Array:
-    """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
+    """As `joint_centres`, up to rounding; `slides` (n,) is True for slides."""
     centres = np.empty((len(q), 3))
     # each joint is moved by those before it
     R = np.eye(3)

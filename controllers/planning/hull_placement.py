@@ -1,20 +1,20 @@
 """Hull placement: the level hull pose, and the arm's posture, that reach a whole tool path.
 
 Candidate positions of the arm's base around the path are tried, each with the hull level. If the
-base's axis points down (or up), the hull is turned so that the arm reaches forward, or at right
-angles to that. If the axis is horizontal, it faces the surface. Along the path the inverse
-kinematics (MKPS [Danilov 2021]) keeps to one branch.
+axis of the base points down (or up), the hull is turned so that the arm reaches forward, or at
+right angles to that. If the axis is horizontal, the axis faces the surface. Along the path the
+inverse kinematics (MKPS [Danilov 2021]) keeps to one branch.
 
 The best candidate maximises the smallest margin. Margins: joint limits, singular postures, torque
 limits under the set force, distance to the object, and thrust under that force and its friction.
-The thrust margin decides the heading. A force applied a metre below a hull tilts it, and its
-thrusters have shorter levers against roll.
+The thrust margin decides the heading, because a force applied a metre below a hull tilts the hull,
+and thrusters have shorter levers in roll.
 
-Where this margin is small the hull may travel while the tool works [Konoplin 2019, section 6]. It
-moves straight, by a share of the way between the ends of the path, at the pace of the tool. The arm
-then meets every point in nearly the posture of the middle, drives stay away from their limits, and
-the path may be longer than the arm. `PathStanding` chooses this share, and how much of a path is
-worked.
+If the smallest margin is small, the hull may travel while the tool works [Konoplin 2019, section
+6]. The hull moves straight, by a share of the line between the ends of the path, at the pace of the
+tool. The arm then reaches every point in nearly the posture of the middle, drives stay away from
+their limits, and the path may be longer than the arm. `PathStanding` chooses this share, and the
+part of the path that is worked.
 """
 
 import itertools
@@ -55,9 +55,10 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, 
 
 # travels of the hull that are tried, as shares of the line between the path's ends
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)
-_SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
+_SHORTER = 0.04  # share of a path by which it is shortened in each try, if it is too long
 _STILL = readonly(np.zeros(3))
-# share by which a margin must be larger to count: a round tool turned by half has the same one
+# relative difference by which a margin must be larger to be preferred, since a round tool turned by
+# half has the same margin
 _BETTER = 1e-4
 
 
@@ -79,16 +80,16 @@ def place_hull(
         vehicle: the vehicle.
         chain: kinematics of its arm, from base to tip.
         path: tool path in W.
-        around: what the hull and arm keep clear of.
+        around: surroundings from which hull and arm keep clear.
         force: [N] largest set force.
         standoff: [m] from which the tool approaches.
-        travel: [-] share of the way between the path's ends that the hull travels while the tool
+        travel: [-] share of the line between the path's ends that the hull travels while the tool
             works.
-        search: grid and clearances; None takes the defaults.
-        holding: thrust margin of the vehicle; None leaves thrust out.
+        search: grid and clearances; None: the defaults.
+        holding: thrust margin of the vehicle; None: thrust is not considered.
 
     Returns:
-        The placement, its pose at the start of the path.
+        The placement, with the hull pose at the start of the path.
 
     An arm of fewer than six joints is carried along by the hull, see
     `uuv.controllers.planning.carried_arm`.
@@ -143,7 +144,7 @@ def place_hull(
     furthest = cast("Dropped | None", None)
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
-        """True if the hull, displaced by `away_W` (3,) [m], is too near to the object."""
+        """True if the hull, displaced by `away_W` (3,) [m], is too close to the object."""
         return not hull_keeps(X_WB, around.hull_box, skin, search.clearance, away_W)
 
     def consider(base: Array, yaw: float) -> bool:
@@ -182,7 +183,7 @@ def place_hull(
     for base, yaw in mounting.candidates(path, middle, reach(chain), search):
         consider(base, yaw)
 
-    # Local search about the best one, by ever smaller steps
+    # Local search around the best candidate, by decreasing steps
     for step in search.refinements:
         while best is not None:
             base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
@@ -193,7 +194,7 @@ def place_hull(
     if best is None:
         raise out_of_reach(shares, furthest, arm, held=holding is not None)
 
-    # Half of the travel lies before mid-path
+    # Half of the travel is before mid-path
     start = best.X_WB.copy()
     start[:3, 3] -= 0.5 * travel_W
     return replace(best, X_WB=start)
@@ -210,10 +211,10 @@ def _displacements(path: ToolPath, shares: Array, samples: int) -> Array:
 class _Mounting:
     """Mounting of the arm's base on a level hull."""
 
-    axis_B: Array  # (3,) the base's own axis, z_A, towards the work
-    sign: float  # 1 if that is z_A itself, else -1
+    axis_B: Array  # (3,) axis of the base towards the work, z_A or its opposite
+    sign: float  # 1 if this axis is z_A, else -1
     R_BA: Array  # (3, 3)
-    # the axis is closer to vertical than to horizontal: hull yaw then rotates about it
+    # True: the axis is closer to vertical than to horizontal, and hull yaw rotates about it
     upright: bool
     # [rad] heading on the hull of the arm's forward direction, or of a horizontal axis
     forward: float
@@ -238,7 +239,7 @@ class _Mounting:
     ) -> Iterator[tuple[Array, float]]:
         """Positions (3,) [m] of the arm's base in W, each with the hull's yaw [rad]."""
         if self.upright:
-            # Bearings are counted from the path's own direction, so that the search turns with the
+            # Bearings are relative to the path's direction, so that the search turns with the
             # object.
             chord = path.p[-1] - path.p[0]
             start = np.arctan2(chord[1], chord[0])
@@ -288,32 +289,32 @@ class _Mounting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StandingLimits:
-    """What a placement must allow."""
+    """Requirements on a placement."""
 
     force: float  # [N] largest set force
     standoff: float  # [m] distance to the surface from which the tool approaches
     # share of the path that must be reached; the rest is cut off equally at both ends
     least_share: float = 1.0
-    roomy: float = 0.8  # placement margin under which the hull travels with the tool
-    cramped: float = 0.6  # placement margin under which part of the path is left out
-    # share of full thrust for push and steady current up to which the hull is not turned
+    roomy: float = 0.8  # placement margin, below which the hull travels with the tool
+    cramped: float = 0.6  # placement margin, below which part of the path is left out
+    # share of full thrust for set force and steady current, up to which the hull is not turned
     spared: float = 0.7
-    thrust: float = MOST_THRUST  # share that they may take at most
+    thrust: float = MOST_THRUST  # largest share that they may take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathStanding:
-    """Hull placement beside a known object, for as much of a path as is within reach."""
+    """Hull placement near a known object, for the part of a path that is within reach."""
 
     vehicle: Vehicle
-    chain: Chain  # its arm, base to tool
-    model: TargetModel  # of the object
+    chain: Chain  # kinematics of the arm, base to tool
+    model: TargetModel  # points of the object
     # (2, 3) [m] corners of the hull in B, kept clear of the object and of the seabed
     hull_box: Array
     limits: StandingLimits
     floor: float = -np.inf  # [m] height of the seabed in W
-    search: PlacementSearch | None = None  # hull placements that are tried
-    # thrust margin of the hull beside the object; None: not tested
+    search: PlacementSearch | None = None  # search of hull placements
+    # thrust margin of the hull near the object; None: not tested
     holding: ThrustMargin | None = None
 
     def __call__(
@@ -322,8 +323,8 @@ class PathStanding:
         """Best placement, the part of the path worked from it, and its share.
 
         A placement without thrust margin against the worst friction is accepted as a second choice,
-        marked `held=False`. The place is first chosen in still water. Where push and current would
-        ask for much of a thruster there, it is chosen anew in the current, which turns the hull.
+        marked `held=False`. The placement is first chosen in still water. If set force and current
+        would require much thrust there, it is chosen again in the current, which turns the hull.
 
         Args:
             target: the object.
@@ -331,8 +332,8 @@ class PathStanding:
             current_W: (3,) [m/s] steady current, W.
 
         Raises:
-            ReachError: if there is none.
-            StrongCurrentError: if the thrusters hold none in the current.
+            ReachError: there is no placement.
+            StrongCurrentError: the thrusters can hold no placement in the current.
         """
         obstacle = transform_points(target.X_WT, self.model.vertices)
 
@@ -341,7 +342,7 @@ class PathStanding:
         except ReachError:
             if self.holding is None:
                 raise
-            # Friction may be less than the worst case, and a hull that is pushed off its place
+            # Friction may be less than the worst case, and a hull that is pushed off its position
             # retreats.
             placement, path, worked = self._best(obstacle, whole, self.holding.without_friction())
             chosen = replace(placement, held=False), path, worked
@@ -349,7 +350,7 @@ class PathStanding:
         if self.holding is None or not np.any(current_W):
             return chosen
 
-        # Where push and current ask for much of a thruster, the hull is turned
+        # If set force and current require much thrust, the hull is turned
         moved = self.holding.in_current(current_W)
         smooth = moved.without_friction()
         used = self.used(chosen[0], chosen[1], smooth)
@@ -367,8 +368,8 @@ class PathStanding:
         if used <= self.limits.thrust:
             return chosen
         raise StrongCurrentError(
-            f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: against it and "
-            f"the tool's push it needs {used:.0%} of a thruster's thrust, "
+            f"the current of {np.linalg.norm(current_W):.2f} m/s is too strong: against it and the "
+            f"set force a thruster needs {used:.0%} of its thrust, but at most "
             f"{self.limits.thrust:.0%} is allowed"
         )
 
@@ -376,7 +377,7 @@ class PathStanding:
         """Largest share of full thrust that a thruster uses along a path from a placement.
 
         Args:
-            placement: the hull's place for the path.
+            placement: hull placement for the path.
             path: tool path.
             holding: thrust margin of the vehicle.
 
@@ -437,7 +438,7 @@ class PathStanding:
                 break
 
         if best is None:
-            raise failure or ReachError("there is no way to stand")
+            raise failure or ReachError("no hull placement was tried")
         return best
 
     def _candidates(self) -> Iterator[tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""Line around an object at a set distance from its outline, as seen from above."""
+"""Line around an object at a set distance from the object's outline, as seen from above."""
 
 import math
 
@@ -21,8 +21,8 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
         distance: [m] horizontal distance from the outline.
 
     Returns:
-        The line (N, 3) [m] in T, counter-clockwise from above, its last point its first, and the
-            horizontal unit directions (N, 3) to the outline.
+        The line (N, 3) [m] in T, counter-clockwise from above, with the last point equal to the
+            first; and the horizontal unit directions (N, 3) to the outline.
     """
     axes = rotation_from_z(up_T, np.eye(3)[int(np.argmin(np.abs(up_T)))]).T
     upright = vertices_T @ axes.T
@@ -56,7 +56,7 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
     line[-1] = line[0]
     way[-1] = way[0]
 
-    # Directions to the outline; all at the height of the middle
+    # Directions to the outline, all at the height of the object's middle
     inward = np.column_stack([-way[:, 1], way[:, 0]]) / np.linalg.norm(way, axis=1, keepdims=True)
     middle = 0.5 * (upright[:, 2].min() + upright[:, 2].max())
     return np.column_stack([line, np.full(len(line), middle)]) @ axes, inward @ axes[:2]

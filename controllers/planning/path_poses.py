@@ -1,4 +1,4 @@
-"""Tool path as the planner tests it: its parts, and the poses and loads of the tool along it."""
+"""Tool path for the planner's tests: parts of it, and poses and loads of the tool along it."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, pose
 
 STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
-_MOST_TURN = 0.3  # [rad] of the tool between two samples of its path
+_MOST_TURN = 0.3  # [rad] largest turn of the tool between two samples of its path
 _HALF_STEP = 2e-3  # [m] half step of the central differences along the path
 
 
@@ -34,7 +34,7 @@ def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Arra
 
 
 def middle_part(path: ToolPath, share: float) -> ToolPath:
-    """Middle `share` [-] of a path, its arc length counted anew from 0."""
+    """Middle `share` [-] of a path, with an arc length that begins at 0."""
     if share >= 1.0:
         return path
     cut = 0.5 * (1.0 - share) * float(path.s[-1])
@@ -43,9 +43,9 @@ def middle_part(path: ToolPath, share: float) -> ToolPath:
 
 
 def part_of(path: ToolPath, keep: np.ndarray) -> ToolPath:
-    """The samples where `keep` (N,) is True, from the first to the last that the tool can press.
+    """The samples selected by `keep` (N,), from the first to the last at which the tool can press.
 
-    The arc length is counted anew from 0.
+    The arc length of the part begins at 0.
     """
     if path.fits is not None and (keep & path.fits).any():
         first, last = np.flatnonzero(keep & path.fits)[[0, -1]]
@@ -60,7 +60,7 @@ def part_of(path: ToolPath, keep: np.ndarray) -> ToolPath:
 
 
 def stretches(path: ToolPath) -> tuple[tuple[float, float], ...]:
-    """Begin and end [m] of each stretch of a path on which the tool can press, in order."""
+    """Beginning and end [m] of each stretch of a path on which the tool can press, in order."""
     if path.fits is None:
         return ((0.0, float(path.s[-1])),)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], path.fits, [False]]).astype(np.int8)))
@@ -70,7 +70,7 @@ def stretches(path: ToolPath) -> tuple[tuple[float, float], ...]:
 
 
 class _Samples(NamedTuple):
-    """A tool path as the kernels take it; as in `ToolPath`."""
+    """A tool path in the form of the kernels; fields as in `ToolPath`."""
 
     s: Array  # (k,) [m]
     p: Array  # (k, 3) [m]
@@ -111,7 +111,7 @@ def _frame(path, s, roll):
     x /= np.sqrt((x * x).sum())
     y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
 
-    # Turned about z by the roll
+    # Turned about z by the angle `roll`
     c, sn = np.cos(roll), np.sin(roll)
     R = np.empty((3, 3))
     R[:, 0] = c * x + sn * y
@@ -121,7 +121,9 @@ def _frame(path, s, roll):
 
 
 def samples_along(path: ToolPath, count: int) -> Array:
-    """Arc lengths [m] at which a path is tested: `count` even ones, more where the tool turns."""
+    """Arc lengths [m] at which a path is tested: `count` evenly spaced ones, and more where the
+    tool turns.
+    """
     even = np.linspace(0.0, float(path.s[-1]), count)
     frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
 
@@ -164,7 +166,9 @@ def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> l
 
 
 def tool_loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float) -> Array:
-    """Force (k, 3) [N] of the surface on the tip at `tool_poses`, tool axes; zero off it."""
+    """Force (k, 3) [N] of the surface on the tip at `tool_poses`, tool axes; zero off the
+    surface.
+    """
     loads = np.zeros((len(shares) + 2 * STANDOFF_STEPS, 3))
     for load, s in zip(loads[STANDOFF_STEPS:], shares, strict=False):
         X, tangent, _ = tool_pose(path, s, roll)

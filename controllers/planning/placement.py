@@ -1,4 +1,4 @@
-"""Hull placements, what their search keeps clear of, and the refusal where there is none."""
+"""Hull placements, the surroundings and grid of their search, and the error if there is none."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 class Placement:
     """Hull pose from which the whole path can be worked, with the arm's posture at its start."""
 
-    X_WB: Array  # (4, 4) at the path's start
+    X_WB: Array  # (4, 4) hull pose at the path's start
     travel_W: Array  # (3,) [m] displacement of the hull by the end of the path
     roll: float  # [rad] rotation of the tool about its own axis from the path's x
-    q_start: Array  # (n,) [rad] at the stand-off before the path's first point
-    margin: float  # [-] smallest margin along the path: 1 is roomy, 0 is at a limit
+    q_start: Array  # (n,) [rad] joint angles at the stand-off before the path's first point
+    margin: float  # [-] smallest margin along the path: 1 is far from all limits, 0 is at a limit
     reached: float  # [-] share of the path within reach
-    # the thrusters bear push and friction along the whole path, or are not considered
+    # True: the thrusters bear set force and friction along the whole path, or are not considered
     held: bool = True
-    # Displacement (3) [m] in W and turn [rad] of a hull that carries its arm, over the share of the
-    # path done; None: a straight way without turning, by `travel_W`.
+    # Displacement (3) [m] in W and turn [rad] of a hull that carries its arm along the path, over
+    # the completed share of the path; None: a straight line without turning, by `travel_W`.
     way: "CubicSpline | None" = None
 
     def hull_at(self, share: float) -> Array:
-        """Hull pose (4, 4) when the tool has done `share` [-] of the path."""
+        """Hull pose (4, 4) when the tool has completed `share` [-] of the path."""
         X_WB = self.X_WB.copy()
         if self.way is None:
             X_WB[:3, 3] += share * self.travel_W
@@ -51,15 +51,15 @@ class Placement:
 class PlacementSearch:
     """Search grid and clearances of the placement; heights and radii in arm lengths."""
 
-    # of the base off the middle, against its own axis
+    # distances of the base from the middle, against its own axis
     heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)
-    # of the base off the middle, across that axis
+    # distances of the base from the middle, perpendicular to that axis
     radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)
     bearings: int = 12  # number of directions around the middle
     asides: int = 6  # number of directions across the axis of a base with a horizontal axis
-    # [rad] hull yaw, from forward reach
+    # [rad] hull yaw, relative to reaching forward
     turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)
-    # [rad] hull yaw from facing the surface, horizontal axis
+    # [rad] hull yaw relative to facing the surface, for a horizontal axis
     headings: tuple[float, ...] = (-0.6, 0.0, 0.6)
     refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps of the final local search
     rolls: int = 4  # number of rotations of the tool about its axis
@@ -81,9 +81,9 @@ class PlacementSearch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surroundings:
-    """The hull's box, and what it keeps clear of."""
+    """The hull's box, and the objects from which it keeps clear."""
 
-    # (k, 3) [m] points of the object in W; hull and arm keep clear of its convex hull
+    # (k, 3) [m] points of the object in W; hull and arm keep clear of their convex hull
     obstacle: Array
     hull_box: Array  # (2, 3) [m] corners of the hull's box in B
     # [m] height in W of the seabed, above which the hull keeps its clearance
@@ -93,13 +93,14 @@ class Surroundings:
 def out_of_reach(
     shares: Array, furthest: Dropped | None, arm: ArmMargins, *, held: bool
 ) -> ReachError:
-    """Refusal of a path that the arm takes from no hull pose, with the share that it can take.
+    """Error for a path that the arm can follow from no hull pose, with the share that it can
+    follow.
 
     Args:
         shares: [m] arc lengths of the poses tried on the path.
-        furthest: where the best candidate failed; None: there was no room for the hull.
-        arm: margins that were judged.
-        held: the thrusters counted.
+        furthest: result of the best candidate; None: there was no room for the hull.
+        arm: margins that were tested.
+        held: True: the thrusters were considered.
     """
     while_held = " while the thrusters hold it" if held else ""
     where = "0%: no room for the hull"

@@ -1,9 +1,10 @@
-"""Promise before contact: probability that the tool stays within a tolerance of its path.
+"""Prediction ("promise") before contact: probability that the tool stays within a tolerance of its
+path.
 
-The tool's error across its axis has two parts. One is constant over the work: the error of the
-object's pose. The other changes during it: the error of the hull's estimated position. The arm's
-own part is an order of magnitude smaller. Both are stated as covariances, from which alone the
-probability follows.
+The tool's error perpendicular to its axis has two parts. The error of the object's pose is constant
+during the work. The error of the hull's estimated position changes during the work. The arm's own
+error is an order of magnitude smaller. Both parts are stated as covariances, which determine the
+probability.
 """
 
 from dataclasses import dataclass
@@ -15,17 +16,17 @@ from uuv.sim.interfaces.messages import Promise, StateEstimate, Target
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.spatial import Array, finite_number
 
-WANTED = 0.98  # chance from which on there is nothing to wait for
-# [s] correlation time of the error of the estimated position; measured 1.1 to 3.5 s
+WANTED = 0.98  # probability from which on waiting does not help
+# [s] correlation time of the error of the estimated position; measured: 1.1 to 3.5 s
 NAVIGATION_TIME = 2.4
-_PEAKS = 2.0  # independent values in that time, as far as the largest one is concerned
-MOST_THRUST = 0.95  # share of full thrust that push and steady current may take
-_QUANTILES = 512  # of the normal distribution, at which the constant part is summed
+_PEAKS = 2.0  # number of independent values in that time, with respect to the largest one
+MOST_THRUST = 0.95  # share of full thrust that set force and steady current may take
+_QUANTILES = 512  # points of the normal distribution, over which the constant part is summed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopLimits:
-    """Stops of a pressed tool on its path (`uuv.controllers.tasks.stops`)."""
+    """Limits of the stops of a pressed tool on its path (`uuv.controllers.tasks.stops`)."""
 
     every: float = option(
         3.0,
@@ -35,14 +36,15 @@ class StopLimits:
         word="stop_every",
         closed=0.0,
     )
-    lasting: float = 0.5  # [s] that the tool stands
-    settle: float = 0.3  # [s] from the end of the motion, after which it may count as standing
-    # force across the tool, as a share of that along it, up to which friction holds it still
+    lasting: float = 0.5  # [s] duration of a stop
+    settle: float = 0.3  # [s] from the end of the motion, after which the tool may count as at rest
+    # ratio of the force perpendicular to the tool axis to that along it, up to which friction holds
+    # the tool
     hold: float = 0.15
-    # [s] from the end of the motion, after which a stop without that is given up
+    # [s] from the end of the motion, after which a stop is given up if that ratio is not reached
     patience: float = 1.5
-    creep: float = 1.5e-4  # [m/s] standard deviation of the speed at which it creeps all the same
-    # chance promised before contact, below which the tool stops; without a promise it does
+    creep: float = 1.5e-4  # [m/s] standard deviation of the speed at which the tool still creeps
+    # promised probability, below which the tool stops; without a promise it always stops
     below: float = 0.98
 
     def __post_init__(self) -> None:
@@ -57,29 +59,30 @@ class StopLimits:
         finite_number(self.below, "task.promise.stops.below, a probability", above=0.0, most=1.0)
 
     def help(self, promise: Promise | None) -> bool:
-        """True if navigation is poor enough for stops to be worth their time and their forces."""
+        """True if navigation is so poor that stops are worth their time and forces."""
         return promise is None or promise.chance < self.below
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PromiseLimits:
-    """What is promised, from which chance on, and what is done for it."""
+    """Tolerance and probability of the promise, and the measures to reach it."""
 
-    tolerance: float = 0.003  # [m] from the path, along it and across it
-    wanted: float = WANTED  # chance from which on the work begins at once; or `least`, if higher
+    tolerance: float = 0.003  # [m] from the path, along it and perpendicular to it
+    # probability from which on the work begins at once; or `least`, if that is higher
+    wanted: float = WANTED
     least: float = option(
         0.0,
-        "Least probability of a path error below 3 mm; work with less is refused; 0: it is only "
-        "reported.",
+        "Least probability of a path error below 3 mm; work with a smaller probability is refused; "
+        "0: the probability is only reported.",
         group="work",
         word="least_chance",
     )
-    patience: float = 15.0  # [s] of waiting for a better estimate, at most
-    interval: float = 1.0  # [s] between two looks at the chance
-    gain: float = 0.01  # rise of the chance in that time, from which on it is worthwhile to wait on
-    # of the pressed tool on its path, for navigation; None: it does not stop
+    patience: float = 15.0  # [s] largest waiting time for a better estimate
+    interval: float = 1.0  # [s] between two computations of the probability
+    gain: float = 0.01  # rise of the probability in that time, from which on waiting continues
+    # stops of the pressed tool on its path, for navigation; None: it does not stop
     stops: StopLimits | None = None
-    # share of full thrust that push and steady current may take; beyond it: refused
+    # share of full thrust that set force and steady current may take; beyond it the work is refused
     most_thrust: float = MOST_THRUST
 
     def __post_init__(self) -> None:
@@ -97,13 +100,14 @@ class PromiseLimits:
 def promise(
     estimate: StateEstimate, target: Target, tolerance: float, duration: float
 ) -> Promise | None:
-    """Chance that the tool stays within a tolerance of its path, along it and across it.
+    """Probability that the tool stays within a tolerance of its path, along the path and
+    perpendicular to it.
 
-    A direction in which the object can slide or turn unseen is left out: nothing can be promised
-    there.
+    Directions in which the object's pose is not observed are left out, since nothing can be
+    promised there.
 
     Args:
-        estimate: State of the vehicle; its stated position error is taken to stay as it is.
+        estimate: State of the vehicle; the stated position error is assumed to be constant.
         target: Identified object, with path and covariance.
         tolerance: [m] on each of the two axes.
         duration: [s] of the work.
@@ -130,13 +134,14 @@ def promise(
 
 
 def _chance(held: float, moving: float, tolerance: float, looks: float) -> float:
-    """Probability that a constant error plus `looks` independent ones stay within tolerance [m].
+    """Probability that the sum of a constant error and each of `looks` independent errors stays
+    within tolerance [m].
 
     Args:
         held: [m] standard deviation of the constant error.
-        moving: [m] of each of the others.
-        tolerance: [m]
-        looks: Number of the others.
+        moving: [m] standard deviation of each independent error.
+        tolerance: [m] tolerance.
+        looks: Number of independent errors.
     """
     from scipy.special import ndtr, ndtri
 

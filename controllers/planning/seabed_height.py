@@ -1,9 +1,9 @@
 """Height of the vehicle above the seabed for work on it [Konoplin 2019, section 1].
 
 With constant heading the vehicle descends until the arm reaches every point of the path with a
-margin. The hull keeps clear of the ground, and the jets of its thrusters do not stir it up. Where
-no height above the place is feasible, places beside it are tried. Where none is feasible, the work
-is refused with the reason.
+margin. The hull keeps clear of the ground, and the jets of its thrusters do not stir it up. If no
+height above the site is feasible, positions next to it are tried. If none is feasible, the work is
+refused with the reason.
 """
 
 from dataclasses import dataclass
@@ -46,20 +46,20 @@ class HeightSearch:
     clearance: float = 0.3  # [m] least distance of the hull to the ground
     arm_clearance: float = 0.06  # [m] least distance of joint centres to the ground
     margin: float = (
-        # [-] least margin of the placement (`uuv.controllers.planning.hull_placement`): else too
-        # near a limit
+        # [-] least margin of the placement (`uuv.controllers.planning.hull_placement`), below which
+        # the arm is too close to a limit
         0.1
     )
     roomy: float = 0.5  # [-] margin at which the search ends
-    step: float = 0.04  # [m] of the descent
-    # [m] horizontal offsets from the place, the nearest first
+    step: float = 0.04  # [m] steps of the descent
+    # [m] horizontal offsets from the site, the nearest first
     asides: tuple[float, ...] = (0.0, 0.2, 0.4, 0.6, 0.8)
     directions: int = 8  # number of directions of these offsets
     rolls: int = 4  # number of rotations of the tool about its axis
     samples: int = 15  # number of poses tried along the path
     jet: float = 1.0  # [N] thrust of the strongest downward jet while the hull keeps station
     jets_above: float = 0.0  # [m] height of that thruster above the hull's underside
-    # [Pa] at which the ground moves: fine sand of 0.2 mm [Soulsby 1997, ch. 6.4]
+    # [Pa] shear at which the ground moves: fine sand of 0.2 mm [Soulsby 1997, ch. 6.4]
     critical_shear: float = 0.2
 
     def __post_init__(self) -> None:
@@ -81,10 +81,12 @@ class WorkHeight:
     """Chosen hull pose above the work site with its clearances."""
 
     placement: Placement
-    aside: float  # [m] horizontal offset from the place asked for
-    hull_gap: float  # [m] hull to the highest ground below it or within the clearance beside it
-    jet_height: float  # [m] thrusters to the median ground below: rocks are not stirred up
-    shear: float  # [Pa] largest on the ground under the jet
+    aside: float  # [m] horizontal offset from the requested position
+    # [m] from the hull to the highest ground below it or within the clearance of its outline
+    hull_gap: float
+    # [m] from the thrusters to the median ground below, since rocks are not stirred up
+    jet_height: float
+    shear: float  # [Pa] largest shear on the ground under the jet
 
 
 def choose_height(
@@ -97,17 +99,17 @@ def choose_height(
     standoff: float,
     search: HeightSearch | None = None,
 ) -> WorkHeight:
-    """Highest feasible hull pose above `path` with a roomy margin, else that of the largest one.
+    """Highest feasible hull pose above `path` with a sufficient margin, else the best margin.
 
     Args:
         own: the vehicle.
         path: tool path in W; from the surface into the ground for a core sampler, along it for a
             box.
         ground: (V, 3) [m] points of the seabed in W, dense enough to show obstacles on it.
-        X_WB: (4, 4) level hull pose above the work site: its position and heading are kept.
-        force: [N] largest push.
+        X_WB: (4, 4) level hull pose above the work site, whose position and heading are kept.
+        force: [N] largest set force.
         standoff: [m] from which the tool approaches.
-        search: grid and constraints; None takes the defaults.
+        search: grid and constraints; None: the defaults.
 
     Returns:
         The pose with its clearances.
@@ -123,7 +125,7 @@ def choose_height(
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
     points = _checked_points(ground)
     if start[2, 2] < np.cos(np.radians(5.0)):
-        raise ConfigurationError("X_WB: the hull must be level to go down")
+        raise ConfigurationError("X_WB: the hull must be level to descend")
 
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
@@ -156,7 +158,7 @@ def choose_height(
             over += search.jets_above
             obstacles.see(gap - search.clearance, over - calm)
 
-            # Descend until a tool roll has a roomy margin
+            # Descend until a tool roll has a sufficient margin
             while gap >= search.clearance and over >= calm:
                 for roll, tool in zip(rolls, poses, strict=True):
                     to_beat = best.placement.margin if best else search.margin
@@ -203,23 +205,24 @@ def choose_height(
 
 @dataclass(slots=True)
 class _Obstacles:
-    """What kept the search from a height."""
+    """Reasons why the search found no height."""
 
     known: bool = False  # points of the ground under the hull
-    room: float = -np.inf  # [m] largest height above the least one, where the arm is stretched
-    silt: bool = False  # the least height there is that of the jets
-    hit: bool = False  # the arm took all of the path, but touched the ground
+    # [m] largest height above the least height, at which the arm is stretched
+    room: float = -np.inf
+    silt: bool = False  # True: the least height there is that of the jets
+    hit: bool = False  # True: the arm reached all of the path, but was too close to the ground
     furthest: float = 0.0  # largest share of the path within reach
 
     def see(self, hull_room: float, jet_room: float) -> None:
-        """Take note of the heights [m] of hull and jets above their least ones at a place."""
+        """Record the heights [m] of hull and jets above their least heights at a position."""
         self.known = True
         if min(hull_room, jet_room) > self.room:
             self.room = min(hull_room, jet_room)
             self.silt = jet_room < hull_room
 
     def reason(self, search: HeightSearch, calm: float) -> str:
-        """Why there is no height; `calm` [m] is the least one of the jets."""
+        """Reason why there is no height; `calm` [m] is the least height of the jets."""
         if not self.known:
             return "no point of the ground is known under the hull or beside it"
 
@@ -233,7 +236,7 @@ class _Obstacles:
             return f"{why}; that is higher than the arm reaches"
         if self.hit:
             return (
-                f"{why}; where the arm reaches the whole path it comes within "
+                f"{why}; where the arm reaches the whole path, the arm comes within "
                 f"{search.arm_clearance:.2f} m of the ground"
             )
         return (
@@ -260,7 +263,7 @@ def _checked_points(ground: Array) -> Array:
 def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tuple[float, float]:
     """Heights [m] of the hull's underside above highest and median ground; inf without points.
 
-    Counts ground within `beside` [m] of the hull's outline.
+    Ground within `beside` [m] of the hull's outline is included.
     """
     p_B = (ground - X_WB[:3, 3]) @ X_WB[:3, :3]
     near = np.all(
@@ -278,14 +281,14 @@ def arm_gap(
 ) -> float:
     """Least distance [m] of the ground to arm joints and their midpoints, over all tool poses.
 
-    Left out are the first joint, at the hull, and the last two, which go into the ground with the
-    tool.
+    The first joint, at the hull, and the last two, which move into the ground with the tool, are
+    left out.
 
     Args:
         chain: kinematics of the arm.
         X_WA: (4, 4) pose of the arm's base.
         tools: tool poses (4, 4) in W.
-        q_start: (n,) [rad] joint angles near the first of them.
+        q_start: (n,) [rad] joint angles near the first tool pose.
         ground: tree of the ground points in W.
 
     Returns:

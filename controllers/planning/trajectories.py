@@ -1,4 +1,4 @@
-"""Motions in time with bounded speed and acceleration: poses, joints, progress along a path."""
+"""Motions over time with bounded speed and acceleration: of poses, of joints, and along a path."""
 
 from dataclasses import dataclass, replace
 
@@ -10,8 +10,9 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, log_so3, r
 
 SLOWEST = 1e-4  # [m/s] of a tool along its path
 FASTEST = 1.0  # [m/s] of a tool along its path
-BEND = 0.05  # [m/s^2] of a tool across its path, where nothing else is said
-# [rad/s] of a tool on its path: faster, joints near the wrist come to their speed limit
+BEND = 0.05  # [m/s^2] normal acceleration of a tool on its path, by default
+# [rad/s] largest turning rate of a tool on its path, since joints near the wrist reach their speed
+# limit
 TURN = 0.35
 
 # Peak speed and acceleration of the quintic 10 t^3 - 15 t^4 + 6 t^5 for a unit move in unit time.
@@ -20,7 +21,7 @@ _PEAK_ACCELERATION = 10.0 / np.sqrt(3.0)
 
 
 def _quintic(u: float) -> tuple[float, float]:
-    """Share of the move done at time share `u`, and its derivative with respect to u."""
+    """Completed share of the move at time share `u`, and its derivative with respect to u."""
     u = min(max(u, 0.0), 1.0)
     return u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * u * u * (1.0 - u) ** 2
 
@@ -52,10 +53,10 @@ class PoseMove:
         acceleration: float,
         turn_rate: float,
     ) -> "PoseMove":
-        """Shortest such move within the limits.
+        """The shortest such move within the limits.
 
         Args:
-            start: [s] begin of the move.
+            start: [s] beginning of the move.
             X_from: (4, 4) first pose.
             X_to: (4, 4) last pose.
             speed: [m/s] limit.
@@ -103,10 +104,10 @@ class JointMove:
 
     @classmethod
     def between(cls, start: float, q_from: Array, q_to: Array, *, speed: float) -> "JointMove":
-        """Shortest such move within the limit.
+        """The shortest such move within the limit.
 
         Args:
-            start: [s] begin of the move.
+            start: [s] beginning of the move.
             q_from: (n,) [rad] first angles.
             q_to: (n,) [rad] last angles.
             speed: [rad/s] limit of each joint; the same number limits the acceleration [rad/s^2].
@@ -213,8 +214,8 @@ def speed_law(
 ) -> SpeedLaw:
     """Fastest motion along a path within limits of speed and of tangential and normal acceleration.
 
-    The normal limit v^2 kappa <= `bend` slows the tool down in bends, and TURN where its axes turn:
-    over edges.
+    The normal limit v^2 kappa <= `bend` slows the tool down in bends. The limit TURN slows it down
+    where its axes turn, over edges.
 
     Args:
         path: The tool path.
@@ -241,7 +242,8 @@ def speed_law(
 def progress_along(
     path: ToolPath, begin: float, end: float, *, speed: float, ramp: float, bend: float = BEND
 ) -> Progress | SpeedLaw:
-    """Motion along a path from `begin` to `end` [m]: trapezoidal, unless bends must be slower.
+    """Motion along a path from `begin` to `end` [m], with trapezoidal speed unless bends require a
+    slower motion.
 
     Args:
         path: The tool path.
@@ -252,7 +254,7 @@ def progress_along(
         bend: [m/s^2] largest acceleration across the path.
 
     Returns:
-        The motion; its arc length counts from `begin`.
+        The motion, with an arc length relative to `begin`.
     """
     inside = (path.s > begin) & (path.s < end)
     limit = _limit(path, bend)
@@ -264,7 +266,9 @@ def progress_along(
 
 
 def _limit(path: ToolPath, bend: float) -> Array:
-    """Largest speed (n,) [m/s] at a path's samples, by `bend` [m/s^2] across it and by TURN."""
+    """Largest speed (n,) [m/s] at a path's samples, limited by the normal acceleration `bend`
+    [m/s^2] and by TURN.
+    """
     frame = np.hstack([path.x, np.cross(path.z, path.x), path.z])
     turning = np.sqrt(0.5 * np.sum(np.gradient(frame, path.s, axis=0) ** 2, axis=1))  # [rad/m]
     return np.minimum(

@@ -1,4 +1,4 @@
-"""The vehicle as the planners of its work know it."""
+"""Data of the vehicle that the planners of its work use."""
 
 from dataclasses import dataclass, field
 
@@ -17,17 +17,17 @@ _AHEAD = readonly(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorkVehicle:
-    """Vehicle, kinematics of its arm, extent of its hull, and place of its camera."""
+    """Vehicle, kinematics of its arm, extent of its hull, and pose of its camera."""
 
     vehicle: Vehicle
-    chain: Chain  # its arm, base to tool
+    chain: Chain  # kinematics of the arm, base to tool
     hull_box: Array  # (2, 3) [m] corners of the hull in B, kept clear of objects and seabed
     # (4, 4) pose of the camera on the hull, z its axis
     X_BC: Array = field(default_factory=lambda: _AHEAD)
 
     @property
     def size(self) -> float:
-        """Scale [-] of the distances beside an object (`uuv.controllers.planning.arm_size`)."""
+        """Scale [-] of the distances from an object (`uuv.controllers.planning.arm_size`)."""
         return size(self.chain)
 
     @property
@@ -41,5 +41,7 @@ class WorkVehicle:
         )
 
     def tip(self, estimate: StateEstimate) -> Array:
-        """Place (3,) [m] of the tool's tip in W, by the estimated hull pose and joint angles."""
+        """Position (3,) [m] of the tool's tip in W, from the estimated hull pose and joint
+        angles.
+        """
         return (estimate.X_WB @ self.vehicle.X_BA @ self.chain.forward(estimate.q))[:3, 3]

@@ -1,11 +1,13 @@
-"""Blind departure: thrusts that take a vehicle without an estimate off the surface, and then up.
+"""Blind departure: thrusts that move a vehicle without a state estimate away from the surface, and
+then up.
 
-Nothing is known any more of how the hull moves, so the thrusts are set beforehand. Those that have
-held the hull in its current, on average, go on, less their part against the contact. On top comes a
-force off the surface along the tool axis, then one up; off an overhang there is no second one. With
-the arm folded nobody knows where the object is, and the hull rises at once. Its last velocity is
-braked first. Roll and pitch are left to weight and buoyancy. With thrusters that merely stop, the
-current would carry the vehicle onto the object.
+The motion of the hull is unknown, so the thrusts are computed beforehand. The mean thrusts that
+have held the hull in its current continue, without their part against the contact. In addition
+there is a force away from the surface along the tool axis, and then an upward force; under an
+overhang there is no upward force. With the arm folded the position of the object is unknown, and
+the hull rises at once. The last velocity of the hull is braked first. Roll and pitch are stabilised
+by weight and buoyancy. If the thrusters merely stopped, the current would move the vehicle onto the
+object.
 """
 
 import math
@@ -26,29 +28,32 @@ from uuv.sim.interfaces.messages import StateEstimate
 from uuv.sim.interfaces.records import FOLLOWS, IN_CONTACT
 from uuv.sim.interfaces.spatial import Array
 
-# [rad], slides [m], from the folded arm's joint angles, up to which the tool is near nothing
+# [rad], slides [m]: largest distance from the folded arm's joint angles at which the tool is near
+# nothing
 _FOLDED = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepartureStage:
-    """Commands that stand for a time."""
+    """Commands that are held for some time."""
 
     until: float  # [s] since the departure began
     thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
 
 
 class HeldHull(NamedTuple):
-    """Means of what holds the hull, over some `SAFETY.balance_time`; arrays, changed in place."""
+    """Means over about `SAFETY.balance_time` of the loads that hold the hull, as arrays that are
+    changed in place.
+    """
 
     begun: np.ndarray  # (1,) bool: there has been a command
-    time: Array  # (1,) [s] of the newest one
-    thrust: Array  # (m,) [N] steady, in still water
-    force_W: Array  # (3,) [N] of the contact
+    time: Array  # (1,) [s] time of the newest command
+    thrust: Array  # (m,) [N] steady thrusts, in still water
+    force_W: Array  # (3,) [N] contact force
 
     @classmethod
     def start(cls, thrusters: int) -> "HeldHull":
-        """No command yet of so many thrusters."""
+        """Means for `thrusters` thrusters, before any command."""
         return cls(
             begun=np.zeros(1, dtype=np.bool_),
             time=np.zeros(1),
@@ -59,22 +64,22 @@ class HeldHull(NamedTuple):
 
 @kernel
 def follow(curves, balance_time, command, reference, time, held):
-    """Take a new command of the hull into the means of what holds it.
+    """Include a new command of the hull in the means of the loads that hold it.
 
     Args:
-        curves: of the thrusters.
-        balance_time: [s] of the means.
-        command: `Commanded`, finite. Its contact counts while the tool is to touch something; where
-            it is unknown, the set force does.
-        reference: `ReferenceRecord` of it.
-        time: [s] of it.
+        curves: static curves of the thrusters.
+        balance_time: [s] time constant of the means.
+        command: `Commanded`, finite. The contact force of the command is used while the tool is to
+            be in contact; if it is unknown, the set force is used.
+        reference: `ReferenceRecord` of the command.
+        time: [s] of the command.
         held: `HeldHull`; updated.
     """
     estimated = np.isfinite(command.f_W.sum())
     along_W = reference.X_WG[0, 2] + reference.X_WG[1, 2] + reference.X_WG[2, 2]
     wanted = reference.flags[FOLLOWS] and np.isfinite(reference.set_force[0] * along_W)
 
-    # First-order means; the first command is taken as it is.
+    # First-order means, which begin with the first command.
     share = 1.0
     if held.begun[0]:
         share = 1.0 - math.exp(-max(time - held.time[0], 0.0) / balance_time)
@@ -97,15 +102,15 @@ def follow(curves, balance_time, command, reference, time, held):
 
 
 class BlindDeparture:
-    """Departure of one vehicle."""
+    """Blind departure of one vehicle."""
 
     def __init__(self, model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None) -> None:
         """Set up the departure.
 
         Args:
-            model: compiled model of the vehicle, the believed one.
-            vehicle: the vehicle in it.
-            arm: its arm; None: it has none.
+            model: the controller's model of the vehicle, compiled.
+            vehicle: the vehicle in the model.
+            arm: the vehicle's arm; None if it has none.
 
         Raises:
             ConfigurationError: the thrusters do not span all six directions.
@@ -119,11 +124,11 @@ class BlindDeparture:
     def stages(
         self, held: HeldHull, sound: StateEstimate, lost: tuple[int, ...]
     ) -> tuple[DepartureStage, ...]:
-        """Stages of the departure in their order, at most two; none before the first sound command.
+        """Stages of the departure in order, at most two; none before the first valid command.
 
         Args:
-            held: what has held the hull until now.
-            sound: the last sound estimate.
+            held: loads that have held the hull until now.
+            sound: the last valid estimate.
             lost: indices of thrusters that are not to be used.
         """
         if not held.begun[0]:
@@ -134,10 +139,11 @@ class BlindDeparture:
             self._B @ held.thrust,
         )
 
-        # With the arm folded: straight up, under what holds the hull in its current.
+        # With the arm folded: straight up, in addition to the thrusts that hold the hull in its
+        # current.
         legs = [(SAFETY.leave_time, up_W), (SAFETY.leave_time + SAFETY.rise_time, up_W)]
 
-        # Near the object: without the thrust against the contact, and first off the surface.
+        # Near the object: without the thrust against the contact, and first away from the surface.
         if self._arm is not None and np.abs(sound.q - self._q_home).max() > _FOLDED:
             X_BG = self._arm.tip(sound.q)[0]
             force_B = R_BW @ held.force_W
@@ -156,7 +162,7 @@ class BlindDeparture:
 
         # The first stage also brakes the hull.
         found: list[DepartureStage] = []
-        braking_B = -self._mass * sound.v_WB_B / SAFETY.leave_time  # of the first stage
+        braking_B = -self._mass * sound.v_WB_B / SAFETY.leave_time  # duration of the first stage
         for until, along_W in legs:
             push_B = self._mass * SAFETY.leave_acceleration * (R_BW @ along_W)
             wrench_B = held_B + np.append(push_B if found else push_B + braking_B, np.zeros(3))
@@ -168,7 +174,8 @@ class BlindDeparture:
 def ascent_direction(normal_W: Array) -> Array:
     """Direction (3,) of an ascent off a surface: up, and partly along its normal `normal_W` (3,).
 
-    Straight up a steep flank the tool would strike parts of the object that bulge above it. More
-    along the normal keeps it off an overhang, down from one that is level.
+    In a vertical ascent along a steep flank the tool would hit parts of the object that protrude
+    above it. Under an overhang the direction has a larger part along the normal, and points down if
+    the overhang is horizontal.
     """
     return np.array([0.0, 0.0, 1.0]) + max(0.0, 0.5 - normal_W[2]) * normal_W

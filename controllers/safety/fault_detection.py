@@ -1,27 +1,28 @@
-"""Fault detection by residuals: each sensor and thruster against a redundant source.
+"""Fault detection by residuals, which compare each sensor and thruster with a redundant source.
 
 The plant is not used. A fault is a disagreement of two sources that should agree:
 
-- Frozen reading: bitwise equal for much longer than ever while sound, since sensors have noise.
-- Torque sensor against its motor: the gear passes the motor's torque less rotor inertia and gear
-  friction.
+- Frozen reading: bitwise equal for much longer than ever while healthy, since sensors have noise.
+- Torque sensor against its motor: the torque at the gear output is the motor's torque minus rotor
+  inertia and gear friction.
 - Age of the newest picture, where the estimator reports it. Only this fault is cleared, when
-  pictures come again.
+  pictures arrive again.
 - Encoder: its angle against the integral of its speed.
-- Gyro, attitude reference, accelerometer: the estimator finds that one is off
-  (`uuv.controllers.safety.sensor_checks`). The work goes on but for the attitude.
-- Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains
-  beyond the commanded thrust, the arm's wrench, weight and drag.
+- Gyro, attitude reference, accelerometer: the estimator detects that one of them is faulty
+  (`uuv.controllers.safety.sensor_checks`). The work continues unless it is the attitude reference.
+- Hull momentum, the residual of [DeLuca 2003] for the hull as one body. The residual is the change
+  of momentum that the commanded thrust, the arm's wrench, weight and drag do not explain.
 
 A missing wrench that persists along the column of one thruster is attributed to that thruster, if
-it could give the thrust that is left: it is lost, or stuck. Any other is a gust or a snag, and
-counts only by its effect on station keeping. Where the column is almost a pure force (one sway
-thruster amidships) a wave, or a current that has just risen, looks like the thruster's loss. Such a
-thruster is probed by a small doublet (`uuv.controllers.safety.thruster_probe`).
+the thruster could give the remaining thrust: the thruster is lost, or stuck. Any other missing
+wrench is a gust or a snag, and only matters by its effect on station keeping. If the column is
+almost a pure force (one sway thruster amidships), a wave, or a current that has just risen, looks
+like the loss of the thruster. Such a thruster is probed by a small doublet
+(`uuv.controllers.safety.thruster_probe`).
 
 Each residual is compared with its own average (`learning_time`), so that constant biases and model
-errors are no fault. Thresholds are in `FaultLimits`; the tests measure the distance of sound runs
-from them.
+errors do not count as faults. Thresholds are in `FaultLimits`; the tests measure the margin of
+fault-free runs.
 """
 
 from dataclasses import dataclass, field, replace
@@ -51,22 +52,22 @@ from uuv.sim.interfaces.kernels.record_box import as_annotated
 from uuv.sim.interfaces.messages import Fault, FaultKind, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
-_FOLLOWED = 1.0  # [s] after a stuck thruster was found, for which what it gives is followed
-# [-] share of the thrust asked for, below which a failed thruster counts as giving none
+_FOLLOWED = 1.0  # [s] after the detection of a stuck thruster, during which its thrust is followed
+# [-] share of the commanded thrust, below which a failed thruster counts as giving none
 _DEAD = 0.2
 
 
 @dataclass(slots=True, eq=False)
 class FaultDetectionState:
-    """State of fault detection; arrays change in place."""
+    """State of fault detection, as arrays that are changed in place."""
 
     joints: JointResiduals
     hull: HullResiduals
     asked: Array  # (m,) last thruster commands of the controller
-    probe: ProbeState | None = None  # of a thruster under suspicion
-    # [s] for each thruster, when a probe last found it sound
+    probe: ProbeState | None = None  # probe of a thruster under suspicion
+    # [s] for each thruster, when a probe last found it healthy
     cleared: list[float] = field(default_factory=list)
-    faults: list[Fault] = field(default_factory=list)  # found so far
+    faults: list[Fault] = field(default_factory=list)  # faults found so far
 
     @property
     def began(self) -> float:
@@ -78,23 +79,25 @@ class FaultDetectionState:
         return any(fault.kind is kind and fault.index == index for fault in self.faults)
 
     def add(self, fault: Fault) -> None:
-        """Register a fault, unless its part has been found faulty already."""
+        """Register a fault, unless its component has been found faulty already."""
         if not self.has(fault.kind, fault.index):
             self.faults.append(fault)
 
 
 class FaultDetection:
-    """Verdicts on the residuals of one vehicle, which `guard_tick` makes; explicit state."""
+    """Verdicts on the residuals of one vehicle, which `guard_tick` computes; the state is
+    explicit.
+    """
 
     def __init__(
         self, model: mujoco.MjModel, *, period: float, limits: FaultLimits | None = None
     ) -> None:
-        """Take the believed model of the vehicle.
+        """Set up from the controller's model of the vehicle.
 
         Args:
             model: compiled model that the controller uses.
             period: [s] of the steps.
-            limits: thresholds; None takes the defaults.
+            limits: thresholds; None: the defaults.
         """
         self._vehicle = vehicle = Vehicle.of(model)
         self._period = period
@@ -113,14 +116,14 @@ class FaultDetection:
             learning_time=limits.learning_time,
         )
 
-        # Hull: believed water and thrusters.
+        # Hull: modelled hydrodynamics and thrusters.
         table = vehicle.thruster_table
         water = hydrodynamics.without_forms(
             model.body_user[vehicle.hull], "fault detection's model of the hull"
         )
         B = np.array(vehicle.thruster_wrench)
 
-        # A column with enough moment cannot be mistaken for a wave; other thrusters are probed.
+        # A column with enough moment cannot be mistaken for a wave; thrusters without are probed.
         scale = np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3])
         force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(scale[:, None] * B, 2))
         self._telling = telling = moment > limits.thruster_moment * force
@@ -168,17 +171,17 @@ class FaultDetection:
         """All faults after a sample.
 
         Args:
-            state: of the detection, with the residuals of now; changed in place.
-            estimate: of the vehicle now.
+            state: of the detection, with the present residuals; changed in place.
+            estimate: present estimate of the vehicle.
             thrusters: (m,) commands of the controller.
-            suspect: the residuals of the joints need evaluation.
-            balance: of the hull's momentum, where one was taken.
+            suspect: True: the residuals of the joints need evaluation.
+            balance: balance of the hull's momentum, if there was one.
         """
         if suspect:
             self.judge_joints(state, estimate.time)
 
-        # Vision is the one fault that is cleared.
-        if not estimate.vision_age > self.limits.vision_age:  # also where the age is unknown (nan)
+        # Loss of vision is the only fault that is cleared.
+        if not estimate.vision_age > self.limits.vision_age:  # also if the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
             state.add(Fault(kind=FaultKind.VISION, part="", index=-1, time=estimate.time))
@@ -194,7 +197,7 @@ class FaultDetection:
         thrusters: Array,
         balance: HullBalance,
     ) -> None:
-        """Register what navigation and a balance of the hull's momentum tell of."""
+        """Register faults from navigation and from a balance of the hull's momentum."""
         state.faults.extend(
             fault for fault in sensor_faults(estimate) if not state.has(fault.kind, fault.index)
         )
@@ -202,7 +205,7 @@ class FaultDetection:
         if balance.dt <= 0.0:
             return
 
-        # A probe that begins now takes its first balance at the next one.
+        # A probe that begins now uses the next balance first.
         probe = state.probe
         if balance.suspect != NOBODY:
             self._accuse(state, balance.suspect, estimate.time)
@@ -215,11 +218,15 @@ class FaultDetection:
         state.hull.thrusters[:] = self.sent(state, thrusters)
 
     def sent(self, state: FaultDetectionState, thrusters: Array) -> Array:
-        """Commands (m,) to the thrusters: `thrusters` (m,) with the doublet of a probe."""
+        """Commands (m,) to the thrusters, which are `thrusters` (m,) plus the doublet of a
+        probe.
+        """
         return thrusters if state.probe is None else self._probe.sent(state.probe, thrusters)
 
     def _refine(self, state: FaultDetectionState, time: float) -> None:
-        """Follow the thrust of a stuck thruster for some time: lags hide half of it at first."""
+        """Follow the thrust of a stuck thruster for some time, since lags hide half of it at
+        first.
+        """
         hull = state.hull
         for k, fault in enumerate(state.faults):
             if (
@@ -240,7 +247,7 @@ class FaultDetection:
     def _go_on_probing(
         self, state: FaultDetectionState, probe: ProbeState, time: float, dt: float
     ) -> None:
-        """Take the balance into the probe; register a thruster that does not answer as lost."""
+        """Add the balance to the probe; register a thruster that does not respond as lost."""
         i = probe.thruster
         hull = state.hull
 
@@ -250,7 +257,7 @@ class FaultDetection:
             probe, time, dt, float(state.asked[i]), float(hull.inflow[i]), thrust, missing
         )
 
-        # Verdict, once there is one; suspicion starts anew.
+        # Verdict, once there is one; then suspicion restarts.
         if share is None:
             return
         state.probe = None
@@ -266,20 +273,20 @@ class FaultDetection:
         """Register the joints' sensors with residuals beyond their bounds as faulty.
 
         Args:
-            state: of the detection, with the residuals of now; changed in place.
+            state: of the detection, with the present residuals; changed in place.
             time: [s] of the readings.
         """
         limits = self.limits
         joints = state.joints
 
-        # Frozen: equal for longer than the least time, and than ever while sound.
+        # Frozen: equal for longer than the least time, and longer than ever while healthy.
         least = np.round(
             np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period
         )
         frozen = joints.same > np.maximum(least, limits.frozen_factor * joints.longest)
         torque = frozen[0] | (joints.beyond > limits.torque_confirm)
 
-        # Torque sensor off its motor, encoder off the integral of its speed.
+        # Torque sensor differs from its motor, encoder differs from the integral of its speed.
         encoder = frozen[1] | (np.abs(joints.slip) > limits.encoder_slip)
         torque_off = joints.excess - joints.usual
         encoder_off = joints.slip
@@ -290,7 +297,7 @@ class FaultDetection:
                 said = (
                     f"frozen for {still[0]:.0f} ms"
                     if frozen[0, j]
-                    else f"{torque_off[j]:+.3g} N m from its motor"
+                    else f"{torque_off[j]:+.3g} N m difference from its motor"
                 )
                 kind = FaultKind.TORQUE_SENSOR
                 state.add(Fault(kind=kind, part=name, index=j, time=time, figures=said))
@@ -331,7 +338,7 @@ class FaultDetection:
         """Register a thruster to give `thrust` [N], of which `missed` [N] are missing."""
         gives = thrust - missed
 
-        # A small remainder counts as none: the thruster is lost, and not stuck.
+        # A small remainder counts as none; the thruster is then lost, and not stuck.
         gives = (
             0.0
             if abs(gives) < _DEAD * abs(thrust)
@@ -345,12 +352,12 @@ class FaultDetection:
         )
 
     def _accuse(self, state: FaultDetectionState, thruster: int, time: float) -> None:
-        """Register a thruster that explains what is missing as lost, or probe it first."""
+        """Register a thruster that explains the missing wrench as lost, or probe it first."""
         if state.has(FaultKind.THRUSTER, thruster):
             return
         hull = state.hull
 
-        # Where a wave may look the same, a probe decides.
+        # If a wave may look the same, a probe decides.
         if not self._telling[thruster]:
             if state.probe is None and time - state.cleared[thruster] > self.limits.probe_again:
                 state.probe = self._probe.begin(thruster, time, hull.passed, hull.speed)

@@ -1,8 +1,9 @@
-"""Tick of the safety wrapper: a controller by its address, between checks on both its sides.
+"""Tick of the safety wrapper, which calls a controller by its address between checks of its input
+and output.
 
-`SafetyWrapper.step` and the compiled ticks of the loop both call it. All residuals stand here:
-those of the joints at each tick, those of the hull at each of its steps. Verdicts are a slot in
-Python, which is called where a residual is beyond its bound, or a fault or a probe goes on.
+`SafetyWrapper.step` and the compiled ticks of the loop both call it. All residuals are computed
+here, those of the joints at each tick, those of the hull at each of its steps. The verdicts are a
+slot in Python, which is called if a residual is beyond its bound, or during a fault or a probe.
 """
 
 from typing import NamedTuple
@@ -30,43 +31,43 @@ from uuv.sim.interfaces.records import ReferenceRecord
 from uuv.sim.interfaces.spatial import Array
 
 # Entries of `GuardRecord.numbers`
-BEGAN = 0  # [s] time of the first sound estimate
+BEGAN = 0  # [s] time of the first valid estimate
 FRESH = 1  # not 0: the time of the estimate has advanced
 SUSPECT = 2  # not 0: a residual of the joints' sensors needs evaluation
 FAULTY = 3  # not 0: a fault has been found
-JUDGED = 4  # steps of the hull that were judged
-FOLLOWED = 5  # steps of the hull that the means for a departure know
-BALANCE_DT = 6  # [s] of `HullBalance`, of the present tick; nan: there was none in it
-ACCUSED = 7  # suspect of that
+JUDGED = 4  # number of steps of the hull that were evaluated
+FOLLOWED = 5  # number of steps of the hull included in the means for a departure
+BALANCE_DT = 6  # [s] interval of the `HullBalance` of this tick; nan: there was none in it
+ACCUSED = 7  # suspect of that balance
 PROBING = 8  # not 0: a thruster is being probed
 NUMBERS = 9  # number of entries
 
 
 class GuardLimits(NamedTuple):
-    """Thresholds of a sound tick."""
+    """Thresholds of a valid tick."""
 
-    old_imu: float  # [s] age of the inertial unit's sample from which on there is no estimate
-    vision_age: float  # [s] from which on vision is lost
-    warm_up: float  # [s] after which residuals count
-    balance_time: float  # [s] of the means of what holds the hull
+    old_imu: float  # [s] age of the inertial unit's sample, from which on there is no estimate
+    vision_age: float  # [s] age of the newest picture, from which on vision is lost
+    warm_up: float  # [s] after which residuals are evaluated
+    balance_time: float  # [s] time constant of the means of the loads that hold the hull
 
 
 class GuardRecord(NamedTuple):
-    """The wrapper; arrays, changed in place."""
+    """State of the wrapper, as arrays that are changed in place."""
 
     limits: GuardLimits
     model: JointResidualModel
     hull_model: HullBalanceModel
     inner: int  # address of the wrapped controller's tick
-    memory: int  # address of what that works on
+    memory: int  # address of the wrapped controller's data
     estimate: int  # address of the box of the estimate
-    command: Commanded  # of the wrapped controller
-    reference: ReferenceRecord  # that it follows
-    thrusters: Array  # (m,) sent, with the doublet of a probe
+    command: Commanded  # command of the wrapped controller
+    reference: ReferenceRecord  # reference that it follows
+    thrusters: Array  # (m,) commands sent, with the doublet of a probe
     residuals: JointResiduals
     hull: HullResiduals
     checks: tuple[Array, ...]  # entries of the estimate, of `sensor_checks.checked_entries`
-    quiet: Array  # value of each check's entries while its sensor is sound
+    quiet: Array  # value of each check's entries while its sensor is healthy
     asked: Array  # (m,) thruster commands of the controller at the last balance
     held: HeldHull
     judge: Slot
@@ -84,11 +85,11 @@ def guard_tick(box, estimate):
     """One tick of the wrapped controller.
 
     Args:
-        box: of a `GuardRecord`; updated.
-        estimate: box of the `EstimateRecord` of the vehicle now.
+        box: box of a `GuardRecord`; updated.
+        estimate: box of the present `EstimateRecord` of the vehicle.
 
     Returns:
-        FINE or STOPPED; UNSOUND, BROKEN, or what the wrapped controller answered.
+        FINE or STOPPED; UNSOUND, BROKEN, or the return value of the wrapped controller.
     """
     guard = box.record
     limits = guard.limits
@@ -123,7 +124,7 @@ def guard_tick(box, estimate):
         guard.residuals.tau_motor[j] = command.tau[j]
     numbers[SUSPECT] = warm and look
 
-    # Residuals of the hull, and verdicts, where there is something to judge.
+    # Residuals of the hull, and verdicts if needed.
     stepped = command.hull_steps[0] != numbers[JUDGED]
     numbers[JUDGED] = command.hull_steps[0]
     numbers[BALANCE_DT] = np.nan
@@ -144,7 +145,7 @@ def guard_tick(box, estimate):
 
 @kernel
 def _balance(guard, e):
-    """Balance of the hull, which has stepped; True where it needs a verdict."""
+    """Balance of the hull, after its step; True if it needs a verdict."""
     numbers = guard.numbers
     command = guard.command
     if np.isnan(command.arm_wrench_B[0]):
@@ -156,7 +157,7 @@ def _balance(guard, e):
     numbers[BALANCE_DT], suspect = balance_hull(guard.hull_model, seen, guard.hull)
     numbers[ACCUSED] = suspect
 
-    # What navigation says of its sensors.
+    # Faults of sensors reported by navigation.
     off = False
     for k in range(len(guard.checks)):
         for value in guard.checks[k]:

@@ -8,34 +8,37 @@ from uuv.models.water.thruster_curves import thrust_in_flow
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-_SLACK = 1.2  # [-] by which a thruster that is stuck may seem to give more than it can
-# Entries of `HullResiduals.numbers`: times [s] of the first estimate and of the last balance; of
-# the suspect the unexplained part of its thrust [N]
+_SLACK = 1.2  # [-] factor by which a stuck thruster may seem to exceed its largest thrust
+# Entries of `HullResiduals.numbers`: times [s] of the first estimate and of the last balance; index
+# of the suspect; unexplained part of its thrust [N]
 BEGAN, BALANCED, MISSED, NUMBERS = range(4)
-NOBODY = -1  # in place of a suspect
+NOBODY = -1  # value for no suspect
 
 
 class HullResiduals(NamedTuple):
-    """Momentum balance of the hull, and the propellers as predicted; arrays, changed in place."""
+    """Momentum balance of the hull, and the predicted propellers, as arrays that are changed in
+    place.
+    """
 
     numbers: Array  # (NUMBERS,)
     speed: Array  # (m,) [-] predicted propeller speeds, normalised
     passed: Array  # (m,) [-] command after the slew limit
     thrusters: Array  # (m,) [-] last command
-    nu_slow: Array  # (6,) [m/s, rad/s] filtered, hull axes
-    rest: Array  # (6,) [N, N m] drag and gyroscopic terms less thrust and arm wrench, filtered
+    nu_slow: Array  # (6,) [m/s, rad/s] filtered velocity, hull axes
+    rest: Array  # (6,) [N, N m] drag and gyroscopic terms minus thrust and arm wrench, filtered
     missing: Array  # (6,) [N, N m] unexplained wrench on the hull
-    missing_usual: Array  # (6,) [N, N m] its average
-    # (3,) [m/s] average of the estimated current; that of now also holds part of what a fault does
+    missing_usual: Array  # (6,) [N, N m] average of the unexplained wrench
+    # (3,) [m/s] average of the estimated current; the present estimate also contains part of a
+    # fault's effect
     current_W: Array
     inflow: Array  # (m,) [m/s] speed of advance through that current along the thrust
-    thrust: Array  # (m,) [N] predicted, in the inflow
-    thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
+    thrust: Array  # (m,) [N] predicted thrust, in the inflow
+    thrust_usual: Array  # (m,) [N] average of the thrust while the missing wrench was usual
     lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
 
     @classmethod
     def start(cls, thrusters: int, time: float) -> "HullResiduals":
-        """Residuals of so many thrusters at `time` [s]: none."""
+        """Initial residuals for `thrusters` thrusters at `time` [s]."""
         numbers = np.zeros(NUMBERS)
         numbers[[BEGAN, BALANCED]] = time
         m = (np.zeros(thrusters) for _ in range(7))
@@ -62,17 +65,18 @@ class HullLimits(NamedTuple):
     warm_up: float  # [s]
     time: float  # [s] of the filter
     learning_time: float  # [s]
-    leftover: float  # [-] share of the missing wrench that a thruster's loss may leave
+    # [-] share of the missing wrench that the loss of a thruster may leave unexplained
+    leftover: float
     force: float  # [N] bound: constant part,
     share: float  # [-] share of all thrusts,
     change: float  # [-] share of their change
-    speed: float  # [N s/m] and part by the hull's speed
-    least_loss: float  # [-] share of its thrust that a lost thruster is missing, at least
-    most_loss: float  # [-] at most
+    speed: float  # [N s/m] and part proportional to the hull's speed
+    least_loss: float  # [-] least missing share of the thrust of a lost thruster
+    most_loss: float  # [-] largest missing share
 
 
 class HullBalanceModel(NamedTuple):
-    """Believed hull and thrusters."""
+    """Model of hull and thrusters."""
 
     inertia: Array  # (6, 6) with added mass
     added: Array  # (6, 6)
@@ -92,8 +96,8 @@ class HullBalanceModel(NamedTuple):
 class HullBalance(NamedTuple):
     """One balance of the hull's momentum."""
 
-    dt: float  # [s] since the last one; not positive: nothing was done
-    suspect: int  # thruster whose loss has explained what is missing for long enough, or NOBODY
+    dt: float  # [s] since the last balance; not positive: no balance was computed
+    suspect: int  # thruster whose loss has explained the missing wrench for long enough, or NOBODY
 
 
 class HullSeen(NamedTuple):
@@ -109,7 +113,7 @@ class HullSeen(NamedTuple):
 
 @kernel
 def balance_hull(model, seen, residuals):
-    """Take one balance of the hull's momentum since the last one.
+    """Compute the balance of the hull's momentum since the last one.
 
     Args:
         model: `HullBalanceModel`.
@@ -138,14 +142,16 @@ def balance_hull(model, seen, residuals):
 
 @kernel
 def _suspect(model, v_B, dt, learn, warm, r):
-    """Learn what is usual, or suspect a thruster; that one if it was suspected for long enough."""
+    """Update the averages, or suspect a thruster; returns the thruster if it was suspected for long
+    enough.
+    """
     limits = model.limits
     size, asked, changed, best, missed = _explain(model, r, limits.leftover)
     r.numbers[MISSED] = missed
     bound = limits.force + limits.share * asked + limits.change * changed
     bound += limits.speed * np.sqrt(np.dot(v_B, v_B))
 
-    # Lost, or stuck at another thrust than is asked for.
+    # The thruster is lost, or stuck at another thrust than the commanded one.
     suspect = False
     if best >= 0:
         size_asked = abs(r.thrust[best])
@@ -153,15 +159,15 @@ def _suspect(model, v_B, dt, learn, warm, r):
         lost = limits.least_loss * size_asked < short < limits.most_loss * size_asked
         suspect = lost or size > bound
 
-    # A residual that no thruster loss explains, however large, is model drift and enters the
-    # average.
+    # A residual that no thruster loss explains, however large, is treated as model drift and enters
+    # the average.
     if not warm or size < 0.7 * bound or not suspect:
         for k in range(6):
             r.missing_usual[k] += learn * (r.missing[k] - r.missing_usual[k])
         for t in range(r.thrust.shape[0]):
             r.thrust_usual[t] += learn * (r.thrust[t] - r.thrust_usual[t])
 
-    # How long the same one has explained it.
+    # Time for which the same thruster has explained it.
     lost_for = 0.0
     if warm and suspect and size > bound:
         lost_for = r.lost_for[best] + dt
@@ -176,7 +182,7 @@ def _suspect(model, v_B, dt, learn, warm, r):
 def find_missing(model, seen, dt, r):
     """Unexplained wrench on the hull, `r.missing` (6,) [N, N m], since the last balance.
 
-    Weight and righting moment of the hull change slowly and are left to the average.
+    Weight and righting moment of the hull change slowly and are part of the average.
 
     Args:
         model: `HullBalanceModel`.
@@ -209,7 +215,7 @@ def find_missing(model, seen, dt, r):
             relative[i] -= R_WB[j, i] * current_W[j]
             advancing[i] -= R_WB[j, i] * r.current_W[j]
 
-    # Momentum, and its change as the axes turn.
+    # Momentum, and its change due to the rotation of the axes.
     p = inertia @ nu + model.added @ (relative - nu)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -218,7 +224,7 @@ def find_missing(model, seen, dt, r):
             w_B[j] * p[3 + k] - w_B[k] * p[3 + j] + relative[j] * p[k] - relative[k] * p[j]
         )
 
-    # Drag, less the wrench of the arm.
+    # Drag, minus the wrench of the arm.
     for i in range(6):
         force[i] += model.quadratic[i] * abs(relative[i]) * relative[i] - seen.arm_wrench_B[i]
         for j in range(6):
@@ -242,7 +248,7 @@ def find_missing(model, seen, dt, r):
         for i in range(6):
             force[i] -= B[i, t] * r.thrust[t]
 
-    # Momentum gained beyond that.
+    # Change of momentum beyond that.
     lag = min(1.0, dt / time)
     rate = (nu - r.nu_slow) / time
     for i in range(6):
@@ -255,11 +261,12 @@ def find_missing(model, seen, dt, r):
 
 @kernel
 def _explain(model, residuals, leftover):
-    """Attribute the unusual part of the missing wrench to the thruster that explains it best.
+    """Find the thruster that best explains the unusual part of the missing wrench.
 
-    Returns the size [N] of the unusual part, moments scaled; the sum of all thrusts [N], and how
-    much of it differs from the usual [N]; then the thruster, -1 if each leaves more than the share
-    `leftover` or would have to give more than it can, and the missing part of its thrust [N].
+    The results are the magnitude [N] of the unusual part, with scaled moments; the sum of all
+    thrusts [N], and its change from the usual value [N]; the thruster, or -1 if each leaves more
+    than the share `leftover` or would have to exceed its largest thrust; and the missing part of
+    the thruster's thrust [N].
     """
     scale = model.scale
     B = model.B
@@ -278,7 +285,7 @@ def _explain(model, residuals, leftover):
     size = np.sqrt(square)
     least = leftover * size
 
-    # The thruster whose loss leaves least of it.
+    # The thruster whose loss leaves the least unexplained.
     for t in range(thrust.shape[0]):
         asked += abs(thrust[t])
         changed += abs(thrust[t] - residuals.thrust_usual[t])

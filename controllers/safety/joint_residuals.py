@@ -9,24 +9,24 @@ from uuv.sim.interfaces.spatial import Array
 
 
 class JointResiduals(NamedTuple):
-    """Residuals of torque sensors and encoders; arrays, changed in place."""
+    """Residuals of torque sensors and encoders, as arrays that are changed in place."""
 
     q: Array  # (n,) [rad] last readings
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m]
     tau_motor: Array  # (n,) [N m] last command
     same: np.ndarray  # (2, n) consecutive equal samples of torque sensor and encoder
-    longest: np.ndarray  # (2, n) the longest such run while sound
+    longest: np.ndarray  # (2, n) longest such run while healthy
     qd_slow: Array  # (n,) [rad/s] filtered
-    gear: Array  # (n,) [N m] sensor less motor, filtered, without rotor inertia
-    excess: Array  # (n,) [N m] sensor less motor, filtered
-    usual: Array  # (n,) [N m] its average
-    beyond: Array  # (n,) [s] for which it has exceeded its bound
-    slip: Array  # (n,) [rad] angle less integral of speed
+    gear: Array  # (n,) [N m] sensor minus motor, filtered, without rotor inertia
+    excess: Array  # (n,) [N m] sensor minus motor, filtered
+    usual: Array  # (n,) [N m] average of that difference
+    beyond: Array  # (n,) [s] duration for which it has exceeded its bound
+    slip: Array  # (n,) [rad] angle minus integral of speed
 
     @classmethod
     def start(cls, q: Array, qd: Array, tau: Array) -> "JointResiduals":
-        """Residuals at the first readings (n,) [rad], [rad/s], [N m]: none."""
+        """Initial residuals at the first readings (n,) [rad], [rad/s], [N m]."""
         n = len(q)
         counts, zeros = (
             [np.zeros((2, n), dtype=np.int64) for _ in range(2)],
@@ -65,7 +65,7 @@ class JointResidualModel(NamedTuple):
 def update_residuals(model, seen, age, warm, residuals):
     """Update the residuals by one sample; True if any needs evaluation.
 
-    Records come as plain tuples of their fields, which numba types faster.
+    Records are passed as plain tuples of their fields, which numba types faster.
 
     Args:
         model: `JointResidualModel`.
@@ -121,7 +121,7 @@ def update_residuals(model, seen, age, warm, residuals):
         excess[j] = gear[j] + model.armature[j] * (qd[j] - qd_slow[j]) / torque_time
         qd_slow[j] += lag * (qd[j] - qd_slow[j])
 
-        # Against its average, which learns while the reading is usual.
+        # Compared with its average, which is updated while the reading is usual.
         off = abs(excess[j] - usual[j]) / (model.floor[j] + model.share * abs(tau[j]))
         if off < 0.5 or not warm:
             usual[j] += learn * (excess[j] - usual[j])

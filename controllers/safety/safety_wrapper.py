@@ -1,17 +1,17 @@
 """Safety wrapper of a controller: rejects invalid estimates and commands, replaces failed sensors.
 
-Wraps any `uuv.sim.interfaces.protocols.Controller`:
+It wraps any `uuv.sim.interfaces.protocols.Controller`:
 
 - Fault detection (`uuv.controllers.safety.fault_detection`) runs every step; its faults are sent
   with the command.
-- A torque sensor that is faulty or not finite is replaced by its motor: commanded torque less rotor
-  inertia and friction, plus the sensor's offset while it was sound.
-- Once the work is broken off the arm gives way: beyond its weight it bears only a small force at
+- A torque sensor that is faulty or not finite is replaced by its motor: commanded torque minus
+  rotor inertia and friction, plus the sensor's offset while it was healthy.
+- Once the work is aborted the arm yields: in addition to its weight it exerts only a small force at
   its tip.
-- A drive with a faulty encoder cannot be servoed. It only bears the arm's weight: it yields to
-  contact, and the friction of its gear holds it.
+- A drive with a faulty encoder cannot be servoed. It only compensates the arm's weight, so that it
+  yields to contact and is held by the friction of its gear.
 - An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the
-  controller. One with a time that stands still reaches it for `patience` only.
+  controller. An estimate whose time does not advance reaches the controller for `patience` only.
 - Without a valid estimate the last command is repeated for `patience`. After that the arm is
   braked. The hull departs blindly (`uuv.controllers.safety.blind_departure`). Then the thrusters
   are stopped for good. The same holds for a controller with commands that are not finite.
@@ -76,29 +76,29 @@ from uuv.sim.interfaces.protocols import Controller
 from uuv.sim.interfaces.records import estimate_record
 from uuv.sim.interfaces.spatial import Array
 
-# [m] of a joint about which the tip does not move: the wrist's torque turns the tool
+# [m] least distance of the tip from a joint's axis; closer joints, in the wrist, only turn the tool
 _LEAST_LEVER = 0.1
-# [N m] sigma of a replaced torque sensor: excludes its joint from the force estimate
+# [N m] sigma of a replaced torque sensor, which excludes its joint from the force estimate
 _LEFT_OUT = 1e3
 
 
 @dataclass(slots=True, eq=False)
 class SafetyWrapperState:
-    """State of the wrapper; `inner` is the controller's own."""
+    """State of the wrapper; `inner` is the state of the wrapped controller."""
 
     inner: Any  # state of the wrapped controller
-    health: FaultDetectionState | None  # from the first sound estimate on
-    time: float  # [s] of the last estimate
-    sound: StateEstimate  # the last sound one
-    command: Command  # the last finite one
-    thrusters: Array  # (m,) sent, with the doublet of a probe
-    commanded: Commanded  # of a wrapped controller in Python
-    held: HeldHull  # what a blind departure would need
-    blind_for: float = 0.0  # [s] without a sound estimate, or command
-    stopped: Fault | None = None  # the reason for a stop; None: not stopped
-    lost: tuple[int, ...] = ()  # thrusters not to be used, by index
-    departure: tuple[DepartureStage, ...] = ()  # from the stop on
-    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # of `GuardRecord`
+    health: FaultDetectionState | None  # fault detection, from the first valid estimate on
+    time: float  # [s] time of the last estimate
+    sound: StateEstimate  # last valid estimate
+    command: Command  # last finite command
+    thrusters: Array  # (m,) commands sent, with the doublet of a probe
+    commanded: Commanded  # command of a wrapped controller in Python
+    held: HeldHull  # means that a blind departure would need
+    blind_for: float = 0.0  # [s] time without a valid estimate, or command
+    stopped: Fault | None = None  # reason for a stop; None: not stopped
+    lost: tuple[int, ...] = ()  # indices of thrusters not to be used
+    departure: tuple[DepartureStage, ...] = ()  # stages of the departure, from the stop on
+    numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # numbers of `GuardRecord`
     alone: Unsaved["GuardTick"] = field(default_factory=Unsaved)  # tick of `SafetyWrapper.step`
 
 
@@ -117,10 +117,10 @@ class SafetyWrapper:
 
         Args:
             controller: the controller to be wrapped.
-            model: compiled model that it uses, the believed one.
-            patience: [s] for which the last command is repeated without a sound estimate or
+            model: compiled model of the controller.
+            patience: [s] for which the last command is repeated without a valid estimate or
                 command.
-            limits: thresholds of fault detection; None takes the defaults.
+            limits: thresholds of fault detection; None: the defaults.
         """
         self.period = controller.period
         self.controller = controller
@@ -139,7 +139,9 @@ class SafetyWrapper:
 
     @property
     def tunings(self) -> tuple[Any, ...]:
-        """Gains in use, the wrapped controller's first, for `uuv.controllers.tuning.table`."""
+        """Gains in use, first those of the wrapped controller, for
+        `uuv.controllers.tuning.table`.
+        """
         return *getattr(self.controller, "tunings", ()), self.health.limits, SAFETY
 
     def init(self, estimate: StateEstimate) -> SafetyWrapperState:
@@ -171,7 +173,7 @@ class SafetyWrapper:
         Args:
             state: of `init`, or as the last step left it.
             estimate: the vehicle's state now, possibly invalid.
-            reference: of the planner.
+            reference: reference of the planner.
 
         Returns:
             The state and a command with finite numbers, and with all faults found so far.
@@ -185,13 +187,13 @@ class SafetyWrapper:
         if e.imu_age > SAFETY.old_imu:
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
 
-        # A time that stands still is borne for `patience` only.
+        # An estimate whose time does not advance is accepted for `patience` only.
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:
             return state, self.without(state, estimate, FaultKind.ESTIMATE)
         state.time = e.time
 
-        # The first sound estimate starts fault detection.
+        # The first valid estimate starts fault detection.
         if state.health is None:
             state.health = self.health.init(
                 replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0))
@@ -200,7 +202,7 @@ class SafetyWrapper:
         estimate = self._replaced(state.health, estimate)
         state.numbers[FAULTY] = bool(state.health.faults)
 
-        # The tick; a controller in Python sees the messages themselves.
+        # The tick; a controller in Python gets the messages themselves.
         tick = state.alone.get(lambda: GuardTick(self, state, Inputs(estimate_record(len(e.q)))))
         tick.refer(reference)
         tick.inputs.take(estimate)
@@ -209,7 +211,7 @@ class SafetyWrapper:
         return state, tick.done(estimate, reference, answer)
 
     def tick_on(self, state: SafetyWrapperState, inputs: Inputs) -> "GuardTick | None":
-        """The tick of `state`, which sees `inputs`; None before the first sound estimate."""
+        """The tick of `state`, with the inputs `inputs`; None before the first valid estimate."""
         return None if state.health is None else GuardTick(self, state, inputs)
 
     def passed(
@@ -219,22 +221,24 @@ class SafetyWrapper:
         command: Command,
         reference: Reference,
     ) -> Command:
-        """Command of the wrapped controller as it goes on, where estimate and command are sound.
+        """Command to be sent for a command of the wrapped controller, if estimate and command are
+        valid.
 
         Args:
             state: of the wrapper; changed in place.
-            estimate: of the vehicle now.
-            command: of the wrapped controller, finite.
-            reference: of the planner.
+            estimate: present estimate of the vehicle.
+            command: command of the wrapped controller, finite.
+            reference: reference of the planner.
 
         Returns:
-            The command with the faults; drives with a faulty encoder only bear the arm's weight.
+            The command with the faults; drives with a faulty encoder only compensate the arm's
+                weight.
         """
         health = state.health
         fresh = bool(state.numbers[FRESH])
         assert health is not None
 
-        # Once the work is broken off the arm gives way.
+        # Once the work is aborted the arm yields.
         if reference.abort is not None:
             command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
             if fresh:
@@ -259,7 +263,7 @@ class SafetyWrapper:
         )
 
     def _replaced(self, health: FaultDetectionState, estimate: StateEstimate) -> StateEstimate:
-        """Estimate with motor torques, of large doubt, in place of faulty torque sensors.
+        """Estimate in which motor torques, with a large uncertainty, replace faulty torque sensors.
 
         Motor torque and gear output differ by the gear's stiction, tens of newtons at the tool.
         Therefore the force is estimated from the other joints only.
@@ -290,7 +294,9 @@ class SafetyWrapper:
         return replace(estimate, tau=tau, tau_doubt=doubt)
 
     def _servoed(self, torque: Array, estimate: StateEstimate, faults: Sequence[Fault]) -> Array:
-        """`torque` (n,) [N m], limited to bearing the arm's weight where an encoder is faulty."""
+        """`torque` (n,) [N m], reduced to compensation of the arm's weight for drives with a faulty
+        encoder.
+        """
         wrong = [fault.index for fault in faults if fault.kind is FaultKind.ENCODER]
         if not wrong:
             return torque
@@ -301,7 +307,8 @@ class SafetyWrapper:
     def _gentle(self, torque: Array, estimate: StateEstimate) -> Array:
         """`torque` (n,) [N m], bounded to the arm's weight and SAFETY.gentle_force at the tip.
 
-        A hull that is out of control then pushes the arm aside, and not the arm into the object.
+        A hull that is out of control then pushes the arm aside instead of pressing the arm into the
+        object.
         """
         if self._arm is None:
             return torque
@@ -318,8 +325,8 @@ class SafetyWrapper:
 
         Args:
             state: of the wrapper; changed in place.
-            estimate: of the vehicle now, possibly invalid.
-            kind: what is missing.
+            estimate: present estimate of the vehicle, possibly invalid.
+            kind: the missing input.
 
         Returns:
             The command, with the faults.
@@ -327,7 +334,7 @@ class SafetyWrapper:
         state.blind_for += self.period
         faults = tuple(state.health.faults) if state.health is not None else ()
 
-        # Out of patience: stop for good, and plan the departure.
+        # After `patience`: stop for good, and plan the departure.
         if state.stopped is None and state.blind_for > self._patience:
             state.stopped = Fault(
                 kind=kind, part="", index=-1, time=state.sound.time + state.blind_for
@@ -355,7 +362,9 @@ class SafetyWrapper:
         )
 
     def _brake(self, state: SafetyWrapperState, estimate: StateEstimate) -> Array:
-        """Torques (n,) [N m] that brake the arm and bear its weight, in the last sound attitude."""
+        """Torques (n,) [N m] that brake the arm and compensate its weight, at the last valid
+        attitude.
+        """
         q, qd = estimate.q, estimate.qd
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             q, qd = state.sound.q, np.zeros(len(self._limits))
@@ -369,7 +378,7 @@ class SafetyWrapper:
         return np.clip(braked, -self._limits, self._limits)
 
     def _borne(self, q: Array, R_WB: Array) -> Array:
-        """Torques (n,) [N m] that bear the weight of the arm at rest, in still water."""
+        """Torques (n,) [N m] that compensate the weight of the arm at rest, in still water."""
         if self._arm is None:
             return np.zeros(0)
         rest = np.zeros(len(q))
@@ -393,7 +402,7 @@ class GuardTick:
         self._state = state
         self.inputs = inputs
 
-        # Parts in Python are those of the wrapped controller.
+        # Components in Python are those of the wrapped controller.
         self._inner = inner = self._wrapped(inputs)
         self.slots = inner.slots
         self.slow = inner.slow
@@ -407,7 +416,7 @@ class GuardTick:
         self._bound = BoundFields(state, state.health)
 
     def refer(self, reference: Reference) -> None:
-        """Take the set points of the ticks that follow, each at a new time.
+        """Set the set points of the following ticks, each at a new time.
 
         Raises:
             ConfigurationError: an array of the state was replaced.
@@ -419,7 +428,7 @@ class GuardTick:
         self._inner.refer(reference)
 
     def ready(self, reference: Reference) -> bool:
-        """False after a stop, a fault or an abort, and while the estimate is not sound."""
+        """False after a stop, a fault or an abort, and while the estimate is not valid."""
         state = self._state
         faulty = state.stopped is not None or state.blind_for or state.numbers[FAULTY]
         return not faulty and reference.abort is None and self._inner.ready(reference)
@@ -451,7 +460,7 @@ class GuardTick:
         return PythonControl(step, inputs, state.commanded, type(controller).__name__)
 
     def _record(self) -> GuardRecord:
-        """The state as the kernel takes it."""
+        """The state in the form of the kernel."""
         state, inner = self._state, self._inner
         assert state.health is not None
         state.numbers[BEGAN] = state.health.began
@@ -474,7 +483,7 @@ class GuardTick:
             command=inner.command,
             reference=inner.reference,
             thrusters=state.thrusters,
-            # What is judged, and by what.
+            # Slot of the verdicts.
             residuals=state.health.joints,
             hull=state.health.hull,
             checks=checks,
@@ -486,7 +495,7 @@ class GuardTick:
         )
 
     def _judge(self) -> int:
-        """Verdicts on a tick, where there is something to judge."""
+        """Verdicts on a tick, if any are needed."""
         wrapper = self._wrapper
         state = self._state
         health = state.health
@@ -515,7 +524,9 @@ class GuardTick:
 def _departure(
     model: mujoco.MjModel, vehicle: Vehicle, arm: ArmDynamics | None
 ) -> BlindDeparture | None:
-    """Departure of a vehicle that its thrusters can hold; None for another, such as a torpedo."""
+    """Departure of a vehicle whose thrusters can hold it; None for other vehicles, such as a
+    torpedo.
+    """
     try:
         return BlindDeparture(model, vehicle, arm)
     except ConfigurationError:

@@ -1,9 +1,10 @@
-"""Faults of sensors that navigation finds, where two of its measurements must tell the same.
+"""Faults of sensors that navigation detects from two measurements that must agree.
 
-Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it makes the statistic,
-applies the limit, and goes on without the sensor. The estimate says by how much the sensor is off;
-here that becomes a fault with its figures. A new check is a field of the estimate and a row. The
-tick of the safety wrapper reads the rows' entries and asks for the faults where one is not quiet.
+Each row of `SENSOR_CHECKS` is one check. Navigation has every sample, so it computes the statistic,
+applies the limit, and continues without the sensor. The estimate contains the error of the sensor,
+which is converted to a fault here. A new check is a field of the estimate and a row. The tick of
+the safety wrapper reads the entries of the rows, and requests the faults if an entry differs from
+its value without a fault.
 
 | sensor | field | statistic | limit |
 |---|---|---|---|
@@ -29,33 +30,33 @@ _AXES = "xyz"
 
 
 class SensorFinding(NamedTuple):
-    """One sensor found to be off."""
+    """A sensor that was found to be faulty."""
 
     part: str
-    axis: int  # its number; -1 where the whole sensor is meant
-    time: float  # [s] at which it was found
+    axis: int  # index of the sensor; -1 for the whole sensor
+    time: float  # [s] time of the detection
     figures: str
 
 
 @dataclass(frozen=True, slots=True)
 class SensorCheck:
-    """One row: the kind of its fault, and how to read what the estimate says."""
+    """One row: the kind of fault, and a function that reads it from the estimate."""
 
     kind: FaultKind
     found: Callable[[StateEstimate], Iterator[SensorFinding]]
-    entries: Callable[[EstimateRecord], Array]  # (k,) of the record, by which it is known
-    quiet: float = 0.0  # value of all of them while the sensor is sound
+    entries: Callable[[EstimateRecord], Array]  # (k,) entries of the record in which it appears
+    quiet: float = 0.0  # value of all of them while the sensor is healthy
 
 
 def sensor_faults(estimate: StateEstimate) -> Iterator[Fault]:
-    """All faults that `estimate` tells of, each time anew."""
+    """All faults that `estimate` contains, computed anew at each call."""
     for check in SENSOR_CHECKS:
         for part, axis, time, figures in check.found(estimate):
             yield Fault(kind=check.kind, part=part, index=axis, time=time, figures=figures)
 
 
 def _gyro(estimate: StateEstimate) -> Iterator[SensorFinding]:
-    """Axes of the gyro that are off the change of the attitude."""
+    """Axes of the gyro that disagree with the change of the attitude."""
     for i, off in enumerate(estimate.gyro_off_B.tolist()):
         if off:
             either = ", unless the attitude drifts" if estimate.attitude_off_B[i] else ""
@@ -64,7 +65,7 @@ def _gyro(estimate: StateEstimate) -> Iterator[SensorFinding]:
 
 
 def _attitude(estimate: StateEstimate) -> Iterator[SensorFinding]:
-    """An attitude that is off the integral of the rates."""
+    """An attitude that disagrees with the integral of the rates."""
     off = estimate.attitude_off_B.tolist()
 
     if any(map(math.isnan, off)):
@@ -99,7 +100,7 @@ def checked_entries(record: EstimateRecord) -> tuple[tuple[Array, ...], Array]:
     """Entries of all checks, and the quiet value (number of checks,) of each.
 
     Args:
-        record: of the estimate; the entries are its own.
+        record: record of the estimate; the result contains the record's own arrays.
     """
     entries = tuple(check.entries(record) for check in SENSOR_CHECKS)
 

@@ -1,12 +1,13 @@
-"""Probe of a thruster: a small doublet that tells its loss from a disturbance that looks like it.
+"""Probe of a thruster: a small doublet that distinguishes its loss from a disturbance that looks
+the same.
 
-A wave along a single sway thruster, and that thruster's loss, leave the same wrench unexplained:
-the wave moves the hull as the thrust that is missing would have. What tells them apart is how the
-hull answers to thrust that is added on purpose. If the thruster turns, the answer is in its
-predicted thrust and nothing more is missing. If it is lost, just the added thrust is missing.
+A wave along a single sway thruster, and that thruster's loss, leave the same wrench unexplained.
+They are distinguished by the response of the hull to thrust that is added on purpose. If the
+thruster works, its predicted thrust explains the response, and the missing thrust does not change.
+If it is lost, the added thrust is missing too.
 
 The missing thrust is fitted by a polynomial of time, for the disturbance, and by the added thrust
-after the lags of propeller and filter. The factor of the latter is the share that is lost.
+after the lags of propeller and filter. The factor of the added thrust is the share that is lost.
 """
 
 from dataclasses import dataclass, field
@@ -17,23 +18,25 @@ from uuv.controllers.tuning import FaultLimits
 from uuv.models.water.thruster_curves import command_for, thrust_at, thrust_in_flow
 from uuv.sim.interfaces.spatial import Array
 
-_DEGREE = 1.5  # of the polynomial, for each doublet's time: a disturbance of up to 0.3 Hz
+# degree of the polynomial, for each doublet's duration: a disturbance of up to 0.3 Hz
+_DEGREE = 1.5
 _LOST = 0.5  # [-] share of the added thrust that is missing, above which the thruster is lost
-_SURE = 2.5  # [sigma] by which the share must differ from _LOST
-_DOUBLETS = (2, 6)  # after which a verdict is possible, and after which the probe ends without one
+_SURE = 2.5  # [sigma] by which the share must differ from _LOST for a verdict
+# number of doublets after which a verdict is possible, and after which the probe ends without one
+_DOUBLETS = (2, 6)
 
 
 @dataclass(slots=True, eq=False)
 class ProbeState:
-    """A probe that goes on."""
+    """State of a running probe."""
 
     thruster: int
-    began: float  # [s]
-    added: float = 0.0  # [N] now asked for on top
-    # [-] command that the propeller would have without it, after the slew limit
+    began: float  # [s] start of the probe
+    added: float = 0.0  # [N] thrust added at present
+    # [-] command that the propeller would have without the probe, after the slew limit
     passed: float = 0.0
     speed: float = 0.0  # [-] speed of the propeller without it
-    answer: float = 0.0  # [N] thrust that was added, filtered as the missing thrust is
+    answer: float = 0.0  # [N] added thrust, filtered like the missing thrust
     # time [s], missing and added thrust [N]
     rows: list[tuple[float, float, float]] = field(default_factory=list)
 
@@ -42,10 +45,10 @@ class ThrusterProbe:
     """Probes of the thrusters of one vehicle."""
 
     def __init__(self, curves: Array, lags: Array, loss: Array, limits: FaultLimits) -> None:
-        """Take the believed thrusters.
+        """Set up from the modelled thrusters.
 
         Args:
-            curves: static curves of the m thrusters, one a row.
+            curves: static curves of the m thrusters, one per row.
             lags: (m, 2) time constant [s] and slew rate [1/s].
             loss: (m,) [N s/m] of thrust by inflow.
             limits: size and time of the doublet.
@@ -59,7 +62,9 @@ class ThrusterProbe:
         )
 
     def begin(self, thruster: int, time: float, passed: Array, speed: Array) -> ProbeState:
-        """Probe of one `thruster` from `time` [s] on; its propellers as predicted, (m,) each."""
+        """Probe of one `thruster` from `time` [s] on; with predicted commands and speeds of the
+        propellers, (m,) each.
+        """
         return ProbeState(
             thruster, time, passed=float(passed[thruster]), speed=float(speed[thruster])
         )
@@ -82,20 +87,20 @@ class ThrusterProbe:
         thrust: float,
         missing: float,
     ) -> float | None:
-        """Take one balance of the hull's momentum, and choose what is added next.
+        """Add one balance of the hull's momentum, and choose the next added thrust.
 
         Args:
             state: of the probe; changed in place.
             time: [s] of the balance.
-            dt: [s] since the last one.
+            dt: [s] since the last balance.
             wanted: [-] command of the controller since then, without the doublet.
             inflow: [m/s] speed of advance through the water along the thrust.
-            thrust: [N] predicted in it, with the doublet.
+            thrust: [N] predicted thrust in this inflow, with the doublet.
             missing: [N] unexplained force along the thruster.
 
         Returns:
-            The share of the added thrust that is missing, once it is known well enough; NaN where
-            it is not to be known, None to go on.
+            The missing share of the added thrust, once it is known accurately enough; NaN if it
+                cannot be determined, None to continue.
         """
         limits = self._limits
         i = state.thruster
@@ -111,18 +116,18 @@ class ThrusterProbe:
         state.answer += min(1.0, dt / limits.hull_time) * (added - state.answer)
         state.rows.append((time, missing, state.answer))
 
-        # Size of the next doublet; larger where the first ones gave no verdict.
+        # Size of the next doublet, which is larger if the first ones gave no verdict.
         doublets = (time - state.began) / limits.probe_time
         larger = 1.0 if doublets < _DOUBLETS[0] else 2.0
         size = larger * limits.probe_share * self._most[i]
 
-        # Where full thrust is asked for already, the doublet lies on one side.
+        # If full thrust is commanded already, the doublet is one-sided.
         base = thrust_at(self._curves[i], wanted)
         ahead = min(size, max(0.0, self._most[i] - base))
         ahead = max(ahead, size - (base - self._least[i]))
         state.added = ahead if doublets % 1.0 < 0.5 else ahead - 2.0 * size
 
-        # Verdict, once the share is known well enough.
+        # Verdict, once the share is known accurately enough.
         if doublets < _DOUBLETS[0]:
             return None
         share, sigma = self._share(np.array(state.rows), dt)
@@ -141,7 +146,8 @@ class ThrusterProbe:
         left = rows[:, 1] - A @ found
 
         # Variance of the share, from the residuals.
-        alike = 2.0 * self._limits.hull_time / dt  # samples that the filter makes one reading
+        # number of samples that the filter combines into one reading
+        alike = 2.0 * self._limits.hull_time / dt
         variance = float(left @ left) / max(1.0, len(rows) / alike - A.shape[1]) / alike
 
         across = A[:, -1] - A[:, :-1] @ np.linalg.lstsq(A[:, :-1], A[:, -1], rcond=None)[0]

@@ -1,8 +1,10 @@
-"""Tick of the position-force controller: all that it does at the rate of the drives, as one kernel.
+"""Tick of the position-force controller: its whole computation at the rate of the drives, as one
+kernel.
 
 `WorkController.step` and the compiled ticks of the loop both call it, on the record that is the
-controller's state. What can be replaced is a slot (`uuv.sim.interfaces.kernels.slots`): contact
-estimator, the parts of the tool (`tool_tick`), and the feedforward to the hull (`hull_step`).
+controller's state. Replaceable components are slots (`uuv.sim.interfaces.kernels.slots`): the
+contact estimator, the parts of tool control (`tool_tick`), and the feedforward to the hull
+(`hull_step`).
 """
 
 from typing import NamedTuple
@@ -41,32 +43,34 @@ class DriveGains(NamedTuple):
     """Constants of the controller."""
 
     feel: FeelGains
-    feels: bool  # the tick senses the arm before it calls the estimator's slot; False: that does
-    closed_loop: bool  # the force law controls the estimated force
+    # True: the tick senses the arm before it calls the estimator's slot; False: the slot does so
+    feels: bool
+    closed_loop: bool  # True: the force law controls the estimated force
     drives: Drives
     softness: float  # [-] share of the stiffness that force control removes along the tool axis
-    hardening: float  # [-] of it restored in a tick
+    hardening: float  # [-] share of this stiffness that is restored in a tick
     friction_feedforward: float  # [-] share of the tangential force that is fed forward
-    task_ticks: int  # ticks in a period of the tool
-    hull_ticks: int  # ticks in a period of the hull
-    period: float  # [s] of the drives
+    task_ticks: int  # number of ticks in a period of the tool
+    hull_ticks: int  # number of ticks in a period of the hull
+    period: float  # [s] period of the drives
 
 
 class DriveRecord(NamedTuple):
-    """The controller; arrays, changed in place."""
+    """State of the controller, as arrays that are changed in place."""
 
     gains: DriveGains
-    arm: ArmParameters  # believed
+    arm: ArmParameters  # arm model of the controller
     contact: ContactRecord
-    estimator: Slot  # of the contact; empty: `TorqueSensors`
-    weigh: Slot  # payload of `TorqueSensors`, at its slow ticks, until that is known
+    estimator: Slot  # slot of the contact estimator; empty: `TorqueSensors`
+    # slot of the payload of `TorqueSensors`, at its slow ticks, until the payload is known
+    weigh: Slot
     tool: ToolRecord
     reference: ReferenceRecord
-    integral: Array  # (n,) [rad s] of the joint servo
-    hull: HullStepRecord  # at the rate of the hull
+    integral: Array  # (n,) [rad s] integral of the joint servo
+    hull: HullStepRecord  # step of the hull, at the rate of the hull
     command: Commanded
-    softness: Array  # (1,) [-] given up now along the tool axis
-    ticks: np.ndarray  # (1,) so far
+    softness: Array  # (1,) [-] share of the stiffness given up at present along the tool axis
+    ticks: np.ndarray  # (1,) number of ticks so far
 
 
 @kernel
@@ -77,21 +81,22 @@ def drive_box(record):
 
 @kernel(nogil=True)
 def drive_tick(box, estimate):
-    """One tick: contact force, tool motion on its ticks, joint torques, and the hull on its ticks.
+    """One tick: contact force, tool motion if due, joint torques, and the hull if due.
 
     Args:
         box: of a `DriveRecord`; updated.
-        estimate: box of the `EstimateRecord` of the vehicle now.
+        estimate: box of the present `EstimateRecord` of the vehicle.
 
     Returns:
-        FINE, NO_POSE, or the answer of a slot that failed.
+        FINE, NO_POSE, or the return value of a slot that failed.
     """
     record = box.record
     e = estimate.record
     gains = record.gains
     tick = record.ticks[0]
 
-    # Parts are handed on by themselves: a whole record would cost a count of each of its arrays.
+    # Parts are passed on one by one, since passing a whole record would change the reference count
+    # of each of its arrays.
     parts = record.estimator, record.weigh
     asked = record.command.tau, record.command.current_W
     answer = _feel(gains, record.arm, record.contact, parts, record.reference, asked, e)
@@ -127,10 +132,10 @@ def _feel(gains, arm, contact, parts, reference, asked, e):
         parts: slots of the estimator and of the payload.
         reference: `ReferenceRecord`.
         asked: motor torques (n,) [N m], and the estimated current (3,) [m/s], of the last step.
-        e: `EstimateRecord` of the vehicle now.
+        e: present `EstimateRecord` of the vehicle.
 
     Returns:
-        FINE, or the answer of a slot that failed.
+        FINE, or the return value of a slot that failed.
     """
     estimator, weigh = parts
     tau, current_W = asked
@@ -145,7 +150,7 @@ def _feel(gains, arm, contact, parts, reference, asked, e):
     if reference.flags[TARE]:
         add_to_tare(contact.tare, contact.sensed.tau_e, contact.bias)
 
-    # As often as the hull steps: the payload, and how sure the force is.
+    # At the rate of the hull: the payload, and the uncertainty of the force.
     answer = FINE
     if contact.ticks[0] % gains.feel.slow_ticks == 0:
         if contact.weighing[0]:
@@ -162,11 +167,11 @@ def _drive(gains, arm, goal, felt, reference, held, e, tau_motor):
     Args:
         gains: `DriveGains`.
         arm: `ArmParameters`.
-        goal: `ToolMotion`, and the ticks since it was made.
+        goal: `ToolMotion`, and the number of ticks since it was computed.
         felt: `SensedArm`, and the friction (n,) [N m] of the gears.
         reference: `ReferenceRecord`.
         held: softness and integral of the `DriveRecord`; updated.
-        e: `EstimateRecord` of the vehicle now.
+        e: present `EstimateRecord` of the vehicle.
         tau_motor: (n,) [N m] output.
     """
     motion, since = goal
@@ -175,7 +180,7 @@ def _drive(gains, arm, goal, felt, reference, held, e, tau_motor):
     controlled = reference.flags[CONTROLLED]
     presses = controlled and gains.closed_loop
 
-    # Stiffness along the tool axis, given up at once and restored slowly.
+    # Stiffness along the tool axis is given up at once and restored slowly.
     softness = given_up[0]
     if presses:
         softness = gains.softness

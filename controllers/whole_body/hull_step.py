@@ -17,39 +17,41 @@ from uuv.sim.interfaces.spatial import Array
 
 
 class LoggedStep(NamedTuple):
-    """What the controller held at the last step of the hull, for the log only; arrays."""
+    """Quantities of the controller at the last step of the hull, as arrays, for the log only."""
 
-    displacement: Array  # (1,) [m] of the tool along its axis
-    compliance_W: Array  # (3,) [m] displacement of the tool across it
-    q_wanted: Array  # (n,) [rad]
-    ik_error: Array  # (2,) of `ToolMotion`
+    displacement: Array  # (1,) [m] displacement of the tool along its axis
+    compliance_W: Array  # (3,) [m] displacement of the tool perpendicular to its axis
+    q_wanted: Array  # (n,) [rad] joint angles
+    ik_error: Array  # (2,) errors as in `ToolMotion`
 
 
 class HullStepRecord(NamedTuple):
-    """Step of the hull; arrays, changed in place."""
+    """Step of the hull, as arrays that are changed in place."""
 
     hull: HullRecord
-    feedforward: Slot  # answers with what is left out; empty: all is fed forward, `ArmWrench`
+    # slot that returns the part left out; empty: the whole wrench is fed forward, `ArmWrench`
+    feedforward: Slot
     log: LoggedStep
 
 
 @kernel
 def step_hull(step, contact, tool, e, reference, command):
-    """Command the thrusters against the arm's wrench, less what `feedforward` leaves out.
+    """Command the thrusters against the arm's wrench, without the part that `feedforward` leaves
+    out.
 
-    The wrench is that of the arm's motion and weight and of the felt force, C_F_M = C_F_D + A f_e
-    and C_M_M = C_M_D + C_M_e of [Konoplin 2022].
+    The wrench is that of the arm's motion and weight and of the estimated force, C_F_M = C_F_D + A
+    f_e and C_M_M = C_M_D + C_M_e of [Konoplin 2022].
 
     Args:
         step: `HullStepRecord`; updated.
         contact: `ContactRecord` after the joints' part of a tick.
-        tool: `ToolRecord`, likewise.
-        e: `EstimateRecord` of the vehicle now.
+        tool: `ToolRecord` at the same time.
+        e: present `EstimateRecord` of the vehicle.
         reference: `ReferenceRecord`.
         command: `Commanded`; updated.
 
     Returns:
-        FINE, or the answer of a slot that failed.
+        FINE, or the return value of a slot that failed.
     """
     sensed = contact.sensed
     hull = step.hull

@@ -1,11 +1,11 @@
-"""Joint-space PD with J^T force control: a plain contact controller to compare others with.
+"""Joint-space PD with J^T force control, a simple contact controller for comparison.
 
     tau = g(q) + Kp (q_d - q) + Kd (qd_d - qd) - J^T f_G + friction
     f_G = [0, 0, F + F_I],    dF_I/dt = w (F - F_e)
 
-g bears the arm's weight in still water. Kp and Kd are diagonal, from the inertia in the home
-posture and one bandwidth. The force F is set, F_e estimated from the joint torques. Inverse
-kinematics, force estimate and station keeping are those of
+g compensates the arm's weight in still water. Kp and Kd are diagonal, from the inertia in the home
+posture and one bandwidth. F is the set force, F_e the force estimated from the joint torques.
+Inverse kinematics, force estimate and station keeping are those of
 `uuv.controllers.whole_body.work_controller`; inverse dynamics of the motion, identified compliance
 and displacement of the tool are not used.
 """
@@ -24,13 +24,13 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
 from uuv.sim.interfaces.spatial import Array
 
-BANDWIDTH = 40.0  # [rad/s] of each joint alone, critically damped
-FORCE_BANDWIDTH = 5.0  # [rad/s] of the integral of the force error
-FORCE_LIMIT = 60.0  # [N] of that integral, each way
+BANDWIDTH = 40.0  # [rad/s] bandwidth of each joint alone, critically damped
+FORCE_BANDWIDTH = 5.0  # [rad/s] bandwidth of the integral of the force error
+FORCE_LIMIT = 60.0  # [N] limit of that integral, in both directions
 
 
 class NoDisplacement:
-    """Force law that leaves the tool's reference where it is
+    """Force law that does not displace the tool's reference
     (`uuv.controllers.whole_body.tool_control.ForceLaw`).
     """
 
@@ -57,7 +57,7 @@ class JointForceState:
     contact: ContactState
     tool: ToolControlState
     hull: HullControlState
-    tau: Array  # (n,) [N m] last asked of the drives
+    tau: Array  # (n,) [N m] last commands of the drives
     extra: float = 0.0  # [N] integral of the force error
     load: HullLoad | None = None
     tick: int = 0
@@ -69,7 +69,9 @@ class JointForceController:
     period = DRIVE_PERIOD
 
     def __init__(self, model: mujoco.MjModel, *, water_error: float = 0.0) -> None:
-        """Set up for the believed `model`, with coefficients wrong by the share `water_error`."""
+        """Set up for the controller's `model`, with coefficients that are wrong by the share
+        `water_error`.
+        """
         tuning = ArmTuning()
         vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=water_error)
@@ -82,14 +84,14 @@ class JointForceController:
             model, self._arm, period=self._hull_ticks * DRIVE_PERIOD, water_error=water_error
         )
 
-        # One bandwidth for all joints: gains by the inertia of each, at home.
+        # One bandwidth for all joints: gains from the inertia of each, in the home posture.
         inertia = np.diag(self._arm.inertia(np.array(vehicle.q_home))) + vehicle.armature
         self._stiffness = BANDWIDTH**2 * inertia  # [N m/rad]
         self._damping = 2.0 * BANDWIDTH * inertia  # [N m s/rad]
         self._limits = np.array(vehicle.torque_limits)
 
     def init(self, estimate: StateEstimate) -> JointForceState:
-        """Initial state: the arm held where it is, thrusters off."""
+        """Initial state: the arm held at its present angles, thrusters off."""
         return JointForceState(
             contact=self._contact.init(estimate),
             tool=self._tool.init(estimate),
@@ -100,11 +102,11 @@ class JointForceController:
     def step(
         self, state: JointForceState, estimate: StateEstimate, reference: Reference
     ) -> tuple[JointForceState, Command]:
-        """Torques of the joints, and on its tick the thrusters.
+        """Torques of the joints, and commands of the thrusters if due.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
+            estimate: present estimate of the vehicle.
             reference: hull pose, tool pose or joint angles, set force and mode.
         """
         contact = state.contact
@@ -112,7 +114,7 @@ class JointForceController:
         drives = DriveState(tau=state.tau, qd_wanted=motion.qd, current_W=state.hull.current_W)
         self._contact.step(contact, estimate, reference, drives)
 
-        # Motion wanted, on its tick; in between it is extrapolated.
+        # Desired motion, computed when due; in between it is extrapolated.
         since = state.tick % self._task_ticks
         if since == 0:
             self._tool.step(state.tool, estimate, reference, contact)
@@ -123,7 +125,7 @@ class JointForceController:
         tau += self._stiffness * error + self._damping * (motion.qd - estimate.qd)
         state.tau = np.clip(tau, -self._limits, self._limits)
 
-        # Thrusters, on their tick.
+        # Thrusters, when due.
         if state.tick % self._hull_ticks == 0:
             wrench_B = contact.sensed.wrench_B + (
                 contact.wrench_B() if reference.in_contact else np.zeros(6)
@@ -144,7 +146,9 @@ class JointForceController:
     def _borne(
         self, state: JointForceState, estimate: StateEstimate, reference: Reference
     ) -> Array:
-        """Torques (n,) [N m] that bear the arm's weight and press by set force and integral."""
+        """Torques (n,) [N m] that compensate the arm's weight and press with set force and
+        integral.
+        """
         press = 0.0
         if reference.force_control:
             lacking = reference.set_force - state.contact.estimate.normal

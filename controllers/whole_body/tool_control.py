@@ -1,6 +1,6 @@
-"""Tool control: motion of the joints by force loop, compliance, drift correction and kinematics.
+"""Tool control: motion of the joints from force loop, compliance, drift correction and kinematics.
 
-Two corrections of the tool's reference [Konoplin 2022, section 3]: a displacement k along the tool
+The tool's reference has two corrections [Konoplin 2022, section 3]: a displacement k along the tool
 axis from the force error, and the drift of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint
 angles.
 """
@@ -58,7 +58,9 @@ from uuv.sim.interfaces.spatial import Array, inverse
 
 
 class ForceLaw(Protocol):
-    """Displacement k [m] of the tool along its axis, positive inwards, by set and felt force."""
+    """Displacement k [m] of the tool along its axis, positive inwards, from set and measured
+    force.
+    """
 
     @property
     def closed_loop(self) -> bool:
@@ -84,15 +86,19 @@ class ForceLaw(Protocol):
         ...
 
     def release(self, state: Any, dt: float, *, inwards: bool = True) -> float:
-        """Displacement [m] on its way back to zero; `inwards=False` keeps a negative one."""
+        """Displacement [m] while it returns to zero; `inwards=False` keeps a negative
+        displacement.
+        """
         ...
 
 
 class SideDisplacement(Protocol):
-    """Displacement of the tool across its axis, for an estimated force."""
+    """Displacement of the tool perpendicular to its axis, from an estimated force."""
 
     def init(self) -> Any:
-        """Initial state: no displacement; its `offset_W` (3,) [m] is the present one."""
+        """Initial state: no displacement; the state's `offset_W` (3,) [m] is the present
+        displacement.
+        """
         ...
 
     def acts(self, reference: Reference) -> bool:
@@ -109,21 +115,21 @@ class SideDisplacement(Protocol):
             f_tip_W: (3,) [N] force of the world on the tip, W.
             z_WG: (3,) unit tool axis, W.
             dt: [s] since the last step.
-            gently: the tool stands on a surface, whose friction it is to unload slowly.
+            gently: True: the tool is at rest on a surface, and has to unload friction slowly.
         """
         ...
 
     def release(self, state: Any, dt: float) -> Array:
-        """Displacement (3,) [m], W, on its way back to zero."""
+        """Displacement (3,) [m], W, while it returns to zero."""
         ...
 
 
 class DriftCorrection(Protocol):
-    """Hull pose by which the arm places the tool."""
+    """Hull pose from which the arm places the tool."""
 
     @property
     def follows_hull(self) -> bool:
-        """True if the joints compensate the hull's velocity and acceleration too."""
+        """True if the joints also compensate the hull's velocity and acceleration."""
         ...
 
     def hull_pose(self, estimate: StateEstimate, reference: Reference) -> Array:
@@ -132,7 +138,7 @@ class DriftCorrection(Protocol):
 
 
 class FromEstimate:
-    """The tool stays where it is asked to be while the hull drifts."""
+    """The tool stays at its reference while the hull drifts."""
 
     follows_hull = True
 
@@ -141,7 +147,7 @@ class FromEstimate:
         return estimate.X_WB
 
     def slot(self, state: None) -> Slot:
-        """It is contained in the tick."""
+        """The choice is contained in the tick."""
         return empty_slot(state, DRIFT_VALUES)
 
 
@@ -151,7 +157,7 @@ class FromReference:
     follows_hull = False
 
     def hull_pose(self, estimate: StateEstimate, reference: Reference) -> Array:
-        """Hull pose wanted X_WB (4, 4)."""
+        """Desired hull pose X_WB (4, 4)."""
         return reference.X_WB
 
     def slot(self, state: None) -> Slot:
@@ -171,12 +177,12 @@ def _held_pose() -> Any:
 
 @dataclass(slots=True, eq=False)
 class ToolControlState:
-    """State of tool control; arrays change in place."""
+    """State of tool control, as arrays that are changed in place."""
 
-    force: Any  # of the force law
-    compliance: Any  # of the displacement across the tool axis
+    force: Any  # state of the force law
+    compliance: Any  # state of the displacement perpendicular to the tool axis
     motion: ToolMotion
-    # (4, 4) tool pose last asked for, in the arm's base; numbers of `ToolRecord`
+    # (4, 4) last tool pose reference, in the arm's base; numbers of `ToolRecord`
     X_AG: Array = field(default_factory=lambda: np.eye(4))
     numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))
     ticks: np.ndarray = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
@@ -189,7 +195,7 @@ class ToolControlState:
 
 
 class ToolControl:
-    """Joint motion wanted, from the reference of tool or joints."""
+    """Desired joint motion, from the reference of tool or joints."""
 
     def __init__(
         self,
@@ -204,11 +210,11 @@ class ToolControl:
         """Set up for the arm of the vehicle in `model`.
 
         Args:
-            model: believed model, compiled.
-            arm: its arm's dynamics.
+            model: model of the controller, compiled.
+            arm: dynamics of the arm.
             tuning: gains of the arm.
             force_law: force loop along the tool axis; None: `ForceDisplacement`.
-            compliance: displacement across the tool axis; None: `LateralCompliance`.
+            compliance: displacement perpendicular to the tool axis; None: `LateralCompliance`.
             drift: drift correction; None: `FromEstimate`.
         """
         vehicle = Vehicle.of(model)
@@ -233,7 +239,7 @@ class ToolControl:
         self.compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))
 
     def init(self, estimate: StateEstimate) -> ToolControlState:
-        """Initial state: the arm held where it is."""
+        """Initial state: the arm held at its present angles."""
         return ToolControlState(
             force=self.force_law.init(),
             compliance=self.compliance.init(),
@@ -242,19 +248,19 @@ class ToolControl:
 
     @property
     def slow(self) -> tuple[str, ...]:
-        """Parts in plain Python."""
+        """Components in plain Python."""
         parts = self.force_law, self.compliance, self.drift
         return tuple(type(part).__name__ for part in parts if not has_slot(part))
 
     def record(
         self, state: ToolControlState, inputs: Inputs, slots: PythonSlots, sensed: SensedArm
     ) -> ToolRecord:
-        """The state as the kernel takes it.
+        """The state in the form of the kernel.
 
         Args:
             state: of `init`.
-            inputs: what the ticks see.
-            slots: where parts in plain Python go.
+            inputs: inputs of the ticks.
+            slots: slots for components in plain Python.
             sensed: motion of the arm.
         """
         law: Any = self.force_law if has_slot(self.force_law) else ForceDisplacement()
@@ -287,11 +293,12 @@ class ToolControl:
         reference: Reference,
         contact: ContactState,
     ) -> None:
-        """Leave the joint angles and speeds wanted in `state`, once in a task period.
+        """Compute the desired joint angles and speeds once per task period; they are stored in
+        `state`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
+            estimate: present estimate of the vehicle.
             reference: tool pose or joint angles, set force and mode.
             contact: estimated force, and motion of arm and hull.
         """
@@ -304,13 +311,13 @@ class ToolControl:
         self.checked(state, tick.slots.check(tool_tick(tick.box, tick.inputs.box)))
 
     def checked(self, state: ToolControlState, answer: int) -> int:
-        """The answer of a tick, unless its target was no pose.
+        """The return value of a tick, unless its target was not a pose.
 
         Raises:
-            ConfigurationError: it was none.
+            ConfigurationError: the target was not a pose.
         """
         if answer == NO_POSE:
-            solve(self._chain, state.X_AG, state.motion.q)  # raises and says why
+            solve(self._chain, state.X_AG, state.motion.q)  # raises, with the reason
         return answer
 
     def _force_slot(self, state: ToolControlState, slots: PythonSlots) -> Slot:
@@ -361,7 +368,9 @@ class ToolControl:
     def _find_servo_compliance(
         self, state: ToolControlState, seen: EstimateRecord, sensed: SensedArm
     ) -> None:
-        """Leave the compliance [m/N] of the servoed tip along the tool axis in `state`."""
+        """Compute the compliance [m/N] of the servoed tip along the tool axis, and store it in
+        `state`.
+        """
         inertia = self._arm.inertia(seen.q) + np.diag(self._armature)
         along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
 
@@ -371,7 +380,7 @@ class ToolControl:
 
 
 class ToolTick:
-    """Tick of tool control by itself, bound to the arrays of a state."""
+    """Tick of tool control alone, bound to the arrays of a state."""
 
     def __init__(
         self, control: ToolControl, state: ToolControlState, contact: ContactState

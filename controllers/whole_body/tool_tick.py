@@ -1,7 +1,8 @@
-"""Tick of the tool as one kernel: force law, displacement aside, drift and inverse kinematics.
+"""Tick of the tool as one kernel: force law, lateral displacement, drift correction and inverse
+kinematics.
 
-What can be replaced is a slot (`uuv.sim.interfaces.kernels.slots`); an empty one stands for the
-part named here.
+Replaceable components are slots (`uuv.sim.interfaces.kernels.slots`); for an empty slot the
+component named here is used.
 """
 
 from typing import NamedTuple
@@ -29,11 +30,11 @@ from uuv.sim.interfaces.records import COMPLIANT, CONTROLLED, FOLLOWS, STANDING,
 from uuv.sim.interfaces.spatial import Array
 
 # Entries of `ToolRecord.numbers`: displacement [m] along the tool axis; compliance [m/N] of the
-# servoed tip along it, 0: not known; their number
+# servoed tip along it, 0 if unknown; number of entries
 K, SERVO_COMPLIANCE, NUMBERS = range(3)
 
 # Entries of the values of a slot for a drift correction: poses X_WB (4, 4), row by row
-SEEN, HELD, PLACED = 0, 16, 32  # estimated; to hold; the answer, by which the arm places the tool
+SEEN, HELD, PLACED = 0, 16, 32  # estimated; to hold; the result, from which the arm places the tool
 DRIFT_VALUES = 3 * 16
 
 
@@ -41,37 +42,39 @@ class ToolGains(NamedTuple):
     """Constants of tool control."""
 
     tracking: ToolTracking
-    force: ForceLoopGains  # of `ForceDisplacement`
-    side: ComplianceGains  # of `LateralCompliance`
-    compliance_ticks: int  # ticks of the tool after which the servo's compliance is computed anew
+    force: ForceLoopGains  # gains of `ForceDisplacement`
+    side: ComplianceGains  # gains of `LateralCompliance`
+    # number of ticks of the tool between two computations of the servo's compliance
+    compliance_ticks: int
 
 
 class ToolRecord(NamedTuple):
-    """Tool control; arrays, changed in place."""
+    """State of tool control, as arrays that are changed in place."""
 
     gains: ToolGains
     force: Slot  # force law; empty: `ForceDisplacement`
-    side: Slot  # displacement across the tool axis; empty: `LateralCompliance`
-    drift: Slot  # drift correction; empty: `FromEstimate`
-    stiffness: Slot  # writes SERVO_COMPLIANCE
+    # slot for the displacement perpendicular to the tool axis; empty: `LateralCompliance`
+    side: Slot
+    drift: Slot  # slot for the drift correction; empty: `FromEstimate`
+    stiffness: Slot  # slot that writes SERVO_COMPLIANCE
     motion: ToolMotion
-    X_AG: Array  # (4, 4) tool pose last asked for, in the arm's base
+    X_AG: Array  # (4, 4) last tool pose reference, in the arm's base
     numbers: Array  # (NUMBERS,)
-    ticks: np.ndarray  # (1,) ticks of the tool so far
+    ticks: np.ndarray  # (1,) number of ticks of the tool so far
 
 
 @kernel
 def move_tool(tool, contact, e, reference):
-    """Joint motion wanted, once in a period of the tool.
+    """Compute the desired joint motion, once per period of the tool.
 
     Args:
         tool: `ToolRecord`; updated, with the motion.
         contact: `ContactRecord`.
-        e: `EstimateRecord` of the vehicle now.
+        e: present `EstimateRecord` of the vehicle.
         reference: `ReferenceRecord`.
 
     Returns:
-        FINE, NO_POSE, or the answer of a slot that failed.
+        FINE, NO_POSE, or the return value of a slot that failed.
     """
     gains = tool.gains
     motion = tool.motion
@@ -85,7 +88,7 @@ def move_tool(tool, contact, e, reference):
         tool.ticks[0] += 1
         return FINE
 
-    # Hull pose by which the arm places the tool.
+    # Hull pose from which the arm places the tool.
     X_WB = e.X_WB
     if tool.drift.address:
         values = tool.drift.values
@@ -113,7 +116,9 @@ def move_tool(tool, contact, e, reference):
 
 @kernel
 def _displace(tool, contact, reference):
-    """Displacement of the tool along its axis into `numbers`, across it into the slot's values."""
+    """Write the displacement of the tool along its axis into `numbers`, and perpendicular to it
+    into the slot's values.
+    """
     gains = tool.gains
     numbers = tool.numbers
     dt = tool.gains.tracking.period
@@ -145,7 +150,7 @@ def _displace(tool, contact, reference):
     else:
         numbers[K] = let_go(law, gains.force.speed * dt, not follows)
 
-    # Across it.
+    # Perpendicular to the axis.
     side = tool.side.values
     for i in range(3):
         side[compliance.FORCE + i], side[compliance.AXIS + i] = contact.f_W[i], reference.X_WG[i, 2]
@@ -166,7 +171,7 @@ def _displace(tool, contact, reference):
 
 
 class ToolWork(NamedTuple):
-    """Tool control by itself, for a controller that has no tick of its own."""
+    """Tool control alone, for a controller that has no tick of its own."""
 
     tool: ToolRecord
     contact: ContactRecord
@@ -181,6 +186,6 @@ def tool_box(work):
 
 @kernel(nogil=True)
 def tool_tick(box, estimate):
-    """`move_tool`, of the boxes of a `ToolWork` and of an `EstimateRecord`."""
+    """Run `move_tool` on the boxes of a `ToolWork` and of an `EstimateRecord`."""
     work = box.record
     return move_tool(work.tool, work.contact, estimate.record, work.reference)

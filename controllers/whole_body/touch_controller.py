@@ -20,7 +20,8 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import Array, log_so3
 
-_STILL_WATER = np.zeros(3)  # [m/s] the current's drag on the arm is small against the push
+# [m/s] assumed current, since the current's drag on the arm is small compared with the push
+_STILL_WATER = np.zeros(3)
 
 
 @dataclass(slots=True, eq=False)
@@ -30,7 +31,7 @@ class CompliantState:
     contact: ContactState
     servo: JointServoState
     hull: HullControlState
-    p_WG_held: Array | None = None  # (3,) [m] the spring's end in W while it follows the tip
+    p_WG_held: Array | None = None  # (3,) [m] end of the spring in W while it follows the tip
     push: float = 0.0  # [N] present push
     tick: int = 0
 
@@ -52,11 +53,11 @@ class CompliantTouch:
 
         Args:
             model: the controller's own model of the vehicle.
-            clamped: True leaves the thrusters off.
+            clamped: True: the thrusters stay off.
             push_W: (3,) unit direction into a nest in W; default down.
             period: [s] of the controller.
             tuning: motion, stiffness and force of the touches.
-            water_error: relative error of the believed hydrodynamic coefficients.
+            water_error: relative error of the modelled hydrodynamic coefficients.
         """
         self.period = period
         self._clamped = clamped
@@ -99,7 +100,7 @@ class CompliantTouch:
             contact, estimate, DriveState(tau=servo.tau, qd_wanted=rest, current_W=_STILL_WATER)
         )
 
-        # Free motion by the servo, else compliance at the tip.
+        # Free motion by the servo, otherwise compliance at the tip.
         if reference.X_WG is None:
             age = estimate.time - reference.time
             self._servo.step(
@@ -115,7 +116,7 @@ class CompliantTouch:
             servo.tau = self._give_way(state, estimate, reference)
             servo.integral[:] = 0.0
 
-        # Thrusters, on their tick.
+        # Thrusters, when due.
         if state.tick % self._hull_ticks == 0 and not self._clamped:
             contact_B = contact.wrench_B() if reference.X_WG is not None else np.zeros(6)
             self._hull.step(state.hull, estimate, reference, contact.sensed.wrench_B + contact_B)
@@ -141,7 +142,7 @@ class CompliantTouch:
         X_WG = estimate.X_WB @ state.contact.sensed.X_BG
         end = reference.X_WG[:3, 3]
 
-        # Pressing: the spring lets go while the push takes over.
+        # Pressing: the spring force decreases while the push increases.
         if reference.state is WorkState.PRESS:
             share = min(1.0, dt / tuning.let_go)
             state.p_WG_held = np.array(end if state.p_WG_held is None else state.p_WG_held)
@@ -179,6 +180,6 @@ class CompliantTouch:
 
 
 def _at_most(v: Array, most: float) -> Array:
-    """Scale the vector `v` down to the length `most`."""
+    """Scale the vector `v` down to a length of at most `most`."""
     length = float(np.linalg.norm(v))
     return v if length <= most else v * (most / length)

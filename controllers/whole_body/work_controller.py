@@ -1,15 +1,14 @@
 """Position-force controller of contact work: contact estimator, tool, joint servo and hull.
 
-One step at the rate of the drives [Konoplin 2022, section 3]:
-  1. Inverse dynamics give the joint torques without contact. The residual of the measured torques
-     is the contact; J^T maps it to the force on the tool, without a force sensor
-     (`uuv.controllers.estimation.tip_force_estimator`).
-  2. The tool's reference is displaced by the force error and corrected by the drift of the hull;
-     MKPS gives the joint angles (`uuv.controllers.whole_body.tool_control`).
-  3. The drives get the inverse dynamics of the wanted motion, with the contact force
-     (`uuv.controllers.arm.joint_servo`).
-  4. The thrusters get the arm's wrench on the hull, beside the closed loop of station keeping
-     (`uuv.controllers.hull.hull_control`).
+One step at the rate of the drives does the following [Konoplin 2022, section 3]: 1. Inverse
+  dynamics give the joint torques without contact. The residual of the measured torques is the
+  contact; J^T maps it to the force on the tool, without a force sensor
+  (`uuv.controllers.estimation.tip_force_estimator`). 2. The tool's reference is displaced by the
+  force error and corrected by the drift of the hull; MKPS gives the joint angles
+  (`uuv.controllers.whole_body.tool_control`). 3. The drives get the inverse dynamics of the wanted
+  motion, with the contact force (`uuv.controllers.arm.joint_servo`). 4. The thrusters get the arm's
+  wrench on the hull, beside the closed loop of station keeping
+  (`uuv.controllers.hull.hull_control`).
 """
 
 from collections.abc import Mapping
@@ -70,21 +69,22 @@ from uuv.sim.interfaces.spatial import Array
 
 @dataclass(slots=True, eq=False)
 class WorkControllerState:
-    """State of the controller: that of its parts, and the arrays that they share.
+    """State of the controller: the states of its components, and the arrays that they share.
 
-    The arrays are bound at the first step: write into them, assign none.
+    The arrays are bound at the first step, so write into them but do not replace them.
     """
 
     contact: ContactState
     tool: ToolControlState
-    integral: Array  # (n,) [rad s] of the joint servo
+    integral: Array  # (n,) [rad s] integral of the joint servo
     hull: HullControlState
     command: Commanded
     reference: ReferenceRecord
-    softness: Array  # (1,) [-] share of the stiffness that is given up now along the tool axis
-    ticks: np.ndarray  # (1,) so far
+    softness: Array  # (1,) [-] share of the stiffness given up at present along the tool axis
+    ticks: np.ndarray  # (1,) number of ticks so far
     logged: LoggedStep
-    # Messages of the last step of the hull, after so many: its loads, and what nobody decides on
+    # Messages of the last step of the hull, with the number of that step: loads on the hull, and
+    # quantities that are only logged
     reported_steps: int = 0
     hull_load: HullLoad | None = None
     log: Mapping[str, Array] = field(default_factory=dict)
@@ -113,16 +113,16 @@ class WorkController:
         feedforward: Feedforward | None = None,
         water_error: float = 0.0,
     ) -> None:
-        """Compose the controller for its own (believed) model of the vehicle.
+        """Compose the controller for its own model of the vehicle.
 
         Args:
-            model: believed model, compiled.
+            model: model of the controller, compiled.
             tuning: gains of the arm.
-            estimator: of the contact force; None: `TorqueSensors`.
+            estimator: estimator of the contact force; None: `TorqueSensors`.
             force_law: force loop along the tool axis; None: `ForceDisplacement`.
-            compliance: displacement across the tool axis; None: `LateralCompliance`.
+            compliance: displacement perpendicular to the tool axis; None: `LateralCompliance`.
             drift: correction of the tool for the hull's drift; None: `FromEstimate`.
-            feedforward: of the arm's wrench to the thrusters; None: `ArmWrench`.
+            feedforward: feedforward of the arm's wrench to the thrusters; None: `ArmWrench`.
             water_error: [-] share by which added masses and drags are deliberately wrong.
         """
         self.tuning = tuning = tuning or ArmTuning()
@@ -134,7 +134,7 @@ class WorkController:
         )
         self._vehicle = Vehicle.of(model)
 
-        # Parts that are the same for all.
+        # Components that are the same for all.
         self.servo = JointServo(self._vehicle, tuning, DRIVE_PERIOD)
         self.task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
         self.hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
@@ -145,7 +145,7 @@ class WorkController:
 
     @property
     def slow(self) -> tuple[str, ...]:
-        """Parts in plain Python that every tick calls."""
+        """Components in plain Python that every tick calls."""
         parts = self.contact, self._feedforward
         slow = (type(part).__name__ for part in parts if not has_slot(part))
         return *slow, *self.tool.slow
@@ -156,7 +156,7 @@ class WorkController:
         return self.tuning, self.tool.force_law, self.tool.compliance, HULL, ObserverDeviations()
 
     def init(self, estimate: StateEstimate) -> WorkControllerState:
-        """Initial state: the arm held where it is, thrusters off."""
+        """Initial state: the arm held at its present angles, thrusters off."""
         n = len(estimate.q)
         contact = self.contact.init(estimate)
         tool = self.tool.init(estimate)
@@ -181,17 +181,17 @@ class WorkController:
         )
 
     def tick_on(self, state: WorkControllerState, inputs: Inputs) -> "WorkTick":
-        """The tick of `state`, which sees `inputs`."""
+        """The tick of `state`, with the inputs `inputs`."""
         return WorkTick(self, state, inputs)
 
     def step(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
     ) -> tuple[WorkControllerState, Command]:
-        """One control step: contact force, tool motion, joint torques; on its tick the thrusters.
+        """One control step: contact force, tool motion, joint torques, and the thrusters if due.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
-            estimate: of the vehicle now.
+            estimate: present estimate of the vehicle.
             reference: hull pose, tool pose or joint angles, set force and mode.
 
         Returns:
@@ -206,15 +206,16 @@ class WorkController:
         return state, tick.done(estimate, reference, answer)
 
     def refer(self, state: WorkControllerState, reference: Reference) -> None:
-        """Take the set points of the ticks that follow into the arrays of `state`."""
+        """Copy the set points of the following ticks into the arrays of `state`."""
         take_reference(state.reference, reference)
         self._hull.refer(state.hull, reference)
 
     def reported(self, state: WorkControllerState) -> HullLoad | None:
-        """Loads on the hull at its last step, the same message up to the next one; None: none yet.
+        """Loads on the hull at its last step, the same message until the next step; None before the
+        first step.
 
         Args:
-            state: of `init`, after a step; the log of that step is made too.
+            state: of `init`, after a step; the log of that step is also made.
         """
         command = state.command
         if state.reported_steps != command.hull_steps[0]:
@@ -226,12 +227,12 @@ class WorkController:
         return state.hull_load
 
     def record(self, state: WorkControllerState, inputs: Inputs, slots: PythonSlots) -> DriveRecord:
-        """The state as the kernel takes it.
+        """The state in the form of the kernel.
 
         Args:
             state: of `init`.
-            inputs: what the ticks see.
-            slots: where parts in plain Python go.
+            inputs: inputs of the ticks.
+            slots: slots for components in plain Python.
         """
         contact = state.contact
         tuning = self.tuning
@@ -254,7 +255,7 @@ class WorkController:
             period=self.period,
         )
 
-        # Parts in Python.
+        # Components in Python.
         def feel() -> None:
             tau = state.command.tau
             qd = state.tool.motion.qd
@@ -324,7 +325,7 @@ class WorkTick:
         self._bound = BoundFields(state, state.contact, state.tool, state.hull)
 
     def refer(self, reference: Reference) -> None:
-        """Take the set points of the ticks that follow.
+        """Set the set points of the following ticks.
 
         Raises:
             ConfigurationError: an array of the state was replaced.
@@ -334,14 +335,14 @@ class WorkTick:
         self._controller.refer(self._state, reference)
 
     def ready(self, reference: Reference) -> bool:
-        """False where a frame is asked for."""
+        """False if a frame is requested."""
         return not reference.scan
 
     def done(self, estimate: StateEstimate, reference: Reference, answer: int) -> Command:
         """Command of the last tick.
 
         Raises:
-            ConfigurationError: the tool's target was no pose.
+            ConfigurationError: the tool's target was not a pose.
         """
         state = self._state
         self._controller.tool.checked(state.tool, answer)
@@ -358,7 +359,7 @@ class WorkTick:
 
 
 def _log(state: WorkControllerState) -> dict[str, Array]:
-    """What nobody decides on, by name."""
+    """Quantities that are only logged, by name."""
     logged = state.logged
     excess = state.contact.excess
     log = {

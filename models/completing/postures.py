@@ -204,9 +204,7 @@ class PostureSearch:
         return _touching(self.model, self.data) - self._neighbours
 
     def view_blocked(self, q: Array) -> float:
-        """Share of the rays within VIEW of the camera's axis that hit the arm or the hull at `q`
-        (n,).
-        """
+        """Share of the rays within VIEW of the camera's axis that hit arm or hull at `q` (n,)."""
         return self.view_hits(q)[0]
 
     def view_hits(self, q: Array, half_angle: float = VIEW) -> tuple[float, str]:
@@ -242,9 +240,7 @@ class PostureSearch:
         return len(hits) / len(rays), model.body(most).name if most >= 0 else ""
 
     def singular_value(self, q: Array) -> float:
-        """Smallest singular value [-] of the tip's Jacobian, with lengths over the reach and
-        weighted rotations.
-        """
+        """Smallest singular value [-] of the tip's Jacobian, scaled by the reach and `_LEVER`."""
         self._at(q)
         return self._singular_value()
 
@@ -287,9 +283,7 @@ class PostureSearch:
         )
 
     def _within(self, geom: int) -> bool:
-        """True if the camera is inside the bounding sphere of a small geom, such as the camera's
-        housing.
-        """
+        """True if the camera is inside the bounding sphere of a small geom, such as its housing."""
         model = self.model
         data = self.data
         away = float(np.linalg.norm(data.geom_xpos[geom] - data.site_xpos[self._camera]))
@@ -341,9 +335,7 @@ class PostureSearch:
         return self.data.site_xpos[self.vehicle.tip] - self.data.xpos[self.vehicle.arm_base]
 
     def _spread(self, q: Array) -> float:
-        """Distance [m] by which the arm at `q` (n,) reaches out of the hull's box, plus the
-        weighted list.
-        """
+        """Distance [m] by which the arm at `q` (n,) leaves the hull's box, plus weighted list."""
         self._at(q)
         model = self.model
         data = self.data
@@ -481,9 +473,7 @@ def _carried(model: mujoco.MjModel, body: int, by: int) -> bool:
 
 
 def _box(model: mujoco.MjModel, data: mujoco.MjData, geoms: list[int], hull: int) -> Array:
-    """Corners (2, 3) [m] in hull axes of the box around the boxes of `geoms`; without geoms a
-    point.
-    """
+    """Corners (2, 3) [m] in hull axes of the box around `geoms`; a point without geoms."""
     if not geoms:
         return np.zeros((2, 3))
     R = data.xmat[hull].reshape(3, 3)

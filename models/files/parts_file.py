@@ -1,13 +1,13 @@
 """Mapping of a user's model to the contract of `uuv.models.naming`: `NAME.parts.yaml` beside it.
 
-    hull: base_link # body, or link of a URDF; default: the only body on the world
+    hull: base_link                    # body, or link of a URDF; default: the only one on the world
     arm_base: arm_mount                # body fixed to the hull that carries the arm
 
     # Frames, or the name of a site. z points out of the tool, and along the camera's view.
     tip: {body: wrist, pos: [0, 0, 0.19], z: [0, 0, 1]}
     camera: {body: base_link, pos: [0.2, 0, 0], z: [1, 0, -0.5]}
 
-    tool: gripper # geom that may be in contact
+    tool: gripper                      # geom that may be in contact
     joints: {shoulder: 10, elbow: 10}  # base to tip, with torque limits [N m]; or a list of names
     thrusters:
       - {name: port, pos: [-0.2, 0.1, 0], direction: [1, 0, 0], kind: t200}
@@ -89,7 +89,7 @@ class MappedThruster:
             is stated where none is allowed.
     """
 
-    name: str = field(default="", metadata=_NAME)  # None: that of the actuator or site
+    name: str = field(default="", metadata=_NAME)  # empty: that of the actuator or site
     actuator: str | None = field(default=None, metadata=_NAME)
     site: str | None = field(default=None, metadata=_NAME)
     body: str | None = field(default=None, metadata=_NAME)  # body of the place; None: the hull

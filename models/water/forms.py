@@ -2,8 +2,7 @@
 
 Each is a frozen dataclass in the body frame, kept in `BodyHydrodynamics.forms`. A form is stored as
 a record behind the body's row (`uuv.models.hydrodynamics.LAYOUT`), and the passive callback
-evaluates it (`uuv.sim.native.form_kernel`). A body without forms needs no additional computing
-time.
+evaluates it (`uuv.sim.native.form_kernel`). A body without forms needs no computing time.
 
 The wrench of a form is a function of the twist relative to the water, nu_r = (v; w) at the body
 origin. Therefore a steady current has the same effect as motion through still water.
@@ -89,9 +88,7 @@ class Form(ABC):
 
     @abstractmethod
     def scaled(self, factor: float) -> Self:
-        """The form with `factor` times its forces, for perturbations; a MunkFactor does not
-        change.
-        """
+        """The form with `factor` times its forces, for perturbations; a MunkFactor is unchanged."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -227,8 +224,7 @@ class LiftDrag(Form):
     stalled_slope: float | None = None
     # [1/rad] of C_D beyond the stall; by default `drag_slope`
     stalled_drag_slope: float | None = None
-    # exponent: 0: flow along the span has no effect; -2: it counts in q [Fossen 2021]; 2: as in
-    # gz-sim
+    # 0: flow along the span has no effect; -2: it counts in q [Fossen 2021]; 2: as in gz-sim
     sweep: int = 0
     point: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] centre of pressure
     forward: Array = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))  # (3,) unit vector
@@ -286,8 +282,7 @@ class LiftDrag(Form):
     ) -> Self:
         """Lift and induced drag of a wing of finite span [Beard 2012, section 4.2].
 
-        With the aspect ratio L = span^2 / area: slope pi L / (1 + sqrt(1 + (L / 2)^2)), induced 1 /
-        (pi oswald L).
+        With L = span^2 / area: slope pi L / (1 + sqrt(1 + (L / 2)^2)), induced 1 / (pi oswald L).
 
         Args:
             area: [m^2].
@@ -300,8 +295,7 @@ class LiftDrag(Form):
             The form.
 
         Raises:
-            ConfigurationError: a number is out of bounds, or a field that is computed here is
-                stated too.
+            ConfigurationError: a number is out of bounds, or a computed field is stated too.
         """
         if computed := [name for name in ("lift_slope", "induced") if name in figures]:
             raise ConfigurationError(
@@ -424,9 +418,7 @@ class LiftDrag(Form):
         return np.hstack([force, np.cross(self.point, force)])
 
     def slope(self, speed: float) -> Array:
-        """Bound (6, 6) from the largest slope of the force over all directions of flow at
-        `point`.
-        """
+        """Bound (6, 6) from the largest slope of the force over directions of flow at `point`."""
         angle, sweep = np.meshgrid(_ANGLES, _SWEPT if self.sweep else _SWEPT[:1])
         angle = angle.ravel()[:, None]
         sweep = sweep.ravel()[:, None]
@@ -512,8 +504,7 @@ class CrossTerms(Form):
 
     @classmethod
     def of_gz(cls, parameters: Mapping[str, float]) -> Self:
-        """Terms from gz-sim's names and signs: X = xUabsV |v| u, so that coefficients of damping
-        are negative.
+        """Terms from gz-sim's names and signs: X = xUabsV |v| u, with negative damping.
 
         A name has one of x y z k m n, one of U V W P Q R, and another of these, with or without
         `abs` before it.
@@ -611,9 +602,7 @@ class PlanarStrip(Form):
         )
 
     def wrench(self, v: Array, w: Array, added_mass: Array) -> Array:
-        """The drag, integrated exactly by two Gauss stations on each side of the point where the
-        flow reverses.
-        """
+        """The drag, integrated exactly on each side of the point where the flow reverses."""
         along = self.end - self.start
         at_start, at_end = ((v + np.cross(w, p)) @ self.direction for p in (self.start, self.end))
 
@@ -668,9 +657,7 @@ def _check_gz_names(parameters: Mapping[str, Any]) -> None:
 
 
 def gz_term(name: str) -> tuple[int, int, int, int] | None:
-    """Indices i, j, k, and 1 if absolute, of a name such as xUabsV or xUV; k is -1 for xU. None for
-    other names.
-    """
+    """Indices i, j, k, and 1 if absolute, of a name like xUabsV; k is -1 for xU; else None."""
     if not (isinstance(name, str) and name[:1] in tuple("xyzkmn") and name[1:2] in tuple("UVWPQR")):
         return None
     rest = name[2:]
@@ -683,9 +670,7 @@ def gz_term(name: str) -> tuple[int, int, int, int] | None:
 
 
 def _unit(values: ArrayLike, name: str) -> Array:
-    """Unit vector along `values`; a vector of length 1 up to rounding is unchanged, so that records
-    keep it.
-    """
+    """Unit vector along `values`; a vector of length 1 up to rounding is unchanged."""
     vector = checked(values, (3,), name)
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < 1e9:

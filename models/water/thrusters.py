@@ -166,8 +166,7 @@ class Thruster(MeasuredThruster):
             The thruster.
 
         Raises:
-            ConfigurationError: a side does not rise, or a field is stated that the curve
-                determines.
+            ConfigurationError: a side does not rise, or the curve determines a stated field.
         """
         from uuv.models.water.thruster_curves import check_polynomial
 
@@ -416,8 +415,7 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
 
 
 def detach(actuator: mujoco.MjsActuator) -> None:
-    """Turn a thruster into a plain motor again, with the thrust in N as its control; the reaction
-    torque is kept.
+    """Turn a thruster into a plain motor of thrust [N] again; the reaction torque is kept.
 
     Args:
         actuator: changed in place; an actuator that is not a thruster is not changed.
@@ -432,9 +430,7 @@ def detach(actuator: mujoco.MjsActuator) -> None:
 
 
 def pack(thruster: Thruster) -> Array:
-    """Encode `thruster` as a row: HEADER numbers, the curve, and the measurements of the
-    thruster.
-    """
+    """Encode `thruster` as a row: HEADER numbers, its curve, and its measurements."""
     # imported here, since these import numba
     from uuv.models.water.sheet_kernels import pack_measured
 
@@ -523,8 +519,7 @@ def carries(row: Array) -> bool:
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
-    """Actuators (m,) of the thrusters of a compiled model, and their rows (m, width) as `pack`
-    packs them.
+    """Actuators (m,) of the thrusters of a compiled model, and their rows (m, width) of `pack`.
 
     Raises:
         ConfigurationError: a row is invalid, or an actuator differs from what `attach` sets; the
@@ -560,9 +555,7 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
 
 
 def sheet_blocks(table: Array) -> list[Array]:
-    """Sheets of rows `table` (m, ...) for `uuv.models.water.sheet_kernels`; empty without
-    sheets.
-    """
+    """Sheets of rows `table` (m, ...) for `uuv.models.water.sheet_kernels`; may be empty."""
     from uuv.models.water.sheet_kernels import block_of
 
     return [block_of(row[HEADER + round(float(row[COUNT])) :]) for row in table]
@@ -597,8 +590,7 @@ def _curve_ends(thruster: Thruster) -> Sequence[float]:
     assert thruster.table is not None
     if thruster.dead_band:
         raise ConfigurationError(
-            "thruster dead_band: must be left out for a table, whose commands of zero thrust are "
-            "the dead band"
+            "thruster dead_band: must be left out for a table, whose zero thrusts define it"
         )
     return check_table(*thruster.table)
 

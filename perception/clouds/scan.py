@@ -104,9 +104,7 @@ class SensorModel:
         )
 
     def independent(self, pixels: ArrayLike) -> Array:
-        """Share (0..1) that each of points at a distance of `pixels` [px] has of an independent
-        reading.
-        """
+        """Share (0..1) of an independent reading for each of points `pixels` [px] apart."""
         return np.minimum(1.0, np.square(np.asarray(pixels, dtype=np.float64) / self.noise_length))
 
     @property
@@ -117,9 +115,7 @@ class SensorModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownObjects:
-    """Objects already identified in a scan. They explain the pixels that show them, and occlude
-    other objects.
-    """
+    """Objects already identified in a scan; they explain their pixels and occlude others."""
 
     depth: Array  # (h, w) [m] depth of their models, inf outside them
     shown: np.ndarray  # (h, w) pixels of the scan that show them
@@ -135,9 +131,7 @@ class KnownObjects:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scan:
-    """One frame of a depth sensor, with a point in sensor frame S for each pixel of a pinhole
-    grid.
-    """
+    """One frame of a depth sensor: a point in sensor frame S for each pixel of a pinhole grid."""
 
     points: Array  # (h, w, 3) [m], NaN without echo
     tangent_x: Array  # (w,) x/z of each column
@@ -189,9 +183,7 @@ class Scan:
         )
 
     def part(self, window: tuple[slice, slice]) -> "Scan":
-        """The part of the scan with the rows and columns of `window`, whose steps may thin the
-        grid.
-        """
+        """The part of the scan in the rows and columns of `window`, which may thin the grid."""
         return Scan(
             points=self.points[window],
             tangent_x=self.tangent_x[window[1]],
@@ -357,9 +349,7 @@ def distances_along(scan: Scan, starts: Array, way: Array) -> Array | None:
 
 
 def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Array) -> np.ndarray:
-    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), contains a
-    start.
-    """
+    """Mask (t,) of the triangles whose bounding rectangle along `way` (3,) contains a start."""
     # Rays and vertices in a plane perpendicular to the rays
     across = np.linalg.svd(way[None])[2][1:].T
     rays = starts @ across
@@ -499,9 +489,7 @@ def _near_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
 
 
 def _on_plane(scan: Scan, plane: "_Plane", sensor: SensorModel) -> np.ndarray:
-    """Mask (h, w) of pixels on a plane: within the noise, and on average within the plane's
-    roughness.
-    """
+    """Mask (h, w) of pixels on a plane: within the noise, and on average within its roughness."""
     off = (scan.points - plane.center) @ plane.normal
     near = _near_plane(scan, plane, sensor)
     if not near.any():
@@ -580,9 +568,7 @@ def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
 
 
 def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator) -> _Plane | None:
-    """The plane with the most of the points (n, 3) near it, by RANSAC and least squares; None if
-    degenerate.
-    """
+    """The plane with most points (n, 3) near it, by RANSAC and least squares, or None."""
     if len(points) < 3:
         return None
 
@@ -660,9 +646,7 @@ def connected_surfaces(points: Array, reach: float, normals: Array | None = None
 
 
 def voxel_means(points: Array, size: float) -> Array:
-    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed
-    order.
-    """
+    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in fixed order."""
     # much faster than reducing narrow rows over axis 0
     low = np.array([axis.min() for axis in points.T])
 
@@ -706,9 +690,7 @@ def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
 
 
 def row_hash(rows: np.ndarray) -> np.ndarray:
-    """Hash (n,) of rows (n, 3) of int64, equal for equal rows and almost surely different for
-    different rows.
-    """
+    """Hash (n,) of rows (n, 3) of int64; equal rows, and almost only those, have equal hashes."""
     return (rows * _FACTORS).sum(axis=1)
 
 

@@ -180,8 +180,7 @@ def propagate(f, row):
 
 @kernel
 def compare(kind, fix, row, layout, x, P):
-    """Innovation of a fix, the innovation's covariance, and its cross covariance with the states,
-    all in W.
+    """Innovation of a fix, its covariance, and its cross covariance with the states, in W.
 
     Args:
         kind: VISION or DVL.
@@ -501,8 +500,7 @@ def take_imu(memory, sample):
 
 @kernel
 def take_sample(memory, sample):
-    """Process the IMU's sample of one step; after too long a time without samples, assume constant
-    velocity.
+    """Process the IMU's sample of one step; without one for too long, assume constant speed.
 
     Args:
         memory: (1,) of FILTER.
@@ -527,9 +525,8 @@ def take_sample(memory, sample):
 def put_out(memory, joints, out):
     """Write the present estimate, releasing withheld corrections like a damped spring.
 
-    The parameters of that spring are `release` of the filter: ratio of its frequency to the
-    filter's frequency [-], lowest and highest frequency [rad/s], and the distance [m] beyond which
-    the spring force no longer grows.
+    Its parameters, `release` of the filter, are the ratio of its frequency to the filter's [-],
+    lowest and highest frequency [rad/s], and the distance [m] beyond which its force is constant.
 
     Args:
         memory: (1,) of FILTER.

@@ -1,5 +1,4 @@
-"""Identification of a known object in a scan, the entry point of registration [Konoplin 2022, eq.
-1, 2].
+"""Identification of a known object in a scan: entry of registration [Konoplin 2022, eq. 1, 2].
 
 Steps: crop around the coarse detection, remove background and outliers, find initial poses, ICP,
 remove hidden model points, ICP again, PoseCheck by projected trajectories.
@@ -205,9 +204,7 @@ def attempted(
     seed: int = 0,
     method: Method = "planes",
 ) -> "Attempt":
-    """Search from the likeliest starts, the first step of `identify`; arguments as for
-    `identify`.
-    """
+    """Search from the likeliest starts; arguments as for `identify`, whose first step it is."""
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")
     if p_approach is not None and np.abs(p_approach).max() > _FARTHEST:
@@ -333,11 +330,9 @@ class _Search:
         )
 
     def widened(self) -> "_Search":
-        """Search from all starts if the scan contradicts the result of a few; otherwise this
-        attempt itself.
+        """Search from all starts if the scan contradicts the result of a few; otherwise this one.
 
-        Then the part of the scan that resembled the model most is not the object. In a heap the
-        object may resemble it least.
+        Then the part of the scan most similar to the model is not the object, as in a heap.
         """
         question = self.question
         if (
@@ -353,8 +348,7 @@ class _Search:
         """The pose with its verdict, after comparison with other shapes.
 
         Args:
-            earlier: Earlier identification of the same object, which may have excluded its mirror
-                image already.
+            earlier: Identification of the same object before, for its mirror image.
         """
         question = self.question
         surface = self.question.surface
@@ -404,9 +398,7 @@ class _Search:
         )
 
     def _mirror_image(self, earlier: Identification | None) -> MirrorImage | None:
-        """The mirror image of the model as rival of the pose: the earlier result if it is still
-        valid.
-        """
+        """The mirror image of the model as rival: the earlier result if it is still valid."""
         surface = self.question.surface
         X_ST = self.judged.X_ST
         expected = self.question.expected
@@ -479,9 +471,7 @@ def _first_search(question: _Question, scan: Scan, mask: np.ndarray) -> _Search:
 def _search(
     searched: Evidence, surface: ModelSurface, starts: list[Array], given: list[Array], most: int
 ) -> tuple[Evidence, Found]:
-    """The likeliest pose from `most` of the starts, and the evidence with which it was ranked
-    last.
-    """
+    """The likeliest pose from `most` of the starts, and the evidence that ranked it last."""
     likeliest = likeliest_pose(searched, surface, starts, given, most=most)
 
     # Noise of the scan itself, if it is much less than stated
@@ -493,9 +483,7 @@ def _search(
 
 
 class _Judged(NamedTuple):
-    """An estimated pose and its verdict; among poses equal by symmetry, the pose that the scan
-    shows.
-    """
+    """An estimated pose and its verdict; modulo symmetry, the pose that the scan shows."""
 
     X_ST: Array  # (4, 4)
     X_told: Array | None  # (4, 4) if parts in view show the angle about an axis of symmetry
@@ -504,9 +492,7 @@ class _Judged(NamedTuple):
 
 
 def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Array) -> _Judged:
-    """Verdict on an estimated pose; among poses equal by symmetry, the one nearest to `X_near` (4,
-    4).
-    """
+    """Verdict on an estimated pose; modulo symmetry, the one nearest to `X_near` (4, 4)."""
     # Among poses equal by symmetry: the nearest, the likeliest, the one that parts in view show
     X_ST = surface.symmetry.nearest_pose(found.X_ST, X_near[:3, :3])
     X_ST = _likeliest_turn(evidence, surface, X_ST)
@@ -528,8 +514,7 @@ def _judge(evidence: Evidence, surface: ModelSurface, found: Found, X_near: Arra
 def _likeliest_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array:
     """Among poses equal by an undeclared symmetry of the mesh, another one if it is far likelier.
 
-    Such a symmetry holds within a tolerance, and many pixels together may resolve smaller
-    differences.
+    Such a symmetry holds within a tolerance; many pixels may resolve smaller differences.
     """
     if not surface.target.symmetry.is_none or not 1 < len(surface.symmetry.rotations) <= _TURNS:
         return X_ST

@@ -70,9 +70,7 @@ class Expected:
     R: Array | None = None  # (3, 3) attitude of T in S; None: unknown
 
     def admits(self, X_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (n,) of the poses X_ST (n, 4, 4) that agree with the expected position and
-        attitude.
-        """
+        """Mask (n,) of the poses X_ST (n, 4, 4) that agree with the prior knowledge."""
         mask = self.admits_turn(X_ST[:, :3, :3], surface)
         if self.p is not None:
             mask &= (
@@ -82,18 +80,14 @@ class Expected:
         return mask
 
     def admits_turn(self, R_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected attitude, modulo
-        symmetry.
-        """
+        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected, by symmetry."""
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
         return surface.symmetry.cosines(R_ST, self.R) > np.cos(_ASTRAY)
 
 
 class _Views(NamedTuple):
-    """The model rendered from v sides, all in T, as a tuple, so that compiled kernels accept it as
-    one argument.
-    """
+    """The model rendered from v sides, all in T; a tuple, as compiled kernels require."""
 
     points: Array  # (p, 3) [m]
     normals: Array  # (p, 3)
@@ -179,14 +173,12 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Initial poses X_ST for ICP: the best of each patch, up to 12 others, and those of point
-    pairs.
+    """Initial poses X_ST for ICP: the best of each patch, up to 12 others, and of point pairs.
 
     Point pairs are used if the attitude is unknown; their poses are included both unchanged and
     after the fast ICP.
 
-    Patches do not compete with each other, because a small sliver of the scan
-    is always explained well by some part of any model.
+    Patches do not compete, because a small sliver is explained well by part of any model.
 
     Args:
         scan: The scan.
@@ -210,9 +202,7 @@ def initial_poses(
     firsts: list[tuple[float, Array]] = []
 
     def settled(patch: np.ndarray, X: Array) -> list[tuple[float, Array]]:
-        """Scores and poses, the best first, to which the poses `X` (k, 4, 4) converge on a
-        patch.
-        """
+        """Scores and poses, the best first, to which `X` (k, 4, 4) converge on a patch."""
         sigma = float(np.median(sensor.sigma(points[patch, 2])))
         X = X[expected.admits_turn(X[:, :3, :3], surface)]
         score = np.zeros(len(X))
@@ -277,9 +267,7 @@ def _is_apart(surface: ModelSurface, X_ST: Array, kept: list[Array]) -> bool:
 
 
 def _patches(points: Array, radius: float, expected: Expected) -> list[np.ndarray]:
-    """Indices of the points (n, 3) of each patch, which is a connected surface, its vicinity, or a
-    part of it.
-    """
+    """Indices of the points (n, 3) of each patch: a connected surface, its vicinity, or a part."""
     label = connected_surfaces(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
@@ -351,9 +339,7 @@ _Triple = tuple[float, float, float]
 
 
 class _Equations(NamedTuple):
-    """Normal equations of a twist (linear; angular x radius), and a Jacobian row as working
-    memory.
-    """
+    """Normal equations of a twist (linear; angular x radius), and a row as working memory."""
 
     H: Array  # (6, 6), lower half
     g: Array  # (6,)
@@ -478,8 +464,8 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
 
 @kernel
 def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
-    """Add an `offset` [m] along the unit vector `way` to the normal equations, for a point at `at`
-    [radii] from the centre.
+    """Add an `offset` [m] along unit `way` to the normal equations, at `at` [radii] from the
+    centre.
     """
     H = equations.H
     g = equations.g
@@ -513,9 +499,7 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
 
 @kernel
 def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
-    """Share (n,) of the visible model that the scan confirms, minus the share that the scan sees
-    through.
-    """
+    """Share (n,) of the visible model that the scan confirms, minus the share it sees through."""
     share = np.empty(len(X_ST))
     model = views.points
     shown = views.shown

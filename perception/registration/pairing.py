@@ -125,9 +125,7 @@ class Pairing:
         )
 
     def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
-        """Index (n,) of the model point nearest to each scan point; the number of model points if
-        there is none.
-        """
+        """Index (n,) of the model point nearest to each scan point; the point count if none is."""
         points = transform_points(inverse(X_ST), self.evidence.points)
         return self.grid.query(points, self._reach(gate))[1]
 
@@ -242,8 +240,7 @@ def _hidden(evidence: Evidence, points: Array) -> np.ndarray:
 
 
 def _resting(evidence: Evidence, points: Array, normal: Array) -> np.ndarray:
-    """Mask (n,) of the model's edges (n, 3) [m] in S that rest on the background, so that no edge
-    shows.
+    """Mask (n,) of the model's edges (n, 3) [m] in S that the background hides by contact.
 
     `normal` (n, 2) are unit directions across the edges, outward in the image.
     """
@@ -315,9 +312,8 @@ def _pair(
 ) -> tuple[float, float, float]:
     """Weight, slope [1/m^2] and distance [m] of the pair of scan point `n` and model point `i`.
 
-    The function also writes the Jacobian row `J` (7,). The weight is 0 if the pair is not used. The
-    score is weight times distance along the normal; the slope is the derivative of the score with
-    respect to the distance.
+    The Jacobian row `J` (7,) is written too. The weight is 0 if the pair is not used. The score is
+    weight times distance along the normal; the slope is its derivative by that distance.
     """
     # Model point and normal in S, towards the sensor
     q = np.empty(3)
@@ -409,8 +405,7 @@ def _plane_rows(
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
-    """Jacobian rows (n, 7) of `direction . at` with respect to a twist about the model's centre,
-    and growth.
+    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre, and growth.
 
     Rotation and growth are scaled by the model's radius.
     """

@@ -437,9 +437,7 @@ def _missing(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[in
 
 
 def _looseness(covariance: PoseCovariance | None, range_m: float) -> tuple[bool, str]:
-    """True if another view is expected to cost less than a wrong pose; and the pose's standard
-    deviations.
-    """
+    """True if another view costs less than a wrong pose would; and the pose's deviations."""
     if covariance is None:
         return False, ""
     position, angle = covariance.held_sigmas

@@ -78,9 +78,7 @@ class Recognition:
 
     @property
     def margin(self) -> float:
-        """Log likelihood [nat] of the likeliest object minus that of the second; inf if there is no
-        second.
-        """
+        """Log likelihood [nat] of the likeliest object minus that of the second; else inf."""
         if len(self.candidates) < 2:
             return np.inf
         first, second = (candidate.log_likelihood for candidate in self.candidates[:2])
@@ -101,8 +99,8 @@ def recognise(
 
     Args:
         cloud: As for `identify`.
-        targets: The objects, each in any form that `identify` accepts: a mapping of names to
-            objects, a sequence of objects, or a folder of mesh and cloud files. Names must differ.
+        targets: Objects in any form that `identify` accepts, by name or in a sequence, or a folder
+            of their files. Names must differ.
         approach: (3,) [m] coarse position of the object's centre in S; None: anywhere.
         orientation: (3, 3) coarse rotation of T in S, common to all; None: any.
         sensor: Accuracy of the sensor; None: `SensorModel()`.
@@ -110,12 +108,11 @@ def recognise(
         seed: Seed of all random samples.
 
     Returns:
-        The likeliest object, if its pose is accepted and it is likelier than every other object by
-            MIN_MARGIN; otherwise the reason.
+        The likeliest object, if its pose is accepted and it is likelier than every other object
+        by MIN_MARGIN; otherwise the reason.
 
     Raises:
-        ConfigurationError: An argument has a wrong type or shape, there are no targets, or two have
-            the same name.
+        ConfigurationError: A wrong type or shape, no targets, or two targets of the same name.
     """
     started = perf_counter()
     surfaces = models_of(targets, seed)
@@ -184,8 +181,7 @@ def identify_together(
     Args:
         cloud: As for `identify`.
         targets: As for `recognise`.
-        approaches: (3,) [m] coarse position of each object's centre in S, by name; an object
-            without an entry may be anywhere.
+        approaches: (3,) [m] coarse positions of objects' centres in S, by name; without: anywhere.
         sensor: Accuracy of the sensor; None: `SensorModel()`.
         approach_error: [m] largest error of the coarse positions.
         seed: Seed of all random samples.
@@ -194,8 +190,7 @@ def identify_together(
         The identification of each object, by name.
 
     Raises:
-        ConfigurationError: An argument has a wrong type or shape, there are no targets, or two have
-            the same name.
+        ConfigurationError: A wrong type or shape, no targets, or two targets of the same name.
     """
     surfaces = models_of(targets, seed)
 
@@ -322,10 +317,9 @@ def model_files(folder: str | Path) -> list[Path]:
 
 
 def _compared(found: Mapping[str, Identification]) -> tuple[Candidate, ...]:
-    """The candidates compared on common pixels, with the noise estimated from the best; the
-    likeliest first.
+    """The candidates compared on common pixels, the likeliest first.
 
-    Candidates without evidence come last.
+    The noise is estimated from the best. Candidates without evidence come last.
     """
     evidences = {
         name: identification.evidence

@@ -83,9 +83,7 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
         ConfigurationError: `size` is not positive.
     """
     if not found.accepted or found.evidence is None:
-        raise PerceptionError(
-            f"deformation: the object must be identified first, but it was not: {found.reason}"
-        )
+        raise PerceptionError(f"deformation: the object was not identified: {found.reason}")
     if size is not None and not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"deformation: size must be positive [m], got {size}")
 

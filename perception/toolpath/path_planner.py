@@ -73,9 +73,7 @@ def plan_path(
         ConfigurationError: The path has coinciding points, or a parameter is out of bounds.
     """
     if not found.accepted or found.evidence is None:
-        raise PerceptionError(
-            f"tool path: the object must be identified first, but it was not: {found.reason}"
-        )
+        raise PerceptionError(f"tool path: the object was not identified: {found.reason}")
     if not (spacing > 0.0 and max_deviation > 0.0 and bridge >= 0.0 and tool_radius >= 0.0):
         raise ConfigurationError(
             "tool path: spacing and max_deviation must be > 0 m, bridge and tool_radius >= 0 m, "

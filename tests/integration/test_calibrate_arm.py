@@ -126,8 +126,8 @@ BAD = {
     "nan": (rows(GOOD, "0.1,nan,1,1,1,1"), "must be finite"),
     "width": (rows("0.1,0.2,0.3"), "the arm has 6 joints"),
     "seven": (rows("4.19e-01,1.2,-0.2,-0.9,0.7,1.5,0.8"), "7 joint values, the arm has 6 joints"),
-    "one": (rows(GOOD), "at least three different touches"),
-    "equal": (rows(GOOD, GOOD, GOOD), "at least three different touches"),
+    "one": (rows(GOOD), "at least three times in different poses"),
+    "equal": (rows(GOOD, GOOD, GOOD), "at least three times in different poses"),
     "mixed": (rows(GOOD), "looks like degrees"),
 }
 

@@ -117,10 +117,10 @@ def test_attach_names_what_is_wrong():
         water.attach(spec, {"bal": body})
     with pytest.raises(ConfigurationError, match=r"water_density .* must be positive, got 0"):
         water.attach(spec, {"ball": body}, 0.0)
-    with pytest.raises(ConfigurationError, match="ball: expected BodyHydrodynamics, got float"):
+    with pytest.raises(ConfigurationError, match="ball: must be BodyHydrodynamics, got float"):
         water.attach(spec, {"ball": untyped(1.0)})
     spec.body("ball").userdata = [1.0, 2.0]
-    with pytest.raises(ConfigurationError, match="ball: its user data is holds other data already"):
+    with pytest.raises(ConfigurationError, match="ball: its user data holds other data already"):
         water.attach(spec, {"ball": body})
 
 
@@ -178,7 +178,7 @@ def test_bodies_of_different_waters_are_refused():
         scene.attach(child, prefix=f"{name}/", frame=scene.worldbody.add_frame())
     with pytest.raises(
         ConfigurationError,
-        match=r"different density .* sea/ball 1025, lake/ball "
+        match=r"different densities .* sea/ball 1025, lake/ball "
         r"1000",
     ):
         hydrodynamics.compile(scene)
@@ -226,7 +226,7 @@ def test_set_current_needs_water():
 
 def test_trim_names_what_is_wrong():
     spec = ball()
-    with pytest.raises(ConfigurationError, match="ball: no hydrodynamics attached"):
+    with pytest.raises(ConfigurationError, match="ball: has no hydrodynamics"):
         water.trim(spec, "ball", metacentric_height=0.1)
     water.attach(spec, {"ball": water.sphere(0.1)})
     with pytest.raises(ConfigurationError, match="metacentric_height"):
@@ -235,7 +235,7 @@ def test_trim_names_what_is_wrong():
         water.trim(spec, "ball", metacentric_height=0.1, qpos=np.zeros(3))
     child = spec.body("ball").add_body(name="float")
     water.attach(spec, {"float": BodyHydrodynamics(volume=1.0)})
-    with pytest.raises(ConfigurationError, match="weighs 4 kg, its other bodies displace 1025 kg"):
+    with pytest.raises(ConfigurationError, match=r"weighs 4 kg, but its other bodies .* 1025 kg"):
         water.trim(spec, "ball", metacentric_height=0.1)
     spec.delete(child)
     spec.option.gravity = [0, 0, 0]

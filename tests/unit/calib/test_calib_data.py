@@ -25,17 +25,17 @@ def with_nan(series: list[Array]) -> list[Array]:
 
 
 REFUSED: dict[str, tuple[Callable[[list[Array]], object], str]] = {
-    "empty": (lambda _: [], "empty"),
-    "empty series": (lambda s: [s[0], np.empty((0, 6))], "series 2: empty"),
+    "empty": (lambda _: [], "at least one series of touches"),
+    "empty series": (lambda s: [s[0], np.empty((0, 6))], "series 2: must have at least one touch"),
     "not finite": (with_nan, "series 2, touch 5: joint 3 is nan"),
     "degrees": (lambda s: [np.rad2deg(q) for q in s], "degrees"),
     "joint count": (lambda s: [q[:, :5] for q in s], r"the arm has 6 joints.*\(21, 5\)"),
     "one array": (lambda s: s[0], "list of arrays"),
     "text": (lambda _: [[["a"] * 6] * 3], "series 1"),
-    "one touch each": (lambda s: [q[:1] for q in s], "at least three different touches"),
+    "one touch each": (lambda s: [q[:1] for q in s], "at least three times in different poses"),
     "equal touches": (
         lambda s: [np.repeat(q[:1], 10, axis=0) for q in s],
-        "at least three different touches",
+        "at least three times in different poses",
     ),
 }
 
@@ -52,7 +52,7 @@ def test_refused_in_one_line(case: str, series: list[Array]):
     [
         ({"free": ["a", "lengths"]}, "'lengths' is no parameter.*theta, d, a"),
         ({"prior": {"a": -1.0}}, "deviation of a: must be positive"),
-        ({"prior": {"b": 1.0}}, "'b' is not identified"),
+        ({"prior": {"b": 1.0}}, "'b' is not a free parameter"),
         ({"method": "magic"}, "map, paper"),
         ({"distances": [(0, 3, 1.0)]}, r"0\.\.2"),
         ({"distances": [(0, 1, -1.0)]}, "positive"),
@@ -114,8 +114,8 @@ def test_single_and_repeated_touches_are_said_and_left_out(series: list[Array], 
     clean = identify(series, UR10E)
     more = [np.vstack([series[0], series[0][:5]]), *series[1:], series[0][:1] + 0.1]
     fit = identify(more, UR10E)
-    assert any("series 1: 5 of 26 touches repeat" in line for line in fit.warnings)
-    assert any("series 4: a single touch" in line for line in fit.warnings)
+    assert any("series 1: 5 of 26 touches left out" in line for line in fit.warnings)
+    assert any("series 4: left out, since a single touch" in line for line in fit.warnings)
     within("table", fit.arm.table - clean.arm.table, 1e-9)
     assert [len(distances) for distances in fit.residuals] == [26, 21, 21, 1]
 
@@ -123,15 +123,16 @@ def test_single_and_repeated_touches_are_said_and_left_out(series: list[Array], 
 def test_touches_of_another_arm_are_doubted():
     other = Arm.from_dh(UR10E * [1, 1.3, 0.6, 1] + [0.3, 0.05, 0.1, 0.2])
     fit = identify(touch(other, OFF_AXIS, np.random.default_rng(22)), UR10E)
-    assert any("not of this arm" in line for line in fit.warnings)
+    assert any("were not made with this arm" in line for line in fit.warnings)
     far = Arm.from_dh(UR10E + np.array([0.02, 0.01, 0.01, 0.02]) * (-1.0) ** np.arange(6)[:, None])
     fit = identify(touch(far, OFF_AXIS, np.random.default_rng(22)), UR10E)
     assert any(
-        "far from the nominal one" in line and "the prior holds" in line for line in fit.warnings
+        "far from the nominal one" in line and "the prior is limited" in line
+        for line in fit.warnings
     )
     shuffled = [q[:, ::-1] for q in touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(23))]
     assert any(
-        "nominal" in line or "not of this arm" in line
+        "nominal" in line or "were not made with this arm" in line
         for line in identify(shuffled, UR10E).warnings
     )
 

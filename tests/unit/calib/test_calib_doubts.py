@@ -74,12 +74,12 @@ def scaled(joint: int, factor: float) -> Callable[[Series], Series]:
 WRONG = {
     "two points in one file": (lambda s: [np.vstack(s[:2]), s[2]], "touches of two points"),
     "columns exchanged": (columns(0, 1, 4, 3, 2, 5, 6), "columns 3 and 5 exchanged"),
-    "sign flipped": (scaled(3, -1.0), "joint 4 with the other sign"),
+    "sign flipped": (scaled(3, -1.0), "joint 4 with the opposite sign"),
     "degrees turned twice": (
         scaled(3, np.pi / 180.0),
-        "joint 4 turned from degrees once too often",
+        "joint 4 converted from degrees once too often",
     ),
-    "the same file twice": (lambda s: [s[0], s[0], s[2]], "the same touches twice"),
+    "the same file twice": (lambda s: [s[0], s[0], s[2]], "the same touches were written twice"),
     "repeated rows": (
         lambda s: [
             np.vstack([q[:4]] * 4) + 1e-5 * np.sin(np.arange(7 * 16)).reshape(16, 7) for q in s
@@ -110,7 +110,7 @@ WRONG = {
         lambda s: [
             np.where((np.arange(7) == 3) & (np.arange(16)[:, None] % 16 > 10), q[11], q) for q in s
         ],
-        "joint 4 reads the same in 15 touches, of which",
+        "joint 4 has the same reading in 15 touches, of which",
     ),
     "too few touches": (lambda s: [s[0][:4]], "too few"),
 }
@@ -199,10 +199,10 @@ def test_touches_from_a_hull_that_moves_are_doubted_alike() -> None:
         return "; ".join(map(str, examine(again(given), given, again, known).doubts))
 
     assert said(series) == ""
-    assert "joint 2 with the other sign" in said(
+    assert "joint 2 with the opposite sign" in said(
         [q * np.where(np.arange(12) == 7, -1.0, 1.0) for q in series]
     )
-    assert "the same touches twice" in said([series[0], series[0], series[2]])
+    assert "the same touches were written twice" in said([series[0], series[0], series[2]])
     assert "joint 3 reads +5" in said(
         [series[0], series[1] + np.deg2rad(5.0) * (np.arange(12) == 8), series[2]]
     )
@@ -275,10 +275,10 @@ def test_lengths_that_cancel_are_metres(d: str, tmp_path, within) -> None:
 def test_a_stated_unit_is_not_overruled(tmp_path) -> None:
     file = tmp_path / "dh.csv"
     file.write_text("theta,d [m],a,alpha\n0,300,0,1.5\n0,0,-600,0\n")
-    with pytest.raises(ConfigurationError, match="looks like millimetres"):
+    with pytest.raises(ConfigurationError, match="in millimetres"):
         read_arm(file)
     file.write_text("theta [rad],d,a,alpha\n20,0.3,0,1.5\n0,0,-0.6,0\n")
-    with pytest.raises(ConfigurationError, match="looks like degrees"):
+    with pytest.raises(ConfigurationError, match="in degrees"):
         read_arm(file)
     file.write_text("theta,d [mm],a,alpha\n0,30,0,1.5\n0,0,40,0\n")
     assert read_arm(file).arm.table[1, 2] == pytest.approx(0.04)

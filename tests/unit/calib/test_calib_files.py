@@ -168,7 +168,9 @@ def test_what_a_yaml_of_an_arm_may_hold(tmp_path):
     assert source.arm.table[1, 2] == 0.3
     assert source.arm.joint_names == ("1", "two")
     np.testing.assert_array_equal(source.arm.limits, [[-np.inf, 1], [-np.inf, np.inf]])
-    assert any("no 'limts' is read (did you mean limits?)" in note for note in source.notes)
+    assert any(
+        "the entry 'limts' is ignored (did you mean limits?)" in note for note in source.notes
+    )
     joint = "{x: 1e-1, y: 0, z: 2e-05, roll: 0, pitch: 0, yaw: 0, more: 1}"
     (tmp_path / "ur.yaml").write_text(f"kinematics:\n  a: {joint}\n  b: {joint}\n  hash: 12e4\n")
     assert read_arm(tmp_path / "ur.yaml").arm.joint_names == ("a", "b")
@@ -184,7 +186,7 @@ def test_what_a_yaml_of_an_arm_may_hold(tmp_path):
         ("a.yaml", "dh: [1, 2]\n", r"dh\[0\]: must be theta, d, a, alpha"),
         ("a.yaml", "{", "cannot be read"),
         ("a.yaml", ROWS + "limits: [[.nan, 1], [0, 1]]", r"limits\[0\]\[0\]: must not be NaN"),
-        ("a.yaml", ROWS + "limits: [[0, 1]]", r"limits: 2 pairs of numbers, got"),
+        ("a.yaml", ROWS + "limits: [[0, 1]]", r"limits: must have 2 pairs of numbers, got"),
         (
             "a.yaml",
             ROWS + "limits: [[0, 1, 2], [0, 1]]",
@@ -229,7 +231,7 @@ def test_what_a_yaml_of_an_arm_may_hold(tmp_path):
         ("a.urdf", "<robot", "no XML"),
         ("a.urdf", URDF, "--tip"),
         ("a.xml", "<mujoco><worldbody/></mujoco>", "no body named 'arm_base'"),
-        ("a.step", "x", "allowed .csv"),
+        ("a.step", "x", "must be one of .csv"),
     ],
 )
 def test_bad_arm_is_refused_in_a_sentence(name, text, said, tmp_path):
@@ -276,10 +278,10 @@ def test_touches_in_all_their_forms(units, tmp_path):
     [
         ("", "the file is empty"),
         ("a,b,c\n", "must have at least one touch"),
-        ("1,2,3\n1,2\n", "2 joint values, the arm has 3"),
-        ("1,2,3,4,5\n", "5 joint values, the arm has 3"),
+        ("1,2,3\n1,2\n", "the arm's 3 joints, got 2"),
+        ("1,2,3,4,5\n", "the arm's 3 joints, got 5"),
         ("1,2,3\n1,nan,3\n", ":2: every joint value must be finite"),
-        ("1,2,3\n1,oops,3\n", "no number"),
+        ("1,2,3\n1,oops,3\n", "must be a number"),
     ],
 )
 def test_bad_touches_are_refused_in_a_sentence(text, said, tmp_path):

@@ -105,7 +105,7 @@ def test_the_plan_names_what_sharpens_its_aim():
     assert planned(np.eye(2), candidates, parameters)[0].name == "swing"
     best = planned(np.eye(2), candidates, parameters, ("trim",))[0]
     assert (best.name, best.sharper()) == ("drift", pytest.approx(2.0))
-    with pytest.raises(ConfigurationError, match="--aim 'speed': allowed added mass"):
+    with pytest.raises(ConfigurationError, match="--aim 'speed': must be one of added mass"):
         planned(np.eye(2), candidates, parameters, ("speed",))
 
 
@@ -191,7 +191,7 @@ T = np.arange(201) / 20.0
 BAD = {
     "time must increase, but 2.05 s follows 3 s": {"time": np.where(T == 2.0, 3.0, T)},
     "time must be in s": {"time": 1000.0 * T * 20},
-    "it lasts 0.01 s; 4 s are needed": {"time": T / 1000.0},
+    "must last at least 4 s, got 0.01 s": {"time": T / 1000.0},
     "no column|unknown column 'speed'": {"speed": T},
     "unknown column 'thruster.bwo'; this vehicle has thruster.bow, thruster.stern.*did you mean "
     "thruster.bow": {"thruster__bwo": T},
@@ -199,13 +199,15 @@ BAD = {
     "position changes by .* it must be in m": {"x": 300.0 * 100.0 * np.sin(T)},
     "must be a unit quaternion": {"qw": 0.5 + 0.0 * T},
     "rad/s \\(not deg/s\\)": {"wz": np.degrees(0.4 * np.cos(T))},
-    "of a pulse in us, \\(pulse - 1500\\) / 400": {"thruster__bow": 1500.0 + 200.0 * np.sin(T)},
+    "for a pulse in us it is \\(pulse - 1500\\) / 400": {
+        "thruster__bow": 1500.0 + 200.0 * np.sin(T)
+    },
     "of percent, a hundredth": {"thruster__bow": 50.0 * np.sin(T)},
     "these look like degrees": {"joint__elbow": np.degrees(np.sin(T))},
     "must have a command or a thrust, not both": {"thrust__bow": T},
-    "velocity needs vx, vy, vz; 'vy' is missing": {"vx": T, "vz": T},
+    "velocity must have all of vx, vy, vz; 'vy' is missing": {"vx": T, "vz": T},
     "specific force \\[m/s\\^2\\]": {"ax": 0.0 * T, "ay": 0.0 * T, "az": 1.0 + 0.0 * T},
-    "only a part of x, y, z is there": {"x": np.where(T == 1.0, np.nan, T)},
+    "some of x, y, z are missing": {"x": np.where(T == 1.0, np.nan, T)},
     "upside down; .* in the order qx qy qz qw": {"qx": 1.0 + 0.0 * T, "qz": 0.0 * T, "qw": 0.0 * T},
 }
 
@@ -222,10 +224,10 @@ def test_a_wrong_log_is_refused_in_one_line(said):
     ("text", "said"),
     [
         ("time,x,y,z\n0,0,0,nan\n1,0,0,0\n", "line 2, column 'z' is nan; leave a cell blank"),
-        ("time,x,y,z\n0,0,0\n", "line 2 has 3 cells, the first line 4"),
+        ("time,x,y,z\n0,0,0\n", "line 2 must have 4 cells as the first line, got 3"),
         ("time,x,y,z\n0,0,0,deep\n", "line 2, column 'z': expected a number, got 'deep'"),
-        ("time,x,x\n0,0,0\n", "column 'x' is there twice"),
-        ("time,x,y,z\n0,0,0,0\n", "it has 1 rows of numbers"),
+        ("time,x,x\n0,0,0\n", "column 'x' occurs twice"),
+        ("time,x,y,z\n0,0,0,0\n", "got 1 rows of numbers"),
         ("", "the file is empty"),
     ],
 )

@@ -399,7 +399,7 @@ def test_water_stated_twice_is_refused(tmp_path: Path) -> None:
     ):
         vehicle_spec(file)
     sidecar.beside(file).write_text("thrusters: {bow: {forward: 1, reverse: 1}}")
-    with pytest.raises(ConfigurationError, match="'bow' has its table already"):
+    with pytest.raises(ConfigurationError, match="'bow' has a table already"):
         vehicle_spec(file)
     with pytest.raises(ConfigurationError, match="has its own water"):
         vehicle_spec("uuv_puma", water=file)

@@ -244,7 +244,7 @@ def test_a_current_turns_the_hull_only_where_it_must_and_is_refused_where_nothin
     assert abs(turned.X_WB[:3, 1] @ calm.X_WB[:3, 1]) < 0.9
     with pytest.raises(
         StrongCurrentError,
-        match=r"current of 1\.50 m/s is too strong: .* \d+% of a thruster's thrust, 95% is allowed",
+        match=r"current of 1\.50 m/s is too strong: .* \d+% of its thrust, but at most 95%",
     ):
         standing(target, path, 1.5 * calm.X_WB[:3, 1])
 
@@ -254,7 +254,7 @@ def test_a_push_that_no_place_lets_the_thrusters_bear(own):
     holding = ThrustMargin.of(own, drag=20.0)
     with pytest.raises(
         ReachError,
-        match=r"out of reach.* where the thrusters cannot bear push "
+        match=r"out of reach.* where the thrusters cannot bear set force "
         r"and friction",
     ):
         found(own, target, tool_path(target, "longitudinal"), holding=holding)
@@ -314,10 +314,10 @@ def test_what_ends_a_path_is_named_with_its_joint(own):
     beyond = track(own, ready)
     beyond.poses[0][2, 3] -= 5.0
     cases = (
-        (margins(own), track(own, near, nearer), 1, "joint5 comes to its limit"),
+        (margins(own), track(own, near, nearer), 1, "joint5 reaches its limit"),
         (margins(own), track(own, ready, turned), 1, "joint1 would turn by 86 deg in one step"),
         (margins(own), beyond, 0, "the arm is too short"),
-        (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the push"),
+        (margins(own, force=2000.0), track(own, ready), 0, "cannot bear the set force"),
     )
     for arm, way, at, words in cases:
         dropped = arm.along(way, np.eye(4), 0.0)

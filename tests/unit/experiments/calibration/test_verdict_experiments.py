@@ -21,7 +21,7 @@ REASONS = {
     "joint 5 slips by 3 degrees within a file": "joint 5 reads +3 deg off from touch 11 of p0 to "
     "its last",
     "poses of the flange": "the table, a joint sign or a joint zero is wrong",
-    "rows repeated in another file": "the same touches twice",
+    "rows repeated in another file": "the same touches were written twice",
 }
 
 

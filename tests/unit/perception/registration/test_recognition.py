@@ -165,7 +165,7 @@ def test_targets_that_are_none_are_refused_in_a_line(tmp_path):
     cloud = np.zeros((0, 3))
     for targets, words in (
         ([], "must have at least one model, got none"),
-        ([target_of("valve"), target_of("valve")], "'valve' is there twice"),
+        ([target_of("valve"), target_of("valve")], "'valve' occurs twice"),
         ({"a": 7}, "targets, a: target: expected a TargetModel"),
         (7, "must be several models, or the name of a folder, got 7"),
         (np.zeros((5, 3)), "must be several models"),

@@ -234,7 +234,7 @@ def test_records_of_episodes(tmp_path):
         (
             ("water", "hover"),
             {"perturbations": ["water"]},
-            "perturbations: every entry must be one of them, got 'water'",
+            "perturbations: must be such objects, got 'water'",
         ),
         (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "the vehicle must have thrusters"),
         (

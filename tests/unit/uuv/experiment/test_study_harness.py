@@ -270,7 +270,7 @@ def test_two_studies_do_not_share_a_folder(root, tmp_path):
 def test_a_study_leaves_the_files_of_others_alone(tmp_path):
     (tmp_path / "metrics.json").write_text("{}")
     with pytest.raises(
-        ConfigurationError, match=r"files that do not belong to an experiment \(metrics.json\)"
+        ConfigurationError, match=r"files that are no experiment's \(metrics.json\)"
     ):
         RowLog(tmp_path)
 

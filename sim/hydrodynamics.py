@@ -276,8 +276,7 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
             doubts.append(
                 f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} "
-                f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3; check mass [kg] and "
-                "volume [m^3]"
+                f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g}; check volume [m^3]"
             )
 
         gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]

@@ -342,7 +342,8 @@ def test_a_step_after_the_end_begins_anew():
 def test_an_expert_acts_by_its_own_kind_of_action():
     environment = uuv.load("water", "hover", actions="thrusters_torques")
     with pytest.raises(
-        ConfigurationError, match="HoldStation acts by ThrusterSpeeds, not by ThrustersAndTorques"
+        ConfigurationError,
+        match="HoldStation needs the actions ThrusterSpeeds, got ThrustersAndTorques",
     ):
         uuv.expert(environment)
 

@@ -291,7 +291,7 @@ def test_rows_of_an_earlier_version_are_refused_until_they_may_go(tmp_path):
     with pytest.raises(
         ConfigurationError,
         match=r"rows of an earlier version \(results.jsonl\); "
-        r"--anew",
+        r"discard them by --anew",
     ):
         RowLog(tmp_path)
     assert RowLog(tmp_path, anew=True).rows == {}

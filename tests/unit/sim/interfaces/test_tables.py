@@ -315,5 +315,5 @@ def test_names_that_a_folder_may_have(name: str):
     "name", ["../x", "/x", "a/../b", "a//b", "", "x\x1b", "[/bold]", "a b", "a" * 300, "-", ".", 5]
 )
 def test_names_that_no_folder_may_have(name: Any):
-    with pytest.raises(ConfigurationError, match=r"^name: must consist of "):
+    with pytest.raises(ConfigurationError, match=r"^name: must be "):
         folder_name(name, "name")

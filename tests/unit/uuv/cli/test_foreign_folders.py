@@ -200,9 +200,7 @@ def test_a_name_that_leads_elsewhere_is_refused(name: str, uuv, tmp_path: Path):
     (tmp_path / "s.toml").write_text(SCENARIO.replace('name = "clean_barrel"', f'name = "{name}"'))
     code, output = uuv("run", "s.toml", "--no-record")
     assert code == 2
-    assert (
-        "control character" in output or "name: must consist of letters, digits, - and _" in output
-    )
+    assert "control character" in output or "name: must be letters, digits, - and _" in output
     assert output[:-1].isprintable()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["bad", "good", "s.toml"]
 

@@ -217,8 +217,8 @@ def test_examples_can_be_read(root, name):
         (
             "log_uniform",
             "normal",
-            r"distributions\..*stiffness: no distribution 'normal'; there "
-            r"are uniform, log_",
+            r"distributions\..*stiffness: no distribution 'normal'; allowed "
+            r"uniform, log_",
         ),
         ("log_uniform = [1e4, 1e6]", "log_uniform = [0, 1e6]", r"two increasing numbers above 0"),
         ("log_uniform = [1e4, 1e6]", "log_uniform = [1e6, 1e4]", r"two increasing numbers above 0"),

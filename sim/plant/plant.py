@@ -236,7 +236,7 @@ class Plant(WithWater):
         self.publish()
 
     def observe(self, *, again: bool = False) -> Truth:
-        """Update the kinematics to the current time, `again` if wanted, and return the truth.
+        """Update the kinematics to the current time and return the truth; `again` repeats it.
 
         Warns as `uuv.sim.hydrodynamics.check_motion` does.
 

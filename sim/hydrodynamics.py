@@ -24,10 +24,9 @@ Limits of MuJoCo:
 - `mj_setConst` replaces the contact weights by those of the dry mass; then call `set_constants`.
 - The integrator "implicit" takes velocity terms of bodies implicitly, those of water explicitly.
 
-The callbacks are installed once in each process. Unpickling a model installs them, and so does
-loading a file by `MjModel.from_...` after this module was imported. `MjSpec.compile` does not
-install them. MuJoCo without this module refuses our MJCF, with the module's name in the message
-(`uuv.models.water.native_mark`), but simulates an MJB without water.
+The callbacks belong to the process. Unpickling a model installs them, and so does
+`MjModel.from_...` after this module was imported, but not `MjSpec.compile`. MuJoCo alone refuses
+our MJCF and names this module (`uuv.models.water.native_mark`), but simulates an MJB without water.
 """
 
 import math
@@ -63,11 +62,7 @@ from uuv.sim.water import energy
 from uuv.sim.water.water_motion import FLOW, WaterMotion, current, set_current, take_last
 from uuv.sim.water.wet_inertia import BlockSums, WetInertia
 
-__all__ = [
-    "WaterMotion",
-    "current",
-    "set_current",
-]  # from `water_motion`: the current of one simulation
+__all__ = ["WaterMotion", "current", "set_current"]  # imported from `water_motion`
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -91,8 +86,7 @@ def install() -> None:
     """Install the callbacks of the hydrodynamics in this process. Idempotent. The first call ever
     takes about 10 s.
 
-    If other code replaces a callback later, a RuntimeWarning says that wet models then move without
-    it.
+    If other code replaces a callback later, a RuntimeWarning says that models move without water.
 
     Raises:
         HydrodynamicsError: MuJoCo's memory layout differs from its introspection data, or other
@@ -112,8 +106,7 @@ def is_installed() -> bool:
 
 
 def check_installed(model: mujoco.MjModel) -> bool:
-    """Return True if the water and gear forces of `model` act correctly; otherwise warn and return
-    False.
+    """Return True if water and gear forces of `model` act correctly; otherwise warn, return False.
 
     The RuntimeWarning has one line and one of these causes: a callback that the model needs is not
     installed, `check` refuses its options, or its contact weights are those of the dry mass (it was
@@ -232,9 +225,7 @@ def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def leaves_mark(model: mujoco.MjModel) -> bool:
-    """True if the callback marks each forward pass: it does for water on movable bodies, and for
-    gears.
-    """
+    """True if the callback marks each forward pass: for water on movable bodies and for gears."""
     # MuJoCo's flag disables the gear friction.
     without_loss = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
     return bool(_bodies(model)) or (gear_friction.has_curves(model) and not without_loss)
@@ -244,8 +235,7 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     """List implausible properties of a wet model, one line each; empty for a model without
     coefficients.
 
-    Bodies that are fixed to each other count as one body, since the coefficients of all may be
-    given for one of them.
+    Bodies fixed to each other count as one, since one may have the coefficients of all.
 
     - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have
       them.
@@ -286,8 +276,7 @@ def _doubts(model: mujoco.MjModel, wet: dict[int, BodyHydrodynamics]) -> list[st
         if body.volume > 0.0 and not DENSITIES[0] <= together / volume <= DENSITIES[1]:
             doubts.append(
                 f"{names[i]}: {together:.4g} kg in {volume:.4g} m^3 make {together / volume:.3g} "
-                f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g} kg/m^3; check mass [kg] and "
-                "volume [m^3]"
+                f"kg/m^3, outside {DENSITIES[0]:g} to {DENSITIES[1]:g}; check volume [m^3]"
             )
 
         gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]
@@ -344,8 +333,7 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     A spec without coefficients is compiled as it is. If only bodies have hydrodynamic data (the
     spec came from MJCF, or was attached to this one), the world body's row is made from theirs. A
     model with water, gear friction, thrusters or soil installs the callbacks in the process. Each
-    of the model's `doubts` gives a PhysicsWarning. The cost is linear in the number of kinematic
-    trees.
+    of its `doubts` gives a PhysicsWarning. The cost is linear in the number of kinematic trees.
 
     Raises:
         ConfigurationError: `spec` is no MjSpec, its bodies have different water densities, or it
@@ -358,8 +346,7 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     if any(carries(body.userdata) for body in spec.bodies):
         install()
         attach(spec, {})
-        # behind the user's entries; the spec keeps those of the user only
-        spec.nuserdata += FLOW.size
+        spec.nuserdata += FLOW.size  # behind the user's entries; the spec keeps only these
     try:
         model = spec.compile()
     finally:
@@ -642,8 +629,7 @@ def _set_constants(
     model.dof_M0 = inertia.diagonal
     model.stat.meaninertia = inertia.diagonal.mean()
 
-    # The world's row: stamp of these weights, ratio of drag to inertia, and no warnings given so
-    # far.
+    # The world's row: stamp of these weights, ratio of drag to inertia, no warnings yet.
     water[LAYOUT.compiled] = model.dof_invweight0.sum()
     still = inertia.drag_rate(lambda body: _body_drag_slope(body, 0.0))
     water[LAYOUT.drag_rate :][:2] = still, (at_rest.drag_rate - still) / DRAG_SPEED

@@ -362,8 +362,8 @@ class PathError:
 
     @property
     def cross(self) -> Array:
-        """Distance (N,) [m] from the path within the surface. Along the normal the force controller
-        decides.
+        """Distance (N,) [m] from the path within the surface, without the error along the
+        normal.
         """
         return np.abs(self.lateral)
 
@@ -403,9 +403,7 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
 
 
 def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
-    """Errors of the true tip from the commanded path, and of the tool axis from the true surface
-    normal.
-    """
+    """Errors of the true tip from the commanded path, and of the tool axis from the true normal."""
     error = path_error(recording)
     if error is None:  # a tool that rests on the surface has an attitude but no path
         tilt = tool_tilt(recording, truth)[1]
@@ -439,17 +437,14 @@ def tool_figures(recording: "Recording", truth: TrueObject) -> ToolMetrics:
 
 
 def true_path_deviation(recording: "Recording", truth: TrueObject) -> float | None:
-    """Largest distance [m] of the true tip at work from the ideal path; None if there is no
-    path.
-    """
+    """Largest distance [m] of the true tip at work from the ideal path; None without a path."""
     if path_error(recording) is None:
         return None
     return float(_on_ideal_path(recording, truth)[0].max())
 
 
 def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
-    """Distances (N,) [m] of the true tip at work from the ideal path, and arc lengths (N,) [m]
-    there.
+    """Distances (N,) [m] of the true tip at work from the ideal path, and arc lengths there.
 
     On a deformed object the ideal path is the path of the clean object, projected onto the true
     surface along its tool axes. The distance then combines the distance from the path across these
@@ -481,8 +476,7 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:
-    """True pose X_WT (4, 4): among the poses equal by symmetry, the one nearest to the identified
-    pose.
+    """True pose X_WT (4, 4): of those equal by symmetry, the one nearest to the identified pose.
 
     A rotation of symmetry leaves the object unchanged but moves the path.
     """
@@ -573,9 +567,7 @@ def _finely(path: ModelPath) -> tuple[Array, Array]:
 
 
 def joint_figures(recording: "Recording") -> JointMetrics:
-    """Direction reversals of the arm's joints in the work state; None unless the recording is
-    full.
-    """
+    """Direction reversals of the arm's joints in the work state; None unless fully recorded."""
     if "q" not in recording:
         return unmeasured(JointMetrics)
 
@@ -587,9 +579,7 @@ def joint_figures(recording: "Recording") -> JointMetrics:
 
 
 def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
-    """Number of direction reversals of a joint's motion q (N,) [rad] beyond a `hysteresis`
-    [rad].
-    """
+    """Number of direction reversals of a joint's motion q (N,) [rad] beyond a `hysteresis`."""
     count, way, extreme = 0, 0, q[0] if len(q) else 0.0
     for angle in q:
         if way * (angle - extreme) > 0.0 or (way == 0 and abs(angle - extreme) > hysteresis):
@@ -632,9 +622,7 @@ def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
 
 
 def _at_work(recording: "Recording", truth: TrueObject) -> tuple[Array, Array, Array]:
-    """Times (N,) [s], face of the pad (N, 3) [m] and tool axis (N, 3) in T, at work and at
-    TILT_RATE.
-    """
+    """Times (N,) [s], face of the pad (N, 3) [m] and tool axis (N, 3) in T, at work."""
     rows = _rows_at_work(recording)
     tip_T, R = _in_object(recording, truth, rows, truth.X_WT)
     return recording["p_pad"].time[rows], tip_T, _turned_back(R, recording["tool_axis"].value[rows])
@@ -679,9 +667,7 @@ def _rows_at_work(recording: "Recording") -> np.ndarray:
 
 
 def force_estimate_figures(recording: "Recording") -> ForceEstimateMetrics:
-    """Error of the tool force estimated from the joints, as a vector, along and across the tool, at
-    work.
-    """
+    """Error of the tool force estimated from the joints: as a vector, along and across the tool."""
     work = recording.within(WorkState.WORK)
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
     normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
@@ -742,8 +728,7 @@ def hull_figures(recording: "Recording") -> HullMetrics:
 
 
 def _identification(recording: "Recording", truth: TrueObject) -> IdentificationMetrics:
-    """Error, up to symmetry, of the pose that the work used, or of the last find if there was no
-    work.
+    """Error, up to symmetry, of the pose that the work used or, without work, of the last find.
 
     The verdict refers to the same pose, since a single look may be refused after the mean was
     accepted. Range and check are those of the last find.

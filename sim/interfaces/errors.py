@@ -9,9 +9,8 @@ from difflib import get_close_matches
 LONGEST = 300  # [characters] longest message
 # [characters] kept from the end of a message that is too long, since the given value is named there
 _TAIL = 90
-_COLOUR = re.compile(
-    r"\x1b\[[0-9;]*m"
-)  # colour codes in other packages' messages, where colorama is installed
+# colour codes in other packages' messages, where colorama is installed
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 # Control characters, line separators, marks that reverse the direction of text, and halves of
 # surrogate pairs.
 _CONTROL = r"\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff"

@@ -31,9 +31,7 @@ def folder_name(name: Any, what: str) -> str:
     """
     parts = name.split("/") if isinstance(name, str) else [""]
     if not all(part.replace("_", "").replace("-", "").isalnum() for part in parts):
-        raise ConfigurationError(
-            f"{what}: must consist of letters, digits, - and _, got {shown(name)}"
-        )
+        raise ConfigurationError(f"{what}: must be letters, digits, - and _, got {shown(name)}")
     if max(len(part.encode()) for part in parts) > _LONGEST_NAME:
         raise ConfigurationError(
             f"{what}: must be at most {_LONGEST_NAME} bytes long, got {shown(name)}"

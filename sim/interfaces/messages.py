@@ -345,9 +345,8 @@ class ToolPath:
     p: Array  # (N, 3) [m] points of the tool tip
     z: Array  # (N, 3) unit tool axis, into the surface
     x: Array  # (N, 3) unit axis across the tool axis, along the path unless `keeps_x`
-    on_scan: (
-        np.ndarray
-    )  # (N,) bool: the point is on the scanned surface (else taken from the model alone)
+    # (N,) bool: the point is on the scanned surface (else taken from the model alone)
+    on_scan: np.ndarray
     # (N,) bool: the tool can press there, at both ends too; None: at all points
     fits: np.ndarray | None = None
     pace: float = 1.0  # share of the set speed that the surface allows

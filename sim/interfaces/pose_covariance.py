@@ -207,7 +207,7 @@ class PoseCovariance:
         """Region that contains the centre with a probability of 95 %: half axes (3,) [m], and their
         directions (3, 3) as columns, right-handed.
 
-        Free translations have half axes of 0, since they cannot be drawn.
+        A free translation has a half axis of 0, since an infinite one cannot be plotted.
         """
         square, axes = np.linalg.eigh(self.matrix[:3, :3])
         if np.linalg.det(axes) < 0.0:

@@ -9,10 +9,8 @@ _XYZ = ("x", "y", "z")
 # Columns of the blocks: series name -> (labels, unit), in the order of the columns in a row.
 Columns = Mapping[str, tuple[tuple[str, ...], str]]
 SCALARS: Columns = {
-    "contact_normal": (
-        (),
-        "N",
-    ),  # true force of the tool on the object: mean over the plant's substeps
+    # true force of the tool on the object: mean over the plant's substeps
+    "contact_normal": ((), "N"),
     "contact_least": ((), "N"),  # smallest value of a substep
     "contact_most": ((), "N"),  # largest value of a substep
     "saturated": ((), ""),
@@ -63,9 +61,7 @@ def slow_columns(vehicle: Vehicle, *, jaws: bool = False) -> Columns:
         "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),
         "p_WB_estimate": (_XYZ, "m"),
         "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
-        "position_sigma": (
-            _XYZ,
-            "m",
-        ),  # standard deviation of the estimated hull position, as the estimator states it
+        # standard deviation of the estimated hull position, as the estimator states it
+        "position_sigma": (_XYZ, "m"),
     }
     return {**columns, **JAWS} if jaws else columns

@@ -129,8 +129,7 @@ class Recording(RecordedSeries):
     supply: Array = field(default_factory=lambda: np.zeros(0))
 
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
-        """SHA-256 over the bits of the times and values of series; by default of the whole
-        trajectory.
+        """SHA-256 over the bits of times and values of series, by default of the whole trajectory.
 
         Names that were not recorded are skipped; the order of `names` has no effect. The digest
         does not depend on the slower series, the byte order, or the bits of NaN.
@@ -239,9 +238,8 @@ class Recorder:
     controller's internal values every `period`, and the poses of all bodies every `pose_period`.
     """
 
-    _OF_THE_RUN = frozenset(
-        {"_vehicle", "_truth", "_record"}
-    )  # not saved, because it is bound to one plant
+    # bound to one plant, and therefore not saved
+    _OF_THE_RUN = frozenset({"_vehicle", "_truth", "_record"})
 
     def __init__(
         self,
@@ -385,9 +383,7 @@ class Recorder:
         return (self._ticks, self._pose_ticks) if self._full else ()
 
     def ready(self, rows: int) -> Array:
-        """Make room for `rows` more rows of `write_row`, and return their table, which is new if it
-        grew.
-        """
+        """Make room for `rows` more rows of `write_row`; return their table, which may be new."""
         while self._written[0] + rows > len(self._rows):
             self._rows = _doubled(self._rows)
             self._record = (self._rows, *self._record[1:])
@@ -403,9 +399,7 @@ class Recorder:
         return RecorderRecord(*self._record)
 
     def refer(self, reference: Reference) -> int:
-        """Record a reference if it is new, at the planner's rate, and return its index for
-        `write_row`.
-        """
+        """Record a reference if it is new, at the planner's rate; return its index."""
         if reference is not self._reference:
             self._refer(reference)
         return self._references.count - 1

@@ -195,9 +195,8 @@ class Rollout:
     scenario.
     """
 
-    _OF_THE_RUN = frozenset(
-        {"plant", "parts", "observers", "truth"}
-    )  # not saved, because each run has its own
+    # not saved, because each run has its own
+    _OF_THE_RUN = frozenset({"plant", "parts", "observers", "truth"})
 
     def __init__(
         self,

@@ -5,8 +5,8 @@ leads to the exact response of the lag to a command that is constant during the 
 lag may be shorter than the step. RK4 evaluates rates within the step; there, a lag longer than the
 step gives the rate of its differential equation.
 
-Numba compiles it to a bare C function, which MuJoCo calls without the GIL. It has no state: the two
-activations of a thruster are in `data.act` (`uuv.models.water.thrusters`).
+Numba compiles the callback to a bare C function, which MuJoCo calls without the GIL. It has no
+state: the two activations of a thruster are in `data.act` (`uuv.models.water.thrusters`).
 """
 
 import math

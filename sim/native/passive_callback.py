@@ -326,9 +326,8 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
 
     Returns the last degree of freedom at which M is not positive definite, or -1.
 
-    A row holds a joint's ancestors in order, so an ancestor's row has the same sparsity pattern as
-    the beginning of this row. Dense subtraction, four numbers at a time, is therefore sufficient,
-    which saves time on long chains.
+    A row holds a joint's ancestors in order, so an ancestor's row has the sparsity pattern of its
+    beginning. Dense subtraction, four numbers at a time, therefore suffices, also on long chains.
     """
     last = _i32(rowadr, nv - 1) + _i32(rownnz, nv - 1)
     for k in range(0, last - 3, 4):
@@ -380,9 +379,7 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
 
 @_inline
 def _is_new(user: int, seen_at: int, what: int) -> bool:
-    """Set the warning bit `what` in the world's row `user`; return True if it was not set
-    before.
-    """
+    """Set the warning bit `what` in the world's row `user`; True if it was not set before."""
     marks = int(_f64(user, seen_at))
     _put(user, seen_at, float(marks | what))
     return marks & what == 0

@@ -4,7 +4,7 @@ The thrust belongs to the propeller speed at the end of the step, as with MuJoCo
 thruster without lag therefore gives the thrust of its command at once. The inflow is the motion of
 the thruster's site relative to the water.
 
-Numba compiles it to a bare C function, which MuJoCo calls without the GIL.
+Numba compiles the callback to a bare C function, which MuJoCo calls without the GIL.
 """
 
 from typing import Any

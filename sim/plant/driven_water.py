@@ -61,7 +61,7 @@ class DrivenWater:
         self.current = Current(np.zeros(3))
 
     def start(self, current: Current) -> Flow:
-        """Take a current, and return the record of its rows for compiled steps."""
+        """Set a current, and return the record of its rows for compiled steps."""
         current.place(self._model)
         self.current = current
         if self._in_data:

@@ -123,8 +123,7 @@ class Plant(WithWater):
         self._contacts = np.zeros(CONTACTS)
         self._joint_ctrl = _block(vehicle.actuators)
 
-        # Measurements made every `reaction_ticks` steps, and functions called in Python at every
-        # step.
+        # Measurements every `reaction_ticks` steps, and functions called in Python at every step.
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = (
             ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
@@ -239,8 +238,7 @@ class Plant(WithWater):
         self.publish()
 
     def observe(self, *, again: bool = False) -> Truth:
-        """Update the kinematics to the current time and return the truth; `again` repeats the
-        update.
+        """Update the kinematics to the current time and return the truth; `again` repeats it.
 
         Warns as `uuv.sim.hydrodynamics.check_motion` does.
 
@@ -284,8 +282,7 @@ class Plant(WithWater):
         """
         if not self._watch.observed[0]:
             raise ConfigurationError(
-                "plant: observe() must be called before each step(), since it computes the forces "
-                "that the step integrates"
+                "plant: observe() must be called before each step(), which integrates its forces"
             )
 
         self.begin(command)
@@ -310,8 +307,7 @@ class Plant(WithWater):
         self.finish()
 
     def begin(self, command: Command) -> None:
-        """Apply the command to MuJoCo's controls, which is the part of a step before the
-        integration.
+        """Apply the command to MuJoCo's controls: the part of a step before the integration.
 
         Raises:
             ConfigurationError: A command has the wrong shape or is not finite.
@@ -327,9 +323,7 @@ class Plant(WithWater):
         self.data.ctrl[self._joint_ctrl] = joint_torque
 
     def finish(self) -> None:
-        """Read gears and contacts and set the next current, which is the part of a step after the
-        integration.
-        """
+        """Read contacts, set the next current: the part of a step after the integration."""
         drive, readout, flow, _, _ = self._as_tuples
         last = self.substeps - 1
 
@@ -349,17 +343,13 @@ class Plant(WithWater):
         self._contact()
 
     def spans(self) -> str:
-        """Reason why the functions of `compiled_step` cannot advance this plant; empty if they
-        can.
-        """
+        """Reason why `compiled_step` cannot advance this plant; empty if it can."""
         if spacing(self.vehicle.dof) > 1:
             return "other joints lie between the joints of the arm"
         return ""
 
     def ready(self) -> int:
-        """Number of steps that the compiled functions may take before the next call; generates
-        gusts ahead.
-        """
+        """Number of compiled steps possible before the next call; generates gusts ahead."""
         self._water.check()
         steps = self._water.current.ready()
         return steps if self._reaction is None else min(steps, -self.tick % self._reaction_ticks)
@@ -413,9 +403,7 @@ class Plant(WithWater):
         return float(self._watch.time[0])
 
     def publish(self) -> None:
-        """Update the numbers of `truth` after compiled steps; its arrays are views and need no
-        update.
-        """
+        """Update the numbers of `truth` after compiled steps; its arrays are views."""
         self.truth.time = float(self._watch.time[0])
         self.truth.saturated = bool(self._drive.saturated[0])
         self._contact()
@@ -437,8 +425,7 @@ class Plant(WithWater):
 
 
 def parts_in_python(plant: Any) -> tuple[str, ...]:
-    """Components of a plant in plain Python that every compiled step calls: its wrappers and its
-    current.
+    """Components in plain Python that a plant calls at every compiled step: wrappers and current.
 
     Args:
         plant: A `Plant`, or a wrapper of one.
@@ -468,9 +455,7 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
 
 
 def _make_ready(model: mujoco.MjModel) -> None:
-    """Install the callbacks in the process, check the model's hydrodynamics, and charge its
-    battery.
-    """
+    """Install the callbacks, check the model's hydrodynamics, and charge its battery."""
     hydrodynamics.install()
     hydrodynamics.check(model)
     hydrodynamics.check_constants(model)
@@ -492,8 +477,8 @@ def _watch_of(model: mujoco.MjModel, data: mujoco.MjData, water: Array, least_ga
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
-    """Row (n,) of each joint's gear among the friction constraints, or -1; empty if no joint has
-    one.
+    """Row (n,) of each joint's gear among the friction constraints, or -1; empty without
+    friction.
     """
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS:
         return np.zeros(0, dtype=np.int64)

@@ -110,9 +110,9 @@ class Current:
                 current and the factor's rate of change [1/s].
 
         Raises:
-            ConfigurationError: A number is not finite or has the wrong sign, the time constant has
-                too few or too many steps, the wave's period has too few, gusts have no random
-                generator, or the profile's rate is not the derivative of its factor.
+            ConfigurationError: A number is not finite or has the wrong sign. The time constant or
+                the wave's period has too few steps, or the time constant too many. Gusts have no
+                random generator. The profile's rate is not the derivative of its factor.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust = number(gust, "gust [m/s]")

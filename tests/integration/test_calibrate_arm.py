@@ -183,7 +183,7 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
         ),
         (
             ("--touching", "clamped", "--arm", "uuv_puma", "--true-seating", "1e-4"),
-            "not allowed with touching by contact",
+            "not with touching by contact",
         ),
         (("--true-seating", "1"), "--true-seating [m]"),
         (

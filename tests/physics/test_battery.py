@@ -186,7 +186,7 @@ def test_a_second_plant_of_a_model_is_as_the_first() -> None:
         (lambda: plant(Battery(voltage=22.0), thrusters.t200()), "must be 10 to 20"),
         (
             lambda: plant(Battery(voltage=16.0), Thruster(forward=1.0, reverse=1.0)),
-            "must have its own table of current over voltage",
+            "has no table of its current over the voltage",
         ),
         (lambda: plant(Battery(voltage=16.0), thrusters.t200(), count=0), "has no thrusters"),
     ],

@@ -214,5 +214,5 @@ def test_gears_that_were_left_out_are_said_at_the_next_step_of_a_dry_plant():
     hydrodynamics.install()
     flags = mujoco.mjtDisableBit
     plant.model.opt.disableflags |= int(flags.mjDSBL_SPRING | flags.mjDSBL_DAMPER)
-    with pytest.raises(HydrodynamicsError, match="MuJoCo was kept from calling"):
+    with pytest.raises(HydrodynamicsError, match="MuJoCo did not call"):
         plant.observe()

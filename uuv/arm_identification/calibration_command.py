@@ -70,9 +70,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         raise ConfigurationError("--distance and --held-out: only with --touches")
     contact = options.touching != "noise"
     if contact and (options.compliance or real != RealEffects()):
-        raise ConfigurationError(
-            "--compliance and --true-...: not allowed with touching by contact"
-        )
+        raise ConfigurationError("--compliance and --true-...: not with touching by contact")
 
     # Sizes of the simulated session.
     few = options.quick and contact

@@ -85,9 +85,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
 
 
 def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, str]]:
-    """Name, change, half 95 % interval and unit of the parameters that changed most, relative to
-    their uncertainty.
-    """
+    """Name, change, half 95 % interval and unit of the parameters that changed most."""
     names, changes = fit.names, fit.estimate.changes
     half = fit.quantile() * fit.sigma
     arm = [i for i, group in enumerate(fit.estimate.parameters.groups) if group != "tcp"]
@@ -100,9 +98,7 @@ def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, 
 
 
 def _compliances(calibration: Calibration) -> str:
-    """Compliance of each joint and half of its 95 % interval; a dash if the loads do not determine
-    it.
-    """
+    """Compliance of each joint and half of its 95 % interval; a dash if it is not determined."""
     half = dict(zip(calibration.names, calibration.quantile() * calibration.sigma, strict=True))
     hidden = {name for group in calibration.rank_free.hidden for name in group.names}
 

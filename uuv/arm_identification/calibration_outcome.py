@@ -130,8 +130,8 @@ def _solved_on_moving_base(
 def _examined(
     outcome: CalibrationOutcome, case: CalibrationCase, again: Callable[..., Calibration]
 ) -> CalibrationOutcome:
-    """The outcome with the evidence of its touches against it, for the longer arm if the hull
-    moved.
+    """Add to an outcome the evidence of its touches against it; a hull that moved adds joints to
+    the arm.
     """
     fit = outcome.calibration
     series = list(outcome.series)

@@ -21,7 +21,7 @@ from uuv.sim.interfaces.spatial import Array, readonly
 from uuv.sim.interfaces.streams import Streams
 from uuv.sim.loop.rollout import Observer
 
-# [m] position of the tip in the flange
+# [m] tip in the flange
 TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}
 # Tool direction in an arm's base whose z axis points up.
 LOOKING_DOWN = (0.0, 0.0, -1.0)
@@ -143,8 +143,7 @@ def by_contact(
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> CalibrationCase:
-    """Calibration case from touches by contact, in which the vehicle's true arm presses a pin into
-    nests.
+    """Calibration case from touches by contact: the vehicle's true arm presses a pin into nests.
 
     Args:
         source: Nominal arm.

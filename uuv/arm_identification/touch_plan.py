@@ -70,8 +70,7 @@ def planned(
     prior: dict[str, float],
     rng: np.random.Generator,
 ) -> TouchPlan:
-    """Plan touches of the points so far, with the arm identified from them, or else of drawn
-    points.
+    """Plan touches of the points so far, with the arm identified from them, or of drawn points.
 
     Args:
         source: Nominal arm.
@@ -163,8 +162,7 @@ def _candidates(
     per_point: int,
     rng: np.random.Generator,
 ) -> tuple[list[Array], Array]:
-    """Postures that touch the same points, with the flange within CONE of its mean direction so
-    far.
+    """Postures that touch the same points with the flange within CONE of its mean direction.
 
     Returns:
         Joint values (each, n) for each point, and the points (S, 3) [m] in the arm's base.

@@ -99,9 +99,7 @@ def summarise(rows: list[Row], campaign: Campaign, file: str) -> Summary:
     replay = f"uuv campaign {file} --replay"
     plain = [row for row in rows if not row.get("version")]
     if not plain:
-        raise ConfigurationError(
-            "the folder has rows of the campaign's versions, but none of the campaign itself"
-        )
+        raise ConfigurationError("only rows of versions, none of the campaign itself")
 
     # Ends of the runs.
     verdicts = [outcome(row, campaign.bounds) for row in plain]

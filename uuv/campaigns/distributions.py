@@ -34,9 +34,7 @@ class Distribution:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             known = ", ".join(KINDS) + did_you_mean(self.kind, KINDS)
-            raise ConfigurationError(
-                f"distribution: must be one of {known}, got {shown(self.kind)}"
-            )
+            raise ConfigurationError(f"no distribution {shown(self.kind)}; allowed {known}")
 
         if self.step is not None:
             finite_number(self.step, STEP, above=0.0)

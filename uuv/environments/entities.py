@@ -112,8 +112,7 @@ class Sea(composer.Arena):
         # the arena of composer gives mass to frames
         root.compiler.boundmass = root.compiler.boundinertia = 0
         root.option.integrator, root.option.cone = "implicitfast", "elliptic"
-        # the arena of composer has 5 iterations, which use the dry inertia
-        root.option.noslip_iterations = 0
+        root.option.noslip_iterations = 0  # composer has 5, which use the dry inertia
 
         # Light, haze and colours of the water.
         root.visual.headlight.set_attributes(ambient=[0.45, 0.45, 0.45], diffuse=[0.5, 0.5, 0.5])
@@ -209,9 +208,7 @@ class ToolEntity(composer.Entity):
         if part is None:
             parts = parts_of(vehicle_spec(vehicle, tool))
             if parts.tool is None:
-                raise ConfigurationError(
-                    f"vehicle {vehicle!r} must have a tool that can be detached"
-                )
+                raise ConfigurationError(f"vehicle {vehicle!r} must have a detachable tool")
             part = parts.tool, parts.folder
 
         self._root = root_of(part[0], "tool", part[1])
@@ -265,9 +262,7 @@ class ArmEntity(composer.Entity):
         if part is None:
             parts = parts_of(vehicle_spec(vehicle))
             if parts.arm is None:
-                raise ConfigurationError(
-                    f"vehicle {vehicle!r} must have an arm that can be detached"
-                )
+                raise ConfigurationError(f"vehicle {vehicle!r} must have a detachable arm")
             part = parts.arm, parts.folder
             if tool is None and parts.tool is not None and not bare:
                 tool = ToolEntity(vehicle, part=(parts.tool, parts.folder))
@@ -302,8 +297,7 @@ class ArmEntity(composer.Entity):
 
 
 class VehicleEntity(composer.Entity):
-    """A vehicle with its hydrodynamics, thrusters, arm and tool, to be added to a `Sea` by
-    `add_free_entity`.
+    """A vehicle with thrusters, arm and tool, to be added to a `Sea` by `add_free_entity`.
 
     `VehicleEntity(vehicle="uuv_puma", *, tool=None, sensors=(), perturbations=(), name="vehicle")`;
     `VehicleEntity._build` describes the arguments.
@@ -353,8 +347,7 @@ class VehicleEntity(composer.Entity):
         self._root.size.nuserdata = FLOW.size  # entries in which the plant keeps the current
 
         self._plant: Plant | None = None
-        # command of the next step; None: thrusters and motors off
-        self.command: Command | None = None
+        self.command: Command | None = None  # of the next step; None: all off
         self.readings = SensorReadings(sensors)
         self._variation = ModelVariation(self.spec, perturbations) if perturbations else None
 
@@ -373,9 +366,7 @@ class VehicleEntity(composer.Entity):
         )
 
     def _add_camera(self, site: Any) -> None:
-        """MuJoCo camera at the site of the vehicle's camera, rotated from OpenCV axes by half a
-        turn about x.
-        """
+        """MuJoCo camera at the site of the vehicle's camera, half a turn from OpenCV axes."""
         R = np.empty(9)
         camera = self.own.model.site(CAMERA_SITE)
         mujoco.mju_quat2Mat(R, camera.quat)
@@ -389,9 +380,7 @@ class VehicleEntity(composer.Entity):
         return VehicleObservables(self)
 
     def observe(self, *, sensors: bool) -> None:
-        """Enable only the sensors' readings, or without sensors the true state of hull, arm and
-        tool.
-        """
+        """Enable only the sensors' readings or, without any, the true states of all parts."""
         for entity in self.iter_entities():
             of_sensors = getattr(entity.observables, "of_sensors", {})
             for name, observable in entity.observables.as_dict(fully_qualified=False).items():
@@ -422,9 +411,7 @@ class VehicleEntity(composer.Entity):
 
     @property
     def drawn(self) -> dict[str, float]:
-        """Mean values of the factors that the perturbations drew for the present episode, by
-        name.
-        """
+        """Means of the factors that perturbations drew for the present episode, by name."""
         return {} if self._variation is None else self._variation.drawn
 
     @property
@@ -480,12 +467,9 @@ class VehicleEntity(composer.Entity):
         )
 
     def after_compile(self, physics: mjcf.Physics, random_state: Random) -> None:
-        """Compute the constants of the new model with added mass, and make the plant that works on
-        it.
-        """
+        """Compute the new model's constants with added mass, and make its plant."""
         model = physics.model.ptr
-        # contacts of a step are read before the next step replaces them
-        physics.legacy_step = False
+        physics.legacy_step = False  # read contacts before the next step
 
         hydrodynamics.install()
         hydrodynamics.set_constants(model)
@@ -593,9 +577,7 @@ class WorkObjectEntity(composer.Entity):
 
 
 def _in_parent(site: Any, X: Array) -> Array:
-    """Pose (4, 4) in a site's axes, converted to the axes of the body that the site is attached
-    to.
-    """
+    """Pose (4, 4) in a site's axes, converted to the axes of the site's body."""
     R = np.empty(9)
     mujoco.mju_quat2Mat(
         R, np.array([1.0, 0.0, 0.0, 0.0]) if site.quat is None else np.array(site.quat, np.float64)
@@ -618,8 +600,7 @@ def put(sea: Sea, entity: composer.Entity, X_WT: Array) -> Any:
 def let_slide(
     sea: Sea, vehicle: VehicleEntity, entity: WorkObjectEntity, *, speed: float, force: float
 ) -> None:
-    """Set the contact of a sliding tool so that friction does not lift it
-    (`uuv.models.site.sliding_contact`).
+    """Set a sliding tool's contact so that it does not lift (`uuv.models.site.sliding_contact`).
 
     Args:
         sea: The arena.
@@ -631,9 +612,7 @@ def let_slide(
     pads = (part.mjcf_model.find("geom", TOOL_GEOM) for part in vehicle.iter_entities())
     pad = next((geom for geom in pads if geom), None)
     if pad is None:
-        raise ConfigurationError(
-            f"vehicle: must have a tool for sliding, which is a geom named {TOOL_GEOM!r}"
-        )
+        raise ConfigurationError(f"vehicle: must have a tool to slide, a geom named {TOOL_GEOM!r}")
 
     tool_geom = vehicle.own.model.geom(TOOL_GEOM)
     root = sea.mjcf_model
@@ -668,9 +647,7 @@ def _check_each(name: str, objects: Any, *methods: str) -> None:
     for candidate in objects:
         if isinstance(candidate, type) or not all(hasattr(candidate, method) for method in methods):
             hint = f"; did you mean {candidate.__name__}()?" if isinstance(candidate, type) else ""
-            raise ConfigurationError(
-                f"{name}: every entry must be one of them, got {shown(candidate)}{hint}"
-            )
+            raise ConfigurationError(f"{name}: must be such objects, got {shown(candidate)}{hint}")
 
 
 def _dry(model: mujoco.MjModel) -> list[str]:

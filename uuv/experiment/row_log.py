@@ -1,6 +1,4 @@
-"""Rows of a study on disk, with the code and options that they depend on; only one process
-writes.
-"""
+"""Rows of a study on disk, with the code and options that they depend on; one process writes."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -62,8 +60,7 @@ class RowLog:
             )
         if foreign and not self._about.exists() and not has_rows(folder):
             raise ConfigurationError(
-                f"{folder} has files that do not belong to an experiment "
-                f"({', '.join(sorted(foreign))})"
+                f"{folder} has files that are no experiment's ({', '.join(sorted(foreign))})"
             )
 
         for part in folder.glob(".*.parquet.*"):  # temporary files of a process that was killed

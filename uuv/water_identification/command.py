@@ -1,6 +1,4 @@
-"""Identification of a vehicle's hydrodynamics as run by a command, with printed and written
-results.
-"""
+"""Identification of a vehicle's hydrodynamics as run by a command: input, fit, plan and files."""
 
 import datetime
 import hashlib
@@ -104,8 +102,7 @@ def run(options: WaterOptions, console: Console) -> int:
         hashes = {"survey.csv": _sha256(folder / "survey.csv")}
 
         console.print(
-            "no --log: a vehicle drawn from the prior is simulated; the column 'true' has its "
-            "parameters"
+            "no --log: a vehicle drawn from the prior is simulated; 'true' has its values"
         )
 
     # The fit, on the terminal.

@@ -23,12 +23,10 @@ from uuv.sim.interfaces.spatial import GRAVITY, Array
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle, Script
 
-# prior standard deviations of the differences; small, so that differences stay small where only a
-# sum is observed
+# prior standard deviations of the differences; small, since only their sum is observed
 STEP = 1e-4
 NODES = 3  # nodes of a window's current: at its begin, middle and end, with linear interpolation
-# number of parameters of a window's start: position, attitude, velocity, rate; (3,) each
-STATE = 12
+STATE = 12  # parameters of a window's start: position, attitude, velocity, rate; (3,) each
 OWN = STATE + 3 * NODES  # number of parameters of a window
 _SMOOTHED = 0.3  # [s] before and after the start of a window, for its first guess
 _STILL = 3.0  # number of standard deviations within which a hull counts as at rest
@@ -222,9 +220,7 @@ class LogReplay:
         )
 
     def begun(self, local: Array) -> tuple[Array, Array]:
-        """Starts (W, 13), and additions to the current (R, 3), from each window's parameters
-        (OWN,).
-        """
+        """Starts (W, 13), and additions to the current (R, 3), from window parameters (OWN,)."""
         moved = local * self.spread
         starts = self.starts.copy()
         starts[:, :3] += moved[:, :3]
@@ -302,9 +298,7 @@ class LogReplay:
 
 
 class WaterResiduals:
-    """Residuals of logs in blocks, one for each window, for
-    `uuv.calib.water.named_fit.fit_blocks`.
-    """
+    """Residuals of logs, in one block for each window, for `uuv.calib.water.named_fit`."""
 
     def __init__(
         self, vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
@@ -505,8 +499,7 @@ class WaterResiduals:
 def identify(
     vehicle: ReplayVehicle, logs: Sequence[WaterLog], settings: FitSettings
 ) -> tuple[WaterFit, WaterResiduals]:
-    """Identify a vehicle's hydrodynamics from logs: a rough fit to short windows, then one to long
-    windows.
+    """Identify a vehicle's hydrodynamics from logs: fits to short, then to long windows.
 
     Raises:
         ConfigurationError: As for `WaterResiduals`.
@@ -565,9 +558,7 @@ def _parts(log: WaterLog) -> list[tuple[float, float]]:
 
 
 def _seen(log: WaterLog, begin: float, end: float, dt: float) -> bool:
-    """True if anything was measured in a window; its replay ends less than a step before the
-    window's end.
-    """
+    """True if anything was measured in a window, up to the last step of its replay."""
     last = begin + max(1, int((end - begin) / dt)) * dt - 1e-9
     return any(
         np.any((channel.time >= begin) & (channel.time <= last))
@@ -669,7 +660,6 @@ def _check_excited(logs: Sequence[WaterLog], settings: FitSettings) -> None:
             return
 
     raise ConfigurationError(
-        f"{', '.join(log.name for log in logs)}: nothing moves in the log: no thruster is "
-        "commanded, no joint moves and the hull is at rest, so the hydrodynamics are not "
-        "identifiable"
+        f"{', '.join(log.name for log in logs)}: no thruster is commanded, no joint moves and the "
+        "hull is at rest; the hydrodynamics are not identifiable"
     )

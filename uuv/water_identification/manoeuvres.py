@@ -134,9 +134,7 @@ def survey(
 
 
 def _stiffness(replay: ReplayVehicle, values: Mapping[str, float]) -> tuple[float, float]:
-    """Stiffness [N m/rad] in roll and pitch: four times the hydrostatic one, if the thrusters can
-    hold it.
-    """
+    """Stiffness [N m/rad] in roll and pitch: four times the hydrostatic one, if in reach."""
     righting = replay.water.mass * GRAVITY * max(values[CENTER[2]], 1e-3)
     roll, pitch = (
         4.0 * righting if push > 0.0 else 0.0 for push in amplitudes(replay, values)[3:5]
@@ -169,9 +167,7 @@ def amplitudes(replay: ReplayVehicle, values: Mapping[str, float]) -> Array:
 
 
 def swing(replay: ReplayVehicle, time: Array) -> Array:
-    """Joint angles (N, n) from the home posture towards `ready` and back, each joint with its own
-    period.
-    """
+    """Joint angles (N, n) from home towards `ready` and back, each joint with its own period."""
     home, ready = replay.vehicle.q_home, replay.vehicle.q_ready
     low, high = replay.vehicle.q_limits.T if len(replay.joints) else (home, home)
 
@@ -205,8 +201,7 @@ def simulated(
     noise: Mapping[str, float] = NOISE,
     channels: Sequence[str] = (POSITION, ATTITUDE, RATE),
 ) -> WaterLog:
-    """Log of a manoeuvre of a vehicle with these parameters, in steps finer than those of the
-    replay.
+    """Log of a manoeuvre with these parameters, in steps finer than those of the replay.
 
     Args:
         replay: The vehicle.
@@ -288,9 +283,7 @@ def simulated(
 
 
 def _swung(joints: Array, time: Array, grid: Array, dt: float) -> tuple[Array, Array]:
-    """Angles and speeds (K, n) at `grid`: true values of the joints, and readings of the
-    encoders.
-    """
+    """Angles and speeds (K, n) at `grid`: true values, and readings of the encoders."""
     n = joints.shape[1]
     turning = (
         _smoothed(np.gradient(_at(grid, time, joints), dt, axis=0), int(0.1 / dt))
@@ -304,9 +297,7 @@ def _swung(joints: Array, time: Array, grid: Array, dt: float) -> tuple[Array, A
 def _sampled(
     states: Array, accelerations: Array, noise: Mapping[str, float], rng: np.random.Generator | None
 ) -> dict[str, Array]:
-    """Samples of each channel for states (N, 13) and accelerations (N, 3) in W, with noise if `rng`
-    is given.
-    """
+    """Samples of each channel for states (N, 13), accelerations (N, 3) in W; noisy with `rng`."""
     R_WB = Rotation.from_quat(states[:, [4, 5, 6, 3]])
     channels = {
         POSITION: states[:, :3],
@@ -331,9 +322,7 @@ def _at(grid: Array, time: Array, values: Array) -> Array:
 
 
 def _smoothed(values: Array, count: int) -> Array:
-    """Running mean over `count` rows, an odd number, around each row, applied twice; ends are
-    held.
-    """
+    """Running mean over `count` rows (odd) around each row, applied twice; ends are held."""
     count = max(1, count) | 1
     for _ in range(2):
         padded = np.pad(values, ((count // 2, count // 2), (0, 0)), mode="edge")
@@ -347,9 +336,7 @@ def _times(seconds: float) -> Array:
 
 
 def _authority(replay: ReplayVehicle) -> Array:
-    """Largest push (6,) along each axis by the pseudo-inverse allocation; inf for thrusters without
-    a curve.
-    """
+    """Largest push (6,) along each axis by pseudo-inverse allocation; inf without curves."""
     shares = np.linalg.pinv(replay.wrench)
     reached = replay.wrench @ shares
     limits = np.full(len(replay.names), np.inf)

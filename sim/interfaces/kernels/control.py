@@ -210,9 +210,8 @@ def has_tick(controller: object) -> TypeGuard[HasTick]:
     return slots.gives_kernel(controller, "tick_on")
 
 
-Step = Callable[
-    [StateEstimate, Reference], Command
-]  # step function of a controller, which keeps the controller's state
+# step function of a controller, which keeps the controller's state
+Step = Callable[[StateEstimate, Reference], Command]
 
 
 class PythonControl:

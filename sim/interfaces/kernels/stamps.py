@@ -161,9 +161,8 @@ def _called(value: Any, used: list[FunctionType]) -> str:
         used.append(compiled)
         return f"C function {getattr(value, '_sig', '')}"
 
-    builder = getattr(
-        value, "_defn", None
-    )  # an intrinsic: its machine code is written by Python code
+    # an intrinsic: its machine code is written by Python code
+    builder = getattr(value, "_defn", None)
     if isinstance(builder, FunctionType):
         return f"intrinsic {_plain(builder, used)}"
     if isinstance(value, FunctionType):

@@ -209,7 +209,7 @@ def test_what_a_yaml_of_an_arm_may_hold(tmp_path):
             r"number, got \[1\]",
         ),
         ("a.yaml", ROWS + "base: [a]", r"base: must be text, got \['a'\]"),
-        ("a.yaml", ROWS + "base: a\nbase: b", r"the key 'base' stands twice .*line 5"),
+        ("a.yaml", ROWS + "base: a\nbase: b", r"the key 'base' occurs twice .*line 5"),
         ("a.yaml", ROWS + "tcp: [0, 0, up]", r"tcp\[2\] \[m\]: must be a number, got 'up'"),
         (
             "a.yaml",

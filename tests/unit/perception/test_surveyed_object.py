@@ -95,5 +95,5 @@ def test_line_over_a_mesh_avoids_its_hole(tmp_path: Path):
     ring = np.linalg.norm(p[:, :2], axis=1)
     assert np.abs(ring - 0.35).max() < 0.1
     assert np.ptp(p[:, 0]) == pytest.approx(0.3, abs=0.01)
-    with pytest.raises(ConfigurationError, match=r"site\.object\.line, x0 y0 x1 y1"):
+    with pytest.raises(ConfigurationError, match=r"site\.object\.line = x0 y0 x1 y1"):
         KnownObject(object=str(tmp_path / "torus.stl"), length=2.0).target(None)

@@ -151,8 +151,11 @@ def test_branches_do_not_see_each_other(looking: SavedRun, sound: str):
             ThrusterFailure(thruster="sway", state="settle", after=1.0),
             r"would have begun at 1\.000 s",
         ),
-        (PushedObject(by=(0.1, 0.0, 0.0), at=50.0), "PushedObject changes a run from its start"),
-        (DriftingTorque(), "DriftingTorque changes a run from its start"),
+        (
+            PushedObject(by=(0.1, 0.0, 0.0), at=50.0),
+            "got PushedObject, which changes a run from its start",
+        ),
+        (DriftingTorque(), "got DriftingTorque, which changes a run from its start"),
     ],
 )
 def test_what_would_have_acted_is_refused(looking: SavedRun, failure: Any, line: str):

@@ -140,7 +140,7 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
         ("seed = 1", "the file: name, task are missing"),
         ('name = "x"\nseeds = 1', "the file has no 'seeds'; it has name, task, seed, site"),
         ('name = "x"', "the file: task is missing"),
-        ('name = "x"\n[task]\nspeed = 1', r"\[task\]: needs a kind; there are .*SurfaceWork"),
+        ('name = "x"\n[task]\nspeed = 1', r"\[task\]: must have a kind, one of .*SurfaceWork"),
         (
             'name = "x"\n[task]\nkind = "Dance"',
             "unknown task 'Dance'; there are GearIdentification",

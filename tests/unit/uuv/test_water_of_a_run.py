@@ -453,7 +453,9 @@ def test_a_kind_with_keys_that_have_no_default_says_how_they_are_given() -> None
         "stream, place, axis, diameter, length; set the kind and these keys one by one: "
         "site.flow.kind=CylinderWake"
     )
-    with pytest.raises(ConfigurationError, match=f"site.flow: CylinderWake needs {needs}"):
+    with pytest.raises(
+        ConfigurationError, match=f"site.flow: CylinderWake has keys without a default, {needs}"
+    ):
         flow_of("CylinderWake")
     typed = [
         "site.flow.kind=CylinderWake",

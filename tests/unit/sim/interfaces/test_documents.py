@@ -62,7 +62,7 @@ more: {<<: *arm, kind: other, size: 2}
         ("a: " + "{b: " * 50_000, rf"more than {DEEPEST} tables deep \(at line 1, column "),
         (BOMB, r"the aliases unfold to more than 1000000 values \(at line 7"),
         ("a: &a [*a]", r"the alias 'a' has no anchor before it, or is inside its own anchor"),
-        ("a: *b", r"no anchor 'b' before it"),
+        ("a: *b", r"'b' has no anchor before it"),
         ("a: 1\n---\nb: 2", "more than one document"),
         ("a: !!python/object:os.system x", "the tag '!!python/object:os.system' is not supported"),
         ("a: !!binary aGVsbG8=", "the tag '!!binary' is not supported"),

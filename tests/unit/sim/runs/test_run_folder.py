@@ -134,7 +134,7 @@ with run_folder.alone_in(pathlib.Path(sys.argv[1])):
     with alone_in(tmp_path):
         assert (tmp_path / ".lock").read_text() == f"{os.getpid()}\n"
         with (
-            pytest.raises(ConfigurationError, match=f"process {os.getpid()} is at work"),
+            pytest.raises(ConfigurationError, match=f"in use by the process {os.getpid()}"),
             alone_in(tmp_path),
         ):
             pass

@@ -217,8 +217,8 @@ def test_examples_can_be_read(root, name):
         (
             "log_uniform",
             "normal",
-            r"distributions\..*stiffness: no distribution 'normal'; there "
-            r"are uniform, log_",
+            r"distributions\..*stiffness: no distribution 'normal'; allowed "
+            r"uniform, log_",
         ),
         ("log_uniform = [1e4, 1e6]", "log_uniform = [0, 1e6]", r"two increasing numbers above 0"),
         ("log_uniform = [1e4, 1e6]", "log_uniform = [1e6, 1e4]", r"two increasing numbers above 0"),
@@ -287,7 +287,11 @@ def test_examples_can_be_read(root, name):
             r"metrics.names\[0\]: must be a name, "
             r"got 1",
         ),
-        ("[set]", "[grid]\n'site.gust' = []\n[set]", r"grid: site.gust: at least one value"),
+        (
+            "[set]",
+            "[grid]\n'site.gust' = []\n[set]",
+            r"grid: site.gust: must have at least one value",
+        ),
         (
             "[set]",
             "[grid]\n'site.current' = [[0, 0, 0]]\n[set]",
@@ -458,7 +462,7 @@ def refused(done: Any) -> str:
     ("old", "new", "said"),
     [
         ('"site.current" =', '"site.curent" =', "[site] has no 'curent'"),
-        ("log_uniform", "normal", "no distribution 'normal'; there are uniform"),
+        ("log_uniform", "normal", "no distribution 'normal'; allowed uniform"),
         ("contact.force_error_rms_n", "contact.luck", "no metric 'contact.luck'"),
     ],
 )
@@ -511,7 +515,7 @@ def test_two_commands_do_not_share_a_folder(verb, tmp_path):
     out.mkdir()
     with alone_in(out):
         message = refused(verb("campaign", file, "--out", out, "--workers", 1))
-    assert f"{out}: process" in message
+    assert f"{out}: in use by the process" in message
     assert "in use by the process" in message
 
 

@@ -127,7 +127,7 @@ def is_one_line(run, said: str) -> None:
         ),
         (
             "class C:\n    period = 0.01\n    def __init__(self, *a, **k): ...\n",
-            "no method init and no step",
+            "it has no init and no step",
         ),
     ],
 )

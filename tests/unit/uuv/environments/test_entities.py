@@ -464,7 +464,7 @@ def test_an_observable_of_your_own():
             lambda: uuv.VehicleEntity("uuv_puma", perturbations=[MovingObject()]),
             "MovingObject: must act on the vehicle only",
         ),
-        (lambda: uuv.ArmEntity("bluerov2_heavy"), "must have an arm that can be detached"),
+        (lambda: uuv.ArmEntity("bluerov2_heavy"), "must have a detachable arm"),
         (lambda: uuv.Sea(-0.1), "speed of the current"),
         (lambda: uuv.Sea(depth=0.0), "depth"),
         (lambda: uuv.VehicleEntity("uuv_puma").plant, "has no physics yet"),

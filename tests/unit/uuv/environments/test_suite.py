@@ -245,7 +245,7 @@ def test_records_of_episodes(tmp_path):
         (
             ("water", "hover"),
             {"perturbations": ["water"]},
-            "perturbations: every entry must be one of them, got 'water'",
+            "perturbations: must be such objects, got 'water'",
         ),
         (("water", "hover"), {"vehicle": "phoenix_smart3s"}, "the vehicle must have thrusters"),
         (
@@ -353,7 +353,8 @@ def test_a_step_after_the_end_begins_anew():
 def test_an_expert_acts_by_its_own_kind_of_action():
     environment = uuv.load("water", "hover", actions="thrusters_torques")
     with pytest.raises(
-        ConfigurationError, match="HoldStation acts by ThrusterSpeeds, not by ThrustersAndTorques"
+        ConfigurationError,
+        match="HoldStation needs the actions ThrusterSpeeds, got ThrustersAndTorques",
     ):
         uuv.expert(environment)
 

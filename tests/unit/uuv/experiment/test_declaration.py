@@ -120,11 +120,11 @@ def test_drawn_cases_are_run_in_place_of_those_of_the_options(tmp_path: Path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"ball": ("rde",)}, "--ball: no 'rde'; there are red, blue (did you mean red?)"),
+        ({"ball": ("rde",)}, "--ball: must be one of red, blue, got 'rde' (did you mean red?)"),
         ({"ball": ()}, "--ball: must have at least one value"),
         ({"runs": 0}, "--runs: must be at least 1, got 0"),
         ({"seed": -1}, "--seed: must be at least 0, got -1"),
-        ({"balls": ("red",)}, "throws: no option 'balls'"),
+        ({"balls": ("red",)}, "throws: option must be one of "),
     ],
 )
 def test_options_that_are_refused(options, message):
@@ -364,7 +364,7 @@ def test_shares_and_figures_of_a_function():
         (lambda: Page().share("god"), "got 'god'"),
         (lambda: Page().table("T", columns=["reech"]), "did you mean reach?"),
         (lambda: Page().table("T", by="grond", columns=["reach"]), "got 'grond'"),
-        (lambda: Page().histogram("x"), "a histogram of the page: no column 'x'"),
+        (lambda: Page().histogram("x"), "a histogram of the page: must be one of the columns "),
         (lambda: Page().table("T", columns=[stat("mean", lambda _: 1)]), "must have a label"),
         (lambda: Page().accept(stat("mean", "reach"), by="bal"), "did you mean ball?"),
         (

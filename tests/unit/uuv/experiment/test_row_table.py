@@ -202,8 +202,8 @@ def test_another_version_of_the_schema_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(row_table, "SCHEMA_VERSION", 2)
     with pytest.raises(
         ConfigurationError,
-        match=r"000000.parquet: schema version 1; this code "
-        r"reads 2; --anew",
+        match=r"000000.parquet: schema version must be 2, got 1; "
+        r"discard the rows by --anew",
     ):
         RowTable(tmp_path)
 

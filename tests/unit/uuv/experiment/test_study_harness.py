@@ -270,7 +270,7 @@ def test_two_studies_do_not_share_a_folder(root, tmp_path):
 def test_a_study_leaves_the_files_of_others_alone(tmp_path):
     (tmp_path / "metrics.json").write_text("{}")
     with pytest.raises(
-        ConfigurationError, match=r"files that do not belong to an experiment \(metrics.json\)"
+        ConfigurationError, match=r"files that are no experiment's \(metrics.json\)"
     ):
         RowLog(tmp_path)
 
@@ -291,7 +291,7 @@ def test_rows_of_an_earlier_version_are_refused_until_they_may_go(tmp_path):
     with pytest.raises(
         ConfigurationError,
         match=r"rows of an earlier version \(results.jsonl\); "
-        r"--anew",
+        r"discard them by --anew",
     ):
         RowLog(tmp_path)
     assert RowLog(tmp_path, anew=True).rows == {}

@@ -50,7 +50,7 @@ def test_believed_and_built_vehicle_have_the_battery() -> None:
 
 def test_a_battery_needs_tables_of_the_current() -> None:
     job = clean_barrel(battery=14.8)
-    with pytest.raises(ConfigurationError, match="must have its own table of current"):
+    with pytest.raises(ConfigurationError, match="has no table of its current"):
         check_inputs(job)
     with pytest.raises(ConfigurationError, match="must be 10 to 20, as it was measured, got 24"):
         check_inputs(scenario(Battery(voltage=24.0)))

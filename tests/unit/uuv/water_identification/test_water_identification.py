@@ -180,7 +180,7 @@ def refused(tmp_path, said: str, **given: Any) -> None:
 
 
 def test_the_door_of_the_command(dive, tmp_path):
-    refused(tmp_path, "nothing moves", log=(dive,))
+    refused(tmp_path, "no thruster is commanded", log=(dive,))
     refused(tmp_path, "there is no such file", log=(tmp_path / "none.csv",))
     refused(tmp_path, "unknown vehicle", vehicle="bluerov9")
     refused(tmp_path, "--window", log=(dive,), window=0.1)

@@ -106,10 +106,11 @@ class Captions:
     def _head(self, pen: Any, readout: Readout) -> None:
         """Title, phase and time, at the top left."""
         edge = self._px(24)
-        self._text(pen, (edge, self._px(18)), self._title, _TITLE, bold=True)
-        self._text(
-            pen, (edge, self._px(56)), f"{readout.phase}   {readout.time:.1f} s", _TEXT, _PALE
-        )
+        row = self._px(18)
+        if self._title:
+            self._text(pen, (edge, row), self._title, _TITLE, bold=True)
+            row += self._px(38)
+        self._text(pen, (edge, row), f"{readout.phase}   {readout.time:.1f} s", _TEXT, _PALE)
 
     def _force(self, pen: Any, readout: Readout) -> None:
         """Bar of the felt force with a line at the set one, at the bottom left."""

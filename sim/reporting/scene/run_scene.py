@@ -1,7 +1,7 @@
 """Pictures of a run at any of its times, as stills and as a clip."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -28,7 +28,7 @@ LEAST_SIZE = 64  # [px] of a picture, either way
 MOST_SIZE = 4096  # [px] of a picture, either way
 _ROOM = 3.2  # distance of the view of the tool over half the extent of the path in it
 _NEAR = 0.15  # distance of the view of the tool, over the largest one
-_STEEPER = 12.0  # [deg] by which it looks down more
+_STEEPER = 20.0  # [deg] by which it looks down more
 _INTO_WORK = 0.5  # share of the work at which a still is taken
 
 
@@ -151,7 +151,7 @@ class RunScene:
         """Phase of the work at a time [s]."""
         return self.work.readout(time).phase
 
-    def pictures(self, times: Sequence[float]) -> Iterator[np.ndarray]:
+    def pictures(self, times: Iterable[float]) -> Iterator[np.ndarray]:
         """Pictures at several times [s]."""
         return (self.picture(float(time)) for time in times)
 

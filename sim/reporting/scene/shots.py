@@ -107,7 +107,7 @@ def _direction(
     ways_W = [-View(np.zeros(3), 1.0, *direction).axes_W[2] for direction in directions]
     free = np.zeros(len(directions))
     for k in np.linspace(0, len(work.time) - 1, _LOOKS).astype(int):
-        poses.put(poses.row(work.time[k]))
+        poses.put(poses.row(float(work.time[k])))
         clear_W = work.p_W[k] - _CLEAR * work.axis_W[k]
         free += [_leaves(model, poses.data, clear_W + _CLEAR * way_W, way_W) for way_W in ways_W]
 

@@ -54,8 +54,8 @@ def test_a_mark_is_drawn_in_its_colour_and_hidden_by_the_ball():
     ahead = view.axes_W[2]
     ends = np.array([[0.0, -0.4, 0.0], [0.0, 0.4, 0.0]])
     before, behind = (
-        drawn(view, Mark(*(MIDDLE + side * ahead + ends), 0.03, (0.0, 1.0, 0.0)))[100, 150]
-        for side in (-0.8, 0.8)
+        drawn(view, Mark(start, end, 0.03, (0.0, 1.0, 0.0)))[100, 150]
+        for start, end in (MIDDLE + side * ahead + ends for side in (-0.8, 0.8))
     )
     assert before[1] > 150
     assert before[1] > 2.0 * before[0]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from uuv.scenario import Scenario
     from uuv.sim.reporting.series_tables import PastRun
 
-MOST_FRAMES = 600
+MOST_FRAMES = 600  # of a clip
 RATE = 15.0  # [1/s] frames shown in a second
 
 

@@ -27,7 +27,7 @@ _LEAST = 9.0  # [px] below which no text can be read
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Readout:
+class PictureText:
     """What a picture says in text."""
 
     time: float  # [s]
@@ -76,7 +76,7 @@ class Captions:
         return round(self._px(_NEAR[0])), round(self._px(_NEAR[1]))
 
     def on(
-        self, picture: np.ndarray, readout: Readout, near: np.ndarray | None = None
+        self, picture: np.ndarray, readout: PictureText, near: np.ndarray | None = None
     ) -> np.ndarray:
         """The picture (h, w, 3) with its text, and another of `near_size` within it."""
         from PIL import Image, ImageDraw
@@ -103,7 +103,7 @@ class Captions:
         low = self._height - self._px(104)
         ground.paste(framed, (round(left), round(low - framed.height)))
 
-    def _head(self, pen: Any, readout: Readout) -> None:
+    def _head(self, pen: Any, readout: PictureText) -> None:
         """Title, phase and time, at the top left."""
         edge = self._px(24)
         row = self._px(18)
@@ -112,7 +112,7 @@ class Captions:
             row += self._px(38)
         self._text(pen, (edge, row), f"{readout.phase}   {readout.time:.1f} s", _TEXT, _PALE)
 
-    def _force(self, pen: Any, readout: Readout) -> None:
+    def _force(self, pen: Any, readout: PictureText) -> None:
         """Bar of the felt force with a line at the set one, at the bottom left."""
         left = self._px(24)
         long = self._px(300)
@@ -136,7 +136,7 @@ class Captions:
         if known:
             self._text(pen, (end + self._px(18), row), f"felt {readout.felt:.1f} N", _TEXT, FELT)
 
-    def _foot(self, pen: Any, readout: Readout) -> None:
+    def _foot(self, pen: Any, readout: PictureText) -> None:
         """Current, and the scale of the path's colours, at the bottom right."""
         right = self._width - self._px(24)
         row = self._height - self._px(90)

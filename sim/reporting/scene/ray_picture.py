@@ -8,8 +8,8 @@ import numpy as np
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.sim.reporting.rerun_scene import body_mesh
 from uuv.sim.reporting.scene.marks import Mark, triangles
-from uuv.sim.reporting.scene.sea import SUN_W, Floats, Sea, drawn_model
-from uuv.sim.reporting.scene.view import View
+from uuv.sim.reporting.scene.sea import SUN_W, Floats, SeaLook, drawn_model
+from uuv.sim.reporting.scene.view import CameraView
 
 # Colours of the light: of the water around, paler from above; of the sun; of the camera's lamp.
 _AROUND = np.array([0.30, 0.36, 0.37], dtype=np.float32)
@@ -49,8 +49,8 @@ class RayPicture:
     def render(
         self,
         data: mujoco.MjData,
-        view: View,
-        sea: Sea,
+        view: CameraView,
+        sea: SeaLook,
         marks: Sequence[Mark] = (),
         *,
         size: tuple[int, int] | None = None,
@@ -98,7 +98,7 @@ class _LitScene:
     """Triangles about the camera, in the light of the sea."""
 
     def __init__(
-        self, corners: Floats, colours: Floats, solid: int, eye_W: Floats, sea: Sea
+        self, corners: Floats, colours: Floats, solid: int, eye_W: Floats, sea: SeaLook
     ) -> None:
         """Prepares the rays.
 

@@ -28,7 +28,7 @@ _NEAR_GROUND = 0.012  # [m] height over the ground at which a point is taken for
 _FAR = 60.0  # [m] half the side of a flat seabed as it is drawn
 
 
-class Sea:
+class SeaLook:
     """The water of a scene, as clear as its pictures are wide, and the ground below."""
 
     def __init__(self, model: mujoco.MjModel, reach: float) -> None:

@@ -111,7 +111,7 @@ def test_the_path_is_coloured_by_the_error_and_thin_where_it_is_still_to_be_work
 
 
 def test_arrows_are_as_long_as_forces_and_current_are_large():
-    scene_view = run_scene.View(np.zeros(3), 5.0, 40.0, -20.0)
+    scene_view = run_scene.CameraView(np.zeros(3), 5.0, 40.0, -20.0)
     work = Work.of(run())
     set_mark, felt = work.forces(4.0, scene_view)
     pushed = set_mark.end_W - set_mark.start_W

@@ -16,7 +16,8 @@ FELT = ORANGE
 CURRENT = SKY
 _WHITE = (255, 255, 255, 255)
 _PALE = (225, 236, 240, 255)
-_SHADE = (4, 22, 32, 165)  # behind text
+_SHADE = (4, 22, 32, 165)  # of the empty bar
+_PLATE = (4, 22, 32, 120)  # behind text
 _USUAL = 720.0  # [px] height of a picture whose text has the sizes below
 _TITLE = 27.0  # [px]
 _TEXT = 22.0  # [px]
@@ -74,6 +75,15 @@ class Captions:
     def near_size(self) -> tuple[int, int]:
         """Height and width [px] of the picture of the tool from near."""
         return round(self._px(_NEAR[0])), round(self._px(_NEAR[1]))
+
+    def titled(self, picture: np.ndarray) -> np.ndarray:
+        """The picture (h, w, 3) with the title alone."""
+        from PIL import Image, ImageDraw
+
+        ground = Image.fromarray(picture)
+        place = self._px(24), self._px(18)
+        self._text(ImageDraw.Draw(ground, "RGBA"), place, self._title, _TITLE, bold=True)
+        return np.asarray(ground)
 
     def on(
         self, picture: np.ndarray, readout: PictureText, near: np.ndarray | None = None
@@ -169,18 +179,12 @@ class Captions:
         bold: bool = False,
         anchor: str = "la",
     ) -> float:
-        """Text with a dark rim; the end [px] that lies away from its anchor."""
+        """Text on a dark plate; the end [px] that lies away from its anchor."""
         font = _font(self._bold if bold else self._plain, max(size * self._scale, _LEAST))
-        pen.text(
-            place,
-            words,
-            fill=colour,
-            font=font,
-            anchor=anchor,
-            stroke_width=max(1, round(self._px(1.5))),
-            stroke_fill=_SHADE,
-        )
-        left, _, right, _ = pen.textbbox(place, words, font=font, anchor=anchor)
+        left, top, right, low = pen.textbbox(place, words, font=font, anchor=anchor)
+        rim = self._px(5)
+        pen.rectangle((left - rim, top - rim, right + rim, low + rim), fill=_PLATE)
+        pen.text(place, words, fill=colour, font=font, anchor=anchor)
         return left if anchor.startswith("r") else right
 
     def _px(self, length: float) -> float:

@@ -33,7 +33,7 @@ class Shots:
     views: Sequence[CameraView]
 
     def at(self, time: float) -> CameraView:
-        """CameraView at a time [s]."""
+        """View at a time [s]."""
         return self.views[max(int(np.searchsorted(self.begins, time, side="right")) - 1, 0)]
 
     @property

@@ -227,7 +227,8 @@ body {
   color: #222; background: #fff;
 }
 main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
-.images { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: .6rem }
+.images { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(25rem, 100%), 1fr));
+  gap: .6rem }
 figure { margin: 0 }
 figcaption { font-size: .85rem; opacity: .75 }
 h1 { font-size: 1.6rem; margin: 0 }

@@ -112,7 +112,7 @@ def path_by_force_error(recording: Recording) -> Iterator[tuple[str, str, Figure
     axes = figure.subplots()
     pieces = np.stack([np.column_stack([across, up])[:-1], np.column_stack([across, up])[1:]], 1)
     colours = colormaps["RdBu_r"].with_extremes(bad=UNJUDGED)
-    drawn = LineCollection(list(pieces), cmap=colours, linewidths=7.0, capstyle="round")
+    drawn = LineCollection(list(pieces), cmap=colours, linewidths=7.0, capstyle="butt")
     drawn.set_array(np.ma.masked_invalid(error[rows][:-1]))
     drawn.set_clim(-most, most)
     axes.add_collection(drawn)

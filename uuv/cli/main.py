@@ -46,6 +46,9 @@ VERBS = {  # by the one or two words that are typed
         "past.export", "ExportOptions", "RUN", "data of a run as MCAP, ROS 2 bag, CSV or MATLAB"
     ),
     "picture": Verb("past.picture", "PictureOptions", "RUN", "a still and a clip of a run"),
+    "gallery": Verb(
+        "past.gallery", "GalleryOptions", "", "pictures of the documents, in a checkout"
+    ),
     "identify object": Verb(
         "identify.object", "ObjectVerb", "--cloud FILE", "pose of a known object in a point cloud"
     ),

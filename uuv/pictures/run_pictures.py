@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import whole_number
-from uuv.sim.reporting.scene.clip import check_file, write_clip, write_still
+from uuv.sim.reporting.scene.clip import check_file, check_rate, write_clip, write_still
 from uuv.sim.reporting.scene.run_scene import PictureStyle, RunScene, Span
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from uuv.scenario import Scenario
     from uuv.sim.reporting.series_tables import PastRun
 
-MOST_FRAMES = 600
+MOST_FRAMES = 600  # of a clip
 RATE = 15.0  # [1/s] frames shown in a second
 
 
@@ -31,6 +31,7 @@ class PictureFiles:
 
     def __post_init__(self) -> None:
         whole_number(self.frames, "frames", least=2, most=MOST_FRAMES)
+        check_rate(self.rate)
         if self.still is not None:
             check_file(self.still, "still")
         if self.clip is not None:

@@ -16,7 +16,8 @@ FELT = ORANGE
 CURRENT = SKY
 _WHITE = (255, 255, 255, 255)
 _PALE = (225, 236, 240, 255)
-_SHADE = (4, 22, 32, 165)  # behind text
+_SHADE = (4, 22, 32, 165)  # of the empty bar
+_PLATE = (4, 22, 32, 120)  # behind text
 _USUAL = 720.0  # [px] height of a picture whose text has the sizes below
 _TITLE = 27.0  # [px]
 _TEXT = 22.0  # [px]
@@ -27,7 +28,7 @@ _LEAST = 9.0  # [px] below which no text can be read
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Readout:
+class PictureText:
     """What a picture says in text."""
 
     time: float  # [s]
@@ -75,8 +76,17 @@ class Captions:
         """Height and width [px] of the picture of the tool from near."""
         return round(self._px(_NEAR[0])), round(self._px(_NEAR[1]))
 
+    def titled(self, picture: np.ndarray) -> np.ndarray:
+        """The picture (h, w, 3) with the title alone."""
+        from PIL import Image, ImageDraw
+
+        ground = Image.fromarray(picture)
+        place = self._px(24), self._px(18)
+        self._text(ImageDraw.Draw(ground, "RGBA"), place, self._title, _TITLE, bold=True)
+        return np.asarray(ground)
+
     def on(
-        self, picture: np.ndarray, readout: Readout, near: np.ndarray | None = None
+        self, picture: np.ndarray, readout: PictureText, near: np.ndarray | None = None
     ) -> np.ndarray:
         """The picture (h, w, 3) with its text, and another of `near_size` within it."""
         from PIL import Image, ImageDraw
@@ -103,15 +113,16 @@ class Captions:
         low = self._height - self._px(104)
         ground.paste(framed, (round(left), round(low - framed.height)))
 
-    def _head(self, pen: Any, readout: Readout) -> None:
+    def _head(self, pen: Any, readout: PictureText) -> None:
         """Title, phase and time, at the top left."""
         edge = self._px(24)
-        self._text(pen, (edge, self._px(18)), self._title, _TITLE, bold=True)
-        self._text(
-            pen, (edge, self._px(56)), f"{readout.phase}   {readout.time:.1f} s", _TEXT, _PALE
-        )
+        row = self._px(18)
+        if self._title:
+            self._text(pen, (edge, row), self._title, _TITLE, bold=True)
+            row += self._px(38)
+        self._text(pen, (edge, row), f"{readout.phase}   {readout.time:.1f} s", _TEXT, _PALE)
 
-    def _force(self, pen: Any, readout: Readout) -> None:
+    def _force(self, pen: Any, readout: PictureText) -> None:
         """Bar of the felt force with a line at the set one, at the bottom left."""
         left = self._px(24)
         long = self._px(300)
@@ -135,7 +146,7 @@ class Captions:
         if known:
             self._text(pen, (end + self._px(18), row), f"felt {readout.felt:.1f} N", _TEXT, FELT)
 
-    def _foot(self, pen: Any, readout: Readout) -> None:
+    def _foot(self, pen: Any, readout: PictureText) -> None:
         """Current, and the scale of the path's colours, at the bottom right."""
         right = self._width - self._px(24)
         row = self._height - self._px(90)
@@ -168,18 +179,12 @@ class Captions:
         bold: bool = False,
         anchor: str = "la",
     ) -> float:
-        """Text with a dark rim; the end [px] that lies away from its anchor."""
+        """Text on a dark plate; the end [px] that lies away from its anchor."""
         font = _font(self._bold if bold else self._plain, max(size * self._scale, _LEAST))
-        pen.text(
-            place,
-            words,
-            fill=colour,
-            font=font,
-            anchor=anchor,
-            stroke_width=max(1, round(self._px(1.5))),
-            stroke_fill=_SHADE,
-        )
-        left, _, right, _ = pen.textbbox(place, words, font=font, anchor=anchor)
+        left, top, right, low = pen.textbbox(place, words, font=font, anchor=anchor)
+        rim = self._px(5)
+        pen.rectangle((left - rim, top - rim, right + rim, low + rim), fill=_PLATE)
+        pen.text(place, words, fill=colour, font=font, anchor=anchor)
         return left if anchor.startswith("r") else right
 
     def _px(self, length: float) -> float:

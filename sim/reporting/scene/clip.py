@@ -29,6 +29,11 @@ def check_file(file: Path, what: str) -> None:
         raise ConfigurationError(f"{what}: there is no folder {shown(str(file.parent))}")
 
 
+def check_rate(rate: float) -> None:
+    """Refuses a rate of a clip [1/s]."""
+    finite_number(rate, "rate of a clip [1/s]", above=0.0, most=MOST_RATE)
+
+
 def write_still(file: Path, picture: np.ndarray) -> None:
     """Write a picture (h, w, 3) as PNG, WebP or JPEG, by the file's ending.
 
@@ -61,7 +66,7 @@ def write_clip(file: Path, pictures: Sequence[np.ndarray], rate: float) -> int:
         MissingLibraryError: Pillow is not installed.
     """
     check_file(file, "clip")
-    finite_number(rate, "rate of a clip [1/s]", above=0.0, most=MOST_RATE)
+    check_rate(rate)
 
     content = b""
     for quality in QUALITIES:

@@ -8,8 +8,8 @@ import numpy as np
 from uuv.sim.interfaces.errors import MissingLibraryError, one_line
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.scene.marks import Mark, add_to
-from uuv.sim.reporting.scene.sea import SUN_W, Sea, drawn_model
-from uuv.sim.reporting.scene.view import FOVY, View
+from uuv.sim.reporting.scene.sea import SUN_W, SeaLook, drawn_model
+from uuv.sim.reporting.scene.view import FOVY, CameraView
 
 _MOST_GEOMS = 20_000  # with the marks
 _SHADOWS = 8192  # [px] of the map of shadows
@@ -50,8 +50,8 @@ class GlPicture:
     def render(
         self,
         data: mujoco.MjData,
-        view: View,
-        sea: Sea,
+        view: CameraView,
+        sea: SeaLook,
         marks: Sequence[Mark] = (),
         *,
         size: tuple[int, int] | None = None,

@@ -67,9 +67,9 @@ def triangles(marks: Sequence[Mark]) -> tuple[Array, Array]:
 def _rings(along: Array, z: Array, radii: Array) -> Array:
     """Points (P, sides, 3) of rings about a unit vector, at distances and radii (P,)."""
     other = np.eye(3)[np.abs(along).argmin()]
-    x = np.cross(along, other)
+    x = np.asarray(np.cross(along, other), dtype=np.float64)
     x /= np.linalg.norm(x)
-    y = np.cross(along, x)
+    y = np.asarray(np.cross(along, x), dtype=np.float64)
 
     angle = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
     circle = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y

@@ -10,6 +10,7 @@ from uuv.sim.loop.recording import RecordedSeries
 
 SERIES = "body_pose"
 AROUND = 0.9  # [m] of the tool's places within which an object is part of the work
+AROUND_HULL = 2.0  # [m] likewise of the hull's, where no tool works
 
 
 class Poses:
@@ -43,6 +44,8 @@ class Poses:
         self.vehicle = Vehicle.of(model)
         self._model = model
         self._poses = poses
+        grounds = [int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD)]
+        self._ground = np.isin(model.geom_type, grounds)  # (geoms,)
 
     def row(self, time: float) -> int:
         """Row whose time is nearest to `time` [s]."""
@@ -71,22 +74,22 @@ class Poses:
 
         Args:
             rows: Rows to be seen.
-            tool_W: (M, 3) [m] places of the tool; none: the object is left out.
+            tool_W: (M, 3) [m] places of the tool; none: the object near the hull.
         """
         model = self._model
         hull = self.vehicle.hull
         points = []
+        around = AROUND if len(tool_W) else AROUND_HULL
         for row in rows:
             self.put(int(row))
-            for geom in range(model.ngeom):
-                if model.geom_rgba[geom, 3] == 0.0 or model.geom_rbound[geom] == 0.0:
-                    continue  # not drawn, or a plane
+            near_W = tool_W if len(tool_W) else self.data.xpos[None, hull]
+            for geom in np.flatnonzero((model.geom_rgba[:, 3] > 0.0) & ~self._ground):
                 corners = self._corners(geom)
                 if model.body_rootid[model.geom_bodyid[geom]] == model.body_rootid[hull]:
                     points.append(corners)
-                elif len(tool_W):  # of a large object, what is near the work
-                    low = tool_W.min(axis=0) - AROUND
-                    high = tool_W.max(axis=0) + AROUND
+                else:  # of a large object, what is near the work
+                    low = near_W.min(axis=0) - around
+                    high = near_W.max(axis=0) + around
                     if (corners.max(axis=0) > low).all() and (corners.min(axis=0) < high).all():
                         points.append(np.clip(corners, low, high))
 

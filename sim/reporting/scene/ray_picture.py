@@ -6,11 +6,10 @@ import mujoco
 import numpy as np
 
 from uuv.models.meshes.ray_casting import RayScene
-from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.rerun_scene import body_mesh
 from uuv.sim.reporting.scene.marks import Mark, triangles
-from uuv.sim.reporting.scene.sea import SUN_W, Sea, drawn_model
-from uuv.sim.reporting.scene.view import View
+from uuv.sim.reporting.scene.sea import SUN_W, Floats, SeaLook, drawn_model
+from uuv.sim.reporting.scene.view import CameraView
 
 # Colours of the light: of the water around, paler from above; of the sun; of the camera's lamp.
 _AROUND = np.array([0.30, 0.36, 0.37], dtype=np.float32)
@@ -50,8 +49,8 @@ class RayPicture:
     def render(
         self,
         data: mujoco.MjData,
-        view: View,
-        sea: Sea,
+        view: CameraView,
+        sea: SeaLook,
         marks: Sequence[Mark] = (),
         *,
         size: tuple[int, int] | None = None,
@@ -98,7 +97,9 @@ class RayPicture:
 class _LitScene:
     """Triangles about the camera, in the light of the sea."""
 
-    def __init__(self, corners: Array, colours: Array, solid: int, eye_W: Array, sea: Sea) -> None:
+    def __init__(
+        self, corners: Floats, colours: Floats, solid: int, eye_W: Floats, sea: SeaLook
+    ) -> None:
         """Prepares the rays.
 
         Args:
@@ -117,7 +118,7 @@ class _LitScene:
         self._eye_W = eye_W
         self._sea = sea
 
-    def look(self, rays: Array) -> tuple[Array, Array, Array]:
+    def look(self, rays: Floats) -> tuple[Floats, Floats, Floats]:
         """What rays (N, 3) meet.
 
         Returns:
@@ -144,7 +145,7 @@ class _LitScene:
         surface[visible] = np.column_stack([normal, self._colours[triangle], sunny])
         return self._sea.seen(colours, ways, depth * length), surface, depth
 
-    def _light(self, points: Array, normal: Array, facing: Array) -> tuple[Array, np.ndarray]:
+    def _light(self, points: Floats, normal: Floats, facing: Floats) -> tuple[Floats, np.ndarray]:
         """Light (N, 3) on points (N, 3) [m] from the camera, and which (N,) of them see the sun."""
         steep = np.clip(normal @ SUN_W.astype(np.float32), 0.0, None)
         towards = np.flatnonzero(steep > 0.0)
@@ -160,7 +161,7 @@ class _LitScene:
         return light, sunny
 
 
-def _edges(surface: Array, depth: Array) -> np.ndarray:
+def _edges(surface: Floats, depth: Floats) -> np.ndarray:
     """Pixels (h, w) beside which another surface is seen: other colour, normal, shadow or depth."""
     edge = np.zeros(depth.shape, dtype=bool)
     near = np.where(np.isfinite(depth), depth, _NOTHING)

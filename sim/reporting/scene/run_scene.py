@@ -1,7 +1,7 @@
 """Pictures of a run at any of its times, as stills and as a clip."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -17,9 +17,9 @@ from uuv.sim.reporting.scene.captions import Captions
 from uuv.sim.reporting.scene.gl_picture import GlPicture
 from uuv.sim.reporting.scene.poses import Poses
 from uuv.sim.reporting.scene.ray_picture import RayPicture
-from uuv.sim.reporting.scene.sea import Sea
+from uuv.sim.reporting.scene.sea import SeaLook
 from uuv.sim.reporting.scene.shots import Shots, shots
-from uuv.sim.reporting.scene.view import View
+from uuv.sim.reporting.scene.view import CameraView
 from uuv.sim.reporting.scene.work import Work
 
 Gl = Literal["auto", "on", "off"]
@@ -28,7 +28,7 @@ LEAST_SIZE = 64  # [px] of a picture, either way
 MOST_SIZE = 4096  # [px] of a picture, either way
 _ROOM = 3.2  # distance of the view of the tool over half the extent of the path in it
 _NEAR = 0.15  # distance of the view of the tool, over the largest one
-_STEEPER = 12.0  # [deg] by which it looks down more
+_STEEPER = 20.0  # [deg] by which it looks down more
 _INTO_WORK = 0.5  # share of the work at which a still is taken
 
 
@@ -91,7 +91,7 @@ class RunScene:
         changes = [event.time for event in recorded.events]
         aspect = style.width / style.height
         self._shots: Shots = shots(model, self._poses, self.work, changes, self.span, aspect)
-        self._sea = Sea(model, self._shots.reach)
+        self._sea = SeaLook(model, self._shots.reach)
 
     @property
     def renderer(self) -> str:
@@ -136,14 +136,14 @@ class RunScene:
         if readout.touching:
             middle_W, half = work.near(time)
             distance = max(_NEAR * self._shots.reach, _ROOM * half)
-            close = View(middle_W, distance, view.azimuth, view.elevation - _STEEPER)
+            close = CameraView(middle_W, distance, view.azimuth, view.elevation - _STEEPER)
             size = self._captions.near_size
             near = self._drawer.render(
                 data, close, self._sea, [*path, *work.forces(time, close)], size=size
             )
         return self._captions.on(drawn, readout, near)
 
-    def view(self, time: float) -> View:
+    def view(self, time: float) -> CameraView:
         """The camera's view at a time [s]."""
         return self._shots.at(time)
 
@@ -151,7 +151,7 @@ class RunScene:
         """Phase of the work at a time [s]."""
         return self.work.readout(time).phase
 
-    def pictures(self, times: Sequence[float]) -> Iterator[np.ndarray]:
+    def pictures(self, times: Iterable[float]) -> Iterator[np.ndarray]:
         """Pictures at several times [s]."""
         return (self.picture(float(time)) for time in times)
 

@@ -4,9 +4,10 @@ from functools import cache
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from uuv.sim.interfaces.spatial import Array
+Floats = NDArray[np.floating]  # of pixels: in single precision
 
 SUN_W = np.array([0.3, -0.38, 0.87])
 SUN_W /= np.linalg.norm(SUN_W)  # direction to the light, refracted at the surface
@@ -27,7 +28,7 @@ _NEAR_GROUND = 0.012  # [m] height over the ground at which a point is taken for
 _FAR = 60.0  # [m] half the side of a flat seabed as it is drawn
 
 
-class Sea:
+class SeaLook:
     """The water of a scene, as clear as its pictures are wide, and the ground below."""
 
     def __init__(self, model: mujoco.MjModel, reach: float) -> None:
@@ -46,7 +47,7 @@ class Sea:
             if model.geom_type[geom] in kinds and model.geom_bodyid[geom] == 0
         ]
 
-    def seen(self, colours: Array, ways_W: Array, distance: Array) -> Array:
+    def seen(self, colours: Floats, ways_W: Floats, distance: Floats) -> Floats:
         """Colours (N, 3) in [0, 1] as they arrive through the water.
 
         Args:
@@ -60,14 +61,14 @@ class Sea:
         veiled *= 1.0 - clear
         return colours * clear * np.exp(-_LOST * far) + veiled
 
-    def water(self, ways_W: Array) -> Array:
+    def water(self, ways_W: Floats) -> Floats:
         """Colour (N, 3) of endless water along unit vectors (N, 3)."""
         steep = ways_W[:, 2].astype(np.float32)[:, None]
         upwards = np.clip(1.8 * steep, 0.0, 1.0)
         downwards = np.clip(-1.8 * steep, 0.0, 1.0)
         return _LEVEL + upwards * (_UP - _LEVEL) + downwards * (_DOWN - _LEVEL)
 
-    def sand(self, points_W: Array) -> Array:
+    def sand(self, points_W: Floats) -> Floats:
         """Brightness (N,) of the sand at points (N, 3) [m] on the ground; 1 anywhere else."""
         bright = np.ones(len(points_W), dtype=np.float32)
         on_ground = np.zeros(len(points_W), dtype=bool)
@@ -78,7 +79,7 @@ class Sea:
         bright[on_ground] = map_coordinates(_tile(), cells.T, order=1, mode="grid-wrap")
         return bright
 
-    def _height(self, geom: int, points_W: Array) -> Array:
+    def _height(self, geom: int, points_W: Floats) -> Floats:
         """Height (N,) [m] of a ground at the places of points (N, 3), in W; NaN beside it."""
         model = self._model
         place = model.geom_pos[geom]
@@ -109,7 +110,7 @@ def drawn_model(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 @cache
-def _tile() -> Array:
+def _tile() -> Floats:
     """Brightness (_CELLS, _CELLS) of sand, which repeats: ripples, and patches of all sizes."""
     rng = np.random.default_rng(5)
     waves = np.fft.fftfreq(_CELLS, 1.0 / _CELLS)
@@ -123,7 +124,7 @@ def _tile() -> Array:
     return (1.0 + _RELIEF * np.clip(relief, -2.0, 2.0)).astype(np.float32)
 
 
-def _noise(rng: np.random.Generator, spectrum: Array) -> Array:
+def _noise(rng: np.random.Generator, spectrum: Floats) -> Floats:
     """Periodic noise of a spectrum (n, n), of variance 1."""
     white = np.fft.fft2(rng.standard_normal(spectrum.shape))
     noise = np.fft.ifft2(white * spectrum).real

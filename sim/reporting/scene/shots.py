@@ -9,7 +9,7 @@ import numpy as np
 
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.reporting.scene.poses import Poses
-from uuv.sim.reporting.scene.view import View
+from uuv.sim.reporting.scene.view import CameraView
 from uuv.sim.reporting.scene.work import Work
 
 _WIDEST = 1.6  # times the smallest view of a run, beyond which a view is divided in time
@@ -30,9 +30,9 @@ class Shots:
     """Views of a run, each from a time on."""
 
     begins: Array  # (K,) [s]
-    views: Sequence[View]
+    views: Sequence[CameraView]
 
-    def at(self, time: float) -> View:
+    def at(self, time: float) -> CameraView:
         """View at a time [s]."""
         return self.views[max(int(np.searchsorted(self.begins, time, side="right")) - 1, 0)]
 
@@ -63,11 +63,11 @@ def shots(
     begin, end = span
     azimuth, elevation = _direction(model, poses, work, span)
 
-    def view(first: float, last: float) -> View:
+    def view(first: float, last: float) -> CameraView:
         rows = np.unique([poses.row(t) for t in np.linspace(first, last, _SAMPLES)])
-        return View.framing(poses.extent(rows, work.p_W), azimuth, elevation, aspect)
+        return CameraView.framing(poses.extent(rows, work.p_W), azimuth, elevation, aspect)
 
-    def parts(first: float, last: float) -> list[tuple[float, View]]:
+    def parts(first: float, last: float) -> list[tuple[float, CameraView]]:
         whole = view(first, last)
         if whole.distance < widest or last - first < 2.0 * _SHORTEST:
             return [(first, whole)]
@@ -76,7 +76,7 @@ def shots(
 
     widest = _WIDEST * min(view(t, t).distance for t in np.linspace(begin, end, _SAMPLES))
     edges = [begin, *(time for time in changes if begin < time < end), end]
-    chosen: list[tuple[float, View]] = []
+    chosen: list[tuple[float, CameraView]] = []
     for first, last in pairwise(edges):
         for start, framed in parts(first, last):
             if not chosen or _unlike(chosen[-1][1], framed):
@@ -86,7 +86,7 @@ def shots(
     return Shots(starts, [framed for _, framed in chosen])
 
 
-def _unlike(view: View, other: View) -> bool:
+def _unlike(view: CameraView, other: CameraView) -> bool:
     """True if a change from one view to the other is worth it."""
     shift = float(np.linalg.norm(other.lookat_W - view.lookat_W))
     return shift + abs(other.distance - view.distance) > _ALIKE * view.distance
@@ -104,10 +104,10 @@ def _direction(
 
     # Rays from the tool at sampled times of the work.
     directions = [(heading + turn, steep) for steep in _ELEVATIONS for turn in _TURNS]
-    ways_W = [-View(np.zeros(3), 1.0, *direction).axes_W[2] for direction in directions]
+    ways_W = [-CameraView(np.zeros(3), 1.0, *direction).axes_W[2] for direction in directions]
     free = np.zeros(len(directions))
     for k in np.linspace(0, len(work.time) - 1, _LOOKS).astype(int):
-        poses.put(poses.row(work.time[k]))
+        poses.put(poses.row(float(work.time[k])))
         clear_W = work.p_W[k] - _CLEAR * work.axis_W[k]
         free += [_leaves(model, poses.data, clear_W + _CLEAR * way_W, way_W) for way_W in ways_W]
 

@@ -1,4 +1,4 @@
-"""View of a free camera onto a scene, and the frame that holds given points."""
+"""CameraView of a free camera onto a scene, and the frame that holds given points."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ _ROUNDS = 12  # of centring; the last ones change nothing that can be seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class CameraView:
     """Free camera that looks at a point, z up."""
 
     lookat_W: Array  # (3,) [m]

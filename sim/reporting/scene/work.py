@@ -10,9 +10,9 @@ from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.palette import rgb
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import STATES, RecordedSeries
-from uuv.sim.reporting.scene.captions import CURRENT, FELT, SET, Readout, error_colours
+from uuv.sim.reporting.scene.captions import CURRENT, FELT, SET, PictureText, error_colours
 from uuv.sim.reporting.scene.marks import Mark, line
-from uuv.sim.reporting.scene.view import View
+from uuv.sim.reporting.scene.view import CameraView
 
 WORKING = (WorkState.WORK, WorkState.INSERT, WorkState.WITHDRAW)
 TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.SEARCH, *WORKING)
@@ -91,7 +91,7 @@ class Work:
         rest = lifted[max(count - 1, 0) :]
         return done + line(rest, _THIN, np.tile(_AHEAD, (max(len(rest) - 1, 0), 1)))
 
-    def forces(self, time: float, view: View) -> list[Mark]:
+    def forces(self, time: float, view: CameraView) -> list[Mark]:
         """Arrows of the set and the felt force at a time [s], to either side of the tool."""
         row = self._row(time)
         recorded = self.recorded
@@ -114,7 +114,7 @@ class Work:
                 marks.append(Mark(start_W, end_W, _ROD, _unit(colour), arrow=True))
         return marks
 
-    def current(self, time: float, view: View) -> list[Mark]:
+    def current(self, time: float, view: CameraView) -> list[Mark]:
         """Arrows of the water's velocity at the hull at a time [s], at the sides of a view."""
         v_W = self._water(time)
         if not float(np.linalg.norm(v_W)) > _LEAST_CURRENT:
@@ -131,11 +131,11 @@ class Work:
             for middle_W in middles_W
         ]
 
-    def readout(self, time: float) -> Readout:
+    def readout(self, time: float) -> PictureText:
         """What is said in text at a time [s]."""
         row = self._row(time)
         state = self._state(row)
-        return Readout(
+        return PictureText(
             time=time,
             phase=state.value,
             touching=state in TOUCHING,

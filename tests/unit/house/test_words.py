@@ -14,9 +14,17 @@ from source_tree import ROOT, parsed, sources, tracked
 FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 18, 20, 40
 SOURCES = sources()
 WORDS_OF_PAGES, WORDS_A_PAGE, ROWS = 20_000, 1_500, 30
-NOT_COUNTED = {"references", "glossary", "licences", "results", "results_earlier", "papers"}
+NOT_COUNTED = {
+    "references",
+    "glossary",
+    "licences",
+    "results",
+    "results_earlier",
+    "papers",
+    "gallery",
+}
 # pages of doors and parts that came later: each has the bound of a page, and none of their sum
-LATER = {"your_tools", "udp", "thrusters", "own_tool", "vehicle_files"} | {
+LATER = {"your_tools", "udp", "thrusters", "own_tool", "vehicle_files", "pictures"} | {
     "calibrate_arm",
     "change_water",
     "data_out",

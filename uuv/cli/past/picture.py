@@ -10,7 +10,7 @@ from tyro.conf import arg
 
 from uuv.cli.past.past_runs import Run, Trust, run_folder, scenario_of
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import shown
+from uuv.sim.interfaces.spatial import finite_number, shown
 from uuv.sim.runs.command_line import parse
 
 STILL, CLIP = "scene.png", "clip.webp"
@@ -70,6 +70,9 @@ def main(verb: str, args: Sequence[str]) -> int:
     title = f"{scenario.name.replace('_', '-')}, {scenario.vehicle.vehicle}"
     style = PictureStyle(width=width, height=height, gl=options.gl, title=title)
     check_inputs(scenario)
+    for name in ("at", "begin", "end"):
+        if (time := getattr(options, name)) is not None:
+            finite_number(time, f"{name} [s]", least=0.0, most=past.simulated_s)
 
     with scene_of_past(past, scenario, style, (options.begin, options.end)) as scene:
         for file in write_pictures(scene, files):

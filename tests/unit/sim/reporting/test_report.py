@@ -165,7 +165,7 @@ def test_path_by_force_error_has_its_colours_where_the_error_is_judged():
     ((title, caption, figure),) = path_by_force_error(recording)
     assert title == "Path by force error"
     drawn = next(c for c in figure.axes[0].collections if c.get_array() is not None)
-    error = np.ma.filled(drawn.get_array(), np.nan)
+    error = np.ma.filled(np.ma.asarray(drawn.get_array()), np.nan)
     settled = np.isfinite(error)
     assert 0.85 < settled.mean() < 0.95  # of 10 s, all but the first
     contact = recording["contact_normal"].scalar - 60.0

@@ -135,7 +135,14 @@ def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-WITHOUT_FIGURES = ("new", "completion", "report", "view", "picture")  # they leave, or name, files
+WITHOUT_FIGURES = (
+    "new",
+    "completion",
+    "report",
+    "view",
+    "picture",
+    "gallery",
+)  # they leave, or name, files
 LIGHT = """
 import contextlib, io, json, sys, time
 from uuv.cli.main import VERBS, main

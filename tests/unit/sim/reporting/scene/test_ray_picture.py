@@ -6,8 +6,8 @@ import pytest
 
 from uuv.sim.reporting.scene.marks import Mark
 from uuv.sim.reporting.scene.ray_picture import RayPicture
-from uuv.sim.reporting.scene.sea import Sea
-from uuv.sim.reporting.scene.view import FOVY, View
+from uuv.sim.reporting.scene.sea import SeaLook
+from uuv.sim.reporting.scene.view import FOVY, CameraView
 
 BALL = """
 <mujoco><worldbody>
@@ -19,16 +19,16 @@ MIDDLE = np.array([1.0, 2.0, 3.0])
 DISTANCE, RADIUS = 4.0, 0.5  # [m]
 
 
-def drawn(view: View, *marks: Mark) -> np.ndarray:
+def drawn(view: CameraView, *marks: Mark) -> np.ndarray:
     model = mujoco.MjModel.from_xml_string(BALL)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    return RayPicture(model, 201, 301).render(data, view, Sea(model, DISTANCE), marks)
+    return RayPicture(model, 201, 301).render(data, view, SeaLook(model, DISTANCE), marks)
 
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(0.0, 0.0), (130.0, -25.0)])
 def test_ball_is_as_large_and_where_it_should_be(azimuth: float, elevation: float, within):
-    picture = drawn(View(MIDDLE, DISTANCE, azimuth, elevation)).astype(float)
+    picture = drawn(CameraView(MIDDLE, DISTANCE, azimuth, elevation)).astype(float)
     red = picture[..., 0] > picture[..., 2]  # the water is blue, and what is transparent not drawn
     tangent = np.tan(np.arcsin(RADIUS / DISTANCE)) / np.tan(np.radians(0.5 * FOVY))
     within("area of the ball, share", abs(red.sum() / (np.pi * (100.5 * tangent) ** 2) - 1.0), 0.03)
@@ -41,21 +41,21 @@ def test_ball_is_as_large_and_where_it_should_be(azimuth: float, elevation: floa
 def test_what_is_far_takes_the_colour_of_the_water():
     """The ball from ten times as far as the work of the scene: water, paler than from near."""
     near, far = (
-        drawn(View(MIDDLE, distance, 30.0, -10.0))[100, 150].astype(float)
+        drawn(CameraView(MIDDLE, distance, 30.0, -10.0))[100, 150].astype(float)
         for distance in (DISTANCE, 10.0 * DISTANCE)
     )
-    water = drawn(View(MIDDLE, DISTANCE, 30.0, -10.0))[100, 5].astype(float)
+    water = drawn(CameraView(MIDDLE, DISTANCE, 30.0, -10.0))[100, 5].astype(float)
     assert abs(far - water).max() < 0.4 * abs(near - water).max()
     assert near[0] > 2.0 * far[0]  # red goes first
 
 
 def test_a_mark_is_drawn_in_its_colour_and_hidden_by_the_ball():
-    view = View(MIDDLE, DISTANCE, 0.0, 0.0)
+    view = CameraView(MIDDLE, DISTANCE, 0.0, 0.0)
     ahead = view.axes_W[2]
     ends = np.array([[0.0, -0.4, 0.0], [0.0, 0.4, 0.0]])
     before, behind = (
-        drawn(view, Mark(*(MIDDLE + side * ahead + ends), 0.03, (0.0, 1.0, 0.0)))[100, 150]
-        for side in (-0.8, 0.8)
+        drawn(view, Mark(start, end, 0.03, (0.0, 1.0, 0.0)))[100, 150]
+        for start, end in (MIDDLE + side * ahead + ends for side in (-0.8, 0.8))
     )
     assert before[1] > 150
     assert before[1] > 2.0 * before[0]
@@ -67,13 +67,15 @@ def test_ground_has_a_shadow_under_the_ball():
     model = mujoco.MjModel.from_xml_string(floor)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    view = View(np.array([1.0, 2.0, 2.0]), 5.0, 90.0, -60.0)
-    picture = RayPicture(model, 90, 160).render(data, view, Sea(model, 5.0)).astype(float)
+    view = CameraView(np.array([1.0, 2.0, 2.0]), 5.0, 90.0, -60.0)
+    picture = RayPicture(model, 90, 160).render(data, view, SeaLook(model, 5.0)).astype(float)
     ground = picture.sum(axis=2)
     assert np.percentile(ground, 99) > 1.8 * np.percentile(ground, 1)
     without = floor.replace('size=".5" rgba="1 0 0 1"', 'size=".5" rgba="1 0 0 0"')
     bare_model = mujoco.MjModel.from_xml_string(without)
-    bare = RayPicture(bare_model, 90, 160).render(data, view, Sea(bare_model, 5.0)).astype(float)
+    bare = (
+        RayPicture(bare_model, 90, 160).render(data, view, SeaLook(bare_model, 5.0)).astype(float)
+    )
     changed = abs(bare - picture).max(axis=2) > 20.0
     red = picture[..., 0] > 1.4 * picture[..., 1]
     assert (changed & ~red).sum() > 0.15 * red.sum()  # the shadow, beside the ball itself

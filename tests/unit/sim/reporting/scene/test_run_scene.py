@@ -19,6 +19,7 @@ from uuv.sim.loop.recording import Recording, Series
 from uuv.sim.reporting.scene import clip, run_scene
 from uuv.sim.reporting.scene.clip import write_clip, write_still
 from uuv.sim.reporting.scene.run_scene import PictureStyle, RunScene
+from uuv.sim.reporting.scene.view import FOVY
 from uuv.sim.reporting.scene.work import Work
 
 STYLE = PictureStyle(width=192, height=108, gl="off", title="a run")
@@ -98,6 +99,19 @@ def test_the_camera_stays_while_the_work_does_and_follows_the_hull_away():
     assert np.linalg.norm(views[2].lookat_W - views[0].lookat_W) > 1.0
 
 
+def test_an_object_is_in_view_where_no_tool_works():
+    """Without a commanded tip the barrel is seen with the hull above it."""
+    nowhere = {"p_command": replace(run()["p_command"], value=np.full((len(TIME), 3), np.nan))}
+    flown = replace(run(), series=MappingProxyType({**run().series, **nowhere}))
+    with RunScene(model(), flown, STYLE, (0.0, 5.0)) as scene:
+        view = scene.view(1.0)
+        assert not len(scene.work.time)
+    across, down, ahead = view.axes_W
+    at = TRUTH.X_WT[:3, 3] - view.eye_W
+    assert abs(at @ down) < 0.9 * (at @ ahead) * np.tan(np.radians(0.5 * FOVY))
+    assert abs(at @ across) < 0.9 * (at @ ahead) * np.tan(np.radians(0.5 * FOVY))
+
+
 def test_the_path_is_coloured_by_the_error_and_thin_where_it_is_still_to_be_worked():
     work = Work.of(run())
     good, bad = work.path(4.0, 3.0), work.path(9.9, 3.0)
@@ -111,7 +125,7 @@ def test_the_path_is_coloured_by_the_error_and_thin_where_it_is_still_to_be_work
 
 
 def test_arrows_are_as_long_as_forces_and_current_are_large():
-    scene_view = run_scene.View(np.zeros(3), 5.0, 40.0, -20.0)
+    scene_view = run_scene.CameraView(np.zeros(3), 5.0, 40.0, -20.0)
     work = Work.of(run())
     set_mark, felt = work.forces(4.0, scene_view)
     pushed = set_mark.end_W - set_mark.start_W

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uuv.sim.reporting.scene.view import FOVY, View
+from uuv.sim.reporting.scene.view import FOVY, CameraView
 
 ASPECT = 16.0 / 9.0
 
@@ -11,7 +11,7 @@ ASPECT = 16.0 / 9.0
 @pytest.mark.parametrize(("azimuth", "elevation"), [(20.0, -15.0), (-140.0, -40.0)])
 def test_points_fill_the_picture_and_stay_in_it(azimuth: float, elevation: float, rng):
     points = rng.uniform([-2.0, 0.5, -3.0], [1.0, 1.5, -1.0], (50, 3))
-    view = View.framing(points, azimuth, elevation, ASPECT, fill=0.8)
+    view = CameraView.framing(points, azimuth, elevation, ASPECT, fill=0.8)
     across, down, ahead = view.axes_W
     x, y, z = ((points - view.eye_W) @ axis for axis in (across, down, ahead))
     half = np.tan(np.radians(0.5 * FOVY))
@@ -20,7 +20,7 @@ def test_points_fill_the_picture_and_stay_in_it(azimuth: float, elevation: float
 
 
 def test_rays_go_through_the_middle_of_the_pixels():
-    view = View(np.array([0.3, -0.2, 1.0]), 2.0, 35.0, -20.0)
+    view = CameraView(np.array([0.3, -0.2, 1.0]), 2.0, 35.0, -20.0)
     rays = view.rays_W(9, 15)
     across, down, ahead = view.axes_W
     assert rays[4, 7] == pytest.approx(ahead)

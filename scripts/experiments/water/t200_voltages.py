@@ -52,7 +52,8 @@ def t200_voltages(case: VoltageCase) -> VoltageRow:
     model = replace(thrusters.t200(voltage=others[0].voltage), sheets=others)
 
     pulses = t200_sheets.ESC.pulse(sheet.command)
-    measured, current = np.array(sheet.thrust), np.array(sheet.current)
+    measured = np.array(sheet.thrust)
+    current = np.array(sheet.current)
     thrust = np.abs(model.thrust(pulses, case.voltage) - measured).max()
     power = np.abs(model.power(pulses, case.voltage) - case.voltage * current).max()
 

@@ -1,4 +1,4 @@
-"""Hooks of the documentation site: pages of the API, and equations as MathML, which browsers draw.
+"""Hooks of the documentation site: pages of the API, notebooks, equations as MathML.
 
 The API shows the promised names first, a page for each group of docs/api.md, then all other names
 as internals, a page for each package.
@@ -14,6 +14,7 @@ from typing import Any
 from latex2mathml.converter import convert
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
+from notebooks import page_of
 from promised_names import groups_of
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -23,6 +24,16 @@ _LARGEST = 1_000_000  # bytes of a page of the API
 _EQUATION = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', flags=re.DOTALL)
 _PROMISED_NAMES = frozenset(name for group in _GROUPS for name in group.lines)
 _NAME = re.compile(r"^\| `(uuv\.[\w.]+)` \|", flags=re.MULTILINE)
+
+
+_building = {
+    "execute": True
+}  # whether notebooks are run: not by `serve`, which builds at each change
+
+
+def on_startup(command: str, **_: Any) -> None:
+    """Learns what the site is made for."""
+    _building["execute"] = command == "build"
 
 
 def on_config(config: Any) -> Any:
@@ -41,8 +52,8 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Adds api/GROUP.md for each group of promised names, and api/internals/PACKAGE.md for each
-    package.
+    """Adds api/GROUP.md for each group of promised names, api/internals/PACKAGE.md for each
+    package, and notebooks/NAME.md.
     """
     for group in _GROUPS:
         entries = "\n".join(map(_entry, group.lines))
@@ -56,6 +67,10 @@ def on_files(files: Files, config: Any) -> Files:
             f"promised](../../api.md).\n\n{entries}"
         )
         files.append(File.generated(config, f"api/internals/{package}.md", content=text))
+
+    for notebook in sorted((_ROOT / "docs" / "notebooks").glob("*.ipynb")):
+        text = page_of(notebook, _ROOT, **_building)
+        files.append(File.generated(config, f"notebooks/{notebook.stem}.md", content=text))
     return files
 
 

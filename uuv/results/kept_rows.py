@@ -14,7 +14,7 @@ from typing import Any
 from uuv.catalogue import CHECKOUT, EXPERIMENTS
 from uuv.experiment.case_options import ExperimentOptions
 from uuv.experiment.columns import check_names
-from uuv.experiment.declaration import Experiment
+from uuv.experiment.declaration import DATA, Experiment
 from uuv.experiment.loaded_code import digests
 from uuv.experiment.row_log import METRICS, about_of, without_log
 from uuv.experiment.row_table import Row, read_rows
@@ -223,11 +223,14 @@ def _known(settings: Mapping[str, Any], kind: type[ExperimentOptions]) -> dict[s
     harness = {entry.name for entry in fields(ExperimentOptions)}
     known = {entry.name for entry in fields(kind)} - harness
 
-    return {
+    chosen: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in settings.items()
         if name in known
     }
+    if isinstance(chosen.get(DATA), str):
+        chosen[DATA] = Path(chosen[DATA])
+    return chosen
 
 
 def _in_order(

@@ -10,7 +10,7 @@ the exit code is 1.
 
 from uuv.start import parse, run_scenario  # isort: skip
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,9 +83,21 @@ class PaperFigures:
 def main() -> int:
     """Writes the page; 1 if a figure is lacking."""
     parse(Options)
-    console = Console(highlight=False)
     statements = read()
     figures = PaperFigures.kept(statements)
+    return write(PAGE, statements, figures, page_of(statements, figures))
+
+
+def write(page: Path, statements: Statements, figures: PaperFigures, lines: Iterable[str]) -> int:
+    """Writes a page of statements; 1, and a line for each, if figures are lacking.
+
+    Args:
+        page: File in docs/.
+        statements: Its rows.
+        figures: Theirs.
+        lines: The page, not begun before all figures are there.
+    """
+    console = Console(highlight=False)
 
     lacking = [row for row in statements.rows if figures.text(row) is None]
     for row in lacking:
@@ -94,8 +106,9 @@ def main() -> int:
         console.print(f"no page: {len(lacking)} of {len(statements.rows)} statements lack a figure")
         return 1
 
-    write_page(PAGE, "\n".join(page_of(statements, figures)) + "\n")
-    console.print(f"{len(statements.rows)} statements written to docs/{PAGE}")
+    # All figures are there
+    write_page(page, "\n".join(lines) + "\n")
+    console.print(f"{len(statements.rows)} statements written to docs/{page}")
     return 0
 
 
@@ -103,7 +116,7 @@ def page_of(statements: Statements, figures: PaperFigures) -> Iterator[str]:
     """Lines of the page."""
     yield from ("# The papers, statement by statement", "", statements.intro.strip(), "")
     yield from ("```", "./uvw run scripts/experiments/papers/page.py", "```")
-    yield from _statuses(list(figures.sources.values()))
+    yield from statuses(list(figures.sources.values()))
 
     for paper in statements.paper:
         yield from ("", f"## [{paper.source}] {paper.title}", "", paper.text.strip(), "")
@@ -116,7 +129,7 @@ def page_of(statements: Statements, figures: PaperFigures) -> Iterator[str]:
             yield f"| {row.place} | {row.stated} | {figures.text(row)} | {shown} | {row.remark} |"
 
 
-def _statuses(entries: Sequence[ResultsOfOne]) -> Iterator[str]:
+def statuses(entries: Sequence[ResultsOfOne]) -> Iterator[str]:
     """A line for each source of figures."""
     for entry in entries:
         yield from ("", f"{STATUS}`{entry.experiment.name}`: {entry.status}")

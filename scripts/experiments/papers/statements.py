@@ -87,10 +87,10 @@ class PaperStatement:
 class Paper:
     """One paper with its statements."""
 
-    source: str  # key of docs/references.md
     title: str
     text: str
     row: tuple[PaperStatement, ...]
+    source: str = ""  # key of docs/references.md; empty: no paper, but a group of comparisons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,14 +110,14 @@ class Statements:
         return [row for row in self.rows if row.command == command]
 
 
-def read() -> Statements:
-    """The statements.
+def read(file: Path = FILE) -> Statements:
+    """The statements of a file.
 
     Raises:
         ConfigurationError: The file cannot be read, or a statement lacks something.
     """
-    reader = TableReader(FILE.name, places_faults=True)
-    return reader.made(Statements, toml_of(FILE, "statements"))
+    reader = TableReader(file.name, places_faults=True)
+    return reader.made(Statements, toml_of(file, "statements"))
 
 
 def leaves(tree: Any, above: str = "") -> Iterable[tuple[str, Any]]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from notebook_cells import cells, code_of
 from uuv.cli.skeletons import SKELETONS
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -25,6 +26,7 @@ DOCUMENTS = [
     ROOT / "README.md",
     *sorted((ROOT / "docs").glob("*.md")),
     *sorted((ROOT / "docs" / "examples").glob("*")),
+    *sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")),
 ]
 
 
@@ -50,7 +52,9 @@ def needs_environments(name: str) -> bool:
 
 
 def python_blocks(document: Path) -> list[str]:
-    """Fenced Python of a document, or all of a Python file."""
+    """Fenced Python of a document, the code of a notebook, or all of a Python file."""
+    if document.suffix == ".ipynb":
+        return ["\n".join(code_of(cell) for cell in cells(document) if cell["cell_type"] == "code")]
     text = document.read_text(encoding="utf-8")
     return (
         [text]
@@ -131,7 +135,7 @@ def test_what_a_package_hands_out_is_promised(package: str):
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_documents_use_promised_names_only(document: Path):
     used: set[str] = set()
-    if document.suffix in (".md", ".py"):
+    if document.suffix in (".md", ".py", ".ipynb"):
         used = set().union(*(names_used(block) for block in python_blocks(document)))
     assert used - set(NAMES) == set()
 

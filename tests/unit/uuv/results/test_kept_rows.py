@@ -70,6 +70,48 @@ def test_rows_are_kept_in_the_order_of_the_cases_and_read_back(kept: KeptRows, t
     assert kept_rows.kept_rows("others", tmp_path) is None
 
 
+@dataclass(frozen=True, kw_only=True)
+class DiveLogs:
+    """Which logs."""
+
+    data: Path
+    """Folder of the logs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiveLog:
+    """One log."""
+
+    log: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogLength:
+    """Its length."""
+
+    length: int = column("length")
+
+
+def logs_in(logs: DiveLogs) -> list[DiveLog]:
+    return [DiveLog(log=str(file)) for file in sorted(logs.data.glob("*.log"))]
+
+
+@experiment("dive_logs", cases=logs_in)
+def dive_logs(case: DiveLog) -> LogLength:
+    """Reads logs."""
+    return LogLength(length=len(Path(case.log).read_text()))
+
+
+def test_rows_on_measured_data_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    for name, length in (("a", 3), ("b", 5)):
+        (tmp_path / f"{name}.log").write_text(length * "x")
+    options = dive_logs.options_with({"data": Path(), "out": tmp_path / "run", "workers": 1})
+    assert dive_logs.carry_out(options) == 0
+    monkeypatch.setattr(kept_rows, "command_of", lambda *_: "read")
+    assert [row["length"] for row in keep(dive_logs, tmp_path / "run").rows] == [3, 5]
+
+
 def test_a_run_that_is_not_whole_or_of_other_code_is_not_kept(run: Path, tmp_path: Path):
     with pytest.raises(ConfigurationError, match="must be the folder of a finished run"):
         keep(dives, tmp_path)

@@ -15,7 +15,7 @@ any recipe; by the default recipe the tool stays on its path within 0.01 mm, at 
 from uuv.start import run_scenario  # isort: skip
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -256,7 +256,7 @@ FIGURES = (
 )
 
 
-def _by(recipe: str) -> Callable[[Row], bool]:
+def _by(recipe: str) -> Callable[[Mapping[str, Any]], bool]:
     """Rows of a recipe by the default method."""
     return lambda row: row["recipe"] == recipe and row["method"] == TrackCase.method
 

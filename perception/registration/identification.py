@@ -37,7 +37,12 @@ from uuv.perception.registration.pose_search import (
 )
 from uuv.perception.registration.projective_fit import polished_rows
 from uuv.perception.registration.published.paper_check import published_criterion
-from uuv.perception.registration.published.paper_icp import laid_on, paper_fit, required_error
+from uuv.perception.registration.published.paper_icp import (
+    Pairing,
+    laid_on,
+    paper_fit,
+    required_error,
+)
 from uuv.perception.registration.rival_shapes import (
     MIN_HAND,
     MirrorImage,
@@ -166,8 +171,8 @@ def identify(
         approach_error: [m] largest error of `approach`.
         seed: Of all random samples.
         method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search: give
-            `orientation`; "paper-q" for that with the published threshold on Q (`paper_check`) in
-            place of `pose_check`.
+            `orientation`; "paper-scan" for that with pairs from scan to model; "paper-q" for it
+            with the published threshold on Q (`paper_check`) in place of `pose_check`.
         thorough: Whether all starts are fitted where the scan contradicts the best of a few, which
             takes seconds.
 
@@ -318,7 +323,8 @@ class _Search:
             evidence, likeliest = _search(searched, surface, starts, given, most)
         else:
             evidence = searched
-            likeliest = _as_in_paper(searched, surface, starts)
+            pairing = "scan" if question.method == "paper-scan" else "model"
+            likeliest = _as_in_paper(searched, surface, starts, pairing)
 
         X_start = question.X_prior if question.knows_pose else likeliest.X_start
         X_near = X_start if question.expected.R is None else question.X_prior
@@ -592,9 +598,11 @@ def _around(poses: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray
     return near_any(scan.points, centers, _AROUND * surface.radius)
 
 
-def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> Found:
+def _as_in_paper(
+    evidence: Evidence, surface: ModelSurface, starts: list[Array], pairing: Pairing
+) -> Found:
     """The published ICP from its one initial pose, with the published rule for a new scan."""
-    fit = paper_fit(evidence, surface, starts[0])
+    fit = paper_fit(evidence, surface, starts[0], pairing)
     asks = ""
     if fit.error > fit.required:
         asks = (

@@ -1,23 +1,29 @@
-"""Point-to-point ICP from model to scan, the published baseline [Konoplin 2022], [Konoplin 2019].
+"""Point-to-point ICP, the published baseline [Konoplin 2022], [Konoplin 2019].
 
 The model's centroid is put on the scan's, then ICP runs a few iterations with all model points.
 Points that the sensor cannot see are removed and ICP runs until its error no longer decreases. If
-the error is then above the required one, a new scan is requested. Point-to-plane ICP from the scan
-to the visible model (`uuv.perception.registration.fine_fit`) is several times as accurate.
+the error is then above the required one, a new scan is requested.
+
+The papers do not say which cloud looks for its nearest points in the other. From model to scan,
+parts of the model that the frame does not show still get partners; from scan to model, points
+beside the object do. Point-to-plane ICP from the scan to the visible model
+(`uuv.perception.registration.fine_fit`) is several times as accurate.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from uuv.perception.registration.evidence import Evidence
 from uuv.perception.registration.model_surface import ModelSurface
-from uuv.sim.interfaces.spatial import Array, pose, transform_points
+from uuv.sim.interfaces.spatial import Array, inverse, pose, transform_points
 
 _MODEL_POINTS = 4000  # model points used, at most
 _FALLS = 1e-5  # [-] relative decrease of the error below which ICP stops
 _FIRST, _MOST = 10, 300  # iterations with all model points, and with the visible ones, at most
+Pairing = Literal["model", "scan"]  # cloud whose points look for the nearest ones of the other
 _ALLOWED = 2.0  # [-] required rms distance as a multiple of the points' noise and spacing
 
 
@@ -26,7 +32,7 @@ class PaperFit:
     """Result of the point-to-point ICP."""
 
     X_ST: Array  # (4, 4) fitted pose of T in S
-    error: float  # [m] rms distance of the visible model points from their nearest scan points
+    error: float  # [m] rms distance of the paired points
     required: float  # [m] largest allowed `error`; above it a new scan is requested
 
 
@@ -44,25 +50,28 @@ def laid_on(points: Array, surface: ModelSurface, R_ST: Array) -> Array:
     return pose(R_ST, points.mean(axis=0) - R_ST @ surface.points.mean(axis=0))
 
 
-def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFit:
+def paper_fit(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, pairing: Pairing = "model"
+) -> PaperFit:
     """Run the first iterations of ICP with all model points, the others with the visible ones.
 
     Args:
         evidence: Scan points of the object.
         surface: Sampled model.
         X_ST: (4, 4) initial pose of T in S.
+        pairing: Cloud whose points look for the nearest ones of the other.
 
     Returns:
         The fitted pose with its error and the required error [m].
     """
     step = -(-len(surface.points) // _MODEL_POINTS)
-    tree = cKDTree(evidence.points)
+    fit = _from_model if pairing == "model" else _from_scan
 
-    X_ST, error = _icp(tree, surface.points[::step], X_ST, _FIRST)
+    X_ST, error = fit(evidence.points, surface.points[::step], X_ST, _FIRST)
 
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence, step)
     if visible.sum() >= 10:
-        X_ST, error = _icp(tree, surface.points[::step][visible], X_ST, _MOST)
+        X_ST, error = fit(evidence.points, surface.points[::step][visible], X_ST, _MOST)
     return PaperFit(X_ST, error, required_error(evidence, surface))
 
 
@@ -72,20 +81,52 @@ def required_error(evidence: Evidence, surface: ModelSurface) -> float:
     return _ALLOWED * float(np.hypot(noise, surface.spacing))
 
 
-def _icp(tree: cKDTree, points_T: Array, X_ST: Array, iterations: int) -> tuple[Array, float]:
-    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until its rms distance [m] stays."""
+def _from_model(
+    points_S: Array, points_T: Array, X_ST: Array, iterations: int
+) -> tuple[Array, float]:
+    """ICP whose pairs are the model's points and their nearest ones of the scan.
+
+    Args:
+        points_S: (k, 3) [m] of the scan.
+        points_T: (m, 3) [m] of the model.
+        X_ST: (4, 4) initial pose.
+        iterations: At most.
+
+    Returns:
+        The pose, and the rms distance [m] of the pairs when it no longer fell.
+    """
+    tree = cKDTree(points_S)
     error = np.inf
-    middle = points_T.mean(axis=0)
     for _ in range(iterations):
         distance, index = tree.query(transform_points(X_ST, points_T))
         before = error
         error = float(np.sqrt(np.mean(distance**2)))
         if not error < (1.0 - _FALLS) * before:
             break
-
-        nearest = tree.data[index]
-        # Least-squares rotation of the paired points by SVD [Arun 1987].
-        U, _, Vt = np.linalg.svd((nearest - nearest.mean(axis=0)).T @ (points_T - middle))
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        X_ST = pose(R, nearest.mean(axis=0) - R @ middle)
+        X_ST = _laid(points_T, points_S[index])
     return X_ST, error
+
+
+def _from_scan(
+    points_S: Array, points_T: Array, X_ST: Array, iterations: int
+) -> tuple[Array, float]:
+    """ICP whose pairs are the scan's points and their nearest ones of the model; as above."""
+    tree = cKDTree(points_T)
+    error = np.inf
+    for _ in range(iterations):
+        distance, index = tree.query(transform_points(inverse(X_ST), points_S))
+        before = error
+        error = float(np.sqrt(np.mean(distance**2)))
+        if not error < (1.0 - _FALLS) * before:
+            break
+        X_ST = _laid(points_T[index], points_S)
+    return X_ST, error
+
+
+def _laid(points_T: Array, points_S: Array) -> Array:
+    """Least-squares pose X_ST (4, 4) of pairs of points (n, 3) [m], by SVD [Arun 1987]."""
+    middle_T = points_T.mean(axis=0)
+    middle_S = points_S.mean(axis=0)
+    U, _, Vt = np.linalg.svd((points_S - middle_S).T @ (points_T - middle_T))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return pose(R, middle_S - R @ middle_T)

@@ -60,6 +60,7 @@ class RangeRow:
     "range_map",
     seeds=3,
     vary={"object": OBJECTS, "range": RANGES},
+    paired=True,
     quick={"object": ("starfish",), "range": (1.0, 5.0), "runs": 1},
 )
 def range_map(case: RangeCase) -> RangeRow:

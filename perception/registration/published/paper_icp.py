@@ -11,7 +11,6 @@ beside the object do. Point-to-plane ICP from the scan to the visible model
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +22,6 @@ from uuv.sim.interfaces.spatial import Array, inverse, pose, transform_points
 _MODEL_POINTS = 4000  # model points used, at most
 _FALLS = 1e-5  # [-] relative decrease of the error below which ICP stops
 _FIRST, _MOST = 10, 300  # iterations with all model points, and with the visible ones, at most
-Pairing = Literal["model", "scan"]  # cloud whose points look for the nearest ones of the other
 _ALLOWED = 2.0  # [-] required rms distance as a multiple of the points' noise and spacing
 
 
@@ -34,6 +32,16 @@ class PaperFit:
     X_ST: Array  # (4, 4) fitted pose of T in S
     error: float  # [m] rms distance of the paired points
     required: float  # [m] largest allowed `error`; above it a new scan is requested
+
+    @property
+    def asks(self) -> str:
+        """Why a new scan is requested; empty: it is not."""
+        if self.error <= self.required:
+            return ""
+        return (
+            f"the error no longer falls at {1e3 * self.error:.1f} mm, required are "
+            f"{1e3 * self.required:.1f} mm"
+        )
 
 
 def laid_on(points: Array, surface: ModelSurface, R_ST: Array) -> Array:
@@ -51,7 +59,7 @@ def laid_on(points: Array, surface: ModelSurface, R_ST: Array) -> Array:
 
 
 def paper_fit(
-    evidence: Evidence, surface: ModelSurface, X_ST: Array, pairing: Pairing = "model"
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, *, from_scan: bool = False
 ) -> PaperFit:
     """Run the first iterations of ICP with all model points, the others with the visible ones.
 
@@ -59,13 +67,14 @@ def paper_fit(
         evidence: Scan points of the object.
         surface: Sampled model.
         X_ST: (4, 4) initial pose of T in S.
-        pairing: Cloud whose points look for the nearest ones of the other.
+        from_scan: The scan's points look for the nearest ones of the model, not the model's for
+            those of the scan.
 
     Returns:
         The fitted pose with its error and the required error [m].
     """
     step = -(-len(surface.points) // _MODEL_POINTS)
-    fit = _from_model if pairing == "model" else _from_scan
+    fit = _from_scan if from_scan else _from_model
 
     X_ST, error = fit(evidence.points, surface.points[::step], X_ST, _FIRST)
 

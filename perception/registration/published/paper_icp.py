@@ -76,6 +76,7 @@ def paper_fit(
     step = -(-len(surface.points) // _MODEL_POINTS)
     fit = _from_scan if from_scan else _from_model
 
+    # First with all points of the model, then with those that the sensor can see
     X_ST, error = fit(evidence.points, surface.points[::step], X_ST, _FIRST)
 
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence, step)
@@ -108,6 +109,7 @@ def _from_model(
     error = np.inf
     for _ in range(iterations):
         distance, index = tree.query(transform_points(X_ST, points_T))
+
         before = error
         error = float(np.sqrt(np.mean(distance**2)))
         if not error < (1.0 - _FALLS) * before:
@@ -124,6 +126,7 @@ def _from_scan(
     error = np.inf
     for _ in range(iterations):
         distance, index = tree.query(transform_points(inverse(X_ST), points_S))
+
         before = error
         error = float(np.sqrt(np.mean(distance**2)))
         if not error < (1.0 - _FALLS) * before:

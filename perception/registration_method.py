@@ -2,6 +2,6 @@
 
 from typing import Literal
 
-# "paper": as published, for comparison; "paper-q": also with the published threshold on its quality
-# Q.
-Method = Literal["planes", "paper", "paper-q"]
+# For comparison: "paper" as published, "paper-scan" with its pairs from scan to model, which the
+# paper leaves open, "paper-q" with the published threshold on its quality Q.
+Method = Literal["planes", "paper", "paper-scan", "paper-q"]

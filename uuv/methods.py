@@ -17,6 +17,11 @@ Method = Literal[
 NavigationMethod = Literal["fusion", "gyro-check"]
 AblatedMethod = Literal[Method, NavigationMethod]
 NAVIGATION: frozenset[NavigationMethod] = frozenset(get_args(NavigationMethod))
-PublishedMethod = Literal["force-law", "normal-force-law", "tip-force", "identification"]
+PublishedMethod = Literal[
+    "force-law", "normal-force-law", "force-length-law", "tip-force", "identification"
+]
+FORCE_LAWS: frozenset[PublishedMethod] = frozenset(
+    ("force-law", "normal-force-law", "force-length-law")
+)
 # what the contact force is estimated from: sensors of the joint torques, or motor torques
 ForceSource = Literal["sensors", "motors"]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 import numpy as np
 
 from uuv.controllers.ik.method import Method as IkMethod
-from uuv.methods import AblatedMethod, ForceSource, PublishedMethod
+from uuv.methods import FORCE_LAWS, AblatedMethod, ForceSource, PublishedMethod
 from uuv.models.water.battery import Battery
 from uuv.outcome import CloudRecorder, NoFigures, Pictures, RunResult
 from uuv.perturbations.perturbation import Perturbation
@@ -219,8 +219,8 @@ class Control:
     )
     published: tuple[PublishedMethod, ...] = option(
         (),
-        "Methods as in [Konoplin 2022], in place of the default ones: force-law or "
-        "normal-force-law, tip-force, identification.",
+        "Methods as in [Konoplin 2022], in place of the default ones: force-law, normal-force-law "
+        "or force-length-law, tip-force, identification.",
         group="control",
         everywhere=False,
     )
@@ -234,11 +234,11 @@ class Control:
     operator: Operator | None = None  # operator who drives the vehicle; None: the task's planner
 
     def __post_init__(self) -> None:
-        laws = {"force-law", "normal-force-law"} & {*self.published}
+        laws = FORCE_LAWS & {*self.published}
         if len(laws) + ("force-control" in self.without) > 1:
             raise ConfigurationError(
-                "control.without force-control, control.published force-law and "
-                "normal-force-law: give only one of them"
+                "control.without force-control, control.published force-law, normal-force-law and "
+                "force-length-law: give only one of them"
             )
         if self.force_from == "motors" and "tip-force" in self.published:
             raise ConfigurationError(

@@ -43,9 +43,11 @@ SUMS = 8  # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] 
 NUMBERS = 13  # number of entries
 
 # Entries of the values of a slot for a force law: set force [N], measured force [N], compliance
-# [m/N] of the arm's servo, time [s] since the last step, whether the loop is CLOSED or the
-# displacement returns to zero, INWARDS too or only OUTWARDS; the result is the displacement k [m]
-ASKED, MEASURED, SOFT, LASTING, LOOP, ANSWER, VALUES = range(7)
+# [m/N] of the arm's servo, time [s] since the last step, whether the LOOP is CLOSED or the
+# displacement returns to zero, INWARDS too or only OUTWARDS; the answer is the displacement k [m];
+# and WHOLE (3,) [N], the measured force of the world on the tip, W
+ASKED, MEASURED, SOFT, LASTING, LOOP, ANSWER, WHOLE = range(7)
+VALUES = WHOLE + 3
 CLOSED, INWARDS, OUTWARDS = range(3)
 
 

@@ -100,6 +100,27 @@ class PublishedForceLaw(PublishedForceTuning):
         return state.k
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LengthForceLaw(PublishedForceLaw):
+    """The law by its text: a PID on the difference of the forces' lengths displaces the tool
+    towards the surface or away from it (`uuv.controllers.whole_body.tool_control.WholeForceLaw`).
+    """
+
+    def step_whole(self, state: PidState, set_force: float, f_tip_W: Array, dt: float) -> float:
+        """Displacement k for a set force and a measured one.
+
+        Args:
+            state: of the loop; changed in place.
+            set_force: [N] length of the set force.
+            f_tip_W: (3,) [N] force of the world on the tip, W.
+            dt: [s] since the last step.
+
+        Returns:
+            The displacement k [m] along the tool axis, positive into the surface.
+        """
+        return self.step(state, set_force, float(np.linalg.norm(f_tip_W)), 0.0, dt)
+
+
 @dataclass(slots=True, eq=False)
 class TangentialState(ComplianceState):
     """Offset perpendicular to the tool axis, and the memory of the PIDs."""

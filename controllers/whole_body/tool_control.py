@@ -7,7 +7,7 @@ angles.
 
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import mujoco
 import numpy as np
@@ -16,7 +16,7 @@ from numba.np.numpy_support import carray
 from uuv.controllers.arm import compliance, position_force
 from uuv.controllers.arm.compliance import OFFSET, LateralCompliance
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.arm.position_force import ANSWER, CLOSED, INWARDS, ForceDisplacement
+from uuv.controllers.arm.position_force import ANSWER, CLOSED, INWARDS, WHOLE, ForceDisplacement
 from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking
 from uuv.controllers.estimation.tip_force_estimator import ContactState
 from uuv.controllers.estimation.tip_force_kernels import SensedArm
@@ -88,6 +88,22 @@ class ForceLaw(Protocol):
     def release(self, state: Any, dt: float, *, inwards: bool = True) -> float:
         """Displacement [m] while it returns to zero; `inwards=False` keeps a negative
         displacement.
+        """
+        ...
+
+
+@runtime_checkable
+class WholeForceLaw(ForceLaw, Protocol):
+    """Force law that takes the whole force, friction included, in place of the normal part."""
+
+    def step_whole(self, state: Any, set_force: float, f_tip_W: Array, dt: float) -> float:
+        """Displacement [m] while the force is controlled.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            set_force: [N] normal force to press with.
+            f_tip_W: (3,) [N] estimated force of the world on the tip, W.
+            dt: [s] since the last step.
         """
         ...
 
@@ -327,8 +343,11 @@ class ToolControl:
         values = np.zeros(position_force.VALUES)
 
         def displace() -> None:
-            asked, felt, soft, dt, loop, _ = values.tolist()
-            if loop == CLOSED:
+            asked, felt, soft, dt, loop = values[:ANSWER].tolist()
+            if loop == CLOSED and isinstance(law, WholeForceLaw):
+                f_tip_W = values[WHOLE:].copy()
+                values[ANSWER] = law.step_whole(state.force, asked, f_tip_W, dt)
+            elif loop == CLOSED:
                 values[ANSWER] = law.step(state.force, asked, felt, soft, dt)
             else:
                 values[ANSWER] = law.release(state.force, dt, inwards=loop == INWARDS)

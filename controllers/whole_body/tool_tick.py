@@ -140,6 +140,8 @@ def _displace(tool, contact, reference):
     force[position_force.SOFT] = soft
     force[position_force.LASTING] = dt
     force[position_force.LOOP] = CLOSED if closed else OUTWARDS if follows else INWARDS
+    for i in range(3):
+        force[position_force.WHOLE + i] = contact.f_W[i]
     if tool.force.address:
         answer = call(tool.force)
         if answer != FINE:

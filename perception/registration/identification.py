@@ -168,8 +168,8 @@ def identify(
         approach_error: [m] largest error of `approach`.
         seed: Seed of all random samples.
         method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search and needs
-            `orientation`; "paper-q" for the published ICP with the published threshold on Q
-            (`paper_check`) in place of `pose_check`.
+            `orientation`; "paper-scan" for the same with pairs from scan to model; "paper-q" for
+            the published threshold on Q (`paper_check`) in place of `pose_check`.
         thorough: True: all starts are fitted if the scan contradicts the best of a few, which takes
             seconds.
 
@@ -314,7 +314,10 @@ class _Search:
             evidence, likeliest = _search(searched, surface, starts, given, most)
         else:
             evidence = searched
-            likeliest = _as_in_paper(searched, surface, starts)
+            from_scan = question.method == "paper-scan"
+            fit = paper_fit(searched, surface, starts[0], from_scan=from_scan)
+            score = log_likelihood(searched, surface, fit.X_ST)
+            likeliest = Found(fit.X_ST, None, starts[0], score, asks=fit.asks)
 
         X_start = question.X_prior if question.knows_pose else likeliest.X_start
         X_near = X_start if question.expected.R is None else question.X_prior
@@ -586,18 +589,6 @@ def _around(poses: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray
     # there may be no such pose
     centers = np.array([transform_points(X, surface.center) for X in poses]).reshape(-1, 3)
     return near_any(scan.points, centers, _AROUND * surface.radius)
-
-
-def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> Found:
-    """The published ICP from its only initial pose, with the published rule for a new scan."""
-    fit = paper_fit(evidence, surface, starts[0])
-    asks = ""
-    if fit.error > fit.required:
-        asks = (
-            f"the error no longer falls at {1e3 * fit.error:.1f} mm, required are "
-            f"{1e3 * fit.required:.1f} mm"
-        )
-    return Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
 
 
 def _by_criterion(

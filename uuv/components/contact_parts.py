@@ -10,7 +10,11 @@ import mujoco
 import numpy as np
 
 from uuv.components.ablations import ablated
-from uuv.controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
+from uuv.controllers.arm.published_force_law import (
+    LengthForceLaw,
+    PublishedForceLaw,
+    TangentialForceLoop,
+)
 from uuv.controllers.estimation.closed_form_force import ClosedFormForce
 from uuv.controllers.estimation.load_observer import MomentumObserver
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
@@ -142,6 +146,8 @@ def as_published(methods: Set[str], model: mujoco.MjModel, water_error: float) -
         parts |= {"force_law": PublishedForceLaw(), "compliance": TangentialForceLoop()}
     if "normal-force-law" in methods:
         parts["force_law"] = PublishedForceLaw()
+    if "force-length-law" in methods:
+        parts["force_law"] = LengthForceLaw()
     if "tip-force" in methods:
         parts["estimator"] = ClosedFormForce(model, water_error=water_error)
     return parts

@@ -59,25 +59,32 @@ class PaperFigures:
                 figures[name] = dict(leaves(dict(summary.metrics)))
         return cls(sources=sources, figures=figures)
 
-    def text(self, row: PaperStatement) -> str | None:
-        """What stands beside a statement; None: a figure is lacking."""
-        source = row.command or row.experiment
-        if not source:
-            return row.ours
+    def texts(self, row: PaperStatement) -> tuple[str, str, str] | None:
+        """What stands beside a statement: as published, by default, a remark; None: one lacks
+        a figure.
+        """
         try:
-            return row.text(self.figures.get(source, {}))
+            return row.texts(self.figures)
         except KeyError:
             return None
 
     def refusal(self, row: PaperStatement) -> str:
         """Why there is no figure."""
-        entry = self.sources.get(row.experiment or stated_runs.name)
+        name = row.experiment or stated_runs.name
+        entry = self.sources.get(name)
         if entry is None:
-            return f"{row.experiment or stated_runs.name}: no such experiment"
+            return f"{name}: no such experiment"
         if entry.kept is None or entry.kept.check.deviations:
-            return f"{entry.experiment.name}: {entry.status}"
-        lacking = [name for name in row.names if name not in self.figures.get(row.command, {})]
-        return f"{row.command or row.experiment}: its rows have no {', '.join(lacking)}"
+            return f"{name}: {entry.status}"
+
+        sources = row.commands or [row.experiment]
+        lacking = [
+            f"{source}: its rows have no {figure}"
+            for source in sources
+            for figure in row.names("" if row.experiment else source)
+            if figure not in self.figures.get(source, {})
+        ]
+        return "; ".join(lacking)
 
 
 def main() -> int:
@@ -99,7 +106,7 @@ def write(page: Path, statements: Statements, figures: PaperFigures, lines: Iter
     """
     console = Console(highlight=False)
 
-    lacking = [row for row in statements.rows if figures.text(row) is None]
+    lacking = [row for row in statements.rows if figures.texts(row) is None]
     for row in lacking:
         console.print(f"{row.place}: {figures.refusal(row)}", style="red", markup=False)
     if lacking:
@@ -120,13 +127,20 @@ def page_of(statements: Statements, figures: PaperFigures) -> Iterator[str]:
 
     for paper in statements.paper:
         yield from ("", f"## [{paper.source}] {paper.title}", "", paper.text.strip(), "")
-        yield from ("| place | stated | here | command | difference |", "|---|---|---|---|---|")
+        yield "| place | stated | as published | by default | command | difference |"
+        yield "|---|---|---|---|---|---|"
         for row in paper.row:
-            command = row.command
-            if row.experiment:
-                command = figures.sources[row.experiment].command.removeprefix("./uvw run scripts/")
-            shown = f"`{command}`" if command else ""
-            yield f"| {row.place} | {row.stated} | {figures.text(row)} | {shown} | {row.remark} |"
+            published, ours, remark = figures.texts(row) or ("", "", "")
+            source = "<br>".join(f"`{command}`" for command in _sources(row, figures))
+            cells = (row.place, row.stated, published, ours, source, remark)
+            yield f"| {' | '.join(cells)} |"
+
+
+def _sources(row: PaperStatement, figures: PaperFigures) -> list[str]:
+    """Commands that give the figures of a statement, after `./uvw run` and `scripts/`."""
+    if row.experiment:
+        return [figures.sources[row.experiment].command.removeprefix("./uvw run scripts/")]
+    return row.commands[::-1]
 
 
 def statuses(entries: Sequence[ResultsOfOne]) -> Iterator[str]:

@@ -35,7 +35,7 @@ RECIPES: dict[str, Recipe] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToolPath:
+class RecipePath:
     """Poses of the tool, one a period, and the speed limit of the joints."""
 
     poses: Array  # (N, 4, 4)
@@ -44,7 +44,7 @@ class ToolPath:
     speed_limit: float  # [rad/s]
 
 
-def tracked(arm: PublishedArm, path: ToolPath, name: str, method: Method) -> Track:
+def tracked(arm: PublishedArm, path: RecipePath, name: str, method: Method) -> Track:
     """Run of an arm along a path by the recipe of a name and a method."""
     recipe = RECIPES[name]
     return track(

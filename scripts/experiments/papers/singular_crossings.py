@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT, ToolPath, tracked
+from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT, RecipePath, tracked
 from experiments.papers.track_singularity import lock
 from uuv.controllers.mkps import Chain, track
 from uuv.experiment import Page, Row, column, experiment, stat
@@ -102,7 +102,7 @@ class Crossing:
 def singular_crossings(case: CrossingCase) -> CrossingRow:
     """Passes one path by one recipe."""
     crossing = crossing_of(case.path, case.speed * case.period, case.reach)
-    path = ToolPath(
+    path = RecipePath(
         poses=crossing.path, q0=crossing.q0, period=case.period, speed_limit=case.speed_limit
     )
     run = tracked(crossing.arm, path, case.recipe, "hybrid")

@@ -24,7 +24,7 @@ from uuv.experiment import Page, column, experiment
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 
-COMMANDS = tuple(dict.fromkeys(row.command for row in read().rows if row.command))
+COMMANDS = tuple(dict.fromkeys(command for row in read().rows for command in row.commands))
 QUICK = "uuv identify object --object starfish"
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _LAST = 300  # characters of the errors of a command that failed
@@ -61,7 +61,7 @@ def stated_runs(case: StatedCase) -> StatedRow:
 
     figures = {}
     for statement in read().of(case.command):
-        figures |= statement.figures_of(metrics, output)
+        figures |= statement.figures_of(case.command, metrics, output)
     return StatedRow(accepted=code == 0, figures=figures)
 
 

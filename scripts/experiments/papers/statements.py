@@ -11,26 +11,33 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.tables import TableReader
 
 FILE = Path(__file__).with_name("statements.toml")
-_FIELD = re.compile(r"\{([^}*:]+)(?:\*([^}:]+))?(?::([^}]+))?\}")  # name, factor, format
+# name, factor, format
+_FIELD = re.compile(r"\{([^}*]+?)(?:\*([\d.e+-]+))?(?::(#?\.?\d*[a-z]))?\}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperStatement:
-    """One statement of a paper, and where the figure of this project is from: a command or an
+    """One statement of a paper, and where the figures of this project are from: a command or an
     experiment; neither: `ours` is a reason.
     """
 
     place: str  # in the paper
     stated: str  # by it
-    ours: str  # text with {name*factor:format} of figures
+    ours: str  # by default: text with {name*factor:format} of figures
+    published: str = ""  # by the method as published: likewise
     command: str = ""  # a job, after `./uvw run scripts/`
-    experiment: str = ""  # name; `ours` has figures of its page
+    published_command: str = ""  # of `published`, where it is another one
+    experiment: str = ""  # name; both texts have figures of its page
     printed: str = ""  # regular expression of what the command prints; its named groups are figures
-    remark: str = ""
+    remark: str = ""  # why they differ: likewise
 
     def __post_init__(self) -> None:
         if self.command and self.experiment:
             raise ConfigurationError(f"{self.place}: has a command or an experiment, not both")
+        if self.published_command and not (self.published and self.command):
+            raise ConfigurationError(
+                f"{self.place}: published_command: needs published and command"
+            )
         if self.printed and not self.command:
             raise ConfigurationError(f"{self.place}: printed: needs a command")
         if self.printed and not re.compile(self.printed).groupindex:
@@ -39,15 +46,31 @@ class PaperStatement:
             )
 
     @property
-    def names(self) -> list[str]:
-        """Names of the figures in the text."""
-        return [match[1] for match in _FIELD.finditer(self.ours)]
+    def commands(self) -> list[str]:
+        """Those that its figures are from."""
+        return [command for command in (self.command, self.published_command) if command]
 
-    def figures_of(self, metrics: Mapping[str, Any], output: str) -> dict[str, Any]:
-        """Figures of the text from what its command gave; those that metrics.json lacks are left
+    def names(self, command: str) -> list[str]:
+        """Names of the figures of a command in the texts; "": of the experiment."""
+        return [
+            match[1]
+            for text, source in self._texts()
+            if source == command
+            for match in _FIELD.finditer(text)
+        ]
+
+    def _texts(self) -> list[tuple[str, str]]:
+        """Both texts and the remark, each with the command that its figures are from."""
+        published_by = self.published_command or self.command
+        texts = [(self.published, published_by), (self.ours, self.command)]
+        return [*texts, (self.remark, self.command)]
+
+    def figures_of(self, command: str, metrics: Mapping[str, Any], output: str) -> dict[str, Any]:
+        """Figures of the texts from what a command gave; those that metrics.json lacks are left
         out.
 
         Args:
+            command: One of `commands`.
             metrics: Leaves of metrics.json by name.
             output: What the command printed.
 
@@ -55,32 +78,48 @@ class PaperStatement:
             ConfigurationError: `printed` is not in the output.
         """
         known = dict(metrics)
+
+        # Named groups of what was printed
         if self.printed:
             match = re.search(self.printed, output)
             if match is None:
                 raise ConfigurationError(
-                    f"{self.place}: {self.command!r} printed nothing like {self.printed!r}"
+                    f"{self.place}: {command!r} printed nothing like {self.printed!r}"
                 )
             known |= {name: float(group) for name, group in match.groupdict().items()}
 
-        return {name: known[name] for name in self.names if name in known}
+        return {name: known[name] for name in self.names(command) if name in known}
 
-    def text(self, figures: Mapping[str, Any]) -> str:
-        """The text with its figures.
+    def texts(self, figures: Mapping[str, Mapping[str, Any]]) -> tuple[str, str, str]:
+        """The texts by the method as published and by default, and the remark, with their figures.
+
+        Args:
+            figures: By command, or by name of the experiment.
 
         Raises:
             KeyError: One is lacking.
         """
+        published, ours, remark = (
+            _filled(text, figures.get(source or self.experiment, {}))
+            for text, source in self._texts()
+        )
+        return published, ours, remark
 
-        def shown(match: re.Match[str]) -> str:
-            value = figures[match[1]]
-            if value is None:
-                return "none"
-            if isinstance(value, int) and not match[2] and not match[3]:
-                return str(value)
-            return format(float(value) * float(match[2] or 1.0), match[3] or "g")
 
-        return _FIELD.sub(shown, self.ours)
+def _filled(text: str, figures: Mapping[str, Any]) -> str:
+    """A text with its figures; KeyError if one is lacking."""
+
+    def shown(match: re.Match[str]) -> str:
+        value = figures[match[1]]
+        if value is None:
+            return "none"
+
+        # A count stays one
+        if isinstance(value, int) and not match[2] and not match[3]:
+            return str(value)
+        return format(float(value) * float(match[2] or 1.0), match[3] or "g")
+
+    return _FIELD.sub(shown, text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +146,7 @@ class Statements:
 
     def of(self, command: str) -> list[PaperStatement]:
         """Those of a command."""
-        return [row for row in self.rows if row.command == command]
+        return [row for row in self.rows if command in row.commands]
 
 
 def read(file: Path = FILE) -> Statements:

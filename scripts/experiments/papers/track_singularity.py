@@ -15,13 +15,13 @@ any recipe; by the default recipe the tool stays on its path within 0.01 mm, at 
 from uuv.start import run_scenario  # isort: skip
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.papers.recipes import DEFAULT, NARROWED, RECIPES, WITHOUT, ToolPath, tracked
+from experiments.papers.recipes import DEFAULT, NARROWED, RECIPES, WITHOUT, RecipePath, tracked
 from uuv.controllers.mkps import Chain, Method, Track, track
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.models.arms import published_arms
@@ -115,7 +115,7 @@ def passed_lock(case: TrackCase) -> tuple[Array, Track]:
     y = np.linspace(-case.reach, case.reach, steps + 1)
     path = np.array([pose(X_lock[:3, :3], X_lock[:3, 3] + [0.0, s, 0.0]) for s in y])
 
-    tool_path = ToolPath(
+    tool_path = RecipePath(
         poses=path[1:],
         q0=start(chain, q_lock, path, case),
         period=case.period,
@@ -256,7 +256,7 @@ FIGURES = (
 )
 
 
-def _by(recipe: str) -> Callable[[Row], bool]:
+def _by(recipe: str) -> Callable[[Mapping[str, Any]], bool]:
     """Rows of a recipe by the default method."""
     return lambda row: row["recipe"] == recipe and row["method"] == TrackCase.method
 

@@ -17,8 +17,10 @@ from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.estimation.load_observer import MomentumObserver
 from uuv.controllers.estimation.tip_force_estimator import DriveState
 from uuv.controllers.hull.feedforward import WithoutCompensation
+from uuv.controllers.mkps import Chain
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
 from uuv.models.arms.gear_friction import DryFriction
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
 from uuv.scenario import Control
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -29,6 +31,16 @@ OWN = models.load("uuv_puma").compile()
 VEHICLE = Vehicle.of(OWN)
 ARM = ArmDynamics(OWN)
 N = VEHICLE.joints.size
+CHAIN = Chain.from_mjcf(
+    OWN,
+    ARM_BASE_BODY,
+    TIP_SITE,
+    exclude=[
+        OWN.joint(j).name
+        for j in range(OWN.njnt)
+        if j not in VEHICLE.joints and OWN.jnt_type[j] != 0
+    ],
+)
 STILL = np.zeros(3)
 DT = 0.002
 METHODS = (
@@ -219,7 +231,7 @@ def test_nothing_left_out_is_the_usual_controller():
     assert ablated(frozenset(), OWN, 0.15) == as_published(frozenset(), OWN, 0.15) == {}
 
 
-@pytest.mark.parametrize("method", ["force-law", "tip-force"])
+@pytest.mark.parametrize("method", ["force-law", "force-length-law", "tip-force"])
 def test_each_published_method_changes_the_torques(method):
     rows = [(replace(e, tau=1.01 * e.tau), r) for e, r in inputs(5, 200)]
     usual = commands(WorkController(OWN), rows)
@@ -243,9 +255,11 @@ def test_the_force_of_any_job_may_come_from_the_motors():
         chosen = controller(control, OWN, water_error=0.0)
         rows = [(e if sensors else replace(e, tau=np.zeros(N)), r) for e, r in inputs(6, 100)]
         state = chosen.init(rows[0][0])
+        forces = []
         for estimate, reference in rows:
             state, command = chosen.step(state, estimate, reference)
-        return command.contact.force_W
+            forces.append(command.contact.force_W)
+        return np.array(forces[-20:])
 
     motors = Control(force_from="motors")
     np.testing.assert_array_equal(commanded(motors, True), commanded(motors, False))
@@ -269,3 +283,30 @@ def test_motors_with_dry_gear_friction_take_no_tare():
         for _ in range(20):
             observer.step(state, estimate, replace(reference, tare=True), drives)
         assert bool(np.any(state.bias)) is tared
+
+
+def test_the_length_law_takes_friction_for_pressure():
+    """Two contact forces of one normal part: only the law by the text tells them apart."""
+
+    def displaced(law: str, friction: float) -> float:
+        chosen = WorkController(OWN, **as_published({law}, OWN, 0.0))
+        push_G = np.array([friction, 0.0, -50.0, 0.0, 0.0, 0.0])
+        q = np.array(VEHICLE.q_ready)
+        X_WB = pose(exp_so3([0.1, -0.2, 0.7]), [1.0, 2.0, -3.0])
+        at_rest = {"R_WB": X_WB[:3, :3], "nu_B": np.zeros(6), "a_B": np.zeros(6)}
+        tau = ARM.inverse(
+            q, np.zeros(N), np.zeros(N), wrench_tip_G=push_G, v_current_W=STILL, **at_rest
+        )[0]
+        estimate = replace(inputs(1, 1)[0][0], X_WB=X_WB, q=q, qd=np.zeros(N), tau=tau)
+        estimate = replace(estimate, v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL)
+        X_WG = X_WB @ VEHICLE.X_BA @ CHAIN.forward(q)
+        reference = Reference.holding(
+            0.0, X_WB, q, state=WorkState.WORK, X_WG=X_WG, set_force=60.0, force_control=True
+        )
+        state = chosen.init(estimate)
+        for _ in range(200):
+            state, _ = chosen.step(state, estimate, reference)
+        return state.tool.k
+
+    for law, blind in (("normal-force-law", True), ("force-length-law", False)):
+        assert (abs(displaced(law, 0.0) - displaced(law, 30.0)) < 1e-4) is blind

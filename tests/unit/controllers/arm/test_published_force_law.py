@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from uuv.controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
+from uuv.controllers.arm.published_force_law import (
+    LengthForceLaw,
+    PublishedForceLaw,
+    TangentialForceLoop,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 
 DT = 0.004  # [s]
@@ -36,6 +40,15 @@ def test_both_parts_displace_along_the_whole_error(within):
         [law.step(state, 60.0, -f @ z, 0.0, DT) * z + across.step(side, f, z, DT) for f in f_tip_W]
     )
     within("displacement [m]", moved - by_hand(60.0 * z + f_tip_W), 1e-15)
+
+
+def test_by_its_text_it_is_the_pid_on_the_difference_of_lengths(within):
+    rng = np.random.default_rng(3)
+    f_tip_W = np.array([18.0, 4.0, -57.0]) + rng.normal(0.0, 5.0, (200, 3))
+    law = LengthForceLaw(**FREE)
+    state = law.init()
+    k = np.array([law.step_whole(state, 60.0, f, DT) for f in f_tip_W])
+    within("displacement [m]", k - by_hand(60.0 - np.linalg.norm(f_tip_W, axis=1)), 1e-15)
 
 
 def test_steady_friction_drives_the_tool_to_the_limit():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -32,7 +33,7 @@ STATEMENTS = Statements(
 
 def kept(*, deviations: tuple[str, ...] = (), lost: str = "") -> PaperFigures:
     """Figures of kept rows of the command of STATED."""
-    figures = STATED.figures_of(dict(leaves(METRICS)), "a path of 0.60 m")
+    figures = STATED.figures_of(STATED.command, dict(leaves(METRICS)), "a path of 0.60 m")
     figures.pop(lost, None)
     rows = KeptRows(
         experiment="papers",
@@ -45,18 +46,24 @@ def kept(*, deviations: tuple[str, ...] = (), lost: str = "") -> PaperFigures:
     return PaperFigures.of([ResultsOfOne(experiment=stated_runs, kept=rows)])
 
 
+def texts(figures: dict[str, Any]) -> tuple[str, str, str]:
+    """Texts of STATED with the figures of its command."""
+    return STATED.texts({STATED.command: figures})
+
+
 def test_figures_are_of_the_metrics_and_of_what_is_printed():
-    figures = STATED.figures_of(dict(leaves(METRICS)), "a path of 0.60 m")
+    figures = STATED.figures_of(STATED.command, dict(leaves(METRICS)), "a path of 0.60 m")
     assert len(figures) == 4
-    assert STATED.text(figures) == TEXT
-    assert STATED.text(STATED.figures_of(dict(leaves(METRICS)), "a path of 1 m")) != TEXT
+    assert texts(figures) == ("", TEXT, "")
+    other = STATED.figures_of(STATED.command, dict(leaves(METRICS)), "a path of 1 m")
+    assert texts(other) != ("", TEXT, "")
     with pytest.raises(KeyError):
-        STATED.text(STATED.figures_of({}, "a path of 0.60 m"))
+        texts(STATED.figures_of(STATED.command, {}, "a path of 0.60 m"))
 
 
 def test_a_command_that_prints_something_else_is_refused():
     with pytest.raises(ConfigurationError, match=r"fig\. 5: 'clean_barrel\.py"):
-        STATED.figures_of(dict(leaves(METRICS)), "a way of 0.60 m")
+        STATED.figures_of(STATED.command, dict(leaves(METRICS)), "a way of 0.60 m")
 
 
 def test_the_patterns_of_the_project_match_what_an_identification_prints():
@@ -66,8 +73,8 @@ def test_the_patterns_of_the_project_match_what_an_identification_prints():
     stated = [row for row in read().rows if row.printed]
     assert len(stated) == 3
     for row in stated:
-        figures = row.figures_of({}, output)
-        assert set(figures) == set(row.names) == {"position_mm", "range_m"}
+        figures = row.figures_of(row.command, {}, output)
+        assert set(figures) == set(row.names(row.command)) == {"position_mm", "range_m"}
         assert f"error {figures['position_mm']:.2f} mm" in output
         assert f"at {figures['range_m']:.2f} m" in output
 
@@ -83,7 +90,7 @@ def test_a_statement_has_a_command_or_an_experiment():
 
 def test_the_page_has_the_figures_and_the_status_of_their_rows():
     lines = list(page_of(STATEMENTS, kept()))
-    assert f"| fig. 5 | 2 cm/s | {TEXT} | `{STATED.command}` |  |" in lines
+    assert f"| fig. 5 | 2 cm/s |  | {TEXT} | `{STATED.command}` |  |" in lines
     assert "Status: `papers`: verified d, commit c" in lines
 
 
@@ -119,4 +126,24 @@ def test_the_page_of_the_project_is_that_of_the_kept_rows(root: Path):
 
 def test_the_statements_of_the_project_can_be_read():
     assert QUICK in COMMANDS
-    assert all(row.names for row in read().rows if row.command or row.experiment)
+    for row in read().rows:
+        for source in row.commands or [row.experiment] * bool(row.experiment):
+            assert row.names("" if row.experiment else source), row.place
+
+
+def test_a_statement_has_figures_of_the_published_method_beside_those_of_the_default_one():
+    both = replace(
+        STATED,
+        published="{tool.speed*100:.1f} cm/s",
+        published_command="other.py",
+        ours="{tool.speed*100:.2f} cm/s, {range: of all.value:.1f} m",
+        printed="",
+    )
+    figures = {
+        both.command: {"tool.speed": 0.0203, "range: of all.value": 2.0},
+        "other.py": {"tool.speed": 0.041},
+    }
+    assert both.texts(figures) == ("4.1 cm/s", "2.03 cm/s, 2.0 m", "")
+    assert both.names("other.py") == ["tool.speed"]
+    with pytest.raises(ConfigurationError, match="published_command: needs published"):
+        replace(STATED, published_command="other.py")

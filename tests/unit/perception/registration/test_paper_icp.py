@@ -39,6 +39,17 @@ def test_by_the_one_door(within):
         identify(SCAN, SURFACE, method=untyped("guess"))
 
 
+def test_pairs_from_scan_to_model_are_no_pairs_from_model_to_scan(within):
+    """Both end near the object, at different poses, from an exact start."""
+    poses = [
+        identify(SCAN, SURFACE, MIDDLE, VIEW[:3, :3], method=method).X_sensor_target
+        for method in ("paper", "paper-scan")
+    ]
+    for X in poses:
+        within("position [m]", VALVE.symmetry.error(X, VIEW)[0], 0.02)
+    assert not np.allclose(*poses, atol=1e-4)
+
+
 def test_published_threshold_decides_in_place_of_the_check():
     """It accepts the right object near its place, and another one that our check refuses only if Q
     is small.

@@ -1,0 +1,117 @@
+"""The main job by methods of [Konoplin 2022] in place of the default ones, on several seeds.
+
+The paper's text gives the force law three readings (`uuv.controllers.arm.published_force_law`), and
+offers a load observer as an equal source of the contact force. The path is the short one of
+--quick, at the forces of the job: 60, 90 and 60 N along the barrel, 60 and 90 N around it.
+
+Accepted: the default method keeps every bound of the job on every path and seed.
+"""
+
+from uuv.start import run_scenario  # isort: skip
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, cast
+
+from uuv import jobs
+from uuv.experiment import Page, column, experiment, stat
+from uuv.runner import run
+from uuv.scenario import Control
+from uuv.sim.interfaces.errors import UuvError
+from uuv.sim.interfaces.spatial import one_of
+
+DEFAULT = "default"
+METHODS: dict[str, Control] = {
+    DEFAULT: Control(),
+    "force law, each component": Control(published=("force-law",)),
+    "force law, normal component": Control(published=("normal-force-law",)),
+    "force law by its text": Control(published=("force-length-law",)),
+    "load observer": Control(force_from="motors"),
+}
+PATHS = ("longitudinal", "transverse")
+_REASON = 200  # characters
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishedJobCase:
+    """One run."""
+
+    method: str
+    """Method in place of the default one."""
+    path: Literal["longitudinal", "transverse"]
+    """Path of the job."""
+    seed: int = 0
+    """Seed of the run."""
+
+    def __post_init__(self) -> None:
+        one_of(self.method, METHODS, "--method")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PublishedJobRow:
+    """Figures of the run; None: it ended before the work."""
+
+    accepted: bool = column("accepted")
+    reason: str = column("why not", default="")
+    force_rms: float | None = column("force error, RMS", "N", digits=2, default=None)
+    force_peak: float | None = column("force error, peak", "N", digits=1, default=None)
+    felt_rms: float | None = column("felt less true force, RMS", "N", digits=2, default=None)
+    deviation: float | None = column(
+        "path deviation, peak", "mm", digits=1, factor=1e3, default=None
+    )
+
+
+@experiment(
+    "published_jobs",
+    seeds=2,
+    vary={"method": tuple(METHODS), "path": PATHS},
+    paired=True,
+    quick={"method": (DEFAULT,), "path": ("longitudinal",), "runs": 1},
+)
+def published_jobs(case: PublishedJobCase) -> PublishedJobRow:
+    """Runs the main job."""
+    scenario = jobs.clean_barrel(path=case.path, quick=True)
+    scenario = replace(scenario, control=METHODS[case.method], seed=case.seed)
+    try:
+        done = run(scenario)
+    except UuvError as error:
+        return PublishedJobRow(accepted=False, reason=str(error)[:_REASON])
+
+    figures = cast(dict[str, Any], done.assessment.metrics)
+    return PublishedJobRow(
+        accepted=done.assessment.accepted,
+        reason="; ".join(done.assessment.failed)[:_REASON],
+        force_rms=_figure(figures, "contact", "force_error_rms_n"),
+        force_peak=_figure(figures, "contact", "force_error_max_n"),
+        felt_rms=_figure(figures, "force_estimate", "normal_error_rms_n"),
+        deviation=_figure(figures, "tool", "path_deviation_max_m"),
+    )
+
+
+def _figure(figures: Mapping[str, Any], group: str, name: str) -> float | None:
+    entries = figures.get(group)
+    return entries.get(name) if isinstance(entries, dict) else None
+
+
+published_jobs.page = (
+    Page()
+    .table(
+        "Main job by method",
+        by=("method", "path"),
+        columns=[
+            stat("share", "accepted", "accepted"),
+            stat("mean", "force_rms", "force error, RMS, mean"),
+            stat("largest", "force_peak", "force error, peak, largest"),
+            stat("mean", "felt_rms", "felt less true force, RMS, mean"),
+            stat("largest", "deviation", "path deviation, peak, largest"),
+        ],
+    )
+    .accept(
+        stat("share", "accepted", "accepted by default"),
+        least=1.0,
+        where=lambda row: row["method"] == DEFAULT,
+    )
+)
+
+if __name__ == "__main__":
+    run_scenario(published_jobs.main)

@@ -14,7 +14,7 @@ from uuv.controllers.tasks.arrival import Since
 from uuv.controllers.tasks.axial_phases import AxialLimits, AxialPhase, Push
 from uuv.controllers.tasks.contact_phases import FollowState
 from uuv.controllers.tasks.monitors import Condition
-from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
+from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint, towards
 from uuv.sim.interfaces.messages import AbortCode, JawMeasurement, JawSetpoint
 from uuv.sim.interfaces.spatial import GRAVITY
 
@@ -83,6 +83,13 @@ class JawPhase(AxialPhase):
         self._jaws = jaws
         self._force = force
 
+    def _stand(self, held: Held, now: Context) -> None:
+        """Bring the tool to rest, and back off while it presses more than the set push."""
+        limits = self._limits
+        away = -limits.speed if now.normal > self._push.force else 0.0
+        held.speed = towards(held.speed, away, limits.yielding * now.period)
+        held.depth += held.speed * now.period
+
     def _set(self, held: Held) -> JawSetpoint:
         """Set point of the jaws: closed on what they hold."""
         weight = held.plan_of(GripPlan).weight
@@ -103,7 +110,7 @@ class MoveJaws(JawPhase):
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
         """Done at the opening of the plan."""
-        self._advance(held, now, 0.0)
+        self._stand(held, now)
         jaws = reading(held, now, self._jaws)
         if isinstance(jaws, Abort):
             return jaws
@@ -148,7 +155,7 @@ class CloseJaws(JawPhase):
 
     def step(self, state: ClosingState, held: Held, now: Context) -> Outcome:
         """Done with the object between the pads; refused without it, if a try is left."""
-        self._advance(held, now, 0.0)
+        self._stand(held, now)
         limits = self._jaws
         jaws = reading(held, now, limits)
         if isinstance(jaws, Abort):
@@ -218,7 +225,7 @@ class Weigh(JawPhase):
 
     def step(self, state: WeighingState, held: Held, now: Context) -> Outcome:
         """Done with the weight in the plan; aborted if that is more than may be carried."""
-        self._advance(held, now, 0.0)
+        self._stand(held, now)
         if now.last is not None and now.time - state.since > self._after:
             state.total -= float(now.last.contact.force_W[2])
             state.count += 1
@@ -270,7 +277,7 @@ class Carry(JawPhase):
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at the end of the path."""
-        self._advance(held, now, 0.0)
+        self._stand(held, now)
         held.s, _ = state.progress.at(now.time - state.since)
         return PhaseEvent.DONE if now.time - state.since > state.progress.duration else None
 

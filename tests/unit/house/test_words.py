@@ -16,7 +16,7 @@ SOURCES = sources()
 WORDS_OF_PAGES, WORDS_A_PAGE, ROWS = 20_000, 1_500, 30
 NOT_COUNTED = {"references", "glossary", "licences", "results", "results_earlier", "papers"}
 # pages of doors and parts that came later: each has the bound of a page, and none of their sum
-LATER = {"your_tools", "udp", "thrusters", "own_tool", "vehicle_files"}
+LATER = {"your_tools", "udp", "thrusters", "own_tool", "own_grasp", "vehicle_files"}
 # words of a private dialect, which have a term of the field: probability, identifiable, cases
 DIALECT = re.compile(r"\b(chance|seas|nobody|told|tells?|beyond doubt|hull's place)\b")
 KEY = re.compile(r"\[([A-Z][A-Za-z]+ (?:1[89]|20)\d\d[a-z]?)(?:[,\]])")

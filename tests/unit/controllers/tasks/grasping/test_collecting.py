@@ -1,4 +1,4 @@
-"""The collection from the stand-off over the object on: gripped, lifted, carried, put, withdrawn."""
+"""The collection from the stand-off over the object on: gripped, lifted, carried, put."""
 
 from dataclasses import replace
 

@@ -1,12 +1,13 @@
 """The collection from the stand-off over the object on: gripped, lifted, carried, put."""
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from uuv import jobs
-from uuv.assembly import Assembly, assemble
+from uuv.assembly import assemble
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.axial_phases import AxialLimits
 from uuv.controllers.tasks.grasping.collecting import (
@@ -15,7 +16,7 @@ from uuv.controllers.tasks.grasping.collecting import (
     longest_lever,
     rows_at_object,
 )
-from uuv.controllers.tasks.grasping.jaw_phases import CarryLimits, GripPlan, Weighing, dropped
+from uuv.controllers.tasks.grasping.jaw_phases import GripPlan, Weighing, dropped
 from uuv.controllers.tasks.monitors import Monitor, Reaction
 from uuv.controllers.tasks.phase import ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskState
@@ -23,8 +24,10 @@ from uuv.models.tools.jaw_shape import JawShape
 from uuv.sim.evaluation.handling.collect_metrics import carried
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import Recorder, Recording
 from uuv.sim.loop.rollout import rollout
+from uuv.tasks.collecting import PlacedCollection
 from uuv.ticks.compiled_ticks import CompiledTicks
 
 JAWS = JawShape(opening=0.1, thickness=0.012, breadth=0.03, finger=0.09, force=100.0, friction=0.6)
@@ -55,23 +58,28 @@ class AtObject(TaskPlanner):
         return state
 
 
-def collection(*, compiled: bool = True, friction: float | None = None, **options) -> Recording:
+def collection(
+    *, compiled: bool = True, friction: float | None = None, **options
+) -> tuple[Recording, PlacedCollection]:
     """A run from the stand-off on, with a believed pose that is the true one."""
     scenario = jobs.collect(seed=5, current=(0.1, 0.05, 0.0), **options)
     sensing = replace(scenario.sensing, torque_bias=0.0)
     made = assemble(replace(scenario, sensing=sensing))
-    placed = made.placed
+    placed = cast(PlacedCollection, made.placed)
     job = CollectJob(
         grip=placed.task.grip,
         load=placed.task.load,
         carry_speed=0.2,
         axial=QUICK,
-        carry=CarryLimits(ramp=1.0, weighing=Weighing(after=1.0, seconds=1.0)),
+        carry_ramp=1.0,
+        weighing=Weighing(after=1.0, seconds=1.0),
     )
 
     planner = placed.planner()
-    target = _seen(made)
-    placement, path, _ = planner.stand(target, target.path, np.zeros(3))
+    target = _seen(placed.X_WT)
+    path = target.path
+    assert path is not None
+    placement, path, _ = planner.stand(target, path, np.zeros(3))
     grasp = planner.grasps(target)[0][0]
     plan = GripPlan(opening=grasp.opening, width=grasp.width, bears=job.load)
 
@@ -92,9 +100,8 @@ def collection(*, compiled: bool = True, friction: float | None = None, **option
     return recorder.recording(), placed
 
 
-def _seen(made: Assembly) -> Target:
+def _seen(X_WT: Array) -> Target:
     """The object as it is, as a find."""
-    X_WT = made.placed.X_WT
     path = ToolPath(
         s=np.zeros(1),
         p=X_WT[None, :3, 3],

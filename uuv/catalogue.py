@@ -68,7 +68,7 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             documented = {}
             for file in folder.glob("*.py"):
                 documented |= _definitions(file)
-            for table in ("OBJECTS", "SMALL"):
+            for table in ("USUAL", "SMALL"):
                 for name in _keys(folder / "targets.py", table):
                     yield name, documented.get(name, "")
         case "tool":

@@ -100,9 +100,8 @@ def surface_points(vertices: Array, triangles: np.ndarray, count: int) -> tuple[
     chosen = np.minimum(np.searchsorted(upto, at), len(size) - 1)
 
     # Within the triangle: the unit square, folded.
-    u, v = ((np.arange(count)[:, None] + 1.0) * _EVEN % 1.0).T
-    folded = u + v > 1.0
-    u, v = np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)
-    edges = (b - a)[chosen], (c - a)[chosen]
-    points = a[chosen] + u[:, None] * edges[0] + v[:, None] * edges[1]
+    shares = (np.arange(count)[:, None] + 1.0) * _EVEN % 1.0
+    beyond = shares.sum(axis=1) > 1.0
+    shares[beyond] = 1.0 - shares[beyond]
+    points = a[chosen] + shares[:, :1] * (b - a)[chosen] + shares[:, 1:] * (c - a)[chosen]
     return points, cross[chosen] / size[chosen, None]

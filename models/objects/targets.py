@@ -50,22 +50,21 @@ __all__ = [
     "vertical",
 ]
 
-OBJECTS: Registry[Any] = Registry(
-    "object",
-    {
-        "anode": anode,
-        "barrel": barrel,
-        "block": block,
-        "manifold": manifold,
-        "pile": pile,
-        "plate": plate,
-        "rock": rock,
-        "starfish": starfish,
-        "valve": valve,
-    },
-)
+USUAL = {
+    "anode": anode,
+    "barrel": barrel,
+    "block": block,
+    "manifold": manifold,
+    "pile": pile,
+    "plate": plate,
+    "rock": rock,
+    "starfish": starfish,
+    "valve": valve,
+}
 # What a gripper takes; the studies of identification go over the others.
-SMALL: Registry[Any] = Registry("object", {"small_anode": small_anode, "stone": stone})
+SMALL = {"small_anode": small_anode, "stone": stone}
+OBJECTS: Registry[Any] = Registry("object", USUAL)
+_ALL: Registry[Any] = Registry("object", {**USUAL, **SMALL})
 
 
 def available() -> tuple[str, ...]:
@@ -83,8 +82,7 @@ def named(name: str, **options: Any) -> TargetModel:
     Raises:
         ConfigurationError: Unknown name or option; the message lists the known ones.
     """
-    of = SMALL if ":" not in name and name in SMALL else OBJECTS
-    target = of.load(name, **options)
+    target = _ALL.load(name, **options)
     target = target if isinstance(target, TargetModel) else getattr(target, "target", None)
     if not isinstance(target, TargetModel):
         raise ConfigurationError(f"object {name!r}: the function must return a TargetModel")

@@ -107,7 +107,7 @@ class CollectTask(CollectSettings, Task):
         loose = pick_site.LooseObject.of(target, density=STONE, mass=self.mass)
         return PlacedCollection(
             scenario=scenario,
-            own=own,
+            vehicle=own,
             task=self,
             target=target,
             choice=choice,
@@ -142,7 +142,7 @@ class PlacedCollection(PlacedTask):
 
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.APPROACH,)
     scenario: Scenario
-    own: "OwnVehicle"
+    vehicle: "OwnVehicle"
     task: CollectTask
     target: "TargetModel"
     choice: "GraspChoice"
@@ -165,7 +165,7 @@ class PlacedCollection(PlacedTask):
     def X_WB(self) -> Array:
         """Scan pose of the hull: its height by the charted depth, not by the coarse detection."""
         lying_W = np.array([*self.approach_W[:2], self.seabed])
-        return scan_pose(self.own.X_BC, lying_W, self.task.range)
+        return scan_pose(self.vehicle.X_BC, lying_W, self.task.range)
 
     @property
     def basket(self) -> "Basket":
@@ -190,7 +190,7 @@ class PlacedCollection(PlacedTask):
         from uuv.sim.sensors.depth_camera import DepthCamera
         from uuv.sim.sensors.jaws import JawSensor
 
-        return [DepthCamera(model, HULL_BODY, self.own.X_BC), JawSensor()], None
+        return [DepthCamera(model, HULL_BODY, self.vehicle.X_BC), JawSensor()], None
 
     def estimator(self, navigation: Estimator) -> Estimator:
         """Navigation with the gripper's readings."""
@@ -212,12 +212,12 @@ class PlacedCollection(PlacedTask):
         from uuv.controllers.tasks.grasping.collecting import Collecting, CollectJob
 
         return Collecting(
-            self.own.at_work(),
+            self.vehicle.at_work(),
             self.choice,
             CollectJob(**settings_of(CollectSettings, self.task)),
             X_WB_scan=self.X_WB,
             basket=self.basket,
-            holding=ThrustMargin.of(self.own.model),
+            holding=ThrustMargin.of(self.vehicle.model),
         )
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
@@ -228,7 +228,7 @@ class PlacedCollection(PlacedTask):
             basket_W=self.basket_W,
             center_T=self.target.center,
             half=self.half,
-            weight=self.loose.weight(water_density(self.own.model), GRAVITY),
+            weight=self.loose.weight(water_density(self.vehicle.model), GRAVITY),
             grip=self.task.grip,
         )
         return assess_collection(

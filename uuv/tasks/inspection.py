@@ -83,7 +83,7 @@ class InspectionTask(InspectionSettings, Task):
             own=own,
             config=config,
             target=target,
-            there=true_model,
+            true_model=true_model,
             X_WT=X_WT,
             approach_W=approach_W,
             orientation_W=orientation_W,
@@ -102,7 +102,7 @@ class PlacedInspection(PlacedTask):
     own: "OwnVehicle"
     config: "InspectionJob"
     target: TargetModel  # as the vehicle knows it
-    there: TargetModel  # as it is
+    true_model: TargetModel
     X_WT: Array  # (4, 4) true pose
     approach_W: Array  # (3,) [m] coarse position of its centre
     orientation_W: Array  # (3, 3) its coarse orientation
@@ -132,7 +132,7 @@ class PlacedInspection(PlacedTask):
     def truth(self) -> TrueInspection:
         """Truth for the evaluation, once the camera is made."""
         return TrueInspection(
-            target=self.there,
+            target=self.true_model,
             X_WT=self.X_WT,
             X_BC=self.own.X_BC,
             distance=self.config.distance,
@@ -142,7 +142,7 @@ class PlacedInspection(PlacedTask):
 
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the true object and flat seabed."""
-        return scenes.work_site(vehicle, self.there, self.X_WT)
+        return scenes.work_site(vehicle, self.true_model, self.X_WT)
 
     def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
         """The depth camera."""
@@ -181,10 +181,10 @@ class PlacedInspection(PlacedTask):
         from uuv.controllers.tasks import inspection
 
         believed = self.own.at_work()
-        vertices_W = transform_points(self.X_WT, self.there.vertices)
+        vertices_W = transform_points(self.X_WT, self.true_model.vertices)
         passing = HullPath(believed.vehicle, believed.chain, believed.hull_box, vertices_W)
         keep = inspection.Keep(
-            passing, scenes.seabed_height(self.there, self.X_WT), self.config.clearance
+            passing, scenes.seabed_height(self.true_model, self.X_WT), self.config.clearance
         )
         truth = replace(
             self.truth, allowed=inspection.allowed_cameras(vertices_W, believed.X_BC, keep)

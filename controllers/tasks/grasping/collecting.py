@@ -37,13 +37,14 @@ from uuv.controllers.tasks.axial_phases import (
 )
 from uuv.controllers.tasks.grasping.jaw_phases import (
     Carry,
-    CarryLimits,
+    CarrySpeed,
     CloseJaws,
     GripPlan,
     JawLimits,
     Lift,
     MoveJaws,
     Weigh,
+    Weighing,
     dropped,
 )
 from uuv.controllers.tasks.monitors import Monitor, Reaction
@@ -90,7 +91,8 @@ class CollectJob(CollectSettings):
         )
     )
     jaws: JawLimits = field(default_factory=JawLimits)
-    carry: CarryLimits = field(default_factory=CarryLimits)
+    weighing: Weighing = field(default_factory=Weighing)
+    carry_ramp: float = 2.0  # [s] from rest to the speed with the object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,7 +143,7 @@ class Collecting(TaskPlanner):
 
     def __init__(
         self,
-        own: WorkVehicle,
+        vehicle: WorkVehicle,
         choice: GraspChoice,
         job: CollectJob,
         *,
@@ -153,7 +155,7 @@ class Collecting(TaskPlanner):
         """Set up the planner.
 
         Args:
-            own: the vehicle.
+            vehicle: the vehicle.
             choice: grasps of the object.
             job: forces, speeds and limits.
             X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
@@ -166,19 +168,19 @@ class Collecting(TaskPlanner):
                 arm has fewer than six joints.
         """
         check_grip(job, choice.jaws)
-        if own.chain.n < FULL:
+        if vehicle.chain.n < FULL:
             raise ConfigurationError(
-                f"collect: the grasp fixes the jaws' axes, which an arm of {own.chain.n} joints "
-                f"cannot hold; at least {FULL} are needed"
+                "collect: the grasp fixes the jaws' axes, which an arm of "
+                f"{vehicle.chain.n} joints cannot hold; at least {FULL} are needed"
             )
         self._choice = choice
         self._job = job
         self._basket = basket
         standing = PathStanding(
-            vehicle=own.vehicle,
-            chain=own.chain,
+            vehicle=vehicle.vehicle,
+            chain=vehicle.chain,
             model=choice.target,
-            hull_box=own.hull_box,
+            hull_box=vehicle.hull_box,
             # The load pulls along the tool's axis. The hull keeps its place while the arm carries.
             limits=StandingLimits(force=-job.load, standoff=job.axial.standoff, roomy=0.0),
             holding=None if holding is None else holding.without_friction(),
@@ -187,28 +189,20 @@ class Collecting(TaskPlanner):
         self.stand = self._stand
 
         site = WorkSite(
-            own=own,
+            own=vehicle,
             X_WB_scan=np.array(X_WB_scan),
             stand=self._stand,
-            around=around(own, choice.target),
+            around=around(vehicle, choice.target),
         )
         limits = ArrivalLimits()
-        monitors = (
-            *axial_monitors(
-                job.axial,
-                lost_place=limits.lost_place,
-                blind_time=limits.blind_time,
-                too_long="the object was not gripped",
-            ),
-            Monitor(
-                condition=dropped(job.jaws),
-                reaction=Reaction.RETREAT,
-                code=AbortCode.DROPPED,
-                during=frozenset({WorkState.WORK}),
-            ),
-        )
         rows = collect_rows(site, limits, job, self._take)
-        super().__init__(rows, monitors, X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
+        super().__init__(
+            rows,
+            collect_monitors(job, limits),
+            X_WB=X_WB_scan,
+            q=vehicle.vehicle.q_home,
+            period=period,
+        )
 
     def step(
         self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None
@@ -283,9 +277,9 @@ class Collecting(TaskPlanner):
                 return placement, worked, share
         raise failure or ReachError("there is no grasp")
 
-    def _take(self, held: Held, now: Context) -> None:
+    def _take(self, held: Held, context: Context) -> None:
         """Keep the grasp that the chosen line belongs to."""
-        del now
+        del context
         assert held.target is not None
         assert held.line is not None
         start = held.line.path.p[0]
@@ -309,6 +303,23 @@ def straight_down(X_WT: Array, choice: GraspChoice) -> ToolPath:
 def _half_turn(path: ToolPath) -> ToolPath:
     """The same path with the tool turned by half about its axis: the fingers change places."""
     return replace(path, x=readonly(-path.x))
+
+
+def collect_monitors(job: CollectJob, limits: ArrivalLimits) -> tuple[Monitor, ...]:
+    """Monitors of a collection: those of axial work, and of the object in the jaws."""
+    of_tool = axial_monitors(
+        job.axial,
+        lost_place=limits.lost_place,
+        blind_time=limits.blind_time,
+        too_long="the object was not gripped",
+    )
+    slipped = Monitor(
+        condition=dropped(job.jaws),
+        reaction=Reaction.RETREAT,
+        code=AbortCode.DROPPED,
+        during=frozenset({WorkState.WORK}),
+    )
+    return (*of_tool, slipped)
 
 
 def collect_rows(
@@ -366,9 +377,9 @@ def rows_at_object(job: CollectJob) -> Iterable[tuple[str, TaskRow]]:
 
     # With it to the basket.
     gripped = (axial, loaded, job.jaws, job.grip)
-    weigh = Weigh(*gripped, job.carry.weighing)
+    weigh = Weigh(*gripped, job.weighing)
     put_back = {**WITHDRAW, Reaction.RETREAT: "put back"}
-    carry = Carry(*gripped, speed=job.carry_speed, ramp=job.carry.ramp)
+    carry = Carry(*gripped, CarrySpeed(speed=job.carry_speed, ramp=job.carry_ramp))
     yield "lift", TaskRow(Lift(*gripped), states.WORK, {ENDS: "weigh"}, WITHDRAW)
     yield "weigh", TaskRow(weigh, states.WORK, {ENDS: "carry"}, put_back)
     yield "carry", TaskRow(carry, states.WORK, {ENDS: "lower"}, WITHDRAW)

@@ -6,17 +6,14 @@ move; then their drive goes on with the last one.
 """
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from uuv.controllers.planning.trajectories import Progress
-from uuv.controllers.tasks.arrival import Since
 from uuv.controllers.tasks.axial_phases import AxialLimits, AxialPhase, Push
-from uuv.controllers.tasks.contact_phases import FollowState
 from uuv.controllers.tasks.monitors import Condition
-from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
+from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint, towards
 from uuv.sim.interfaces.messages import AbortCode, JawMeasurement, JawSetpoint
-from uuv.sim.interfaces.spatial import GRAVITY
+from uuv.sim.interfaces.spatial import GRAVITY, Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,25 +54,34 @@ class Weighing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CarryLimits:
-    """Motion with the object."""
+class CarrySpeed:
+    """Motion along the path with the object."""
 
-    speed: float = 0.05  # [m/s] along the path
+    speed: float  # [m/s]
     ramp: float = 2.0  # [s] from rest to it
-    weighing: Weighing = field(default_factory=Weighing)
 
 
-def reading(held: Held, now: Context, limits: JawLimits) -> JawMeasurement | Abort:
+def reading(context: Context, limits: JawLimits) -> JawMeasurement | Abort:
     """Newest reading of the gripper's drive; an abort if it is silent."""
-    del held
-    jaws = now.estimate.jaws
-    if jaws is not None and now.time - jaws.time <= limits.silent:
+    jaws = context.estimate.jaws
+    if jaws is not None and context.time - jaws.time <= limits.silent:
         return jaws
+
     return Abort(AbortCode.JAWS, f"the gripper has been silent for {limits.silent:g} s")
 
 
+@dataclass(slots=True)
+class JawPhaseState:
+    """State of the phases with jaws."""
+
+    since: float  # [s] begin of the phase
+    firm_for: float = 0.0  # [s] for which the jaws have stood and pressed
+    total: float = 0.0  # [N] sum of the weights that were read
+    count: int = 0  # of them
+
+
 class JawPhase(AxialPhase):
-    """Base of the phases with jaws; here they hold on to what they have."""
+    """Base of the phases with jaws, which hold on to what they have."""
 
     def __init__(self, limits: AxialLimits, push: Push, jaws: JawLimits, force: float) -> None:
         """Set up the phase; `force` [N] is the most that the jaws' motor may give."""
@@ -83,42 +89,68 @@ class JawPhase(AxialPhase):
         self._jaws = jaws
         self._force = force
 
-    def _set(self, held: Held) -> JawSetpoint:
+    def enter(self, held: Held, now: Context) -> JawPhaseState:
+        """Begin; the jaws' own part is `begin`."""
+        self.begin(held)
+        return JawPhaseState(now.time)
+
+    def begin(self, held: Held) -> None:
+        """What the begin of the phase changes."""
+
+    def step(self, state: JawPhaseState, held: Held, now: Context) -> Outcome:
+        """As `go_on` says, with a reading of the jaws; aborted without one."""
+        jaws = reading(now, self._jaws)
+        return jaws if isinstance(jaws, Abort) else self.go_on(state, held, now, jaws)
+
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
+        """One period, as of `Phase.step`."""
+        raise NotImplementedError
+
+    def setpoint(self, state: JawPhaseState, held: Held, now: Context) -> Setpoint:
+        """The tool on its axis, and the jaws."""
+        setpoint = super().setpoint(state, held, now)
+        return replace(setpoint, jaws=self.jaws_set(held), **self.rates(state, held, now))
+
+    def jaws_set(self, held: Held) -> JawSetpoint:
         """Set point of the jaws: closed on what they hold."""
         weight = held.plan_of(GripPlan).weight
         return JawSetpoint(opening=0.0, speed=self._jaws.speed, force=self._force, load=weight)
 
-    def setpoint(self, state: Any, held: Held, now: Context) -> Setpoint:
-        """The tool on its axis, and the jaws."""
-        return replace(super().setpoint(state, held, now), jaws=self._set(held))
+    def rates(self, state: JawPhaseState, held: Held, context: Context) -> dict[str, Array]:
+        """Velocities of the tool other than along its axis, by their names in `Setpoint`."""
+        del state, held, context
+        return {}
+
+    def _stand(self, held: Held, context: Context) -> None:
+        """Bring the tool to rest, and back off while it presses more than the set push."""
+        limits = self._limits
+        away = -limits.speed if context.normal > self._push.force else 0.0
+        held.speed = towards(held.speed, away, limits.yielding * context.period)
+        held.depth += held.speed * context.period
 
 
 class MoveJaws(JawPhase):
-    """Open the jaws, or a part of them, while the tool stands."""
+    """Move the jaws to the opening of the plan while the tool stands."""
 
-    def enter(self, held: Held, now: Context) -> Since:
-        """Begin to move."""
-        del held
-        return Since(now.time)
-
-    def step(self, state: Since, held: Held, now: Context) -> Outcome:
-        """Done at the opening of the plan."""
-        self._advance(held, now, 0.0)
-        jaws = reading(held, now, self._jaws)
-        if isinstance(jaws, Abort):
-            return jaws
-
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
+        """Done at the opening."""
+        self._stand(held, context)
         target = held.plan_of(GripPlan).opening
         if abs(jaws.opening - target) <= self._jaws.at:
             return PhaseEvent.DONE
-        if now.time - state.since <= self._jaws.within:
+        if context.time - state.since <= self._jaws.within:
             return None
+
         reason = (
             f"the jaws are stuck at {1e3 * jaws.opening:.0f} mm on the way to {1e3 * target:.0f} mm"
         )
         return Abort(AbortCode.JAWS, reason)
 
-    def _set(self, held: Held) -> JawSetpoint:
+    def jaws_set(self, held: Held) -> JawSetpoint:
         """Set point of the jaws: the opening of the plan."""
         plan = held.plan_of(GripPlan)
         return JawSetpoint(
@@ -129,36 +161,28 @@ class MoveJaws(JawPhase):
         )
 
 
-@dataclass(slots=True)
-class ClosingState:
-    """State of `CloseJaws`."""
-
-    since: float  # [s]
-    firm_for: float = 0.0  # [s] for which the jaws have stood and pressed
-
-
 class CloseJaws(JawPhase):
     """Close the jaws until they stand and press with the set force."""
 
-    def enter(self, held: Held, now: Context) -> ClosingState:
-        """Begin to close."""
+    def begin(self, held: Held) -> None:
+        """Count the try."""
         plan = held.plan_of(GripPlan)
         held.plan = replace(plan, tries=plan.tries + 1)
-        return ClosingState(now.time)
 
-    def step(self, state: ClosingState, held: Held, now: Context) -> Outcome:
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
         """Done with the object between the pads; refused without it, if a try is left."""
-        self._advance(held, now, 0.0)
+        self._stand(held, context)
         limits = self._jaws
-        jaws = reading(held, now, limits)
-        if isinstance(jaws, Abort):
-            return jaws
 
-        firm = abs(jaws.speed) < limits.still and jaws.force >= limits.firm * self._force
-        closed = abs(jaws.speed) < limits.still and jaws.opening < limits.at
-        state.firm_for = state.firm_for + now.period if firm or closed else 0.0
+        # Do they stand and press, or are they shut?
+        still = abs(jaws.speed) < limits.still
+        firm = still and jaws.force >= limits.firm * self._force
+        shut = still and jaws.opening < limits.at
+        state.firm_for = state.firm_for + context.period if firm or shut else 0.0
         if state.firm_for < limits.held:
-            if now.time - state.since <= limits.within:
+            if context.time - state.since <= limits.within:
                 return None
             reason = f"the jaws neither close nor press, at {1e3 * jaws.opening:.0f} mm"
             return Abort(AbortCode.JAWS, reason)
@@ -170,6 +194,7 @@ class CloseJaws(JawPhase):
             return PhaseEvent.DONE
         if plan.tries < limits.tries:
             return PhaseEvent.REFUSED
+
         reason = (
             f"nothing of the object's {1e3 * plan.width:.0f} mm between the jaws in "
             f"{plan.tries} attempts: they closed to {1e3 * jaws.opening:.0f} mm"
@@ -180,57 +205,53 @@ class CloseJaws(JawPhase):
 class Lift(JawPhase):
     """Draw the tool with the object off the ground, back to the stand-off."""
 
-    def step(self, state: None, held: Held, now: Context) -> Outcome:
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
         """Done at the stand-off."""
-        del state
-        self._advance(held, now, -self._limits.speed)
-        if held.depth > -self._limits.standoff:
+        del state, jaws
+        limits = self._limits
+        self._advance(held, context, -limits.speed)
+        if held.depth > -limits.standoff:
             return None
-        held.depth = -self._limits.standoff
+
+        held.depth = -limits.standoff
         held.speed = 0.0
         return PhaseEvent.DONE
 
 
-@dataclass(slots=True)
-class WeighingState:
-    """State of `Weigh`."""
-
-    since: float  # [s]
-    total: float = 0.0  # [N] sum of the readings
-    count: int = 0
-
-
 class Weigh(JawPhase):
-    """Weigh the object: the mean force of the world on the tip, upwards negative, at rest."""
+    """Weigh the object at rest: the mean force of the world on the tip, downwards."""
 
     def __init__(
         self, limits: AxialLimits, push: Push, jaws: JawLimits, force: float, times: Weighing
     ) -> None:
         """Set up the phase; `force` [N] is the set grip force on each finger."""
         super().__init__(limits, push, jaws, force)
-        self._after = times.after
-        self._seconds = times.seconds
+        self._times = times
 
-    def enter(self, held: Held, now: Context) -> WeighingState:
-        """Begin with the wait."""
-        del held
-        return WeighingState(now.time)
-
-    def step(self, state: WeighingState, held: Held, now: Context) -> Outcome:
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
         """Done with the weight in the plan; aborted if that is more than may be carried."""
-        self._advance(held, now, 0.0)
-        if now.last is not None and now.time - state.since > self._after:
-            state.total -= float(now.last.contact.force_W[2])
+        del jaws
+        times = self._times
+        self._stand(held, context)
+        passed = context.time - state.since
+        if context.last is not None and passed > times.after:
+            state.total -= float(context.last.contact.force_W[2])
             state.count += 1
-        if now.time - state.since <= self._after + self._seconds or not state.count:
+        if passed <= times.after + times.seconds or not state.count:
             return None
 
+        # The weight is a force of the world, also where the hull's thrusters bear it.
         weight = state.total / state.count
         plan = replace(held.plan_of(GripPlan), weight=weight)
         held.plan = plan
         held.note = f"lifted: {weight / GRAVITY:.2f} kg in water"
         if weight <= plan.bears:
             return PhaseEvent.DONE
+
         reason = f"the object weighs {weight:.0f} N in water, {plan.bears:.0f} N are allowed"
         return Abort(AbortCode.TOO_HEAVY, reason)
 
@@ -239,59 +260,46 @@ class Carry(JawPhase):
     """Carry the object along the path, above it."""
 
     def __init__(
-        self,
-        limits: AxialLimits,
-        push: Push,
-        jaws: JawLimits,
-        force: float,
-        *,
-        speed: float,
-        ramp: float,
+        self, limits: AxialLimits, push: Push, jaws: JawLimits, force: float, along: CarrySpeed
     ) -> None:
-        """Set up the phase.
-
-        Args:
-            limits: of the motion along the tool's axis.
-            push: force on the tool.
-            jaws: of the jaws.
-            force: [N] set grip force on each finger.
-            speed: [m/s] along the path.
-            ramp: [s] from rest to that speed.
-        """
+        """Set up the phase; `force` [N] is the set grip force on each finger."""
         super().__init__(limits, push, jaws, force)
-        self._along = speed
-        self._ramp = ramp
+        self._along = along
 
-    def enter(self, held: Held, now: Context) -> FollowState:
-        """Begin at rest."""
-        assert held.line is not None
-        length = float(held.line.path.s[-1])
-        return FollowState(Progress(length, self._along, self._ramp), now.time)
-
-    def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
         """Done at the end of the path."""
-        self._advance(held, now, 0.0)
-        held.s, _ = state.progress.at(now.time - state.since)
-        return PhaseEvent.DONE if now.time - state.since > state.progress.duration else None
+        del jaws
+        self._stand(held, context)
+        progress = self._progress(held)
+        passed = context.time - state.since
+        held.s, _ = progress.at(passed)
+        return PhaseEvent.DONE if passed > progress.duration else None
 
-    def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
-        """The tool above the path."""
-        _, rate = state.progress.at(now.time - state.since)
+    def rates(self, state: JawPhaseState, held: Held, context: Context) -> dict[str, Array]:
+        """Velocities along the path."""
+        _, rate = self._progress(held).at(context.time - state.since)
         _, tangent, turn = held.tool()
-        moving = super().setpoint(state, held, now)
-        return replace(moving, v_WG_W=rate * tangent, w_WG_W=rate * turn)
+        return {"v_WG_W": rate * tangent, "w_WG_W": rate * turn}
+
+    def _progress(self, held: Held) -> Progress:
+        """Way along the path over time."""
+        assert held.line is not None
+        return Progress(float(held.line.path.s[-1]), self._along.speed, self._along.ramp)
 
 
 def dropped(limits: JawLimits) -> Condition:
     """Condition: what the jaws held is no longer between them."""
 
-    def condition(held: Held, now: Context) -> str:
+    def condition(held: Held, context: Context) -> str:
         plan = held.plan
-        jaws = now.estimate.jaws
+        jaws = context.estimate.jaws
         if not isinstance(plan, GripPlan) or jaws is None or math.isnan(plan.gripped):
             return ""
         if jaws.opening >= plan.gripped - limits.slip:
             return ""
+
         return (
             f"the object has slipped out: the jaws closed from {1e3 * plan.gripped:.0f} to "
             f"{1e3 * jaws.opening:.0f} mm"

@@ -121,6 +121,8 @@ def assess_collection(
 
     metrics = CollectMetrics(put=put, grip=grip, load=load)
     most = bounds.grip_share * truth.grip
+
+    # What is asked for.
     error = None if weighed is None else abs(weighed - truth.weight)
     checks = (
         Requirement("put, distance from the middle", put.put_error_m, bounds.put, "mm", _MM),
@@ -140,6 +142,7 @@ def carried(recording: "Recording") -> np.ndarray:
     """Mask (N,) of the steps in which the lifted object is in the jaws, at work."""
     if "p_WT" not in recording:
         return np.zeros(len(recording["state"].time), dtype=bool)
+
     height = recording["p_WT"].value[:, 2]
     work = recording.within(WorkState.WORK)
     pressed = recording["contact_normal"].scalar > 0.0
@@ -149,6 +152,7 @@ def carried(recording: "Recording") -> np.ndarray:
 def _put(recording: "Recording", truth: TrueCollection, *, lifted: bool) -> PutMetrics:
     if "p_WT" not in recording or not lifted:
         return unmeasured(PutMetrics, lifted=lifted, in_basket=False)
+
     center = _centers(recording, truth)[-1]
     off = center - truth.basket_W
     inside = bool(np.all(np.abs(off[:2]) < truth.half))
@@ -158,9 +162,10 @@ def _put(recording: "Recording", truth: TrueCollection, *, lifted: bool) -> PutM
 def _grip(recording: "Recording", truth: TrueCollection, held: np.ndarray) -> GripMetrics:
     if not held.any():
         return unmeasured(GripMetrics, force_set_n=truth.grip)
+
     closing = recording.within(WorkState.PRESS) | held
     place_G = _in_tool(recording, truth)[held]
-    # The first moments of the lift take up what is elastic.
+
     return GripMetrics(
         force_set_n=truth.grip,
         force_mean_n=float(recording["contact_normal"].scalar[held].mean()),
@@ -172,6 +177,7 @@ def _grip(recording: "Recording", truth: TrueCollection, held: np.ndarray) -> Gr
 def _excursion(recording: "Recording", held: np.ndarray) -> float | None:
     if not held.any():
         return None
+
     first = int(np.flatnonzero(held)[0])
     upto = first + round(_AFTER / recording.timestep)
     off = recording["p_WB"].value[first:upto] - recording["p_WB_reference"].value[first:upto]

@@ -9,7 +9,7 @@ import numpy as np
 
 from uuv.calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
 from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
-from uuv.sim.runs.command_line import RunOptions
+from uuv.sim.runs.command_line import ResultOptions
 from uuv.water_identification.settings import NOISE, FitSettings
 
 if TYPE_CHECKING:  # a help text does without
@@ -19,7 +19,7 @@ COMMAND = "identify_water"  # name in the results
 
 
 @dataclass(kw_only=True)
-class WaterOptions(RunOptions):
+class WaterOptions(ResultOptions):
     """Identify added mass, damping, trim and thrust of a vehicle from logs."""
 
     groups: ClassVar[Mapping[str, str]] = {"comparison": "window rate noise current gust mount"}

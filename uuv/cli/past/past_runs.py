@@ -87,8 +87,7 @@ def _beside(options: ReplayOptions, log: Path) -> int:
         raise ConfigurationError(f"replay: RUN {options.run!r} and --log: give only one of the two")
     from uuv.cli.past.real_log import replay_log
 
-    window, picture = options.window, options.picture
-    return replay_log(log, options.vehicle, window, picture, as_json=options.json)
+    return replay_log(log, options.vehicle, options.window, options.picture, as_json=options.json)
 
 
 def run_folder(name: str) -> Path:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -36,6 +36,9 @@ from uuv.sim.runs.command_line import RunOptions, signals
 from uuv.sim.runs.provenance import provenance
 from uuv.sim.runs.run_folder import new_folder
 from uuv.sim.runs.terminal import PlainConsole, verdict
+
+if TYPE_CHECKING:
+    from uuv.export.live_log import McapLog
 
 NOT_ACCEPTED = 1  # exit code
 _STILLS = 640, 360  # [px] width and height of the report's pictures of the scene
@@ -92,7 +95,9 @@ def command(
     write_scenario(scenario, folder / SCENARIO_FILE)
 
     log: Any = None
+    mcap = _mcap_log(options, folder, recorder, assembly)
     try:
+        observers += mcap
         if draws or options.view:
             from uuv.sim.reporting.rerun_log import RerunLog
 
@@ -125,6 +130,8 @@ def command(
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
                 log.close()
+            for file in mcap:
+                file.close(accepted=assessment.accepted)
 
             placed.write_files(folder)
             for summary_table in placed.tables():
@@ -137,8 +144,8 @@ def command(
                 _report(Run(assembly=assembly, result=ran, assessment=assessment), folder, title)
             console.print(f"written to {folder}/", highlight=False)
     finally:
-        if log is not None:
-            log.close()
+        for file in (*mcap, *([] if log is None else [log])):
+            file.close()
 
     if stop.asked is not None:
         raise stop.asked
@@ -240,6 +247,17 @@ def _stills(run: Run) -> list[tuple[str, bytes]]:
             ]
     except MissingLibraryError:
         return []
+
+
+def _mcap_log(
+    options: RunOptions, folder: Path, recorder: Recorder, assembly: Assembly
+) -> "list[McapLog]":
+    """The log in MCAP, if it is asked for."""
+    if options.log is None:
+        return []
+    from uuv.export.live_log import FILE, McapLog
+
+    return [McapLog(folder / FILE, recorder, assembly.plant.model)]
 
 
 def _paced(options: RunOptions) -> list[Observer]:

@@ -29,6 +29,7 @@ from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.files import bytes_of, existing_file
 from uuv.sim.interfaces.spatial import shown
 
+WET = ".wet"  # ends the stem of what `uuv wet` makes of a file, whose mapping it shares
 _HEAD = 20_000  # [bytes] within which a file has its root element
 _TAKE_TOOL = ("uuv_puma",)  # names whose maker takes the tool, and trims the vehicle with it
 
@@ -66,7 +67,7 @@ def read(
         vehicle: a name of `uuv.models.available()`, MODULE:FUNCTION, a file, MJCF, URDF, xacro or
             SDF, or a spec, which is left as it is.
         parts: mapping of its names (`uuv.models.files.parts_file`); None: `NAME.parts.yaml`
-            beside its file, if there is one.
+            beside its file, if there is one, for NAME.wet.xml too.
         water: sidecar of the file; None: `NAME.water.yaml` beside it, if there is one.
         tool: that a named vehicle is made with, if its maker takes one and it is not mapped.
 
@@ -173,8 +174,9 @@ def _of_urdf(file: Path, robot: UrdfRobot, water: str | Path | None) -> VehicleF
 
 def _parts_beside(file: Path) -> Path | None:
     """The mapping that lies beside a vehicle's file; None: there is none."""
-    mapping = file.with_name(file.stem + PARTS_SUFFIX)
-    return mapping if mapping.is_file() else None
+    names = (file.stem, file.stem.removesuffix(WET))
+    beside = (file.with_name(name + PARTS_SUFFIX) for name in names)
+    return next((mapping for mapping in beside if mapping.is_file()), None)
 
 
 def _of_mjcf(file: Path, water: str | Path | None) -> VehicleFile:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, ClassVar, NoReturn, TypeVar, cast
+from typing import Any, ClassVar, Literal, NoReturn, TypeVar, cast
 
 from uuv.sim.interfaces.errors import UuvError, did_you_mean, one_line
 from uuv.sim.interfaces.extras import missing
@@ -44,11 +44,11 @@ Options = TypeVar("Options")
 
 
 @dataclass(kw_only=True)
-class RunOptions:
-    """Options of every run that change no figure."""
+class ResultOptions:
+    """Where the results of a command go."""
 
     # title: names of the options
-    groups: ClassVar[Mapping[str, str]] = {"output": "out view record longest pace"}
+    groups: ClassVar[Mapping[str, str]] = {"output": "out record"}
     # key in a scenario file, by the option; other keys end with the option's name
     keys: ClassVar[Mapping[str, str]] = {}
 
@@ -56,10 +56,20 @@ class RunOptions:
     """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by
     default.
     """
-    view: bool = False
-    """Open the Rerun viewer while the run goes on."""
     record: bool = True
     """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
+
+
+@dataclass(kw_only=True)
+class RunOptions(ResultOptions):
+    """Options of every run that change no figure."""
+
+    groups: ClassVar[Mapping[str, str]] = {"output": "out view record log longest pace"}
+
+    view: bool = False
+    """Open the Rerun viewer while the run goes on."""
+    log: Literal["mcap"] | None = None
+    """mcap: write run.mcap too, while the run goes on, for the tools of ROS 2."""
     pace: float | None = None
     """Factor of real time to keep, such as 1; default: as fast as it goes."""
     longest: float | None = None

@@ -96,6 +96,8 @@ def check_options(jobs: Collection[str], conditions: Conditions) -> None:
     """
     of_arm = [name for name in jobs if name in ARM_JOBS]
     for word in conditions.options:
+        if word == "forces":  # the arm is judged by them whatever the jobs
+            continue
         hovers = word == "current" and "hover-current" in jobs
         if not hovers and not any(ARM_JOBS[name].takes(word) for name in of_arm):
             raise ConfigurationError(f"--{word}: none of the jobs {', '.join(jobs)} takes it")

@@ -19,7 +19,7 @@ from uuv.check.conditions import Conditions
 from uuv.check.findings import JobVerdict
 from uuv.check.hovering import RestVerdict, listed, refused, rest_of
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
-from uuv.check.remedies import changes_for, last_of
+from uuv.check.remedies import Change, changes_for
 from uuv.check.statics import Listing, listing_of, tip_force
 from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.controllers.planning.arm_size import FULL
@@ -45,6 +45,7 @@ from uuv.tasks.start_place import RunStreams, clearance, folded_at, start_pose, 
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
 PROMISED = 0.95  # share of the drawn poses from which on a job is promised
+FEW = 5  # poses that decide where none of them passes, and at which another option is tried
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
 FRICTION = 0.6  # friction of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
@@ -113,11 +114,7 @@ class ArmJobs:
             place = self._at_site(name, blocked)
             if isinstance(place, JobVerdict):
                 return self._mended(name, blocked, place)
-            verdicts = []
-            for pose in range(self.conditions.poses):
-                verdicts.append(place(pose))
-                if self._watch is not None:
-                    self._watch(name, len(verdicts), self.conditions.poses)
+            verdicts = self._judged(name, place)
         except UuvError as error:
             return refused(name, "parts", str(error))
 
@@ -163,8 +160,19 @@ class ArmJobs:
 
         return judged
 
+    def _judged(self, name: str, place: "Callable[[int], JobVerdict]") -> list[JobVerdict]:
+        """Verdicts at the poses; the first few decide where none of them passes."""
+        verdicts: list[JobVerdict] = []
+        for pose in range(self.conditions.poses):
+            verdicts.append(place(pose))
+            if self._watch is not None:
+                self._watch(name, len(verdicts), self.conditions.poses)
+            if len(verdicts) == FEW and not any(verdict.promised for verdict in verdicts):
+                break
+        return verdicts
+
     def _mended(
-        self, name: str, blocked: float, verdict: JobVerdict, bad: Sequence[int] = ()
+        self, name: str, blocked: float, verdict: JobVerdict, bad: Sequence[int] = (0,)
     ) -> JobVerdict:
         """A refusal with the option that would make the job feasible, or those that do not.
 
@@ -172,36 +180,35 @@ class ArmJobs:
             name: Of the job.
             blocked: As of `verdict`.
             verdict: The refusal.
-            bad: Poses at which it is refused, which are tried first; (): all.
+            bad: Poses at which it is refused, which are tried first.
         """
-        poses = self.conditions.poses
-        order = [*bad, *(pose for pose in range(poses) if pose not in bad)]
-        tried = []
-        for change in changes_for(verdict.code, name, self.scenario(name)):
+        poses = [*bad, *(pose for pose in range(self.conditions.poses) if pose not in bad)][:FEW]
+
+        def passes(change: Change, tried: Sequence[int]) -> bool:
             try:
                 place = self._at_site(name, blocked, change.options)
-                passed = 0 if isinstance(place, JobVerdict) else _passed(place, order)
             except UuvError:
-                passed = 0
-            if passed >= PROMISED * poses:
-                remedy = f"{change.typed}: {passed} of {poses} poses"
-                line = f"{verdict.said}; feasible with {remedy}"
-                return replace(verdict, said=line, remedy=change.typed)
-            tried.append(change)
+                return False
+            return not isinstance(place, JobVerdict) and all(place(p).promised for p in tried)
 
-        if not tried:
+        # What the largest change of an option does not mend, no smaller one will.
+        vain = []
+        for changes in changes_for(verdict.code, name, self.scenario(name)):
+            if not passes(changes[-1], poses[:1]):
+                vain.append(changes[-1].typed)
+                continue
+            for change in changes:
+                if passes(change, poses):
+                    where = "1 pose" if len(poses) == 1 else f"{len(poses)} poses"
+                    line = f"{verdict.said}; with {change.typed} feasible at the {where} tried"
+                    return replace(verdict, said=line, remedy=change.typed)
+            vain.append(changes[-1].typed)
+
+        if not vain:
             return verdict
-        return replace(verdict, said=f"{verdict.said}; not feasible either with {last_of(tried)}")
-
-
-def _passed(place: "Callable[[int], JobVerdict]", poses: Sequence[int]) -> int:
-    """Number of poses that pass; it stops where too few would be left."""
-    failed = 0
-    for pose in poses:
-        failed += not place(pose).promised
-        if failed > (1.0 - PROMISED) * len(poses) + 1e-9:
-            return 0
-    return len(poses) - failed
+        return replace(
+            verdict, said=f"{verdict.said}; not feasible either with {' or '.join(vain)}"
+        )
 
 
 def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:

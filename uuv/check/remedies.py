@@ -1,6 +1,6 @@
 """Options with which a refused job may be feasible: less force, slower water, a shorter path."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,8 +44,8 @@ class Change:
         return f"--{self.word} {' '.join(f'{value:g}' for value in values)}"
 
 
-def changes_for(code: str, name: str, scenario: Scenario) -> Iterator[Change]:
-    """Changes to try for a refusal, the smallest of each option first.
+def changes_for(code: str, name: str, scenario: Scenario) -> Iterator[list[Change]]:
+    """Changes to try for a refusal: those of one option, the smallest first, then of the next.
 
     Args:
         code: Of the refusal.
@@ -53,16 +53,11 @@ def changes_for(code: str, name: str, scenario: Scenario) -> Iterator[Change]:
         scenario: The job's.
     """
     for word in _WORDS.get(code, ()):
-        if ARM_JOBS[name].takes(word):
-            for value in _values(word, scenario):
-                yield Change(word=word, value=value)
-
-
-def last_of(tried: Sequence[Change]) -> str:
-    """The largest change of each option that was tried, as they are typed."""
-    # a later change of an option is a larger one
-    largest = {change.word: change.typed for change in tried}
-    return " or ".join(largest.values())
+        if not ARM_JOBS[name].takes(word):
+            continue
+        changes = [Change(word=word, value=value) for value in _values(word, scenario)]
+        if changes:
+            yield changes
 
 
 def _values(word: str, scenario: Scenario) -> Iterator[Any]:

@@ -38,7 +38,10 @@ VERBS = {  # by the one or two words that are typed
         "past.compare_runs", "CompareOptions", "RUN RUN", "figures of runs side by side"
     ),
     "replay": Verb(
-        "past.past_runs", "ReplayOptions", "RUN", "repeat a run from its record, bit for bit"
+        "past.past_runs",
+        "ReplayOptions",
+        "RUN",
+        "repeat a run bit for bit; --log: a real log beside its simulation",
     ),
     "report": Verb("past.past_runs", "ReportOptions", "RUN", "the report of a run"),
     "view": Verb("past.past_runs", "ViewOptions", "RUN", "the log of a run in the Rerun viewer"),

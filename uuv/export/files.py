@@ -10,21 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from uuv.export.mcap_file import QOS, McapFile, is_latched
 from uuv.export.topics import RosTypes, Topic, nanoseconds
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.reporting.series_tables import EVENTS, PastRun
 from uuv.sim.runs.saving import whole_file, write_whole
 
-_PROFILE = "ros2"
-_LATCHED = frozenset({"/robot_description", "/clouds"})  # topics whose last message stays valid
-_QOS = (  # of a latched topic, as ROS 2 records it: transient local, reliable, depth 1
-    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n"
-    "  deadline: {sec: 9223372036, nsec: 854775807}\n"
-    "  lifespan: {sec: 9223372036, nsec: 854775807}\n"
-    "  liveliness: 1\n  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}\n"
-    "  avoid_ros_namespace_conventions: false\n"
-)
 _LONGEST_NAME = 63  # [characters] of a MATLAB variable
 
 
@@ -52,39 +44,15 @@ def write_mcap(
     Raises:
         MissingLibraryError: The package mcap is not installed.
     """
-    with wanted():
-        from mcap.writer import Writer
-
     with whole_file(file) as stream:
-        writer = Writer(stream)
-        writer.start(profile=_PROFILE, library="uuv-arm")
-        writer.add_metadata("run", dict(about))
-        channels = _channels(writer, topics, types)
-
-        count = 0
-        for time, number, index in ordered(topics):
-            topic = topics[number]
-            stamp = nanoseconds(time)
-            data = types.encoded(topic.kind, topic.message(index))
-            writer.add_message(channels[number], stamp, data, stamp, sequence=index)
-            count += 1
-
-        writer.finish()
-    return count
-
-
-def _channels(writer: Any, topics: Sequence[Topic], types: RosTypes) -> list[int]:
-    """Channel of each topic in an MCAP file, with the definition of its type."""
-    schemas: dict[str, int] = {}
-    channels = []
-    for topic in topics:
-        if topic.kind not in schemas:
-            text = types.definition(topic.kind).encode()
-            schemas[topic.kind] = writer.register_schema(topic.kind, "ros2msg", text)
-
-        qos = {"offered_qos_profiles": _QOS} if _is_latched(topic) else {}
-        channels.append(writer.register_channel(topic.name, "cdr", schemas[topic.kind], qos))
-    return channels
+        written = McapFile(stream, types)
+        written.describe("run", about)
+        for topic in topics:
+            written.open(topic)
+        for _, number, index in ordered(topics):
+            written.add(topics[number], index)
+        written.finish()
+    return written.count
 
 
 def check_bag(folder: Path) -> None:
@@ -109,7 +77,7 @@ def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:
         from rosbags.rosbag2.metadata import parse_qos
 
     check_bag(folder)
-    latched = parse_qos(_QOS)
+    latched = parse_qos(QOS)
 
     count = 0
     bag = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
@@ -120,7 +88,7 @@ def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:
                 topic.name,
                 topic.kind,
                 typestore=types.store,
-                offered_qos_profiles=latched if _is_latched(topic) else (),
+                offered_qos_profiles=latched if is_latched(topic) else (),
             )
             for topic in topics
         ]
@@ -194,7 +162,3 @@ def _series_name(column: str) -> str:
     if head in ("believed", "body_pose"):  # whose next word is a part of the name
         head = f"{head}_{tail.partition('.')[0]}"
     return re.sub(r"\W", "_", head)[:_LONGEST_NAME]
-
-
-def _is_latched(topic: Topic) -> bool:
-    return any(topic.name.startswith(name) for name in _LATCHED)

@@ -27,6 +27,8 @@ _WATER_DENSITY = 1025.0  # [kg/m^3] of sea water, for depths from pressures
 _AIR = 101_325.0  # [Pa] at the surface
 _NOT_MEASURED = -1.0  # begins a covariance
 _RC_OUT = "std_msgs/Header header\nuint16[] channels\n"  # of a package that is not in ROS
+_LARGEST_RECORD = 1 << 28  # [bytes]
+_MOST_RANK = 99  # of a topic among those of its kind
 _SECOND = 1e-9  # [s] of a nanosecond
 
 
@@ -52,6 +54,8 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
     except ConfigurationError:
         raise
     except (AnyReaderError, *BROKEN) as error:
+        if not gathered.messages and path.suffix == ".mcap":
+            _read_stream(path, gathered, types)
         if not gathered.messages:
             raise ConfigurationError(
                 f"{what}: is not a complete bag or MCAP file ({short(error)})"
@@ -81,6 +85,29 @@ def _read(reader: Any, gathered: Gathered) -> None:
         gathered.count()
         rank = order.index(connection.topic)
         _TYPES[connection.msgtype](gathered, time, message, connection.topic, rank)
+
+
+def _read_stream(path: Path, gathered: Gathered, types: Any) -> None:
+    """Add all messages of an MCAP file from its beginning on, as far as they go.
+
+    A recorder that was killed leaves no index at the end.
+    """
+    from mcap.exceptions import McapError
+    from mcap.reader import NonSeekingReader
+
+    try:
+        with path.open("rb") as stream:
+            reader = NonSeekingReader(stream, record_size_limit=_LARGEST_RECORD)
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                if schema is None or schema.name not in _TYPES:
+                    continue
+                decoded = types.deserialize_cdr(message.data, schema.name)
+                time = _time_of(decoded, message.log_time)
+                gathered.count()
+                rank = min(len(channel.topic), _MOST_RANK)
+                _TYPES[schema.name](gathered, time, decoded, channel.topic, rank)
+    except (McapError, *BROKEN):  # the end, which the caller notes
+        return
 
 
 def _time_of(message: Any, stamp: int) -> float:

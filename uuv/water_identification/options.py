@@ -11,7 +11,7 @@ import numpy as np
 
 from uuv.calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
 from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
-from uuv.sim.runs.command_line import RunOptions
+from uuv.sim.runs.command_line import ResultOptions
 from uuv.water_identification.settings import NOISE, FitSettings
 
 if TYPE_CHECKING:  # not needed for a help text
@@ -21,7 +21,7 @@ COMMAND = "identify_water"  # name in the results
 
 
 @dataclass(kw_only=True)
-class WaterOptions(RunOptions):
+class WaterOptions(ResultOptions):
     """Identify added mass, damping, trim and thrust of a vehicle from logs."""
 
     groups: ClassVar[Mapping[str, str]] = {"comparison": "window rate noise current gust mount"}
@@ -127,24 +127,39 @@ def logs_of(
     Raises:
         UuvError: A file cannot be read, or is not a log.
     """
-    from uuv.logs.kinds import is_vehicle_log
-    from uuv.water_identification.vehicle_logs import read_as_water_log
-
-    logs = []
-    for path in options.log:
-        if is_vehicle_log(path):
-            log = read_as_water_log(path, vehicle, thrusters=thrusters, joints=joints)
-        elif path.is_dir():
-            log = _of_run(path, thrusters, joints)
-        else:
-            log = read_log(path, thrusters=thrusters, joints=joints)
-        logs.append(log)
-
+    logs = [log_at(path, vehicle, thrusters, joints) for path in options.log]
     names = [log.name for log in logs]  # name of the file; another folder may contain the same name
     return [
         replace(log, name=f"{log.name} ({i})") if names.count(log.name) > 1 else log
         for i, log in enumerate(logs, 1)
     ]
+
+
+def log_at(
+    path: Path,
+    vehicle: "Vehicle",
+    thrusters: Sequence[str],
+    joints: Mapping[str, tuple[float, float]],
+) -> WaterLog:
+    """A log of any kind: of an autopilot or a ROS recorder, CSV, Parquet, or a run's folder.
+
+    Args:
+        path: File or folder.
+        vehicle: Its model: servo outputs are matched with its thrusters.
+        thrusters: Names of what drives it.
+        joints: Ranges [rad] of its joints by name.
+
+    Raises:
+        UuvError: It cannot be read, or does not fit the vehicle.
+    """
+    from uuv.logs.kinds import is_vehicle_log
+    from uuv.water_identification.vehicle_logs import read_as_water_log
+
+    if is_vehicle_log(path):
+        return read_as_water_log(path, vehicle, thrusters=thrusters, joints=joints)
+    if path.is_dir():
+        return _of_run(path, thrusters, joints)
+    return read_log(path, thrusters=thrusters, joints=joints)
 
 
 def _of_run(

@@ -31,12 +31,24 @@ _RRD = b"RRF"  # first bytes of a log
 
 @dataclass(kw_only=True)
 class ReplayOptions:
-    """Repeat a run from its record, and compare the trajectories bit for bit."""
+    """Repeat a run from its record, and compare the trajectories bit for bit.
 
-    run: Run
+    With --log a real vehicle's log is simulated instead, driven by its pulses, and laid beside.
+    """
+
+    run: Run = ""
     trust: Trust = False
+    log: Path | None = None
+    """Log of a vehicle in place of RUN, as for `uuv logs`, or CSV as for `uuv identify water`."""
+    vehicle: str | None = None
+    """With --log: the vehicle, a name of `uuv list vehicles` or a file; default: the usual one of
+    the log's motor frame."""
+    window: float = 10.0
+    """With --log: time [s] after which the simulation begins anew at the measured state."""
+    picture: Path | None = None
+    """With --log: PNG of what was measured and simulated, over time."""
     json: bool = False
-    """Print verdict, duration and both digests as JSON."""
+    """Print verdict, duration and both digests as JSON; with --log the table."""
 
 
 @dataclass(kw_only=True)
@@ -59,6 +71,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     match verb:
         case "replay":
             options = parse(ReplayOptions, args)
+            if options.log is not None:
+                return _beside(options, options.log)
             return replay(run_folder(options.run), trust=options.trust, as_json=options.json)
         case "report":
             options = parse(ReportOptions, args)
@@ -67,12 +81,23 @@ def main(verb: str, args: Sequence[str]) -> int:
             return view(run_folder(parse(ViewOptions, args).run))
 
 
+def _beside(options: ReplayOptions, log: Path) -> int:
+    """Lays a log beside its simulation; the exit code."""
+    if options.run:
+        raise ConfigurationError(f"replay: RUN {options.run!r} and --log: give only one of the two")
+    from uuv.cli.past.real_log import replay_log
+
+    return replay_log(log, options.vehicle, options.window, options.picture, as_json=options.json)
+
+
 def run_folder(name: str) -> Path:
     """Folder of a run: the one given, or the latest run of a scenario.
 
     Raises:
         ConfigurationError: There is no such run.
     """
+    if not name:
+        raise ConfigurationError("RUN: missing (--help lists the options)")
     try:
         for folder in (Path(name), RUNS / name / LATEST, RUNS / name.replace("-", "_") / LATEST):
             if (folder / "metrics.json").exists():

@@ -66,11 +66,12 @@ def main(verb: str, args: Sequence[str]) -> int:
 def wet_model(options: WetOptions, console: "Console") -> int:
     """Writes the model and prints the table; returns the exit code."""
     from uuv.models.files.mesh_shapes import MESHES
+    from uuv.models.files.vehicle_file import WET
     from uuv.models.water_from_geometry.files import make_neutral, read_model, write_model
 
     visual = options.geoms != "collision"
     spec, notes = read_model(options.model, free=options.free, scale=options.scale, visual=visual)
-    out = options.model.with_suffix(".wet.xml") if options.out is None else options.out
+    out = options.model.with_suffix(f"{WET}.xml") if options.out is None else options.out
 
     if not out.parent.is_dir():
         raise ConfigurationError(f"--out {out}: there is no folder {str(out.parent)!r}")

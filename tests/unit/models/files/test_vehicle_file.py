@@ -151,3 +151,14 @@ def test_notes_are_kept_counted_and_forgotten() -> None:
     assert "home" not in computed(spec)
     forget(spec)
     assert [text.name for text in spec.texts] == ["of_the_user"]
+
+
+def test_the_water_that_wet_makes_shares_the_mapping_of_its_file(tmp_path: Path) -> None:
+    """NAME.wet.xml takes NAME.parts.yaml, unless it has a mapping of its own."""
+    body = '<body name="h"><freejoint/><geom size=".1"/></body>'
+    xml = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
+    (tmp_path / "rov.wet.xml").write_text(xml, encoding="utf-8")
+    (tmp_path / "rov.parts.yaml").write_text("hull: h\ntrim: 0.02\n", encoding="utf-8")
+    assert read(tmp_path / "rov.wet.xml").trim == 0.02
+    (tmp_path / "rov.wet.parts.yaml").write_text("hull: h\ntrim: 0.03\n", encoding="utf-8")
+    assert read(tmp_path / "rov.wet.xml").trim == 0.03

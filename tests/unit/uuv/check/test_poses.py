@@ -14,7 +14,7 @@ from uuv.check.findings import JobVerdict
 from uuv.check.hover import hover
 from uuv.check.jobs import of_poses
 from uuv.check.preflight import preflight
-from uuv.check.remedies import Change, changes_for, last_of
+from uuv.check.remedies import Change, changes_for
 from uuv.cli.vehicles import check_vehicle as command
 from uuv.jobs import clean_barrel, clean_pile
 from uuv.models.naming import CAMERA_SITE
@@ -109,16 +109,17 @@ def test_a_refusal_names_an_option_that_passes() -> None:
     assert not refused.promised
     word, *values = refused.remedy.split()
     assert word == "--current"
-    assert refused.said.endswith(f"; feasible with {refused.remedy}: 1 of 1 poses")
+    assert refused.said.endswith(f"; with {refused.remedy} feasible at the 1 pose tried")
     x, y, z = map(float, values)
     slower = Conditions(poses=1, current=(x, y, z))
     assert check_vehicle("uuv_puma", jobs=jobs, conditions=slower).verdict(job).promised
 
     # What is tried for an arm that does not reach a pile: of each option the smallest change first.
     scenario = clean_pile(vehicle="uuv_puma", forces=(40.0,))
-    tried = list(changes_for("reach", "pile", scenario))
-    assert tried[0] == Change(word="length", value=0.4)
-    assert last_of(tried) == "--length 0.1 or --arc 40 or --forces 8"
+    length, arc, forces = changes_for("reach", "pile", scenario)
+    assert length[0] == Change(word="length", value=0.4)
+    largest = [changes[-1].typed for changes in (length, arc, forces)]
+    assert largest == ["--length 0.1", "--arc 40", "--forces 8"]
     assert list(changes_for("view", "pile", scenario)) == []
 
 

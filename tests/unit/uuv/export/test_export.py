@@ -2,11 +2,15 @@
 
 import csv
 import json
+import shutil
 import sys
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
 import pytest
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
 from rosbags.highlevel import AnyReader
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
@@ -14,16 +18,20 @@ from scipy.spatial.transform import Rotation
 from run_records import every_run
 from untyped import untyped
 from uuv import models
+from uuv.assembly import assemble
+from uuv.cli import logs
 from uuv.cli.main import main
+from uuv.export import live_log
 from uuv.export.robot_description import robot_description
-from uuv.export.topics import twists_of
+from uuv.export.topics import RosTypes, RunTopics, twists_of
 from uuv.jobs import clean_barrel
 from uuv.models.vehicle import Vehicle
+from uuv.runner import run_through
 from uuv.scenario_file import to_toml
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.logged_columns import REFERENCE, SCALARS, VECTORS, slow_columns
-from uuv.sim.loop.recording import STATES
+from uuv.sim.loop.recording import STATES, Recorder
 from uuv.sim.reporting.series_files import Column, write_table
 from uuv.sim.reporting.series_tables import PastRun
 
@@ -279,3 +287,64 @@ def test_the_description_moves_as_the_model(name):
     tip = int(model.site_bodyid[vehicle.tip])
     expected = R_WB.T @ (data.xpos[tip] - data.xpos[vehicle.hull])
     assert other.body(model.body(tip).name).xpos == pytest.approx(expected, abs=1e-8)
+
+
+def test_a_log_of_a_run_that_goes_on_is_what_is_exported_from_it(tmp_path, monkeypatch):
+    """In parts of 100 ticks; cut before its end, it has what came before."""
+    monkeypatch.setattr(live_log, "_TICKS", 100)
+    assembly = assemble(clean_barrel(quick=True), full=True)
+    plant = assembly.plant
+    recorder = Recorder(plant.model, timestep=plant.timestep, full=True)
+    log = live_log.McapLog(tmp_path / "run.mcap", recorder, plant.model)
+    sizes = []
+
+    def watch(moment):
+        if moment.tick % 100 == 1:
+            sizes.append((moment.truth.time, (tmp_path / "run.mcap").stat().st_size))
+
+    seen = untyped(SimpleNamespace(observe=watch, slow_ticks=(1,)))
+    run_through(assembly, recorder, [log, seen], longest=1.1)
+    assert sizes[-1][1] > sizes[4][1] > sizes[0][1] > 0
+    shutil.copy(tmp_path / "run.mcap", tmp_path / "died.mcap")
+    log.close(accepted=False)
+    log.close()
+
+    # Against the topics of the whole recording.
+    types = RosTypes()
+    record = recorder.recording()
+    whole = {topic.name: topic for topic in RunTopics(record, {}, types=types).topics}
+    logged = messages_by_topic(tmp_path / "run.mcap")
+    assert set(logged) == {name for name, topic in whole.items() if len(topic.time)} | {
+        "/robot_description"
+    }
+    for name, topic in whole.items():
+        expected = [types.encoded(topic.kind, topic.message(i)) for i in range(len(topic.time))]
+        encoded = [types.encoded(topic.kind, message) for _, message in logged.get(name, [])]
+        if name.startswith("/odometry"):  # difference quotients round by the whole's spacing
+            twists = [
+                [xyz(twist.linear) + xyz(twist.angular) for twist in (m.twist.twist for m in part)]
+                for part in ([m for _, m in logged[name]], map(topic.message, range(len(expected))))
+            ]
+            np.testing.assert_allclose(*twists, atol=1e-9)
+            continue
+        assert encoded == expected, name
+
+    # As it was on the disk before the end: its messages but for the last part, in both readers.
+    streamed = []
+
+    def stream_all():
+        with (tmp_path / "died.mcap").open("rb") as stream:
+            messages = NonSeekingReader(stream).iter_messages(log_time_order=False)
+            streamed.extend((c.topic, m.log_time, bytes(m.data)) for _, c, m in messages)
+
+    with pytest.raises(McapError):
+        stream_all()
+    complete = {
+        (topic, stamp, types.encoded(whole[topic].kind, message))
+        for topic, stamped in logged.items()
+        if topic in whole
+        for stamp, message in stamped
+    }
+    assert {row for row in streamed if row[0] in whole} <= complete
+    assert max(stamp for _, stamp, _ in streamed) >= 0.9e9
+    assert logs.main("logs", [str(tmp_path / "died.mcap")]) == 0

@@ -512,11 +512,11 @@ def test_rows_and_mjcf_keep_the_forms(rng):
         ),
         (
             lambda: water.unpack([*water.pack(BodyHydrodynamics(volume=1.0)), 9.0, 2.0, 1.0, 1.0]),
-            "no record of a known",
+            "unknown record of kind",
         ),
         (
             lambda: water.unpack([*water.pack(BodyHydrodynamics(volume=1.0)), 1.0, 30.0, 1.0]),
-            "no record of a known",
+            "unknown record of kind",
         ),
     ],
 )
@@ -660,7 +660,7 @@ def test_a_model_that_knows_no_forms_says_so():
             volume=1.0, forms=(MunkFactor(), FadingDamping(linear=np.ones(6), rate=1.0))
         )
     )
-    with pytest.warns(PhysicsWarning, match="the arm leaves out .*FadingDamping, MunkFactor"):
+    with pytest.warns(PhysicsWarning, match="the arm does not include .*FadingDamping, MunkFactor"):
         assert not water.without_forms(row, "the arm").terms
 
 

@@ -123,8 +123,6 @@ class ArmTuning:
     joint_speed_limit: float = tuned(
         1.6, "[rad/s] speed limit of the fastest joint; reached only in a retreat"
     )
-    integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
-    joint_speed_limit: float = tuned(1.6, "[rad/s] of the fastest joint; reached in a retreat only")
     spare_joint_speed: float = tuned(
         0.1, "[rad/s] of joints to spare on the way off singular postures and limits"
     )

@@ -99,16 +99,7 @@ def command(
     try:
         observers += mcap
         if draws or options.view:
-            from uuv.sim.reporting.rerun_log import RerunLog
-
-            log = RerunLog(
-                folder / "run.rrd",
-                plant.model,
-                timestep=plant.timestep,
-                title=title,
-                view=options.view,
-                bounds=placed.bounds,
-            )
+            log = _rerun_log(options, folder / "run.rrd", assembly, title)
             observers.append(log)
 
         bar = progress(console)
@@ -150,14 +141,19 @@ def command(
     if stop.asked is not None:
         raise stop.asked
 
-    if not ran.recording.within(*placed.begun).any():
-        why = ran.last.reference.note or f"it did not begin within {longest:.0f} s"
-        met = f"; before that {ran.recording.collided}" if ran.recording.collided else ""
-        raise ConfigurationError(
-            f"the work could not start: {why}{met} (uuv check {scenario.vehicle.vehicle})"
-        )
-
+    _check_begun(ran, assembly, longest)
     return 0 if assessment.accepted else NOT_ACCEPTED
+
+
+def _check_begun(ran: RunResult, assembly: Assembly, longest: float) -> None:
+    """Refuses a run whose work never began, by its reason; `longest` [s] it was waited for."""
+    if ran.recording.within(*assembly.placed.begun).any():
+        return
+
+    why = ran.last.reference.note or f"it did not begin within {longest:.0f} s"
+    met = f"; before that {ran.recording.collided}" if ran.recording.collided else ""
+    vehicle = assembly.scenario.vehicle.vehicle
+    raise ConfigurationError(f"the work could not start: {why}{met} (uuv check {vehicle})")
 
 
 def _draws(options: RunOptions, console: Console) -> bool:
@@ -247,6 +243,20 @@ def _stills(run: Run) -> list[tuple[str, bytes]]:
             ]
     except MissingLibraryError:
         return []
+
+
+def _rerun_log(options: RunOptions, file: Path, assembly: Assembly, title: str) -> Any:
+    """The log of Rerun, with its viewer if that was requested."""
+    from uuv.sim.reporting.rerun_log import RerunLog
+
+    return RerunLog(
+        file,
+        assembly.plant.model,
+        timestep=assembly.plant.timestep,
+        title=title,
+        view=options.view,
+        bounds=assembly.placed.bounds,
+    )
 
 
 def _mcap_log(

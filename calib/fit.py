@@ -447,7 +447,7 @@ def solve(
 def solve_robustly(
     problem: Problem, deviations: Array, *, level: float = 0.01, **options: Any
 ) -> tuple[Fit, Data]:
-    """Estimate the parameters as `solve` does, whatever a minority of the touches does.
+    """Estimate the parameters as `solve` does, but robustly against a minority of outliers.
 
     Touches are judged by a robust fit from the prior alone (`_ordinary_fit`), since a fit to all of
     them would hide outliers. Without a touch that is less likely than `level` over the number of

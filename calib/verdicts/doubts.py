@@ -70,7 +70,7 @@ _CLUSTER = 3  # least number of touches of a point
 
 @dataclass(frozen=True, kw_only=True)
 class Examination:
-    """Evidence of the touches against a calibration, and questions that they cannot decide."""
+    """Doubts of the touches about a calibration, and the questions that they leave open."""
 
     doubts: tuple[Doubt, ...] = ()  # doubts that refuse it, named causes first
     # wrong inputs that touches like these cannot distinguish from right ones

@@ -51,7 +51,8 @@ BoundsOfPeriod = Callable[[Held], EstimateBounds]
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """Condition with bounds of the estimate within which it is false (no fault reported).
+    """Condition, with bounds of the estimate: within them, and without a reported fault, it is
+    false.
 
     Compiled ticks, for which the bounds are, stop at a new fault; with a known one the safety
     wrapper's tick (`GuardTick.ready`) sends each tick to Python.

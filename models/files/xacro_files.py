@@ -75,8 +75,8 @@ def _packages_around(folder: Path) -> Iterator[None]:
         place = package_folder(package, folder)
         if place is None:
             raise ConfigurationError(
-                f"there is no package {package!r} around {str(folder)!r}; name the folder that has "
-                "it in ROS_PACKAGE_PATH"
+                f"the package {package!r} is not in the folders around {str(folder)!r}; add its "
+                "parent folder to ROS_PACKAGE_PATH"
             )
 
         return str(place)

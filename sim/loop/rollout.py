@@ -123,7 +123,8 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
 
 
 def at_rest_after_work(moment: Moment) -> bool:
-    """True once the planner is in DONE or ABORT and the arm is to rest: the usual end of a run."""
+    """True once the planner is in DONE or ABORT and commands no arm motion, as a run usually ends.
+    """
     reference = moment.reference
 
     over = reference.state is WorkState.DONE or reference.state is WorkState.ABORT

@@ -1,4 +1,4 @@
-"""Readers of vehicles' logs by kept libraries: ArduPilot dataflash, MAVLink telemetry, ROS.
+"""Readers of vehicles' logs by maintained libraries: ArduPilot dataflash, MAVLink telemetry, ROS.
 
 A file from elsewhere may be cut or damaged: what can be read before that is taken, and the damage
 is noted. Sizes are bounded.
@@ -123,7 +123,7 @@ def _ardupilot(
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[io.StringIO]:
-    """Around pymavlink: it prints what it skips, and leaves a file open where it cannot begin."""
+    """Context that captures what pymavlink prints, and hides its warnings about files left open."""
     printed = io.StringIO()
     with (
         contextlib.redirect_stdout(printed),
@@ -135,7 +135,7 @@ def _quiet() -> Iterator[io.StringIO]:
 
 
 def _dataflash(path: Path, gathered: "Gathered") -> None:
-    """Messages of a .BIN, by their names there."""
+    """Messages of a .BIN file, by their names."""
     from pymavlink import DFReader
 
     with contextlib.closing(DFReader.DFReader_binary(str(path), zero_time_base=True)) as log:
@@ -148,7 +148,7 @@ def _dataflash(path: Path, gathered: "Gathered") -> None:
 
 
 def _telemetry(path: Path, gathered: "Gathered") -> None:
-    """Messages of a .tlog, those of the first vehicle's autopilot."""
+    """Messages of a .tlog file that the first vehicle's autopilot sent."""
     from pymavlink import mavutil
 
     clock = _BootClock()
@@ -184,7 +184,7 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
 
 
 class _BootClock:
-    """Time [s] of telemetry by the vehicle's own clock; messages without it are put on it."""
+    """Time [s] of telemetry by the vehicle's clock, also for messages that do not state it."""
 
     def __init__(self) -> None:
         self.restarts = 0
@@ -260,7 +260,8 @@ def _xkf4(to: Gathered, time: float, m: Any) -> None:
 
 
 def _has_position(status: int) -> bool:
-    """Whether the autopilot's filter knows where it is: without GPS and DVL it assumes to stand."""
+    """True if the autopilot's filter has a position; without GPS and DVL it assumes a constant one.
+    """
     return bool(status & _PLACED) and not status & _CONSTANT
 
 

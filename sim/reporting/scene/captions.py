@@ -193,7 +193,8 @@ class Captions:
 
 
 def error_colours(share: np.ndarray) -> np.ndarray:
-    """Colours (N, 3) in [0, 1] of errors (N,), as shares of the scale: green over yellow to red."""
+    """RGB colours (N, 3), green to yellow to red, of errors (N,) that are fractions of full scale.
+    """
     stops = np.array([[0.10, 0.78, 0.45], [0.98, 0.90, 0.25], [0.90, 0.20, 0.10]])
     known = np.clip(share, 0.0, 1.0) * (len(stops) - 1)
     return np.column_stack([np.interp(known, np.arange(len(stops)), c) for c in stops.T])

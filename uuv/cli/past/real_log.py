@@ -1,4 +1,4 @@
-"""`uuv replay --log FILE`: a real vehicle's log beside the simulation that its pulses drive."""
+"""`uuv replay --log FILE`: compares a real vehicle's log with a simulation driven by its pulses."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -248,7 +248,7 @@ class SpiralSearch(AxialPhase):
         return SpiralState(held.depth)
 
     def step(self, state: SpiralState, held: Held, now: Context) -> Outcome:
-        """Done when the tool drops."""
+        """Report DONE when the tool drops."""
         search = self._search
         axial, _ = self._forces(held, now)
         self._advance(held, now, self._speed_down, axial / search.force)

@@ -100,7 +100,9 @@ def check_options(jobs: Collection[str], conditions: Conditions) -> None:
             continue
         hovers = word == "current" and "hover-current" in jobs
         if not hovers and not any(ARM_JOBS[name].takes(word) for name in of_arm):
-            raise ConfigurationError(f"--{word}: none of the jobs {', '.join(jobs)} takes it")
+            raise ConfigurationError(
+                f"--{word}: must be an option of one of the jobs {', '.join(jobs)}"
+            )
 
     for name in of_arm:
         job = ARM_JOBS[name]

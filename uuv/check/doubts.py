@@ -181,8 +181,7 @@ def step_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 
 def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Bodies whose weight MuJoCo cancels in addition to buoyancy, and gravity that is not downward.
-    """
+    """Bodies whose weight MuJoCo cancels in addition to buoyancy, and gravity that is not down."""
     root = int(model.body_rootid[vehicle.hull])
     light = [
         b

@@ -201,7 +201,7 @@ class ArmJobs:
             for change in changes:
                 if passes(change, poses):
                     where = "1 pose" if len(poses) == 1 else f"{len(poses)} poses"
-                    line = f"{verdict.said}; with {change.typed} feasible at the {where} tried"
+                    line = f"{verdict.said}; feasible with {change.typed} at the {where} tried"
                     return replace(verdict, said=line, remedy=change.typed)
             vain.append(changes[-1].typed)
 
@@ -213,8 +213,7 @@ class ArmJobs:
 
 
 def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
-    """Verdict on a job from its verdicts at drawn poses: share of passes, worst pose, main refusal.
-    """
+    """Verdict on a job from its verdicts at drawn poses: share of passes, worst, main refusal."""
     if len(verdicts) == 1:
         return verdicts[0]
     good = [verdict for verdict in verdicts if verdict.promised]
@@ -328,8 +327,7 @@ def _planned(
 def _at_placement(
     name: str, placed: PlacedTask, believed: OwnVehicle, margin: float
 ) -> JobVerdict | None:
-    """Refusal of the planned place, because of hidden ground or a small margin; None if it is fit.
-    """
+    """Refusal of the planned place, for hidden ground or a small margin; None if there is none."""
     if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, believed)) > HIDDEN:
         message = (
             f"the vehicle hides {hidden:.0%} of the ground around the target from its sonar, "

@@ -62,7 +62,9 @@ def preflight(scenario: Scenario, believed: OwnVehicle) -> Preflight:
     ready = ReadyForce.of(scenario, believed)
     refused = tuple(_refusals(scenario, believed, ready))
     if refused and not scenario.vehicle.unchecked:
-        more = f"uuv check {scenario.vehicle.vehicle} says what passes, --unchecked runs it anyway"
+        more = (
+            f"uuv check {scenario.vehicle.vehicle} lists feasible jobs, --unchecked runs this one"
+        )
         raise ConfigurationError(f"the work was not started: {refused[0]}; {more}")
 
     # What is doubtful only.
@@ -106,8 +108,7 @@ def _wet(believed: OwnVehicle) -> bool:
 
 
 def _water_doubts(scenario: Scenario, model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
-    """Doubts about water, near the origin, that moves faster than the thrusters can hold the hull.
-    """
+    """Doubts about water near the origin, if it is faster than the thrusters can hold against."""
     lines = []
     for axis, speed in enumerate(scenario.site.strongest_water(np.zeros(3))):
         # Along one axis of the level hull.

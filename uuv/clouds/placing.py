@@ -112,8 +112,7 @@ def any_rotation(rng: Rng) -> Array:
 
 
 def resting_attitude(shape: Shape, rng: Rng) -> Array:
-    """Rotation (3, 3) of a shape at rest on flat ground, z up, on a stable side of its convex hull.
-    """
+    """Rotation (3, 3) of a shape that rests on flat ground, z up, on a stable side of its hull."""
     hull = ConvexHull(shape.vertices)
     normals = hull.equations[:, :3]
     offsets = -hull.equations[:, 3]

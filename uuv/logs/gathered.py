@@ -99,7 +99,7 @@ class Gathered:
         samples = self._sources.setdefault(key, _Samples(names))
         if samples.labels != names:
             if sorted(samples.labels) != sorted(names):
-                self.leave_out(f"{source}: other names than at first")
+                self.leave_out(f"{source}: names differ from those of its first sample")
                 return
             sample = sample[[names.index(name) for name in samples.labels]]
 

@@ -78,7 +78,7 @@ def read_vehicle_log(file: str | Path) -> VehicleLog:
 
     if not log.messages:
         note = f" ({log.notes[0]})" if log.notes else ""
-        raise ConfigurationError(f"{what}: holds no message of a {log.kind} log{note}")
+        raise ConfigurationError(f"{what}: has no message of a {log.kind} log{note}")
     return log
 
 
@@ -117,7 +117,7 @@ def _ardupilot(
 
     skipped = sum(map(int, re.findall(r"[Ss]kipped (\d+) bad bytes", printed.getvalue())))
     if skipped:
-        gathered.note(f"{skipped} bytes of the file are no message")
+        gathered.note(f"{skipped} bytes of the file belong to no message")
     return gathered.log(path.name, kind)
 
 
@@ -178,9 +178,9 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
                 _TELEMETRY[kind](gathered, time, message)
 
     if bad:
-        gathered.note(f"{bad} parts of the file are no message")
+        gathered.note(f"{bad} parts of the file belong to no message")
     if clock.restarts:
-        gathered.note(f"the vehicle restarted {clock.restarts} times; its clock is made to go on")
+        gathered.note(f"the vehicle restarted {clock.restarts} times; its clock is continued")
 
 
 class _BootClock:
@@ -250,7 +250,7 @@ def _xkf1(to: Gathered, time: float, m: Any) -> None:
     angles = np.radians([m.Roll, m.Pitch, m.Yaw])
     velocity = _TO_OURS * [m.VN, m.VE, m.VD]
     in_hull = Rotation.from_quat(quaternion_xyzw(*angles)).inv().apply(velocity)
-    to.add(VELOCITY, time, in_hull, f"{source} [m/s], turned into the hull")
+    to.add(VELOCITY, time, in_hull, f"{source} [m/s], rotated to hull axes")
 
 
 def _xkf4(to: Gathered, time: float, m: Any) -> None:
@@ -260,7 +260,8 @@ def _xkf4(to: Gathered, time: float, m: Any) -> None:
 
 
 def _has_position(status: int) -> bool:
-    """True if the autopilot's filter has a position; without GPS and DVL it assumes a constant one.
+    """True if the autopilot's filter has a position, and not a constant one for lack of GPS and
+    DVL.
     """
     return bool(status & _PLACED) and not status & _CONSTANT
 

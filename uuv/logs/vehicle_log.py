@@ -86,8 +86,7 @@ class VehicleLog:
 
     @property
     def motors(self) -> int:
-        """Number of outputs that drive motors, which come first; all outputs if no frame is known.
-        """
+        """Number of outputs that drive motors, which come first; all if the frame is unknown."""
         return len(FRAMES[self.frame]) if self.frame else self.streams[PULSES].values.shape[1]
 
     def lacking(self) -> list[str]:

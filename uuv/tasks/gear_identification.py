@@ -57,8 +57,7 @@ _SHOWN = 4000  # largest number of samples of each joint in the picture
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionBounds:
-    """Bounds on the worst joint's errors, as shares of the true value or, if that is 0, of USUAL.
-    """
+    """Bounds on errors of the worst joint, as shares of the true value or, if it is 0, of USUAL."""
 
     coulomb: float = 0.02
     stiction: float = 0.05

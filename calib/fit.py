@@ -362,7 +362,9 @@ def _noise_of(fit: Fit, data: Data) -> float:
 
 
 def _pooled(parameters: Parameters) -> list[np.ndarray]:
-    """Indices of parameters that share a deviation chosen by data; the tool point keeps its own."""
+    """Indices of parameters that share one deviation, estimated from the data; the tool point keeps
+    its own.
+    """
     groups = np.array(parameters.groups)
     return [
         np.flatnonzero(groups == group)
@@ -528,7 +530,9 @@ def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> F
 
 
 def _far_weights(fit: Fit, data: Data, ordinary: np.ndarray) -> Array:
-    """Weights (M,): 1 near the mean, falling with squared distance beyond, 0 if not `ordinary`."""
+    """Weights (M,): 1 near the mean, decreasing with squared distance farther away, 0 if not
+    `ordinary`.
+    """
     square = (
         np.einsum("mi,mi->m", fit.residuals, fit.residuals)
         / _robust_noise(fit, data, ordinary) ** 2

@@ -417,7 +417,7 @@ def _log_unlike(value: float, usual: float, factor: float, most: float) -> float
 
 
 def _left_out(calibration: Calibration, names: Sequence[str]) -> Doubt:
-    """Doubt about more touches left out, of all points or of one, than an operator's blunders
+    """Doubt if more touches, of all points or of one, are left out than an operator's blunders
     explain.
     """
     out = np.array([(weights == 0.0).sum() for weights in calibration.weights])

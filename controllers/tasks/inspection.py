@@ -150,7 +150,7 @@ class Keep:
     clearance: float  # [m]
 
     def short(self, poses: Iterable[Array]) -> tuple[float, str] | None:
-        """First gap [m] below the clearance along hull `poses` (4, 4), and its obstacle; or None."""
+        """First gap [m] below the clearance at hull `poses` (4, 4), and its obstacle; else None."""
         for X_WB in poses:
             for gap, what in (
                 (self.passing.gap(X_WB), "object"),

@@ -362,7 +362,9 @@ def _noise_of(fit: Fit, data: Data) -> float:
 
 
 def _pooled(parameters: Parameters) -> list[np.ndarray]:
-    """Indices of parameters that share a deviation chosen by data; the tool point keeps its own."""
+    """Indices of parameters that share one deviation, estimated from the data; the tool point keeps
+    its own.
+    """
     groups = np.array(parameters.groups)
     return [
         np.flatnonzero(groups == group)
@@ -447,7 +449,7 @@ def solve(
 def solve_robustly(
     problem: Problem, deviations: Array, *, level: float = 0.01, **options: Any
 ) -> tuple[Fit, Data]:
-    """Estimate the parameters as `solve` does, whatever a minority of the touches does.
+    """Estimate the parameters as `solve` does, but robustly against a minority of outliers.
 
     Touches are judged by a robust fit from the prior alone (`_ordinary_fit`), since a fit to all of
     them would hide outliers. Without a touch that is less likely than `level` over the number of
@@ -528,7 +530,9 @@ def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> F
 
 
 def _far_weights(fit: Fit, data: Data, ordinary: np.ndarray) -> Array:
-    """Weights (M,): 1 near the mean, falling with squared distance beyond, 0 if not `ordinary`."""
+    """Weights (M,): 1 near the mean, decreasing with squared distance farther away, 0 if not
+    `ordinary`.
+    """
     square = (
         np.einsum("mi,mi->m", fit.residuals, fit.residuals)
         / _robust_noise(fit, data, ordinary) ** 2

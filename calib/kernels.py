@@ -217,7 +217,8 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
 
 @kernel(signature=boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64))
 def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
-    """Inverse kinematics by damped least squares: a tip at `goal`, optionally with an orientation.
+    """Inverse kinematics by damped least squares, for a tip at `goal` and optionally an
+    orientation.
 
     Args:
         table: (n, 5) rows (theta0, d, a, alpha, beta).

@@ -177,7 +177,7 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
 
 
 def widest_prior(parameters: Parameters, reach: float) -> Array:
-    """Largest prior deviation (P,) that the evidence may choose: tolerances of manufactured arms.
+    """Upper bounds (P,) of an estimated prior's deviations: tolerances of manufactured arms.
 
     Args:
         parameters: P free parameters.

@@ -42,7 +42,7 @@ def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
 def check(
     tuning: Any, title: str, *, positive: Sequence[str], not_negative: Sequence[str] = ()
 ) -> None:
-    """Check that fields of a tuning are finite, and > 0 or >= 0; a field may hold several numbers.
+    """Check that fields of a tuning are finite, and > 0 or >= 0. A field may hold several numbers.
 
     Args:
         tuning: The tuning.

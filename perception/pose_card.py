@@ -1,4 +1,4 @@
-"""Card of a pose that was found, as a notebook shows it."""
+"""Card of an identified pose for a notebook."""
 
 import math
 from typing import Any
@@ -11,7 +11,7 @@ from uuv.sim.interfaces.spatial import Array, log_so3, transform_points
 
 
 class PoseCard:
-    """What `Identification` shows of itself in a notebook, from these of its attributes."""
+    """Display of an `Identification` in a notebook, from the attributes listed here."""
 
     X_sensor_target: Array
     accepted: bool
@@ -21,7 +21,7 @@ class PoseCard:
     duration_s: float
 
     def _repr_html_(self) -> str:
-        """Card for a notebook: middle and attitude in the sensor's frame, and how sure they are."""
+        """Card for a notebook: middle and attitude in the sensor's frame, and their uncertainty."""
         target = self.surface.target
         middle = transform_points(self.X_sensor_target, target.center)
         turn = np.degrees(log_so3(self.X_sensor_target[:3, :3]))

@@ -127,8 +127,8 @@ def check_installed(model: mujoco.MjModel) -> bool:
 
 
 def check_constants(model: mujoco.MjModel) -> None:
-    """Raise HydrodynamicsError if `model` has hydrodynamic coefficients but the contact weights of
-    its dry mass.
+    """Raise HydrodynamicsError if `model` has hydrodynamic coefficients but contact weights of its
+    dry mass.
     """
     if _carriers(model) and _has_dry_weights(model):
         raise HydrodynamicsError(f"this model carries hydrodynamics but {_DRY_WEIGHTS}")

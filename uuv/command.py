@@ -146,7 +146,7 @@ def command(
 
 
 def _check_begun(ran: RunResult, assembly: Assembly, longest: float) -> None:
-    """Refuses a run whose work never began, by its reason; `longest` [s] it was waited for."""
+    """Refuse a run whose work did not begin within `longest` [s], and state the reason."""
     if ran.recording.within(*assembly.placed.begun).any():
         return
 
@@ -169,7 +169,7 @@ def _draws(options: RunOptions, console: Console) -> bool:
 
 
 def _rehearse(scenario: Scenario, options: RunOptions, console: Console) -> tuple[str, ...]:
-    """Loads all compiled code, with an assembly of its own: its parts may hold state.
+    """Loads all compiled code by a separate assembly, since parts may hold state.
 
     Returns:
         Why the work would have been refused, of an unchecked run.
@@ -246,7 +246,7 @@ def _stills(run: Run) -> list[tuple[str, bytes]]:
 
 
 def _rerun_log(options: RunOptions, file: Path, assembly: Assembly, title: str) -> Any:
-    """The log of Rerun, with its viewer if that was requested."""
+    """The Rerun log, with its viewer if that was requested."""
     from uuv.sim.reporting.rerun_log import RerunLog
 
     return RerunLog(
@@ -262,7 +262,7 @@ def _rerun_log(options: RunOptions, file: Path, assembly: Assembly, title: str) 
 def _mcap_log(
     options: RunOptions, folder: Path, recorder: Recorder, assembly: Assembly
 ) -> "list[McapLog]":
-    """The log in MCAP, if it is asked for."""
+    """The MCAP log, if it was requested."""
     if options.log is None:
         return []
     from uuv.export.live_log import FILE, McapLog

@@ -48,7 +48,7 @@ class SiteObject:
         )
 
     def clean(self) -> Self:
-        """The same object without growth and dents, whose drawing takes seconds."""
+        """The same object without growth and dents, which take seconds to draw."""
         return self
 
 

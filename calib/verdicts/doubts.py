@@ -70,7 +70,7 @@ _CLUSTER = 3  # least number of touches of a point
 
 @dataclass(frozen=True, kw_only=True)
 class Examination:
-    """Evidence of the touches against a calibration, and questions that they cannot decide."""
+    """Doubts of the touches about a calibration, and the questions that they leave open."""
 
     doubts: tuple[Doubt, ...] = ()  # doubts that refuse it, named causes first
     # wrong inputs that touches like these cannot distinguish from right ones
@@ -417,7 +417,7 @@ def _log_unlike(value: float, usual: float, factor: float, most: float) -> float
 
 
 def _left_out(calibration: Calibration, names: Sequence[str]) -> Doubt:
-    """Doubt about more touches left out, of all points or of one, than an operator's blunders
+    """Doubt if more touches, of all points or of one, are left out than an operator's blunders
     explain.
     """
     out = np.array([(weights == 0.0).sum() for weights in calibration.weights])

@@ -124,7 +124,7 @@ class LateralCompliance(ComplianceTuning):
         return state.offset_W.copy()
 
     def release(self, state: ComplianceState, dt: float) -> Array:
-        """Return the offset (3,) [m] to zero, with the loop open; `dt` [s] since the last step."""
+        """Bring the offset (3,) [m] back to zero, in open loop; `dt` [s] since the last step."""
         come_back(self.gains, state.numbers, dt)
         return state.offset_W.copy()
 

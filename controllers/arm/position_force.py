@@ -139,7 +139,7 @@ class ForceDisplacement(ForceLoopTuning):
         return displace(self.gains, state.numbers, set_force, felt, servo_compliance, dt)
 
     def release(self, state: ForceDisplacementState, dt: float, *, inwards: bool = True) -> float:
-        """Return the displacement to zero at the limited speed, with the force loop open.
+        """Bring the displacement back to zero at the limited speed, with the force loop open.
 
         Args:
             state: of the loop; changed in place.

@@ -82,7 +82,7 @@ class PublishedForceLaw(PublishedForceTuning):
         return k
 
     def release(self, state: PidState, dt: float, *, inwards: bool = True) -> float:
-        """Return the displacement to zero at the limited speed, with the force loop open.
+        """Bring the displacement back to zero at the limited speed, with the force loop open.
 
         Args:
             state: of the loop; changed in place.
@@ -179,7 +179,7 @@ class TangentialForceLoop(PublishedForceTuning):
         return offset
 
     def release(self, state: TangentialState, dt: float) -> Array:
-        """Return the offset (3,) [m] to zero at `speed`, with the loop open, in `dt` [s]."""
+        """Bring the offset (3,) [m] back towards zero at `speed` in `dt` [s], in open loop."""
         state.offset_W = state.offset_W - _shortened(state.offset_W, self.speed * dt)
         state.integral_W = state.offset_W
         state.error_W = None

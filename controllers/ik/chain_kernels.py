@@ -436,7 +436,9 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
 
 @inlined
 def reach_fault(table, goal, slack):
-    """OUT_OF_REACH for a goal `slack` [m] farther off than the chain is long, else CONVERGED."""
+    """OUT_OF_REACH for a goal farther away than the chain's length plus `slack` [m], else
+    CONVERGED.
+    """
     x, y, z = goal[0, 0] - table[0, 3], goal[0, 1] - table[0, 7], goal[0, 2] - table[0, 11]
     most = table[0, REACH] + slack * table[0, SCALE]
     return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > most else CONVERGED
@@ -489,7 +491,9 @@ def fold(table, q):
 
 @jit
 def drawn_in(table, q, most):
-    """Bring joints of `q` up to `most` beyond their limits onto these; False if one is farther."""
+    """Move joints of `q` that are up to `most` beyond their limits to the limits; False if one is
+    farther.
+    """
     turn = q.dtype.type(TWO_PI)
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]

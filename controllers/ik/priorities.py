@@ -180,7 +180,9 @@ def _take(free, B, rows):
 
 @jit
 def out_of_the_zone(q, low, high):
-    """Way of a joint out of the zone by its limits, in its unit; 0 elsewhere and without limits."""
+    """Displacement of a joint out of the zone near its limits, in its unit; 0 elsewhere and without
+    limits.
+    """
     zone = ZONE * (high - low)
     if not math.isfinite(zone):
         return 0.0

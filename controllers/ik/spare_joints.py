@@ -1,4 +1,4 @@
-"""Motion of an arm with joints to spare: off singular postures and joint limits, the tool at rest.
+"""Motion of redundant joints away from singular postures and joint limits, with the tool at rest.
 
 The clearance c of a posture is 1 / sqrt(trace((J J^T)^-1)), with lengths in J divided by the scale
 of the chain. It is smooth, at most the smallest singular value of J, and 0 where the posture is
@@ -135,7 +135,7 @@ def _invert(A, inverse):
 
 @jit
 def _at_rest(J, inverse, rates):
-    """Take from `rates` (n,) what moves the tool: J^T A^-1 J rates.
+    """Subtract from `rates` (n,) the part that moves the tool, `J.T @ inv(A) @ J @ rates`.
 
     Args:
         J: (6, n) Jacobian, scaled.
@@ -156,7 +156,7 @@ def _at_rest(J, inverse, rates):
 
 @jit
 def _up_the_slope(table, work, J, inverse, slope):
-    """Gradient of the clearance, over the cube of it, into `slope` (n,).
+    """Write into `slope` (n,) the gradient of the clearance, divided by the clearance cubed.
 
     Args:
         table: the chain.

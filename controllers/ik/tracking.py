@@ -188,7 +188,7 @@ class Tracker:
 
     @property
     def uses_spare_joints(self) -> bool:
-        """True if the chain has joints to spare, and they move it off singular configurations."""
+        """True if the chain has redundant joints that move it away from singular configurations."""
         return self._spare is not None
 
     def init(self, q0: ArrayLike) -> TrackState:
@@ -247,7 +247,7 @@ class Tracker:
         return TrackState(q=solution.q, way=way, held=held, held_for=held_for), step
 
     def _choose(self, state: TrackState, nearness: float, motion: Array) -> tuple[Way, int | None]:
-        """Way of passing, and the joint to hold: the one that moves most in the weakest motion."""
+        """Way of passing, and the joint to hold, which moves most in the weakest motion."""
         near = self.near if self.passing == "hold" else _HOLD_SHARE * self.near
         if self.passing == "limit" or not nearness < near or state.held_for >= _LONGEST_HOLD:
             return "limit", None  # also on the way back after a joint was held
@@ -271,7 +271,7 @@ class Tracker:
     def _cleared(
         self, target: Array, q_last: Array, solution: "_Solution", limits: Array, blocked: Array
     ) -> "_Solution":
-        """The solution, moved off singular configurations and limits by the joints to spare.
+        """The solution, moved away from singular configurations and limits by the redundant joints.
 
         Unchanged where the joints are fast already, or the tool would leave its path.
 

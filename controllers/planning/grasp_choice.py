@@ -29,7 +29,7 @@ _LEAST_COVER = 0.003  # [m] of the pads' ends below the line, the least that cou
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraspLimits:
-    """What a grasp has to keep."""
+    """Limits that a grasp has to keep."""
 
     tilt: float = np.radians(25.0)  # [rad] of the closing line from the horizontal
     beside: float = 0.012  # [m] of each open jaw beside the object, at best
@@ -42,7 +42,7 @@ class GraspLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlacedGrasp:
-    """A grasp at the site: where the tool is when the jaws close."""
+    """A grasp at the site: pose of the tool when the jaws close."""
 
     X_WG: Array  # (4, 4) tool pose, its origin between the fingers' ends
     width: float  # [m] between the pads when they have closed
@@ -117,7 +117,7 @@ class GraspChoice:
     def _placed(
         self, grasp: Grasp, X_WT: Array, points_W: Array, center_W: Array, floor: float
     ) -> PlacedGrasp | str:
-        """The grasp at the site, or why it is not possible."""
+        """The grasp at the site, or the reason why it is not possible."""
         limits = self.limits
         jaws = self.jaws
         x = X_WT[:3, :3] @ grasp.x
@@ -170,7 +170,7 @@ class GraspChoice:
 
 
 def carry_path(grasp: PlacedGrasp, p_end_W: Array, step: float = 0.02) -> ToolPath:
-    """Tool path from a grasp to where the object is put, straight and without turning.
+    """Straight tool path, without rotation, from a grasp to the place where the object is put.
 
     Args:
         grasp: where the jaws close.

@@ -201,7 +201,9 @@ def place_hull(
 
 
 def _displacements(path: ToolPath, shares: Array, samples: int) -> Array:
-    """Displacement of a travelling hull since mid-path, as a share of its travel, at tool poses."""
+    """Displacement of a travelling hull from its place at mid-path, as a fraction of its travel,
+    for each tool pose.
+    """
     even = np.linspace(0.0, float(path.s[-1]), samples)
     done = np.interp(shares, even, np.linspace(-0.5, 0.5, samples))
     return np.pad(done, STANDOFF_STEPS, mode="edge")

@@ -55,7 +55,7 @@ _SAME = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScanLimits:
-    """How often the target is looked at."""
+    """Number of frames and views of the target, and their agreement."""
 
     views: int = 3  # views taken before giving up
     finds: int = 6  # identifications of a known object per view, of which the mean is used
@@ -96,7 +96,9 @@ class ScanTarget(Phase):
         return ScanState(now.time)
 
     def step(self, state: ScanState, held: Held, now: Context) -> Outcome:
-        """Done with `held.target`; refused if this view shows too little and another may follow."""
+        """Report DONE with `held.target`, or REFUSED if this view shows too little and another may
+        follow.
+        """
         limits = self._limits
         target = now.target
 
@@ -150,7 +152,7 @@ class ScanTarget(Phase):
         return Abort(AbortCode.NOT_IDENTIFIED, f"not identified{views}: {target.reason}")
 
     def _moving(self, finds: Sequence[Target]) -> str:
-        """Sentence if too few finds of one view are of one pose; empty if the object rests."""
+        """Sentence if too few identifications in one view agree; empty if the object is at rest."""
         same = _agreeing(finds)
         if len(same) >= self._limits.agree * len(finds):
             return ""
@@ -216,7 +218,7 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
 
 
 def _common(finds: Sequence[Target]) -> Array:
-    """Covariance (6, 6) [m^2] of the twist by which the hull's pose puts all finds wrong alike.
+    """Covariance (6, 6) [m^2] of the twist error that all finds share because of the hull's pose.
 
     The hull's attitude is wrong by the same angle in all; of the error of its position a share is
     common to two finds.
@@ -245,7 +247,7 @@ def _agreeing(finds: Sequence[Target]) -> Sequence[Target]:
 
 
 def _agree(one: Target, other: Target) -> bool:
-    """True if two finds can be of one pose, but for what is free."""
+    """True if two finds can be of one pose, apart from their free twists."""
     a = one.covariance
     b = other.covariance
     if a is None or b is None:
@@ -272,7 +274,7 @@ def _turned(R: Array, axes: Array) -> Array:
 
 @dataclass(slots=True)
 class Since:
-    """State of a phase that knows its begin only."""
+    """State of a phase that stores only the time of its begin."""
 
     since: float  # [s]
 
@@ -293,12 +295,12 @@ class TareSensors(Phase):
         return Since(now.time)
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
-        """Done after both times."""
+        """Report DONE after both times."""
         del held
         return PhaseEvent.DONE if now.time - state.since > self.duration else None
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
-        """The tool at rest, and the tare in its time."""
+        """The tool at rest, and the request to tare during its time."""
         return Setpoint(X_WG=held.tool()[0], tare=now.time - state.since > self._after)
 
 
@@ -323,7 +325,7 @@ class ArrivalLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorkSite:
-    """What is known before the work: the vehicle, the view, and the choice of a placement."""
+    """Data known before the work: the vehicle, the view, and the choice of a placement."""
 
     own: WorkVehicle
     X_WB_scan: Array  # (4, 4) hull pose in W from which the target is scanned
@@ -366,7 +368,7 @@ def arrival(
     broken: Mapping[Reaction, str],
     tare: Phase | None = None,
 ) -> Iterable[tuple[str, TaskRow]]:
-    """Rows from the begin of a task to the tare; the vehicle stays if it is broken off before that.
+    """Rows from the begin of a task to the tare. If the task is aborted in them, the vehicle stays.
 
     Args:
         site: what is known before the work.

@@ -45,7 +45,7 @@ _AT_WORK = frozenset(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxialLimits:
-    """Motion of the tool along its axis, and when the work ends."""
+    """Limits of the tool's motion along its axis, and conditions for the end of the work."""
 
     standoff: float  # [m] distance before the surface from which the tool approaches
     approach_speed: float  # [m/s] outside
@@ -60,7 +60,7 @@ class AxialLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Push:
-    """Force on the tool, and the depths from which the controller is told of it."""
+    """Force on the tool, and the depths from which the controller gets it as a set point."""
 
     force: float  # [N] axial force at which the tool stands still
     beyond: float  # [m] depth beyond which it is given to the controller
@@ -114,7 +114,7 @@ class TouchedFor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxialContact:
-    """What counts as contact on the way to the surface, and what it means."""
+    """Definition of contact on the way to the surface, and its meaning."""
 
     touch: float  # [N] axial force that counts as contact
     touch_time: float = 0.0  # [s] for which it must last
@@ -155,7 +155,7 @@ class AxialApproach(AxialPhase):
         return TouchedFor()
 
     def step(self, state: TouchedFor, held: Held, now: Context) -> Outcome:
-        """Done at the depth; touched where the rim is met."""
+        """Report DONE at the depth, and TOUCHED if the tool meets the rim."""
         contact = self._contact
         slow_from, slow = self._slow
         axial, _ = self._forces(held, now)
@@ -189,7 +189,7 @@ class Stay(AxialPhase):
         return Since(now.time)
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
-        """Done when the time is over; the tool comes to rest."""
+        """Report DONE when the time is over; the tool comes to rest."""
         self._advance(held, now, 0.0)
         return PhaseEvent.DONE if now.time - state.since > self._seconds else None
 
@@ -208,7 +208,7 @@ class Withdraw(AxialPhase):
         return Since(now.time)
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
-        """Done at the stand-off; inside, the force of the way in bounds the pull."""
+        """Report DONE at the stand-off. In the hole, the pull is at most the push on the way in."""
         limits = self._limits
         axial, _ = self._forces(held, now)
         inside = held.depth > self._mouth

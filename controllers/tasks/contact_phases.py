@@ -53,7 +53,7 @@ class GuardedApproach(Phase):
         return ApproachState()
 
     def step(self, state: ApproachState, held: Held, now: Context) -> Outcome:
-        """Done in contact, or at the distance."""
+        """Report DONE in contact, or at the distance."""
         limits = self._limits
         state.felt_for = state.felt_for + now.period if now.normal > limits.touch else 0.0
         touched = state.felt_for >= limits.touch_time
@@ -85,7 +85,7 @@ class GuardedApproach(Phase):
         return None
 
     def _advance(self, held: Held, now: Context, depth: float) -> None:
-        """One period, at `touch_speed` from `guard` before `depth` [m] on."""
+        """Advance for one period, at `touch_speed` from `guard` [m] before `depth` [m] on."""
         limits = self._limits
         speed = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
         held.speed = towards(
@@ -162,7 +162,7 @@ class Press(Phase):
         return PressState(now.time, None if self._tip is None else self._tip(now.estimate))
 
     def step(self, state: PressState, held: Held, now: Context) -> Outcome:
-        """Done once the force has been reached for long enough."""
+        """Report DONE once the force has been reached for long enough."""
         limits = self._limits
         set_force = self._set_force
         felt = now.normal
@@ -282,7 +282,7 @@ class FollowPath(Phase):
         return FollowState(progress, now.time, held.s, stops=stops)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
-        """Done at the end of the path; more at the end of any other stretch."""
+        """Report DONE at the end of the path, and MORE at the end of any other stretch."""
         assert held.line is not None
         limits = self._limits
         progress = state.progress
@@ -323,7 +323,7 @@ class FollowPath(Phase):
         return level * (self._limits.paused_force if now.paused else 1.0)
 
     def _stops(self, state: FollowState, held: Held, now: Context) -> bool:
-        """True while the tool is to stop; not any more at the path's end."""
+        """True while the tool has to stop, which is never the case at the path's end."""
         if state.stops is None:
             return False
         if now.time - state.since >= state.progress.duration:
@@ -351,7 +351,7 @@ class FollowPath(Phase):
         )
 
     def foresee(self, state: FollowState, held: Held) -> Foreseen | None:
-        """All of it, unless it stops on its way."""
+        """The whole motion, unless the tool stops on the path."""
         del held
         return Foreseen() if state.stops is None else None
 
@@ -399,7 +399,7 @@ class NextStretch(Phase):
         return FollowState(Progress(begin - held.s, limits.speed, limits.ramp), now.time, held.s)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
-        """Done at rest before the next stretch."""
+        """Report DONE when the tool rests before the next stretch."""
         travel(state, held, now)
         return (
             PhaseEvent.DONE
@@ -423,7 +423,7 @@ class Unload(Phase):
         self._until = until
 
     def step(self, state: None, held: Held, now: Context) -> Outcome:
-        """Done when the force is nearly zero."""
+        """Report DONE when the force is nearly zero."""
         del state
         held.set_force = towards(held.set_force, 0.0, self._rate * now.period)
         return None if held.set_force > self._until else PhaseEvent.DONE
@@ -445,12 +445,12 @@ class Retreat(Phase):
         self._clearance = clearance
 
     def enter(self, held: Held, now: Context) -> Since:
-        """Begin at the surface, with no force set any more."""
+        """Begin at the surface, without a set force."""
         held.set_force = 0.0
         return Since(now.time)
 
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
-        """Done when the tool is clear."""
+        """Report DONE when the tool is clear."""
         return (
             PhaseEvent.DONE
             if (now.time - state.since) * self._speed > way_back(held, self._clearance)
@@ -498,7 +498,7 @@ class NextPoint(Phase):
         )
 
     def step(self, state: FollowState | None, held: Held, now: Context) -> Outcome:
-        """More at the point."""
+        """Report MORE at the point."""
         if state is None:
             return PhaseEvent.DONE
         travel(state, held, now)

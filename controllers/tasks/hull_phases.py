@@ -33,7 +33,7 @@ _STEEP = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestLimits:
-    """When the hull counts as at rest."""
+    """Limits within which the hull counts as resting."""
 
     speed: float = 0.018  # [m/s] below which it does, together with
     turn: float = 0.02  # [rad/s] and
@@ -62,7 +62,7 @@ class Settle(Phase):
         return SettleState(now.time)
 
     def step(self, state: SettleState, held: Held, now: Context) -> Outcome:
-        """Done once the hull has been at rest for long enough."""
+        """Report DONE once the hull has rested for long enough."""
         limits = self._limits
         estimate = now.estimate
 
@@ -107,7 +107,7 @@ class KeepStation(Phase):
         return now.time
 
     def step(self, state: float, held: Held, now: Context) -> Outcome:
-        """Done once the time has passed."""
+        """Report DONE once the time has passed."""
         del held
         return PhaseEvent.DONE if now.time - state >= self._seconds else None
 
@@ -165,7 +165,7 @@ class MoveHull(Phase):
         return MoveState(self._motion.to(way[0], held, now), way[1:], ZERO)
 
     def step(self, state: MoveState, held: Held, now: Context) -> Outcome:
-        """Move on; done at the exact end of the last move."""
+        """Continue the move; report DONE at the exact end of the last one."""
         if state.waited > self._motion.late:
             return Abort(
                 AbortCode.HULL_LATE, f"the hull is {self._motion.late:.0f} s behind its trajectory"
@@ -232,7 +232,7 @@ class Unfold(Phase):
         )
 
     def step(self, state: UnfoldState, held: Held, now: Context) -> Outcome:
-        """Done at the exact posture."""
+        """Report DONE at the exact posture."""
         if state.move.done(now.time):
             held.q = np.array(held.start_of_line().q_start)
             return PhaseEvent.DONE
@@ -272,7 +272,7 @@ class PullBack(Phase):
         return PullState(self._motion.to(off, held, now), ZERO)
 
     def step(self, state: PullState, held: Held, now: Context) -> Outcome:
-        """Done at the end of the move; it waits for nothing."""
+        """Report DONE at the end of the move, without waiting for the hull."""
         held.X_WB, state.v_WB_W = state.move.at(now.time)
         return PhaseEvent.DONE if state.move.done(now.time) else None
 
@@ -284,7 +284,7 @@ class PullBack(Phase):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leash:
-    """How far the hull's reference may be from a hull that is pushed off it.
+    """Limit of the distance between the hull's reference and a hull that is pushed off it.
 
     A thruster that is stuck at full thrust, or a current that is too strong, carries the hull away
     whatever is asked for. Against a far reference the others would saturate and tilt the hull: what
@@ -335,7 +335,7 @@ def _within(off: Array, most: float) -> Array:
 
 
 def heading(R_WB: Array) -> float:
-    """Angle [rad] of the hull's x axis about the vertical."""
+    """Heading [rad], the angle of the hull's x axis about the vertical."""
     return math.atan2(R_WB[1, 0], R_WB[0, 0])
 
 
@@ -377,7 +377,8 @@ class EscapeState:
 
 
 class Escape(Phase):
-    """The hull ascends off the object from where it is, while the arm draws the tool off and folds.
+    """The hull ascends off the object from its present position, while the arm withdraws the tool
+    and folds.
 
     A hull that has lost a thruster tilts, turns and drifts. The tool is taken off along its axis at
     once and drawn up, both in W. It goes along with the ascent but not with the drift: a tool fixed
@@ -410,7 +411,7 @@ class Escape(Phase):
         return EscapeState(now.time, move, p_WB_from, up_W / np.linalg.norm(up_W), X_WG, ZERO, ZERO)
 
     def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:
-        """Done at the end of the ascent with the arm folded, or when it is given up."""
+        """Report DONE after the ascent with the arm folded, or when the ascent is given up."""
         limits = self._limits
         estimate = now.estimate
 
@@ -456,7 +457,7 @@ class AwayState:
 
 
 class HoldAway(Phase):
-    """Hold hull and joint angles away from the object, as far as the hull can, after an abort."""
+    """After an abort, hold joint angles and, as well as it can, the hull away from the object."""
 
     def __init__(self, leash: Leash) -> None:
         self._leash = leash
@@ -467,7 +468,7 @@ class HoldAway(Phase):
         return AwayState(ZERO, ZERO)
 
     def step(self, state: AwayState, held: Held, now: Context) -> Outcome:
-        """Never done."""
+        """Never report DONE."""
         held.X_WB, state.v_WB_W, state.w_WB_W = self._leash.pull(held.X_WB, ZERO, now.estimate)
         return None
 
@@ -496,7 +497,7 @@ class Halt(Phase):
         return HaltState(self._seconds)
 
     def step(self, state: HaltState, held: Held, now: Context) -> Outcome:
-        """Done when the time is over; periods are counted, for the time may be unknown."""
+        """Report DONE when the time is over. Periods are counted, since the time may be unknown."""
         del held
         state.left -= now.period
         return PhaseEvent.DONE if state.left <= 0.0 else None

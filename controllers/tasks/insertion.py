@@ -179,7 +179,7 @@ class EnterHole(AxialPhase):
         return EntryState(held.depth, now.time)
 
     def step(self, state: EntryState, held: Held, now: Context) -> Outcome:
-        """Done at the depth; touched where the tool stops at the rim."""
+        """Report DONE at the set depth, and TOUCHED if the tool has stopped at the rim."""
         job = self._job
         limits = self._job.inside
         axial, aside = self._forces(held, now)
@@ -248,7 +248,7 @@ class SpiralSearch(AxialPhase):
         return SpiralState(held.depth)
 
     def step(self, state: SpiralState, held: Held, now: Context) -> Outcome:
-        """Done when the tool drops."""
+        """Report DONE when the tool drops."""
         search = self._search
         axial, _ = self._forces(held, now)
         self._advance(held, now, self._speed_down, axial / search.force)

@@ -1,4 +1,4 @@
-"""Inspection flight: the hull orbits a known object, at further levels if it is to cover it.
+"""Inspection flight: the hull orbits a known object, at several levels if it has to cover it.
 
 The trajectory is laid on the model and carried to the real object by the identified pose [Konoplin
 2019, section 2]. Its eq. 6, x'(t) = H + M_r (x(t) + p_1 - H) + p_2, is R x + p with the pose X_WT
@@ -127,7 +127,7 @@ class Orbit:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """Where the camera goes round an object."""
+    """Level at which the camera moves around an object."""
 
     out: float  # [m] horizontal distance from the outline
     up: float  # [m] height above the object's middle
@@ -143,14 +143,14 @@ class HullCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keep:
-    """Clearance that hull and folded arm keep to the object and the seabed."""
+    """Clearance of hull and folded arm from the object and the seabed."""
 
     passing: HullPath  # distances to the object
     floor: float  # [m] height of the seabed in W
     clearance: float  # [m]
 
     def short(self, poses: Iterable[Array]) -> tuple[float, str] | None:
-        """First gap [m] along hull `poses` (4, 4) below the clearance, and to what; else None."""
+        """First gap [m] below the clearance at hull `poses` (4, 4), and its obstacle; else None."""
         for X_WB in poses:
             for gap, what in (
                 (self.passing.gap(X_WB), "object"),
@@ -253,7 +253,7 @@ class FlyOrbit(Phase):
         return OrbitState(next_orbit, next_orbit.pace(self._job))
 
     def step(self, state: OrbitState, held: Held, now: Context) -> Outcome:
-        """Done once around; MORE if another orbit follows."""
+        """Report DONE after the last orbit, and MORE after any other."""
         near, far = self._job.behind
         pace = min(max((far - held.off(now.estimate)) / (far - near), 0.0), 1.0)
 
@@ -398,7 +398,7 @@ def covering(
     camera: HullCamera,
     keep: Keep,
 ) -> list[Orbit]:
-    """Orbits that together see what can be seen of an object from orbits, the clearest gain first.
+    """Orbits that together see all that orbits can see of an object, in order of decreasing gain.
 
     Levels are taken from a grid of distances and heights; those that come too near to the object or
     the seabed are left out, as are those with an unclear straight move from the orbit before. It

@@ -51,7 +51,7 @@ BoundsOfPeriod = Callable[[Held], EstimateBounds]
 
 @dataclass(frozen=True, slots=True)
 class Bounded:
-    """Condition with bounds of the estimate within which it is false (no fault reported).
+    """Condition that is false within bounds of the estimate, unless a fault is reported.
 
     Compiled ticks, for which the bounds are, stop at a new fault; with a known one the safety
     wrapper's tick (`GuardTick.ready`) sends each tick to Python.
@@ -79,7 +79,7 @@ class Monitor:
 def watch(
     monitors: Sequence[Monitor], since: list[float], work: WorkState, held: Held, now: Context
 ) -> tuple[Reaction, Abort | None]:
-    """The hardest reaction that any monitor asks for; the first of equally hard ones.
+    """The most severe reaction that any monitor requests, and the first of equally severe ones.
 
     Args:
         monitors: the monitors.
@@ -262,7 +262,7 @@ def normal_force(held: Held, now: Context) -> float:
 
 
 def contact_force(held: Held, now: Context) -> float:
-    """Magnitude [N] of the estimated contact force, as far as it is known; 0 if nothing is."""
+    """Magnitude [N] of the known part of the estimated contact force; 0 if no part is known."""
     if now.last is None or not now.last.contact.known or held.line is None:
         return 0.0
     normal, across = now.contact_force(held.tool()[0][:3, 2])

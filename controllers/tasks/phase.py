@@ -1,4 +1,4 @@
-"""Phases of a task: the protocol, what they share, see, and ask of the controller.
+"""Phases of a task: their protocol, shared data, inputs, and requests to the controller.
 
 A phase is a small object with its own limits. It is entered, stepped once a period, and gives the
 set points of that period. `uuv.controllers.tasks.task` runs the phases of a table;
@@ -36,7 +36,7 @@ NO_ESTIMATE = "the controller gives no contact estimate: Command.contact.normal 
 
 
 class PhaseEvent(StrEnum):
-    """End of a phase; the table of the task says what follows."""
+    """End of a phase; the table of the task states the next phase."""
 
     DONE = "done"
     REFUSED = "refused"  # what was looked for was not found
@@ -52,13 +52,13 @@ class Abort:
     reason: str  # the same in a sentence
 
     def after(self, earlier: "Abort | None") -> "Abort":
-        """This one, following an earlier one whose code stands."""
+        """This abort after an earlier one, whose code is kept."""
         return self if earlier is None else Abort(earlier.code, f"{earlier.reason}; {self.reason}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolLine:
-    """Tool path in W, worked from a chosen hull pose, with the straight way to it.
+    """Tool path in W from a chosen hull pose, with the straight approach to the path.
 
     Another way than the straight one changes three places alike: `Held.aside`, set before the tare,
     the velocity of the phase's set point, and `uuv.controllers.planning.hull_placement.tool_poses`,
@@ -91,7 +91,7 @@ class ToolLine:
 
 @dataclass(slots=True, eq=False)
 class Held:
-    """What the phases of a task share: what is commanded, and what was found on the way."""
+    """Data that the phases of a task share: commanded poses, and results of earlier phases."""
 
     X_WB: Array  # (4, 4) hull pose reference
     X_WB_scan: Array  # (4, 4) hull pose of the first view
@@ -115,7 +115,7 @@ class Held:
     note: str = ""  # message for the user
 
     def tool(self, back: float = 0.0) -> tuple[Array, Array, Array]:
-        """Tool pose at the present depth, less `back` [m], with derivatives as `ToolLine.at`."""
+        """Tool pose at the present depth minus `back` [m], with derivatives as `ToolLine.at`."""
         assert self.line is not None
         return self.line.at(self.s, self.depth + self.line.offset - back, self.aside)
 
@@ -129,7 +129,7 @@ class Held:
         return math.dist(estimate.X_WB[:3, 3].tolist(), self.X_WB[:3, 3].tolist())
 
     def plan_of(self, kind: type[Plan]) -> Plan:
-        """The plan of the task, which is of its own kind.
+        """The plan of the task, whose type depends on the task.
 
         Raises:
             TypeError: It is of another kind, or there is none yet.
@@ -142,7 +142,7 @@ class Held:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Context:
-    """What a phase sees in one period."""
+    """Inputs of a phase in one period."""
 
     time: float  # [s] that of the estimate if finite, else of the phase's begin
     period: float  # [s]
@@ -191,7 +191,7 @@ class Context:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setpoint:
-    """What a phase asks of the controller beside `Held`; fields as those of `Reference`."""
+    """Set points of a phase in addition to `Held`; fields as those of `Reference`."""
 
     X_WG: Array | None = None
     v_WG_W: Array = field(default_factory=lambda: ZERO)
@@ -261,7 +261,7 @@ class Phase:
         return Setpoint()
 
     def foresee(self, state: Any, held: Held) -> Foreseen | None:
-        """The next periods, where `step` and `setpoint` read time and period alone of `Context`.
+        """The next periods, if `step` and `setpoint` read only time and period of `Context`.
 
         Of its estimate they may use what does not change while that is within the bounds given
         here: the hull counts as being at its reference.
@@ -301,7 +301,7 @@ class HoldTool(Phase):
 
 
 class Decide(Phase):
-    """A decision within one period that may fail: where to stand, where to move."""
+    """A decision within one period that may fail, such as on a placement or a move."""
 
     def __init__(self, decide: Callable[[Held, Context], None], code: AbortCode) -> None:
         """Set up the phase.

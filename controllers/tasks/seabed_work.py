@@ -102,7 +102,7 @@ class Penetrate(AxialPhase):
         self._job = job
 
     def step(self, state: None, held: Held, now: Context) -> Outcome:
-        """Done at the depth, or under the push."""
+        """Report DONE at the depth, or under the push."""
         del state
         job = self._job
         axial, _ = self._forces(held, now)
@@ -133,7 +133,7 @@ class Drag(AxialPhase):
         return FollowState(Progress(float(held.line.path.s[-1]), self._speed, self._ramp), now.time)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
-        """Done at the end of the path."""
+        """Report DONE at the end of the path."""
         held.s, _ = state.progress.at(now.time - state.since)
         return PhaseEvent.DONE if now.time - state.since > state.progress.duration else None
 

@@ -1,4 +1,4 @@
-"""Settings of the tasks: what a user sets; a task's description and its planner inherit it.
+"""User settings of the tasks, which a task's description and its planner inherit.
 
 Nothing here brings compiled kernels, as the planners do.
 """
@@ -18,7 +18,7 @@ _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceSettings:
-    """Of work along a path on a surface."""
+    """Settings of work along a path on a surface."""
 
     forces: tuple[float, ...] = option(
         (60.0, 90.0, 60.0),
@@ -54,7 +54,7 @@ class SurfaceSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class InsertionSettings:
-    """Of an insertion."""
+    """Settings of an insertion."""
 
     depth: float = 0.06  # [m] to reach below the mouth, as identified
     compliance: bool = option(True, "Compliance to side forces; without it for ablation.")
@@ -62,7 +62,7 @@ class InsertionSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class SeabedSettings:
-    """Of work in the seabed."""
+    """Settings of work in the seabed."""
 
     drag: bool = False  # drag a box along the path; False: push a core tube in and withdraw it
     push: float = option(50.0, "Set force on the core tube [N].")
@@ -71,7 +71,7 @@ class SeabedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class CollectSettings:
-    """Of an object that is picked up and put into a basket."""
+    """Settings for an object that is picked up and put into a basket."""
 
     grip: float = option(40.0, "Set grip force of each finger [N].", group="work")
     load: float = option(
@@ -90,7 +90,7 @@ class CollectSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class InspectionSettings:
-    """Of an inspection flight."""
+    """Settings of an inspection flight."""
 
     distance: float = option(1.4, "Distance from the camera to the object's outline [m].")
     clearance: float = option(0.3, "Least clearance of hull and folded arm to all obstacles [m].")

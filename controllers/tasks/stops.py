@@ -1,4 +1,4 @@
-"""Short stops of a pressed tool on its path, in which its joints tell how the hull moves.
+"""Short stops of a pressed tool on its path, in which the arm's joints measure the hull's motion.
 
 A zero-velocity update [Foxlin 2005] by the tool in place of a foot. It needs a tool that does not
 slip at rest. The force across it, left from sliding, is therefore let go first.
@@ -29,14 +29,14 @@ class Stops:
         return self.still > 0.0
 
     def end(self) -> None:
-        """The tool is to move again, or the path is over."""
+        """End a stop, since the tool moves again or the path is over."""
         self.moved = 0.0
         self.still = 0.0
         self.since = math.inf
         self.said = None
 
     def step(self, pace: float, axis_W: Array, *, steady: bool, now: Context) -> bool:
-        """Advance by one period; True while the tool is to stop.
+        """Advance by one period; returns True while the tool has to stop.
 
         Args:
             pace: speed along the path, as a share of that planned.

@@ -79,7 +79,7 @@ _HEADROOM = 0.85  # largest set force as a share of the force limit; the rest is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactLimits:
-    """Limits of force and place from the approach on."""
+    """Limits of force and position from the approach on."""
 
     force: float = 160.0  # [N] estimated normal force above which the work ends at any set force
     # share of the largest set force, and [N], by which it ends it at once
@@ -147,7 +147,7 @@ class CertainState:
 
 
 class CertainPlace(Phase):
-    """The tare, and after it a wait as long as the chance to keep the path's tolerance rises.
+    """The tare, followed by a wait while the probability of keeping the path's tolerance rises.
 
     Waiting helps where the estimate still becomes better: a camera on the arm that holds the place
     while vision adds its mean. Else the work begins, or is refused, after one more look.
@@ -164,7 +164,7 @@ class CertainPlace(Phase):
         return CertainState(self._tare.enter(held, now))
 
     def step(self, state: CertainState, held: Held, now: Context) -> Outcome:
-        """Done with `held.promise`; broken off if the chance is too small."""
+        """Report DONE with `held.promise`, or abort if the probability is too small."""
         limits = self._limits
         outcome = self._tare.step(state.inner, held, now)
         if outcome is not PhaseEvent.DONE or now.time - state.asked < limits.interval:
@@ -202,7 +202,7 @@ class CertainPlace(Phase):
         return PhaseEvent.DONE
 
     def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:
-        """As in the tare."""
+        """The set points of the tare."""
         return self._tare.setpoint(state.inner, held, now)
 
     def foresee(self, state: CertainState, held: Held) -> Foreseen | None:
@@ -390,7 +390,9 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         return "" if now.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
 
     def leaving_force(held: Held, now: Context) -> float:
-        """In any direction once released; until then the surface's friction acts across it."""
+        """Force that is monitored: of any direction after the release, before it only along the
+        normal.
+        """
         return normal_force(held, now) if held.set_force > touch else contact_force(held, now)
 
     return (

@@ -1,4 +1,4 @@
-"""A task: a table of phases with what follows each, and monitors; run by `TaskPlanner`."""
+"""A task: a table of phases with their successors, and monitors; run by `TaskPlanner`."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -40,7 +40,7 @@ def at_once(name: str) -> AtOnce:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TaskRow:
-    """One phase of a task, and what follows it."""
+    """One phase of a task, and its successors."""
 
     phase: Phase
     work: WorkState  # as reported; DONE is reported as ABORT if the work was broken off
@@ -111,7 +111,9 @@ class TaskPlanner:
         self._bounds = {name: bounds for name, bounds in by_row.items() if bounds is not None}
 
     def _bounds_of(self, row: TaskRow) -> tuple[EstimateBounds, tuple[BoundsOfPeriod, ...]] | None:
-        """Bounds of a row's monitors, in all periods and by period; None: it is not foreseen."""
+        """Bounds of a row's monitors, in all periods and by period; None if the row is not
+        foreseen.
+        """
         watched = [monitor.condition for monitor in self._monitors if row.work in monitor.during]
         bounded = [condition for condition in watched if isinstance(condition, Bounded)]
         if len(bounded) < len(watched) or not gives_kernel(row.phase, "foresee"):
@@ -173,7 +175,7 @@ class TaskPlanner:
         target: Target | None,
         times: Sequence[float],
     ) -> Foresight | None:
-        """The next periods, as far as the present phase goes by the time alone.
+        """The next periods, as long as the present phase depends on time alone.
 
         Args:
             state: after the present step; it is not changed.
@@ -216,7 +218,7 @@ class TaskPlanner:
         return Foresight(references, times[: len(references)], within, seen, trial)
 
     def followed(self, state: TaskState, foresight: Foresight, periods: int) -> TaskState:
-        """State after so many of the foreseen periods, of which `ahead` was asked for `state`."""
+        """State after `periods` of the periods that `ahead` foresaw for `state`."""
         after = foresight.after
         if after is None or periods < len(foresight.times):
             after = _copied(state)
@@ -231,7 +233,7 @@ class TaskPlanner:
     def _foreseen(
         self, time: float, held: Held, estimate: StateEstimate, target: Target | None
     ) -> Context:
-        """What a phase sees in a foreseen period: the hull where it is to be.
+        """Inputs of a phase in a foreseen period, with the hull at its reference.
 
         The hull's own place is that of the present step, and the reference moves on: a lag would
         grow that no vehicle has. The true one is watched by the bounds.
@@ -239,7 +241,9 @@ class TaskPlanner:
         return Context(time, self.period, replace(estimate, X_WB=held.X_WB), target, None)
 
     def _advance(self, state: TaskState, now: Context) -> str | None:
-        """Watch, and step the present phase; the name of the row entered after it, if any."""
+        """Check the monitors and step the present phase; returns the name of the row that is
+        entered, if any.
+        """
         row = self._rows[state.row]
         if row.feels and now.last is not None and not now.last.contact.known:
             raise ConfigurationError(NO_ESTIMATE)

@@ -22,7 +22,7 @@ from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Nest:
-    """Nest as the vehicle knows it, in W."""
+    """Nest in W, as known to the vehicle."""
 
     p_WN: Array  # (3,) [m] position of a seated tip
     z_WN: Array  # (3,) unit axis, out of the nest
@@ -30,7 +30,7 @@ class Nest:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Touch:
-    """One touch: which nest, and the direction of the tool."""
+    """One touch: its nest, and the direction of the tool."""
 
     nest: int  # index
     R_WG: Array  # (3, 3) wanted tool frame, z out of the tool
@@ -123,7 +123,7 @@ class TouchProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TouchJob:
-    """Touches to make, and where."""
+    """Touches to make, and the nests' positions."""
 
     vehicle: Vehicle
     chain: Chain  # its arm, base to tool
@@ -145,7 +145,8 @@ class TouchJob:
         return touch, nest, nest.p_WN if not offsets else nest.p_WN + np.mean(offsets[-5:], axis=0)
 
     def way(self, plan: TouchProgress, q: Array) -> list[Array]:
-        """Joint angles (n,) to pass to over the next nest, or back to the ready posture at the end.
+        """Joint angles (n,) on the way to a posture above the next nest, or at the end to the ready
+        posture.
 
         The way passes through the ready posture if the straight motion would strike a nest.
         """
@@ -185,7 +186,9 @@ class WayState:
 
 
 class MoveOver(Phase):
-    """Move the joints to over the next nest (more), or to the ready posture at the end (done)."""
+    """Move the joints to a posture above the next nest (MORE), or at the end to the ready posture
+    (DONE).
+    """
 
     def __init__(self, job: TouchJob) -> None:
         self._job = job
@@ -278,7 +281,7 @@ class OverNest(Phase):
         return NestState(now.time)
 
     def step(self, state: NestState, held: Held, now: Context) -> Outcome:
-        """Done when the time is over."""
+        """Report DONE when the time is over."""
         del held
         return None if now.time - state.since < self._seconds else PhaseEvent.DONE
 
@@ -309,7 +312,7 @@ class LeaveNest(OverNest):
         return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[plan.at].nest].p_WN)
 
     def step(self, state: NestState, held: Held, now: Context) -> Outcome:
-        """Take the offset over; done above the nest."""
+        """Adopt the offset; report DONE above the nest."""
         plan = held.plan_of(TouchProgress)
         job = self._job
 

@@ -327,7 +327,7 @@ class ToolControl:
         self.checked(state, tick.slots.check(tool_tick(tick.box, tick.inputs.box)))
 
     def checked(self, state: ToolControlState, answer: int) -> int:
-        """The return value of a tick, unless its target was not a pose.
+        """The return value of a tick; an error if the tick's target was not a pose.
 
         Raises:
             ConfigurationError: the target was not a pose.

@@ -354,8 +354,8 @@ def _add_thruster(
 
 
 def _make_plain(actuator: mujoco.MjsActuator) -> None:
-    """Make an actuator on a site a plain motor of thrust [N]; limits and curve come from the
-    mapping.
+    """Turn an actuator on a site into a motor whose control is the thrust [N]. The mapping sets
+    limits and curve.
     """
     length = float(np.linalg.norm(actuator.gear[:3]))
     if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or actuator.refsite or not length > 0.0:

@@ -57,7 +57,7 @@ def first_mapping(file: VehicleFile) -> tuple[str, list[str]]:
 
 
 def _masses(spec: mujoco.MjSpec, root: mujoco.MjsBody, questions: list[str]) -> Iterator[str]:
-    """A mass for a hull whose file states none, since such a hull cannot float."""
+    """Lines with a guessed mass for a hull without one, since such a hull cannot float."""
     del spec
     weighs = root.explicitinertial and root.mass > 0.0
     shapes = any(geom.density > 0.0 or geom.mass > 0.0 for geom in root.geoms)

@@ -89,7 +89,7 @@ def follow(spec: mujoco.MjSpec, coupled: Mapping[str, tuple[str, float, float]])
 
 
 def loops(spec: mujoco.MjSpec) -> list[str]:
-    """Constraints that close loops of a spec, connections and welds, as text."""
+    """Constraints of a spec that close loops (connections and welds), as text."""
     kinds = {mujoco.mjtEq.mjEQ_CONNECT: "connect", mujoco.mjtEq.mjEQ_WELD: "weld"}
     return [
         f"{kinds[equality.type]} of {equality.name1} and {equality.name2 or 'the world'}"

@@ -36,7 +36,7 @@ _TAKE_TOOL = ("uuv_puma",)  # names whose maker takes the tool, and trims the ve
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VehicleFile:
-    """A vehicle as it is described: under its own names, with its water and its mapping."""
+    """A vehicle as described by its file: under its own names, with its water and its mapping."""
 
     name: str  # with which messages begin
     spec: mujoco.MjSpec
@@ -102,7 +102,7 @@ def read(
 
 
 def check_name(vehicle: str) -> bool:
-    """Refuse what is neither a name nor called as a file; returns True for a name.
+    """Refuse a text that is neither a known name nor the name of a file; returns True for a name.
 
     Raises:
         ConfigurationError: there is no such vehicle; the message lists those there are.
@@ -130,7 +130,7 @@ def _of_name(name: str, tool: str | None) -> VehicleFile:
 
 
 def _of_file(file: Path, water: str | Path | None, arguments: Mapping[str, str]) -> VehicleFile:
-    """A vehicle from a file: SDF, URDF or xacro, else MJCF."""
+    """A vehicle from a file: SDF, URDF or xacro, otherwise MJCF."""
     name = f"vehicle {shown(str(file))}"
     if b"<sdf" in bytes_of(file, "vehicle")[:_HEAD]:
         return _of_sdf(file, parse_sdf(file, name), water)

@@ -1,4 +1,6 @@
-"""Xacro, of which a URDF is made by the package `xacro`, with ROS packages around the file."""
+"""Expansion of xacro to URDF by the package `xacro`, with ROS packages in the folders around the
+file.
+"""
 
 import contextlib
 import io
@@ -21,14 +23,14 @@ ENDING = ".xacro"
 
 
 def is_xacro(content: bytes) -> bool:
-    """True for content that has tags of xacro; a URDF that only names the tags' space has none."""
+    """True for content with tags of xacro, and not just a declaration of their name space."""
     return any(tag in content for tag in TAGS) and b"<xacro:" in content
 
 
 def expanded(
     file: str | os.PathLike[str], name: str, arguments: Mapping[str, str] | None = None
 ) -> bytes:
-    """The URDF that xacro makes of a file.
+    """The URDF into which xacro expands a file.
 
     Args:
         file: path.
@@ -46,7 +48,7 @@ def expanded(
             import xacro
     except MissingLibraryError as error:
         raise ConfigurationError(
-            f"{name}: it is xacro, of which a URDF is made first: xacro FILE > rov.urdf, or {error}"
+            f"{name}: is xacro; first convert it to a URDF: xacro FILE > rov.urdf, or {error}"
         ) from error
 
     look_anew()
@@ -68,15 +70,15 @@ def expanded(
 
 @contextlib.contextmanager
 def _packages_around(folder: Path) -> Iterator[None]:
-    """Context in which xacro finds packages around a folder, where ROS's own index has none."""
+    """Context in which xacro also finds packages around a folder that ROS's own index lacks."""
     from xacro import substitution_args
 
     def find(package: str) -> str:
         place = package_folder(package, folder)
         if place is None:
             raise ConfigurationError(
-                f"there is no package {package!r} around {str(folder)!r}; name the folder that has "
-                "it in ROS_PACKAGE_PATH"
+                f"the package {package!r} is not in the folders around {str(folder)!r}; add its "
+                "parent folder to ROS_PACKAGE_PATH"
             )
 
         return str(place)

@@ -1,4 +1,4 @@
-"""XML of others: parsed, with prefixes that no name space is declared for."""
+"""Parser of users' XML, which accepts prefixes without a declared name space."""
 
 import re
 from xml.etree import ElementTree

@@ -105,7 +105,7 @@ def check_surfels(file: str | Path, what: str = "cloud") -> None:
 
 
 def _text(path: Path, what: str) -> str:
-    """Text of a cloud that is neither PLY nor PCD; the error for a binary file lists the allowed
+    """Text of a cloud that is neither PLY nor PCD. The error for a binary file lists the allowed
     kinds.
     """
     _refuse_foreign(path, what)

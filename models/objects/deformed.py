@@ -93,7 +93,9 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deformed:
-    """A deformed object with its ground truth: `target.vertices` is `clean_T` plus displacement."""
+    """A deformed object with its ground truth: `target.vertices` are `clean_T` plus the
+    displacements.
+    """
 
     target: TargetModel  # the true shape; name, symmetry and paths are those of the clean object
     clean: TargetModel  # the believed shape

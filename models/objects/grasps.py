@@ -23,7 +23,7 @@ _EVEN = np.array([0.7548776662466927, 0.5698402909980532])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Grasp:
-    """A place on an object where parallel jaws can close, in T."""
+    """A position on an object, in T, at which parallel jaws can close."""
 
     p: Array  # (3,) [m] middle between the two points
     x: Array  # (3,) unit, along which the jaws close
@@ -31,7 +31,7 @@ class Grasp:
     slope: float = 0.0  # tangent of the larger angle between a normal and x
 
     def __post_init__(self) -> None:
-        """Raise ConfigurationError for vectors that are none, or a width that is not above 0."""
+        """Raise ConfigurationError for invalid vectors, or a width that is not above 0."""
         axis = checked(self.x, (3,), "grasp x")
         if abs(np.linalg.norm(axis) - 1.0) > 1e-6:
             raise ConfigurationError("grasp x: must be a unit vector")
@@ -57,7 +57,7 @@ def checked_grasps(grasps: object, whose: str) -> dict[str, Grasp]:
 def antipodal(
     vertices: Array, triangles: np.ndarray, *, friction: float, count: int = PAIRS
 ) -> tuple[Grasp, ...]:
-    """Grasps on a mesh, from places that fill its surface evenly.
+    """Grasps on a mesh, from points spread evenly over its surface.
 
     Args:
         vertices: (V, 3) [m] of the mesh; where it is open, nothing is found opposite the hole.
@@ -89,7 +89,7 @@ def antipodal(
 
 
 def surface_points(vertices: Array, triangles: np.ndarray, count: int) -> tuple[Array, Array]:
-    """Points (count, 3) [m] that fill a mesh evenly, and its unit normals (count, 3) there."""
+    """Points (count, 3) [m] spread evenly over a mesh, and its unit normals (count, 3) there."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     size = np.linalg.norm(cross, axis=1)

@@ -39,7 +39,7 @@ _TURNING = 4  # condim: sliding, and turning about the normal
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripContact:
-    """Contact of one pad with one body, as MuJoCo takes it."""
+    """Contact of one pad with one body, in MuJoCo's parameters."""
 
     time: float  # [s] time constant, of the normal direction and of friction
     impedance: float
@@ -57,7 +57,8 @@ class GripContact:
 
     @classmethod
     def of(cls, inverse_weight: float, timestep: float, stiffness: float) -> "GripContact":
-        """Contact of this stiffness [N/m], by impedance; by a longer time where it is soft.
+        """Contact of a stiffness [N/m], set by the impedance and, if soft, by a longer time
+        constant.
 
         Args:
             inverse_weight: [1/kg] of pad and body together.
@@ -77,7 +78,8 @@ class GripContact:
 def let_gripper_hold(
     scene: "mujoco.MjSpec", body: str, *, stiffness: float = STIFFNESS, creep: float = CREEP
 ) -> None:
-    """Give the pads of a scene's gripper and one body, which they grip, a contact of their own.
+    """Set separate contact parameters between the pads of a scene's gripper and the body that they
+    grip.
 
     The scene gets elliptic cones and at least the `impratio` that this contact needs, which holds
     for its other contacts too: to be called where something is gripped only. Weights are those
@@ -164,7 +166,7 @@ def _geoms_that_touch(scene: "mujoco.MjSpec", body: str) -> list[str]:
 
 
 def _add_pair(scene: "mujoco.MjSpec", pad: str, geom: str, contact: GripContact) -> None:
-    """Add the contact of two geoms, in place of one that the scene has of them."""
+    """Add the contact pair of two geoms, which replaces a pair of the same geoms in the scene."""
     for pair in list(scene.pairs):
         if {pair.geomname1, pair.geomname2} == {pad, geom}:
             scene.delete(pair)

@@ -1,4 +1,4 @@
-"""Site of a collection: a loose object on flat seabed, and an open basket beside it."""
+"""Site of a collection: a loose object on flat seabed, and an open basket next to it."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -26,7 +26,7 @@ _SETTLED = 2.0  # [s] in which the object comes to rest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LooseObject:
-    """What an object is beside its shape: its mass, and the water that it displaces."""
+    """Properties of an object other than its shape: its mass, and the water that it displaces."""
 
     mass: float  # [kg]
     volume: float  # [m^3]
@@ -35,7 +35,7 @@ class LooseObject:
 
     @classmethod
     def of(cls, target: TargetModel, *, density: float, mass: float | None) -> "LooseObject":
-        """The object of even density, its inertia that of its bounding box.
+        """An object of uniform density with the inertia of its bounding box.
 
         Args:
             target: its shape; where its mesh is open, its convex hull displaces the water.
@@ -57,7 +57,7 @@ class LooseObject:
         return cls(mass=mass, volume=enclosed, center_T=center, inertia_T=inertia)
 
     def weight(self, water: float, gravity: float) -> float:
-        """Weight [N] in water of this density [kg/m^3]; negative: it floats."""
+        """Weight [N] in water of a density [kg/m^3]; negative if the object floats."""
         return gravity * (self.mass - water * self.volume)
 
 
@@ -147,7 +147,7 @@ def pick_site(
 
 
 def at_rest(target: TargetModel, X_WT: Array, seabed: float) -> Array:
-    """Pose (4, 4) in which a loose object comes to rest on the seabed, let go just above it.
+    """Pose (4, 4) in which a loose object comes to rest after release just above the seabed.
 
     Raises:
         ConfigurationError: it does not come to rest there.

@@ -1,4 +1,4 @@
-"""Puts a tool on the tip of any arm, in place of the tool that is there."""
+"""Attaches a tool to the tip of any arm, in place of the present tool."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ _IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def attach(spec: mujoco.MjSpec, tool: Tool) -> None:
-    """Put a tool on the tip of the vehicle's arm, z out of the tool, in place.
+    """Attach a tool to the tip of the vehicle's arm, z out of the tool; changes the spec in place.
 
     A body `pad` on a slide, the tool that many vehicles have, is taken off first; another geom
     `pad` stays as a part of the vehicle. The tip moves to the end of the tool. If the vehicle is
@@ -77,7 +77,7 @@ def _put_on(spec: mujoco.MjSpec, tip: mujoco.MjsSite, tool: Tool) -> dict[str, B
 
 
 def _first_of(body: mujoco.MjsBody, link: mujoco.MjsBody) -> mujoco.MjsBody:
-    """The body of a tool's mount that the link carries."""
+    """Body of the tool's mount, a child of the link."""
     while body.parent.name != link.name:
         body = body.parent
         if body.name == "world":
@@ -90,7 +90,7 @@ def _first_of(body: mujoco.MjsBody, link: mujoco.MjsBody) -> mujoco.MjsBody:
 def _foot(
     model: mujoco.MjModel, old: mujoco.MjsBody, link: mujoco.MjsBody, tip: Array, turn: Array
 ) -> Array:
-    """Position (3,) [m] in the link, on the tool's axis, at which the old tool began."""
+    """Position (3,) [m] in the link, on the tool's axis, of the old tool's base."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     carrier = data.body(link.name)
@@ -104,7 +104,7 @@ def _foot(
 
 
 def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
-    """Mass [kg] less that of the water, its moment (3,) [kg m] about the hull's origin, at home."""
+    """Mass [kg] minus displaced water, its moment (3,) [kg m] about the hull's origin, at home."""
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
@@ -133,7 +133,7 @@ def _at_home(spec: mujoco.MjSpec) -> tuple[float, Array]:
 
 
 def _keep(spec: mujoco.MjSpec, before: tuple[float, Array]) -> None:
-    """Give the hull the volume and centre of buoyancy that keep weight and moment as `before`."""
+    """Set the hull's volume and centre of buoyancy so that weight and moment equal `before`."""
     after = _at_home(spec)
     density = density_of(spec)
     hull = hydrodynamics.attached(spec)[HULL_BODY]

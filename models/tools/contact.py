@@ -6,7 +6,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolContact:
-    """What touches, and what the tool bears."""
+    """The geom that touches, and the force that the tool bears."""
 
     shape: str
     radius: float  # [m] of the part that touches, across the tool
@@ -23,7 +23,8 @@ class ToolContact:
 
 
 def touching(friction: float) -> dict[str, Any]:
-    """Fields of the massless geom with which a tool touches the world; its own contact holds.
+    """Fields of the massless geom by which a tool touches the world; its contact parameters take
+    precedence.
 
     Args:
         friction: coefficient of sliding.

@@ -36,7 +36,7 @@ _FINGER_STEP = 0.004  # [s] time constant of the spindle that couples the finger
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gripper:
-    """Parallel jaws: both fingers move alike, along x of the tool, between two end stops."""
+    """Parallel jaws with fingers that move symmetrically along x of the tool, between end stops."""
 
     opening: float = 0.1  # [m] most between the pads; the least is 0
     speed: float = 0.05  # [m/s] of the opening, at the motor's full force without load
@@ -79,12 +79,14 @@ class Gripper:
 
     @property
     def damping(self) -> float:
-        """Damping [N s/m] of a finger with which the motor's full force gives `speed`."""
+        """Damping [N s/m] of a finger at which the motor's full force leads to `speed`."""
         return (self.force - self.loss) / (0.5 * self.speed)
 
     @property
     def rotor(self) -> float:
-        """Inertia [kg] of motor and spindle as each finger feels it: much more than its own."""
+        """Inertia [kg] of motor and spindle, referred to each finger; much larger than the finger's
+        mass.
+        """
         return self.damping * self.time_constant
 
     @property
@@ -109,7 +111,7 @@ def add_gripper(
     tip: mujoco.MjsSite,
     gripper: Gripper,
 ) -> dict[str, BodyHydrodynamics]:
-    """Add a gripper to a link, closed, its z along the tool, and move `tip` to the fingers' ends.
+    """Add a closed gripper to a link, with z along the tool, and move `tip` to the fingers' ends.
 
     Args:
         spec: of the link.
@@ -150,7 +152,7 @@ def add_gripper(
 
 
 def _add_drive(spec: mujoco.MjSpec, gripper: Gripper) -> None:
-    """Couple the fingers by a spindle, and let one motor pull both."""
+    """Couple the fingers by a spindle, which one motor drives."""
     spindle = spec.add_equality(name=MOTOR, type=mujoco.mjtEq.mjEQ_JOINT)
     spindle.name1, spindle.name2 = FINGERS
     spindle.objtype = mujoco.mjtObj.mjOBJ_JOINT
@@ -171,7 +173,7 @@ def _add_drive(spec: mujoco.MjSpec, gripper: Gripper) -> None:
 def _add_finger(
     held: mujoco.MjsBody, name: str, pad: str, side: float, gripper: Gripper
 ) -> BodyHydrodynamics:
-    """Add a finger on its slide, on the `side` (1 or -1) of the axis; its hydrodynamics."""
+    """Add a finger on its slide, on the `side` (1 or -1) of the axis; returns its hydrodynamics."""
     palm = gripper.palm
     long = gripper.length - palm
     thick = gripper.thickness

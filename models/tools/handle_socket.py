@@ -1,4 +1,4 @@
-"""Socket that turns T-bars and paddles about the tool's axis: a slot between two walls."""
+"""Socket for turning T-bars and paddles about the tool's axis: a slot between two walls."""
 
 from dataclasses import dataclass
 
@@ -54,7 +54,7 @@ class HandleSocket:
         )
 
     def backlash(self, thickness: float) -> float:
-        """Angle [rad] by which a long bar turns either way until it meets both walls.
+        """Angle [rad] by which a long bar can turn in each direction until it meets both walls.
 
         Args:
             thickness: [m] of the bar.
@@ -76,7 +76,7 @@ class HandleSocket:
 def add_handle_socket(
     link: mujoco.MjsBody, position: Array, turn: Array, tip: mujoco.MjsSite, socket: HandleSocket
 ) -> dict[str, BodyHydrodynamics]:
-    """Add a socket to a link, as `heads.add_head` does a head."""
+    """Add a socket to a link, in the way in which `heads.add_head` adds a head."""
     held = add_mount(link, position, turn, tip, socket.length, socket.mass, STIFFNESS, DAMPING)
     half = 0.5 * socket.slot + socket.wall
     palm = socket.length - socket.depth

@@ -18,7 +18,7 @@ _FINGER_DAMPING = 20.0  # [N s/m]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Head:
-    """Domed head: one contact point at its summit, however it tilts."""
+    """Domed head, which has one contact point near its summit at any tilt."""
 
     radius: float  # [m] of the dome
     length: float  # [m] from the mount to the summit
@@ -81,7 +81,7 @@ class Jaws:
 def add_head(
     link: mujoco.MjsBody, position: Array, turn: Array, tip: mujoco.MjsSite, head: Head
 ) -> dict[str, BodyHydrodynamics]:
-    """Add a head to a link, its z along the tool, and move `tip` to its summit.
+    """Add a head to a link, with z along the tool, and move `tip` to the head's summit.
 
     Args:
         link: that carries the tool.
@@ -108,7 +108,7 @@ def add_jaws(
     tip: mujoco.MjsSite,
     jaws: Jaws,
 ) -> dict[str, BodyHydrodynamics]:
-    """Add jaws to a link, as `add_head` does a head."""
+    """Add jaws to a link, in the way in which `add_head` adds a head."""
     palm = jaws.palm
     held = add_mount(
         link,
@@ -150,7 +150,7 @@ def add_jaws(
 
 
 def _add_finger(held: mujoco.MjsBody, name: str, side: float, jaws: Jaws) -> BodyHydrodynamics:
-    """Add a finger on its slide, on the `side` (1 or -1) of the housing; its hydrodynamics."""
+    """Add a finger on its slide, on one `side` (1, -1) of the housing; return its hydrodynamics."""
     palm = jaws.palm
     long = jaws.length - palm
     thin = 0.25 * jaws.breadth
@@ -192,7 +192,7 @@ def add_mount(
     stiffness: float,
     damping: float,
 ) -> mujoco.MjsBody:
-    """The tool's body on its spring, with the face at its end; the tip moves there."""
+    """Add the tool's body on its spring, with the face at its end, and move the tip there."""
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
     tip.pos = position + R.reshape(3, 3)[:, 2] * length
@@ -213,7 +213,7 @@ def add_mount(
 
 
 def _dome(held: mujoco.MjsBody, radius: float, length: float, friction: float) -> None:
-    """The geom that may touch, its summit at the tool's end."""
+    """Add the geom that may touch, with its summit at the tool's end."""
     held.add_geom(
         name=TOOL_GEOM,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,

@@ -170,7 +170,7 @@ def add(
 def _add_shape(
     held: mujoco.MjsBody, tool: Tube | Box, along: np.ndarray, face: np.ndarray
 ) -> BodyHydrodynamics:
-    """Add the geom that may touch, along `along` (3,), `face` the orientation wxyz of a box."""
+    """Add the geom that may touch, along `along` (3,); `face` is the orientation wxyz of a box."""
     geom = held.add_geom(name=TOOL_GEOM, **touching(FRICTION), rgba=[0.75, 0.78, 0.82, 1.0])
     if isinstance(tool, Box):
         geom.type = mujoco.mjtGeom.mjGEOM_BOX

@@ -133,7 +133,7 @@ class MunkFactor(Form):
         return np.hstack([np.cross(gone * w, p), gone * np.cross(v, p)])
 
     def slope(self, speed: float) -> Array:
-        """None: the form has no power."""
+        """Zero, since the form has no power."""
         return np.zeros((6, 6))
 
     def scaled(self, factor: float) -> Self:
@@ -185,7 +185,7 @@ class FadingDamping(Form):
         return np.diag(self.linear + np.sum(0.5 * (coupled + coupled.T), axis=1))
 
     def scaled(self, factor: float) -> Self:
-        """With `factor` times the damping."""
+        """The form with `factor` times the damping."""
         return replace(self, linear=factor * self.linear)
 
 
@@ -441,7 +441,7 @@ class LiftDrag(Form):
         return max(largest, 0.0) * to_point.T @ to_point
 
     def scaled(self, factor: float) -> Self:
-        """With `factor` times the area."""
+        """The form with `factor` times the area."""
         return replace(self, area=factor * self.area)
 
     def _force(self, u: Array) -> Array:
@@ -560,7 +560,7 @@ class CrossTerms(Form):
         return np.diag(np.sum(0.5 * (entries + entries.T), axis=1))
 
     def scaled(self, factor: float) -> Self:
-        """With `factor` times every coefficient."""
+        """The form with `factor` times every coefficient."""
         return replace(self, terms=self.terms * [1.0, 1.0, 1.0, 1.0, factor])
 
 
@@ -634,7 +634,7 @@ class PlanarStrip(Form):
         return total
 
     def scaled(self, factor: float) -> Self:
-        """With `factor` times the drag."""
+        """The form with `factor` times the drag."""
         return replace(self, drag=factor * self.drag)
 
 

@@ -263,9 +263,7 @@ def _with_dead_band(rows: Array) -> Array:
 
 
 def _of_one_size(sheets: Sequence[Sheet]) -> tuple[Sheet, ...]:
-    """Sheets whose points correspond: they are at the same shares of the range from dead band to
-    end.
-    """
+    """Sheets with points at equal fractions of the range between dead band and end."""
     shares = [_shares(sheet) for sheet in sheets]
     few = max(len(side) for pair in shares for side in pair) <= _FEW
     like = all(

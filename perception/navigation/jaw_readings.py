@@ -45,7 +45,7 @@ class JawReadings:
         return state, self.completed(state, estimate)
 
     def records(self, state: JawState) -> Any:
-        """Arrays of the wrapped estimator, where that has a kernel."""
+        """Arrays of the wrapped estimator, if it has a kernel."""
         inner: Any = self.estimator
         return inner.records(state.inner)
 

@@ -250,7 +250,7 @@ class SurveyedPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JawMeasurement:
-    """Reading of a gripper's drive: where its jaws are, and how hard its motor pulls."""
+    """Reading of a gripper's drive: opening of the jaws, and force of the motor."""
 
     time: float  # [s]
     opening: float  # [m] between the pads
@@ -260,7 +260,7 @@ class JawMeasurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JawSetpoint:
-    """What a gripper's drive is asked for: an opening, to be reached with bounded speed and force.
+    """Set point of a gripper's drive: an opening, to be reached with bounded speed and force.
 
     Jaws that meet something before press it with the force.
     """
@@ -549,7 +549,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JawReference(Reference):
-    """Set points of a vehicle with a gripper, whose own drive goes on with the last ones."""
+    """Set points of a vehicle with a gripper, whose drive continues with the last ones."""
 
     jaws: JawSetpoint
 

@@ -50,7 +50,7 @@ JAWS: Columns = {
 
 
 def slow_columns(vehicle: Vehicle, *, jaws: bool = False) -> Columns:
-    """Columns of the series that are logged at a lower rate; `jaws`: of a gripper too."""
+    """Columns of the series that are logged at a lower rate, with `jaws` also of a gripper."""
     columns: Columns = {
         "q": (vehicle.joint_names, "rad"),
         "qd": (vehicle.joint_names, "rad/s"),

@@ -123,7 +123,7 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
 
 
 def at_rest_after_work(moment: Moment) -> bool:
-    """True once the planner is in DONE or ABORT and the arm is to rest: the usual end of a run."""
+    """True once the planner is in DONE or ABORT without arm motion, which usually ends a run."""
     reference = moment.reference
 
     over = reference.state is WorkState.DONE or reference.state is WorkState.ABORT
@@ -137,7 +137,7 @@ def never(moment: Moment) -> bool:
 
 
 def _with(plant: Any, name: str, who: str) -> Any:
-    """The outermost of a plant and the plants that it wraps that has this attribute.
+    """Outermost plant with this attribute, among a plant and those that it wraps.
 
     Raises:
         ConfigurationError: None of them has it; `who` asks for it.
@@ -153,7 +153,7 @@ def _with(plant: Any, name: str, who: str) -> Any:
 
 
 def _keeper(plant: Any) -> Any:
-    """The plant, or what it wraps: the outermost that can be saved."""
+    """Outermost plant that can be saved, among a plant and those that it wraps."""
     return _with(plant, "save", "saved run")
 
 
@@ -362,7 +362,9 @@ class Rollout:
                 self.sensor_states[i] = resume(fresh[i], self.sensor_states[i], self.measured[i])
 
     def plan(self) -> Reference:
-        """Step the planner; returns its set points, of which the gripper's drive takes its own."""
+        """Step the planner, and return its set points; the gripper's drive takes those for the
+        jaws.
+        """
         self.planner_state, self.reference = self.parts.planner.step(
             self.planner_state, self.estimate, self.target, self.command
         )

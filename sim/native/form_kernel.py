@@ -1,4 +1,4 @@
-"""Compiled wrench of a body's forms (`uuv.models.water.forms`), from records behind its row."""
+"""Compiled wrench of a body's forms (`uuv.models.water.forms`), from the records after its row."""
 
 import math
 from typing import Any

@@ -357,7 +357,7 @@ class FaultyPlant:
         return thrusters
 
     def save(self) -> "FaultyPlantState":
-        """All that changes, as `Plant.save`."""
+        """Everything that changes, as in `Plant.save`."""
         return FaultyPlantState(self.plant.save(), self._last)
 
     def resume(self, saved: "FaultyPlantState | PlantState", command: Command | None) -> None:

@@ -28,7 +28,7 @@ _LONGEST = 0.02  # [s] between set points for which the integral grows
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueJaws:
-    """True state of a gripper: live views of one number each, or of none without a gripper."""
+    """True state of a gripper as live views, each of one number, or empty without a gripper."""
 
     opening: Array  # (1,) [m] between the pads
     speed: Array  # (1,) [m/s] of the opening
@@ -65,7 +65,7 @@ class JawDrive:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Self:
-        """Drive of the gripper in a model; without one, a drive that takes no set point."""
+        """Drive of the gripper in a model; without a gripper, a drive that ignores set points."""
         motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
         jaws = TrueJaws.of(data)
         if motor < 0:
@@ -90,7 +90,7 @@ class JawDrive:
         )
 
     def follow(self, setpoint: JawSetpoint) -> None:
-        """Set the motor's force by a set point, to hold until the next one.
+        """Set the motor's force by a set point, which holds until the next one.
 
         Raises:
             ConfigurationError: The vehicle has no gripper, or the set point is out of its range.

@@ -25,7 +25,7 @@ _WAYS = {"normal": "along its normal", "along": "along the path", "across": "acr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportedRun:
-    """What a report says of a run besides its figures."""
+    """Content of a run's report in addition to its figures."""
 
     title: str
     options: Mapping[str, Any]  # of the scenario, listed unchanged
@@ -185,7 +185,7 @@ def _segments(assessment: Assessment) -> Html:
 
 
 def _uncertainty(assessment: Assessment) -> Html:
-    """Stated uncertainty of the pose that the work went by, and of the path on it."""
+    """Stated uncertainty of the pose used for the work, and of the path there."""
     stated = assessment.metrics.get("uncertainty", {})
     if stated.get("position_sigma_m") is None:
         return Html()
@@ -220,7 +220,7 @@ def _uncertainty(assessment: Assessment) -> Html:
 
 
 def _motion(assessment: Assessment) -> Html:
-    """Motion of the object that was noticed while the vehicle looked at it."""
+    """Motion of the object that was detected while the vehicle scanned the object."""
     motion = assessment.metrics.get("motion")
     if not motion:
         return Html()

@@ -142,7 +142,7 @@ class RerunLog:
 
     @property
     def lost(self) -> str:
-        """Why the log was abandoned; empty: it was not."""
+        """Reason why the log was abandoned; empty if it was not."""
         return self._stream.lost
 
     @property
@@ -322,7 +322,7 @@ class RerunLog:
             )
 
     def _decided(self, target: Target, time: float) -> None:
-        """Log the mean of the finds, by which the work goes, with its covariance and the path's."""
+        """Log the mean of the finds, which the work uses, with the covariances of mean and path."""
         self._goes_by = target
         if target.covariance is None:
             return
@@ -367,7 +367,7 @@ class RerunLog:
         self._stream.event("state/log", self._rr.TextLog(text, level="WARN"), time)
 
     def _show_ellipsoid(self, name: str, covariance: PoseCovariance, time: float) -> None:
-        """Show where the object's centre is with 95 %: solid to scale, and enlarged as lines."""
+        """Show the 95 % ellipsoid of the object's centre: solid to scale, and enlarged as lines."""
         rr = self._rr
         half, axes = covariance.ellipsoid()
         w, x, y, z = quat_wxyz_from_rotation(axes)

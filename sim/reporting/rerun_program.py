@@ -1,4 +1,4 @@
-"""Start of Rerun's viewer and command line without usage data, sent to their makers by default.
+"""Start of Rerun's viewer and command line without the usage data that they send by default.
 
 Writing a log sends nothing. Rerun's own switch, `rerun analytics disable`, writes into the user's
 home. Processes started here get CI=1 instead, under which they neither send usage data nor write
@@ -22,7 +22,7 @@ _PATIENCE = 20.0  # [s] longest time for compaction
 
 
 def send_to(rr: Any, stream: Any, file: Path, *, view: bool) -> None:
-    """Send a recording to a file, with `view` also to a viewer; a line on stderr if none starts.
+    """Send a recording to a file, and with `view` to a viewer. If none starts, stderr gets a line.
 
     Args:
         rr: The module `rerun`.
@@ -57,7 +57,7 @@ def spawn_viewer(rr: Any, stream: Any) -> bool:
 
 
 def _listens(patience: float) -> bool:
-    """Whether a viewer takes connections, within `patience` [s]."""
+    """True if a viewer accepts connections within `patience` [s]."""
     until = time.monotonic() + patience
     while True:
         try:
@@ -112,7 +112,7 @@ def _program() -> Path:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Suppress usage data of processes started meanwhile."""
+    """Context that suppresses usage data of the processes started in it."""
     before = os.environ.get("CI")
     os.environ["CI"] = "1"
     try:

@@ -111,7 +111,7 @@ class SeriesRows:
 
 
 class PoseRows:
-    """Poses of the vehicle's bodies, arrows of forces, jets and current, and the path worked."""
+    """Poses of the vehicle's bodies, arrows of forces, jets and current, and the worked path."""
 
     def __init__(
         self, vehicle: Vehicle, moving: Sequence[tuple[int, str]], thrusters_B: Array
@@ -204,7 +204,7 @@ class PoseRows:
         self._send_done(stream, time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)
 
     def _send_done(self, stream: LogStream, time: Array, working: np.ndarray, tip: Array) -> None:
-        """Send the path pieces worked since the last pose; the view shows all up to its time."""
+        """Send the parts of the path worked since the last pose; the view shows older ones too."""
         start = np.vstack([tip[:1] if self._tip is None else self._tip, tip[:-1]])
         self._tip = tip[-1:]
         if not working.any():

@@ -1,4 +1,4 @@
-"""File of a visual log: what is sent to it, and how an unwritable file is given up."""
+"""File of a visual log: data sent to it, and the end of logging if it cannot be written."""
 
 import ctypes
 import os
@@ -16,7 +16,9 @@ ROOM = 4 << 20
 
 
 class LogStream:
-    """A Rerun recording in a file; after a failed write abandoned, with one line on stderr."""
+    """A Rerun recording in a file, which is abandoned after a failed write, with one line on
+    stderr.
+    """
 
     def __init__(self, path: Path, title: str, *, view: bool) -> None:
         """Open the file.
@@ -70,7 +72,7 @@ class LogStream:
             self._whole.append(self._path.stat().st_size)
 
     def give_up(self, reason: str, time: float) -> None:
-        """Abandon the log with one message; keep its readable part, less ROOM if the disk is full.
+        """Abandon the log with one message, and keep its readable part, minus ROOM on a full disk.
 
         Args:
             reason: why it can no longer be written.

@@ -18,7 +18,7 @@ _NAMED = 0.06  # [-] share of the time from which a phase is wide enough for its
 
 
 class RunFigure(Figure):
-    """Matplotlib figure that a notebook shows by itself, without a screen or pyplot."""
+    """Matplotlib figure that a notebook displays without a screen or pyplot."""
 
     def _repr_png_(self) -> bytes:
         """Picture for a notebook."""
@@ -71,7 +71,7 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 
 def _with_gaps(time: Array, value: Array) -> tuple[Array, Array]:
-    """The same with NaN after each step in time that is ten times as long as the median."""
+    """The line with NaN after each time step that is ten times as long as the median."""
     steps = np.diff(time)
     if not len(steps):
         return time, value
@@ -85,14 +85,16 @@ def _ends(recorded: RecordedSeries) -> list[float]:
 
 
 def _shade(axes: Any, recorded: RecordedSeries) -> None:
-    """Every other phase on a pale ground."""
+    """Shade the background of every other phase."""
     ends = _ends(recorded)
     for event, end in list(zip(recorded.events, ends, strict=True))[1::2]:
         axes.axvspan(event.time, end, color=SKY, alpha=0.12, linewidth=0)
 
 
 def _name_phases(axes: Any, recorded: RecordedSeries, start: float) -> None:
-    """Names of the phases that end after `start` above the figure; those of short ones upright."""
+    """Write the names of the phases that end after `start` above the figure, vertically for short
+    phases.
+    """
     for event, end in zip(recorded.events, _ends(recorded), strict=True):
         begin = max(event.time, start)
         if end <= start:

@@ -1,4 +1,4 @@
-"""Files of tables of series: Parquet, or .npz without pyarrow; files read may be anyone's.
+"""Files of tables of series: Parquet, or .npz without pyarrow. Files from others are checked.
 
 A column has a name, values, a unit, and the series that it is part of.
 """
@@ -176,7 +176,7 @@ def arrow_table(file: Path) -> "pa.Table":
         if any(
             part.has_dictionary_page or not _ENCODINGS.issuperset(part.encodings) for part in parts
         ):
-            raise ConfigurationError(f"{subject}: encoded otherwise than a run writes it")
+            raise ConfigurationError(f"{subject}: encoded differently from the files of a run")
 
         table = stored.read()
     except (OSError, ValueError, MemoryError, pa.ArrowException) as error:

@@ -239,7 +239,7 @@ class PastRun:
         return plot_of(self.recorded, whole=whole)
 
     def column(self, name: str, rate: str = LOOP) -> np.ndarray:
-        """Values (N,) of one column; `time` is one too.
+        """Values (N,) of one column; `time` is a column too.
 
         Raises:
             ConfigurationError: There is no such column; the message lists those that there are.
@@ -269,7 +269,7 @@ class PastRun:
 
     @cached_property
     def recorded(self) -> "RecordedSeries":
-        """All series and events, as functions of `uuv.sim.evaluation` take them.
+        """All series and events, in the form that the functions of `uuv.sim.evaluation` take.
 
         Raises:
             ConfigurationError: The run was made with --no-record, or a series of every step has
@@ -329,7 +329,9 @@ class PastRun:
         return tuple(events)
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
-        """Refuses series of every step with other numbers of columns, or of rows, than `state`."""
+        """Refuse a series of every step whose number of columns is wrong, or of rows differs from
+        `state`.
+        """
         from uuv.sim.loop.logged_columns import WIDTHS
 
         if "state" not in series:

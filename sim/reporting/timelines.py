@@ -195,7 +195,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
 
 
 def _force_error(recorded: RecordedSeries, work: np.ndarray, bounds: tuple[float, ...]) -> Panel:
-    """Error of the force at the rows `work` (N,), judged and not; it spans what is judged."""
+    """Error of the force at the rows `work` (N,), judged or not; the axis fits the judged part."""
     steps = ForceSteps.of(recorded)
     settled = steps.settled[work]
     time = recorded["contact_normal"].time[work]
@@ -235,7 +235,9 @@ def _both(bound: float | None) -> tuple[float, ...]:
 
 
 def _starts(runs: Sequence[RecordedSeries]) -> list[float]:
-    """Time [s] drawn as 0 of each run: the start of the work where several all worked, else 0."""
+    """Time [s] drawn as 0 for each run: the start of the work if all of several runs worked, else
+    0.
+    """
     begun = [
         next((event.time for event in run.events if event.state is WorkState.WORK), None)
         for run in runs
@@ -303,7 +305,7 @@ def _legends(figure: go.Figure, count: int) -> dict[str, dict[str, object]]:
 
 
 def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
-    """Shades the work state of the first run; names the states that are long enough to read."""
+    """Shade the work state of the first run, and name the states that are long enough."""
     ends = [event.time for event in recorded.events[1:]] + [recorded.duration]
 
     for event, end in zip(recorded.events, ends, strict=True):

@@ -94,9 +94,7 @@ def quiet_pipe() -> Iterator[None]:
 
 
 def reader_is_gone(error: BaseException) -> bool:
-    """True if `error` means that the reader of stdout or stderr has closed the pipe, not another
-    pipe.
-    """
+    """True if `error` means that the pipe of stdout or stderr was closed by its reader."""
     if isinstance(error, SystemExit):  # an exception of rich, which has already redirected stdout
         return isinstance(error.__context__, BrokenPipeError)
     if not isinstance(error, BrokenPipeError):

@@ -215,7 +215,7 @@ class _Block(Protocol):
     """Block of M + A with its factor; indices `dofs` count within the block."""
 
     def mobility(self, rows: Array) -> Array:
-        """Diagonal of rows inv(M + A) rows^T (r,), with `rows` (r, n)."""
+        """Diagonal (r,) of `rows @ inv(M + A) @ rows.T`; `rows` has shape (r, n)."""
         ...
 
     def along(self, dofs: Indices, values: Array) -> float:
@@ -227,7 +227,7 @@ class _Block(Protocol):
         ...
 
     def solve(self, dofs: Indices, values: Array) -> Array:
-        """inv(M + A) f (n,) of a force with `values` (k,) at `dofs`."""
+        """Acceleration `inv(M + A) @ f` (n,) by a force f that has `values` (k,) at `dofs`."""
         ...
 
     def largest_rate(self, slope_of: Callable[[BodyHydrodynamics], Array]) -> float:

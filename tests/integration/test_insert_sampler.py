@@ -58,7 +58,9 @@ UNSEEN = pytest.mark.long(
         pytest.param(["--error", "nan", "0"], "--error", id="error is no number"),
         pytest.param(["--clearance", "40"], "radius", id="hole too wide"),
         pytest.param(["--depth", "-5", "--no-quick"], "depth", id="negative depth"),
-        pytest.param(["--vehicle", "bluerov2_heavy"], "geom 'pad' (may touch)", id="no tool"),
+        pytest.param(
+            ["--vehicle", "bluerov2_heavy"], "geom 'pad' (may be in contact)", id="no tool"
+        ),
         pytest.param(["--range", "12"], "not identified", id="camera sees nothing", marks=UNSEEN),
     ],
 )

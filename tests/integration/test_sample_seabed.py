@@ -195,7 +195,9 @@ def test_without_a_plane_from_the_doppler_log_it_does_not_come_near(script, tmp_
         pytest.param(["--push", "100"], "at most half the limit", id="push"),
         pytest.param(["--depth", "-5"], "depth: must be > 0", id="depth"),
         pytest.param(["--cloud", "nowhere.txt"], "there is no such file", id="no cloud"),
-        pytest.param(["--vehicle", "bluerov2_heavy"], "geom 'pad' (may touch)", id="no tool"),
+        pytest.param(
+            ["--vehicle", "bluerov2_heavy"], "geom 'pad' (may be in contact)", id="no tool"
+        ),
         pytest.param(["--dead-beams", "7"], "dead beams must be 1 to 4", id="no such beam"),
     ],
 )

@@ -32,17 +32,17 @@ class CheckedJob:
         return scenario if self.changed is None else self.changed(scenario)
 
     def takes(self, word: str) -> bool:
-        """Whether it has an option of that word."""
+        """True if the job has an option of that name."""
         return word in self.job.options()
 
     @property
     def brings_tool(self) -> bool:
-        """Whether its task brings a tool."""
+        """True if the job's task replaces the vehicle's tool."""
         return self.job().task.tool is not None
 
     @property
     def command(self) -> str:
-        """Arguments of `uuv run` for the job; empty: no command runs it."""
+        """Arguments of `uuv run` for the job; empty if no command runs the job."""
         if self.changed is not None:
             return ""
 
@@ -81,7 +81,7 @@ ALL_JOBS = (*HOVERING, *ARM_JOBS)
 
 
 def check_jobs(names: Iterable[str]) -> None:
-    """Refuses a name that is none of ALL_JOBS."""
+    """Refuse a name that is not in ALL_JOBS."""
     for name in names:
         if name not in ALL_JOBS:
             known = f"{', '.join(ALL_JOBS)}{did_you_mean(name, ALL_JOBS)}"
@@ -89,7 +89,7 @@ def check_jobs(names: Iterable[str]) -> None:
 
 
 def check_options(jobs: Collection[str], conditions: Conditions) -> None:
-    """Refuses an option that no job takes, and a value that one refuses.
+    """Refuse an option that no job has, and a value that a job refuses.
 
     Raises:
         ConfigurationError: Which option, and what is allowed.
@@ -100,7 +100,9 @@ def check_options(jobs: Collection[str], conditions: Conditions) -> None:
             continue
         hovers = word == "current" and "hover-current" in jobs
         if not hovers and not any(ARM_JOBS[name].takes(word) for name in of_arm):
-            raise ConfigurationError(f"--{word}: none of the jobs {', '.join(jobs)} takes it")
+            raise ConfigurationError(
+                f"--{word}: must be an option of one of the jobs {', '.join(jobs)}"
+            )
 
     for name in of_arm:
         job = ARM_JOBS[name]

@@ -1,4 +1,4 @@
-"""What a vehicle is checked under: how many poses of the object, and options of the jobs."""
+"""Conditions of a vehicle's check: number of object poses, and options of the jobs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ POSES = 20  # of the object, drawn for each job of the arm
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """What jobs are checked under; None and () leave what the jobs have."""
+    """Conditions under which jobs are checked; None and () keep the jobs' defaults."""
 
     poses: int = POSES
     seed: int = 0  # of the first pose; those of the others follow it
@@ -30,7 +30,7 @@ class Conditions:
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Options of a job by their words, where they are set."""
+        """The job options that are set, by option name."""
         stated = {
             "forces": self.forces or None,
             "speed": self.speed,

@@ -39,7 +39,7 @@ HALF_VIEW = float(np.arctan(0.5 * OPTICS.width / OPTICS.focal))  # [rad] depth c
 
 
 def trim_doubts(trim: Trim, weight: float) -> Iterator[VehicleFinding]:
-    """Doubts about a vehicle that is too heavy, too light, or lists."""
+    """Doubts about a vehicle that is too heavy or too light, or that lists."""
     most = max(HEAVY * weight, LEAST_HEAVY)
     if abs(trim.force) > most:
         word = "light" if trim.force > 0.0 else "heavy"
@@ -121,7 +121,7 @@ def inertia_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 
 def _unit_of(gyration: float, extent: float) -> tuple[str, str] | None:
-    """Unit of shapes [m] that are far too large for a radius of gyration [m], and its scale."""
+    """Likely length unit, and its scale, of shapes [m] too large for a radius of gyration [m]."""
     for unit, factor in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
         if SLENDER * extent * factor <= gyration <= BULKY * extent * factor:
             return unit, f"{factor:g} {factor:g} {factor:g}"
@@ -181,7 +181,7 @@ def step_doubts(model: mujoco.MjModel) -> Iterator[VehicleFinding]:
 
 
 def gravity_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Bodies whose weight MuJoCo cancels in addition to buoyancy; gravity that is not down."""
+    """Bodies whose weight MuJoCo cancels in addition to buoyancy, and gravity that is not down."""
     root = int(model.body_rootid[vehicle.hull])
     light = [
         b
@@ -415,7 +415,9 @@ def motor_doubts(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFin
 
 
 def light_joints(model: mujoco.MjModel, vehicle: Vehicle) -> Iterator[VehicleFinding]:
-    """Joints that full torque makes too fast within one step: rotor inertia is likely missing."""
+    """Joints that full torque accelerates too much within one step, likely for lack of rotor
+    inertia.
+    """
     for dof, most, joint in zip(
         vehicle.dof, vehicle.torque_limits, vehicle.joint_names, strict=True
     ):

@@ -41,7 +41,7 @@ class VehicleFinding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobVerdict:
-    """Whether a job can be promised, and the figure that decides."""
+    """Verdict on whether a job is feasible, with the decisive figure."""
 
     job: str
     promised: bool
@@ -85,5 +85,5 @@ class VehicleCheck:
             yield f"{finding.code}: {finding.said}"
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The result in JSON types."""
         return asdict(self) | {"sound": self.sound}

@@ -108,7 +108,7 @@ class _Watch:
         self.away = 0.0  # [m] of the hull from its place
 
     def see(self, true: Truth) -> None:
-        """Take a step."""
+        """Record one step."""
         self._steps += 1
         self._saturated += bool(true.saturated)
         self.away = float(np.linalg.norm(true.p_WB))
@@ -134,7 +134,7 @@ class _Watch:
             self._tilt = max(self._tilt, tilt)
 
     def figures(self) -> HoverFigures:
-        """The figures of the whole time."""
+        """Figures of the complete simulation."""
         return HoverFigures(
             drift=self._drift,
             tilt=self._tilt,
@@ -146,7 +146,7 @@ class _Watch:
         )
 
     def broken_off(self, reason: str, drift: float) -> HoverFigures:
-        """The figures of a simulation that has no end."""
+        """Figures of a simulation that stopped early."""
         share = self._saturated / max(self._steps, 1)
         return HoverFigures(drift=drift, tilt=np.pi, saturated=share, swing=np.inf, said=reason)
 
@@ -161,13 +161,13 @@ def _radius(plant: Plant) -> float:
 
 
 def _mean_power(plant: Plant) -> float | None:
-    """Electrical power [W] of the thrusters over the check's time; None: it was not measured."""
+    """Mean electrical power [W] of the thrusters over the check; None if it was not measured."""
     joules = float(plant.supply.state[ENERGY])
     return None if np.isnan(joules) else joules / SECONDS
 
 
 def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
-    """A vehicle whose arm is not serial, compiled with all its joints held at home.
+    """Compiled model of a vehicle without a serial arm, with all joints held at home.
 
     Args:
         spec: Spec of the vehicle.

@@ -1,4 +1,4 @@
-"""Verdict on station keeping: by statics where an axis is undriven, else by its simulation."""
+"""Verdict on station keeping: by statics if an axis has no thruster, otherwise by simulation."""
 
 from dataclasses import dataclass, replace
 
@@ -49,7 +49,7 @@ def listed(name: str, listing: Listing) -> JobVerdict:
 
 
 def _hovering(model: mujoco.MjModel, current: Current) -> HoverFigures | JobVerdict:
-    """Figures of station keeping; a refusal where the vehicle cannot be steered at all."""
+    """Figures of station keeping, or a refusal if the vehicle cannot be controlled."""
     try:
         return hover(model, current)
     except UuvError as error:
@@ -85,14 +85,14 @@ def _kept(name: str, hovered: HoverFigures) -> JobVerdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestVerdict:
-    """Station keeping before a job of the arm."""
+    """Verdict on station keeping before a job of the arm."""
 
     refusal: JobVerdict | None = None  # of a vehicle that does not keep station, or come to rest
     swing: float = 0.0  # [m] largest motion of any point of the vehicle from its place
 
 
 def rest_of(name: str, model: mujoco.MjModel, current: Current) -> RestVerdict:
-    """Station keeping of a vehicle in a job's current."""
+    """Verdict on a vehicle's station keeping in a job's current."""
     hovered = _hovering(model, current)
     speed = float(np.linalg.norm(current))
     if isinstance(hovered, JobVerdict):

@@ -125,7 +125,7 @@ class ArmJobs:
     def _at_site(
         self, name: str, blocked: float, changes: Mapping[str, Any] | None = None
     ) -> "Callable[[int], JobVerdict] | JobVerdict":
-        """What judges the job at one of the poses; or its refusal at all of them."""
+        """Function that judges the job at a pose, or a refusal that holds for all poses."""
         scenario = self.scenario(name, changes)
         task = scenario.task
         setup = scenario.vehicle
@@ -161,7 +161,7 @@ class ArmJobs:
         return judged
 
     def _judged(self, name: str, place: "Callable[[int], JobVerdict]") -> list[JobVerdict]:
-        """Verdicts at the poses; the first few decide where none of them passes."""
+        """Verdicts at the poses, only at the first few if none of these passes."""
         verdicts: list[JobVerdict] = []
         for pose in range(self.conditions.poses):
             verdicts.append(place(pose))
@@ -174,7 +174,8 @@ class ArmJobs:
     def _mended(
         self, name: str, blocked: float, verdict: JobVerdict, bad: Sequence[int] = (0,)
     ) -> JobVerdict:
-        """A refusal with the option that would make the job feasible, or those that do not.
+        """The refusal, extended by an option that makes the job feasible, or by options that do
+        not.
 
         Args:
             name: Of the job.
@@ -200,7 +201,7 @@ class ArmJobs:
             for change in changes:
                 if passes(change, poses):
                     where = "1 pose" if len(poses) == 1 else f"{len(poses)} poses"
-                    line = f"{verdict.said}; with {change.typed} feasible at the {where} tried"
+                    line = f"{verdict.said}; feasible with {change.typed} at the {where} tried"
                     return replace(verdict, said=line, remedy=change.typed)
             vain.append(changes[-1].typed)
 
@@ -212,7 +213,7 @@ class ArmJobs:
 
 
 def of_poses(verdicts: list[JobVerdict]) -> JobVerdict:
-    """Verdict on a job from its verdicts at drawn poses: share that pass, worst, main refusal."""
+    """Verdict on a job from its verdicts at drawn poses: share of passes, worst, main refusal."""
     if len(verdicts) == 1:
         return verdicts[0]
     good = [verdict for verdict in verdicts if verdict.promised]
@@ -326,7 +327,7 @@ def _planned(
 def _at_placement(
     name: str, placed: PlacedTask, believed: OwnVehicle, margin: float
 ) -> JobVerdict | None:
-    """Refusal of a place that the planner has found: what it hides, or too small a margin."""
+    """Refusal of the planned place, for hidden ground or a small margin; None if there is none."""
     if isinstance(placed, PlacedSampling) and (hidden := _hidden(placed, believed)) > HIDDEN:
         message = (
             f"the vehicle hides {hidden:.0%} of the ground around the target from its sonar, "
@@ -346,7 +347,9 @@ def _at_placement(
 def _start(
     scene: mujoco.MjModel, placed: PlacedTask, rng: np.random.Generator, swing: float
 ) -> tuple[str, float] | None:
-    """Sentence and clearance [m] of a start, or of the way to the task's pose, without room."""
+    """Sentence and clearance [m] if there is no room at the start, or on the way to the task's
+    pose.
+    """
     vehicle = Vehicle.of(scene)
     start = start_pose(placed, rng)
     if lies := start_refusal(scene, vehicle, start):
@@ -393,7 +396,7 @@ def _touching(believed: OwnVehicle, q: Array) -> str:
 
 
 def _hidden(placed: PlacedSampling, believed: OwnVehicle) -> float:
-    """Share of the ground about target 1 that the vehicle hides from its sonar at the start."""
+    """Share of the ground around target 1 that the vehicle hides from its sonar at the start."""
     model, vehicle = believed.model, believed.vehicle
     data = folded_at(model, vehicle, placed.start)
     p_W = (placed.start @ sonar_on_hull(believed.hull_box))[:3, 3]

@@ -22,20 +22,20 @@ from uuv.tasks.surface_work import SurfaceWorkTask
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preflight:
-    """What was said of a job before it started, one line each."""
+    """Refusals and doubts about a job before its start, one line each."""
 
     refused: tuple[str, ...] = ()  # why it would not be started, of an unchecked run
     doubtful: tuple[str, ...] = ()
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """All of it, for the terminal."""
+        """All lines, for the terminal."""
         refused = (f"not checked: {line}" for line in self.refused)
         return (*refused, *(f"doubtful: {line}" for line in self.doubtful))
 
 
 def preflight(scenario: Scenario, believed: OwnVehicle) -> Preflight:
-    """What is doubtful about a vehicle for a job, one line each.
+    """Refusals of a job by the fast checks, and doubts about the vehicle, one line each.
 
     Args:
         scenario: Scenario of the job.
@@ -62,7 +62,9 @@ def preflight(scenario: Scenario, believed: OwnVehicle) -> Preflight:
     ready = ReadyForce.of(scenario, believed)
     refused = tuple(_refusals(scenario, believed, ready))
     if refused and not scenario.vehicle.unchecked:
-        more = f"uuv check {scenario.vehicle.vehicle} says what passes, --unchecked runs it anyway"
+        more = (
+            f"uuv check {scenario.vehicle.vehicle} lists feasible jobs, --unchecked runs this one"
+        )
         raise ConfigurationError(f"the work was not started: {refused[0]}; {more}")
 
     # What is doubtful only.
@@ -79,7 +81,7 @@ def preflight(scenario: Scenario, believed: OwnVehicle) -> Preflight:
 
 
 def _refusals(scenario: Scenario, believed: OwnVehicle, ready: ReadyForce) -> Iterator[str]:
-    """Why the work is not to be started, one line each."""
+    """Reasons not to start the work, one line each."""
     model = believed.model
     vehicle = believed.vehicle
 
@@ -106,7 +108,7 @@ def _wet(believed: OwnVehicle) -> bool:
 
 
 def _water_doubts(scenario: Scenario, model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
-    """Doubts about water at the hull, near the origin, that is too fast for the thrusters."""
+    """Doubts about water near the origin, if it is faster than the thrusters can hold against."""
     lines = []
     for axis, speed in enumerate(scenario.site.strongest_water(np.zeros(3))):
         # Along one axis of the level hull.

@@ -1,4 +1,4 @@
-"""How far a check is: a bar on a terminal, else a line now and then."""
+"""Progress of a check: a bar on a terminal, otherwise an occasional line."""
 
 import contextlib
 import sys
@@ -13,7 +13,9 @@ _SILENCE = 5.0  # [s] after which a line says how far it is
 
 @contextlib.contextmanager
 def pose_progress() -> Iterator[Callable[[str, int, int], None]]:
-    """What takes a job, the poses that are judged, and how many there are; on standard error."""
+    """Context with a function that prints progress to standard error: of a job by name, the number
+    of poses judged so far and of all poses.
+    """
     if not sys.stderr.isatty():
         last = time.monotonic()
 

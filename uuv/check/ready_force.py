@@ -41,7 +41,9 @@ class ReadyForce:
         )
 
     def refusal(self, beyond: float = 1.0) -> tuple[str, str, float] | None:
-        """Code, sentence and figure of what bears less than `beyond` times the push, or None."""
+        """Code, sentence and figure of a part that bears less than `beyond` times the push, or
+        None.
+        """
         if self.spring < self.force:
             message = (
                 f"the tool's spring bottoms out at {self.spring:.0f} N, the set force is "

@@ -34,18 +34,18 @@ class Change:
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """It by keyword."""
+        """The change by keyword."""
         return {self.word: self.value}
 
     @property
     def typed(self) -> str:
-        """It as it is typed."""
+        """The change as an option of the command line."""
         values = self.value if isinstance(self.value, tuple) else (self.value,)
         return f"--{self.word} {' '.join(f'{value:g}' for value in values)}"
 
 
 def changes_for(code: str, name: str, scenario: Scenario) -> Iterator[list[Change]]:
-    """Changes to try for a refusal: those of one option, the smallest first, then of the next.
+    """Changes to try for a refusal, option by option, each from the smallest change on.
 
     Args:
         code: Of the refusal.

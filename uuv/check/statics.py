@@ -26,7 +26,7 @@ _SMALL = 1e-9  # [N], [m] or [N m] that counts as zero
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trim:
-    """Weight and water on the vehicle at rest and level, in one posture."""
+    """Weight and hydrostatic forces of the level, motionless vehicle in one posture."""
 
     force: float  # [N] net force, upwards
     roll: float  # [rad] at which moments balance; NaN: there is no such attitude
@@ -36,7 +36,9 @@ class Trim:
 
 
 def resting(model: mujoco.MjModel, key: str) -> mujoco.MjData:
-    """State at rest in a keyframe, with forces; without the keyframe in the reference posture."""
+    """State at rest, with forces, in the posture of a keyframe or, without it, the reference
+    posture.
+    """
     data = mujoco.MjData(model)
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
     if number >= 0:
@@ -133,7 +135,7 @@ def listing_of(
 
 
 def _height(model: mujoco.MjModel, vehicle: Vehicle, data: mujoco.MjData, lift: float) -> float:
-    """Height [m] of the buoyancy's centre above the mass's: the lever arm at 90 deg of roll."""
+    """Height [m] of the centre of buoyancy above that of mass: the lever arm at 90 deg of roll."""
     rolled = mujoco.MjData(model)
     rolled.qpos[:] = data.qpos
     at = vehicle.hull_qpos
@@ -201,7 +203,7 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
 
 
 def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force: float) -> float:
-    """Speed [m/s] of a current along an axis whose drag equals `force` [N], at most FASTEST."""
+    """Speed [m/s] of a current along an axis at which the drag is `force` [N], at most FASTEST."""
     data = resting(model, HOME_KEY)
     at = vehicle.hull_dof + axis
     still = float(data.qfrc_passive[vehicle.hull_dof + axis])

@@ -163,7 +163,7 @@ def carry_out(
 
 
 def one_of(runs: "list[CampaignRun]", case: int, version: str) -> "CampaignRun":
-    """The run with a number, in a version; "": the run without a version.
+    """The run with a number in a version; the version "" is the campaign without a version.
 
     Raises:
         ConfigurationError: There is no such run.

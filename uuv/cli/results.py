@@ -1,4 +1,4 @@
-"""`uuv results`: pages of the experiments' kept rows, and their check, in a checkout."""
+"""`uuv results`: prints pages of the experiments' kept rows or checks the rows, in a checkout."""
 
 import time
 from collections.abc import Sequence

@@ -492,7 +492,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _wrapper() -> str:
-    """Prefix of commands here: the wrapper in a clone; empty for the wheel."""
+    """Prefix of commands: the wrapper in a clone, empty for an installed wheel."""
     uvw = CHECKOUT / "uvw"
     if not uvw.is_file():
         return ""

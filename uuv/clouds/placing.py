@@ -112,9 +112,7 @@ def any_rotation(rng: Rng) -> Array:
 
 
 def resting_attitude(shape: Shape, rng: Rng) -> Array:
-    """Rotation (3, 3) in which a shape rests on flat ground, z up, on a side of its convex hull on
-    which it is stable.
-    """
+    """Rotation (3, 3) of a shape that rests on flat ground, z up, on a stable side of its hull."""
     hull = ConvexHull(shape.vertices)
     normals = hull.equations[:, :3]
     offsets = -hull.equations[:, 3]

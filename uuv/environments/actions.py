@@ -364,8 +364,8 @@ class JointVelocities(Controlled):
 
 
 class ToolTwist(Controlled):
-    """Velocity (3,) and angular velocity (3,) of the tool, in tool axes and as shares of limits;
-    force; compliance.
+    """Action of velocity (3,) and angular velocity (3,), as shares of limits in tool axes, and of
+    force and compliance.
 
     The seventh number is the set force as a share of `largest` [N]; the force is not controlled if
     it is 0 or negative. If the eighth number is above 0, the tool is compliant across its axis.

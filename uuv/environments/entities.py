@@ -663,7 +663,7 @@ def _dry(model: mujoco.MjModel) -> list[str]:
 
 
 class _Anything:
-    """Requirements without any part, since a task checks the parts that it needs."""
+    """Requirements that contain no part, since each task checks the parts that it needs."""
 
     def __contains__(self, name: object) -> bool:
         return True

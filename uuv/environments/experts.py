@@ -210,7 +210,7 @@ class Align(Phase):
         return [now.time]
 
     def step(self, state: list[float], held: Held, now: Context) -> Outcome:
-        """Done once the tool has been at the stand-off for that time."""
+        """Report DONE once the tool has been at the stand-off for that time."""
         if float(np.linalg.norm(self._tip(now.estimate) - held.tool()[0][:3, 3])) > self._within:
             state[0] = now.time
         return PhaseEvent.DONE if now.time - state[0] > self._seconds else None

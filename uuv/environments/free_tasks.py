@@ -18,13 +18,13 @@ from uuv.sim.plant.truth import Truth
 
 
 class Closeness(NamedTuple):
-    """How an error is rewarded, and up to which one the goal is met."""
+    """Reward of an error, and the largest error at which the goal is met."""
 
     met: float  # largest error with the full reward
     margin: float  # further error at which the reward is a tenth
 
     def reward(self, error: float) -> float:
-        """1 where the goal is met, falling with the error beyond."""
+        """Reward: 1 if the goal is met, less for larger errors."""
         return rewards.tolerance(
             error, bounds=(0.0, self.met), margin=self.margin, value_at_margin=0.1
         )

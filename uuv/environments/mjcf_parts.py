@@ -108,7 +108,8 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
 
 
 def _without_slashes(document: etree._Element) -> dict[str, str]:
-    """Rename what has a slash in its name, PyMJCF's sign of a scope, and all that refers to it.
+    """Rename elements with a slash in their name, which is PyMJCF's sign of a scope, and references
+    to them.
 
     Returns:
         The new names by the old ones.

@@ -45,7 +45,7 @@ class ModelVariation:
         self.drawn: dict[str, float] = {}  # mean values of the factors of the present episode
 
     def bind(self, scene: mujoco.MjModel, find: Finder) -> None:
-        """Look the vehicle's named parts up in the compiled model of a scene.
+        """Look up the vehicle's named parts in the compiled model of a scene.
 
         Args:
             scene: The model to vary.

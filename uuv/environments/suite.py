@@ -63,7 +63,7 @@ ACTIONS: dict[str, Callable[[OwnVehicle], Actions]] = {
 
 
 class Fitting(TypedDict, total=False):
-    """What a vehicle of `load` is fitted with; each may be left out."""
+    """Equipment of a vehicle of `load`; each item may be left out."""
 
     tool: str | None  # of `uuv.models.tools.tools.TOOLS`; None: the task's, or the vehicle's own
     sensors: Sequence[Sensor]  # whose readings are observed in place of the true state

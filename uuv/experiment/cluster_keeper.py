@@ -27,8 +27,8 @@ _LOOKS = 300  # at most this many searches; a process that cannot be ended is le
 
 @contextmanager
 def kept_cluster() -> Iterator[str | None]:
-    """Context manager that provides a folder, and ends all other processes that write there when
-    the block or this process ends, whichever is first.
+    """Context manager that provides a folder. When the block or this process ends, it ends all
+    other processes that write there.
 
     The processes of a cluster are recognised by their open log files. Their environment cannot be
     used, since Ray overwrites it with the process name. The folder is removed after an orderly end

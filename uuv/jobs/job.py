@@ -215,7 +215,7 @@ def job(function: "Callable[..., Scenario]") -> Job:
 
 
 def as_job(candidate: "Job | Callable[..., Any]", name: str) -> Job:
-    """A job as it is, or one made of a plain function; `name`: as the user typed it.
+    """The job itself, or a job made of a plain function; `name` is the user's spelling.
 
     Raises:
         ConfigurationError: The candidate is neither a job nor a function.

@@ -1,4 +1,4 @@
-"""ArduSub's motor frames, and which thruster of a vehicle each motor is.
+"""ArduSub's motor frames, and the assignment of their motors to a vehicle's thrusters.
 
 An autopilot numbers its motors and knows what each does to the vehicle: a factor per axis
 [ArduSub frames]. A vehicle's model knows the same from where its thrusters are. The two are matched

@@ -33,10 +33,10 @@ class _Samples:
 
 
 class Gathered:
-    """Samples of a log while it is read, by quantity; the best source of each counts."""
+    """Samples of a log while it is read, by quantity, each from its best source."""
 
     def __init__(self, what: str) -> None:
-        """For a log of that description."""
+        """Begin a log, which messages call `what`."""
         self.what = what
         self.messages = 0  # that were read
         self.has_position = True  # the autopilot's filter has a source for it, by its own word
@@ -46,7 +46,7 @@ class Gathered:
         self._notes: list[str] = []
 
     def count(self) -> None:
-        """Note a message.
+        """Count a message.
 
         Raises:
             ConfigurationError: There are more than MOST.
@@ -79,7 +79,7 @@ class Gathered:
         rank: int = 0,
         labels: tuple[str, ...] = (),
     ) -> None:
-        """Add a sample; of several sources of a quantity that of the lowest rank is taken.
+        """Add a sample. If a quantity has several sources, the one of the lowest rank is used.
 
         Args:
             quantity: Such as `ATTITUDE` (`uuv.logs.vehicle_log`).
@@ -99,7 +99,7 @@ class Gathered:
         samples = self._sources.setdefault(key, _Samples(names))
         if samples.labels != names:
             if sorted(samples.labels) != sorted(names):
-                self.leave_out(f"{source}: other names than at first")
+                self.leave_out(f"{source}: names differ from those of its first sample")
                 return
             sample = sample[[names.index(name) for name in samples.labels]]
 
@@ -138,7 +138,7 @@ class Gathered:
         return tuple(stated) if len(stated) == len(known) else ()
 
     def _stream(self, key: Key) -> Stream:
-        """Samples in the order of time; one that repeats a time, or goes back, is left out."""
+        """Samples in order of time, without those that repeat a time or go back."""
         quantity, _, source = key
         samples = self._sources[key]
         time = np.array(samples.time)
@@ -154,7 +154,7 @@ class Gathered:
 
 
 def _rising(time: Array) -> np.ndarray:
-    """Mask (N,) of times that rise, without outliers: a single time that is wrong costs itself.
+    """Mask (N,) of rising times; a single wrong time is masked alone.
 
     Seen from the front a time must exceed all before it, from the back be below all after it; an
     outlier ahead spoils the first way, one behind the second.
@@ -165,5 +165,5 @@ def _rising(time: Array) -> np.ndarray:
 
 
 def short(error: BaseException) -> str:
-    """What a library raised, in one line."""
+    """Message of a library's exception, in one line."""
     return one_line(f"{type(error).__name__}: {error}", 120)

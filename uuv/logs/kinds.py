@@ -6,5 +6,5 @@ ENDINGS = (".bin", ".tlog", ".mcap", ".bag", ".db3")
 
 
 def is_vehicle_log(path: Path) -> bool:
-    """Whether a path is of a kind that is read here: by its ending, or a folder with a bag."""
+    """True if a path can be read as a log: by its ending, or as a folder with a bag."""
     return path.suffix.lower() in ENDINGS or (path / "metadata.yaml").is_file()

@@ -1,4 +1,4 @@
-"""A log over time: what drove the vehicle, its depth and its attitude."""
+"""Picture of a log over time: the vehicle's inputs, depth and attitude."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Readers of vehicles' logs by kept libraries: ArduPilot dataflash, MAVLink telemetry, ROS.
+"""Readers of vehicles' logs by maintained libraries: ArduPilot dataflash, MAVLink telemetry, ROS.
 
 A file from elsewhere may be cut or damaged: what can be read before that is taken, and the damage
 is noted. Sizes are bounded.
@@ -78,7 +78,7 @@ def read_vehicle_log(file: str | Path) -> VehicleLog:
 
     if not log.messages:
         note = f" ({log.notes[0]})" if log.notes else ""
-        raise ConfigurationError(f"{what}: holds no message of a {log.kind} log{note}")
+        raise ConfigurationError(f"{what}: has no message of a {log.kind} log{note}")
     return log
 
 
@@ -117,13 +117,13 @@ def _ardupilot(
 
     skipped = sum(map(int, re.findall(r"[Ss]kipped (\d+) bad bytes", printed.getvalue())))
     if skipped:
-        gathered.note(f"{skipped} bytes of the file are no message")
+        gathered.note(f"{skipped} bytes of the file belong to no message")
     return gathered.log(path.name, kind)
 
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[io.StringIO]:
-    """Around pymavlink: it prints what it skips, and leaves a file open where it cannot begin."""
+    """Context that captures what pymavlink prints, and hides its warnings about files left open."""
     printed = io.StringIO()
     with (
         contextlib.redirect_stdout(printed),
@@ -135,7 +135,7 @@ def _quiet() -> Iterator[io.StringIO]:
 
 
 def _dataflash(path: Path, gathered: "Gathered") -> None:
-    """Messages of a .BIN, by their names there."""
+    """Messages of a .BIN file, by their names."""
     from pymavlink import DFReader
 
     with contextlib.closing(DFReader.DFReader_binary(str(path), zero_time_base=True)) as log:
@@ -148,7 +148,7 @@ def _dataflash(path: Path, gathered: "Gathered") -> None:
 
 
 def _telemetry(path: Path, gathered: "Gathered") -> None:
-    """Messages of a .tlog, those of the first vehicle's autopilot."""
+    """Messages of a .tlog file that the first vehicle's autopilot sent."""
     from pymavlink import mavutil
 
     clock = _BootClock()
@@ -178,13 +178,13 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
                 _TELEMETRY[kind](gathered, time, message)
 
     if bad:
-        gathered.note(f"{bad} parts of the file are no message")
+        gathered.note(f"{bad} parts of the file belong to no message")
     if clock.restarts:
-        gathered.note(f"the vehicle restarted {clock.restarts} times; its clock is made to go on")
+        gathered.note(f"the vehicle restarted {clock.restarts} times; its clock is continued")
 
 
 class _BootClock:
-    """Time [s] of telemetry by the vehicle's own clock; messages without it are put on it."""
+    """Time [s] of telemetry by the vehicle's clock, also for messages that do not state it."""
 
     def __init__(self) -> None:
         self.restarts = 0
@@ -250,7 +250,7 @@ def _xkf1(to: Gathered, time: float, m: Any) -> None:
     angles = np.radians([m.Roll, m.Pitch, m.Yaw])
     velocity = _TO_OURS * [m.VN, m.VE, m.VD]
     in_hull = Rotation.from_quat(quaternion_xyzw(*angles)).inv().apply(velocity)
-    to.add(VELOCITY, time, in_hull, f"{source} [m/s], turned into the hull")
+    to.add(VELOCITY, time, in_hull, f"{source} [m/s], rotated to hull axes")
 
 
 def _xkf4(to: Gathered, time: float, m: Any) -> None:
@@ -260,7 +260,9 @@ def _xkf4(to: Gathered, time: float, m: Any) -> None:
 
 
 def _has_position(status: int) -> bool:
-    """Whether the autopilot's filter knows where it is: without GPS and DVL it assumes to stand."""
+    """True if the autopilot's filter has a position, and not a constant one for lack of GPS and
+    DVL.
+    """
     return bool(status & _PLACED) and not status & _CONSTANT
 
 

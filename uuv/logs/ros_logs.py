@@ -33,7 +33,7 @@ _SECOND = 1e-9  # [s] of a nanosecond
 
 
 def read_ros_log(path: Path, what: str) -> VehicleLog:
-    """Read an MCAP file or a bag; topics are taken by their types, the first of each counts.
+    """Read an MCAP file or a bag, the first topic of each type.
 
     Raises:
         ConfigurationError: It cannot be opened.
@@ -66,7 +66,7 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
 
 
 def _read(reader: Any, gathered: Gathered) -> None:
-    """Add all messages of types that are read, topics in the order of their names' length."""
+    """Add the messages of all types that are read, topics with shorter names first."""
     connections = [topic for topic in reader.connections if topic.msgtype in _TYPES]
     names = {connection.topic for connection in connections}
     order = sorted(names, key=lambda name: (len(name), name))
@@ -88,7 +88,7 @@ def _read(reader: Any, gathered: Gathered) -> None:
 
 
 def _read_stream(path: Path, gathered: Gathered, types: Any) -> None:
-    """Add all messages of an MCAP file from its beginning on, as far as they go.
+    """Add the messages of an MCAP file from its beginning to the last readable one.
 
     A recorder that was killed leaves no index at the end.
     """
@@ -111,7 +111,7 @@ def _read_stream(path: Path, gathered: Gathered, types: Any) -> None:
 
 
 def _time_of(message: Any, stamp: int) -> float:
-    """Time [s] of measurement where the message has one, else of recording."""
+    """Time [s] of measurement or, if the message has none, of recording."""
     header = getattr(message, "header", None)
     if header is not None and (header.stamp.sec or header.stamp.nanosec):
         return header.stamp.sec + _SECOND * header.stamp.nanosec

@@ -1,4 +1,4 @@
-"""What a vehicle's log holds: streams of samples in SI units and our axes, and what it lacks.
+"""Content of a vehicle's log: streams of samples in SI units and this project's axes, and gaps.
 
 World: z up, x to the north where the log knows it (of a ROS log: its own). Hull: forward, port, up.
 """
@@ -45,11 +45,11 @@ class Stream:
 
     @property
     def rate(self) -> float:
-        """Samples a second [Hz], by the median step; 0 for a single sample."""
+        """Sampling rate [Hz], by the median step; 0 for a single sample."""
         return 1.0 / float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
 
     def from_time(self, start: float) -> "Stream":
-        """The same with times since `start` [s]."""
+        """The stream with times since `start` [s]."""
         return replace(self, time=self.time - start)
 
     @property
@@ -62,7 +62,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VehicleLog:
-    """All that is of use in one log."""
+    """Usable content of one log."""
 
     name: str
     kind: str  # such as "ArduPilot dataflash"
@@ -86,11 +86,11 @@ class VehicleLog:
 
     @property
     def motors(self) -> int:
-        """Number of outputs that are motors': the first ones; all, where no frame is known."""
+        """Number of outputs that drive motors, which come first; all if the frame is unknown."""
         return len(FRAMES[self.frame]) if self.frame else self.streams[PULSES].values.shape[1]
 
     def lacking(self) -> list[str]:
-        """What an identification of the water needs or wants, and is not there; in words."""
+        """Missing data that an identification of the water needs or can use, in words."""
         have = self.streams
         lines = []
 

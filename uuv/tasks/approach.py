@@ -1,4 +1,4 @@
-"""What several tasks need of their site: its object, and the pose to look from."""
+"""Parts of a site that several tasks need: its object, and the pose to look from."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ _FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
 
 
 def object_of(scenario: Scenario, kind: type[Any]) -> Any:
-    """The site's object, which must be of a kind.
+    """The site's object, which must be of the kind `kind`.
 
     Raises:
         ConfigurationError: It is of another kind.
@@ -27,7 +27,7 @@ def object_of(scenario: Scenario, kind: type[Any]) -> Any:
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
-    """Level hull pose (4, 4) in W, its camera at the scan range of the coarse position.
+    """Level hull pose (4, 4) in W with the camera at scan range from the coarse position.
 
     The camera looks towards +x of W, or down, or up.
 

@@ -57,7 +57,7 @@ _SHOWN = 4000  # largest number of samples of each joint in the picture
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionBounds:
-    """Bounds on the worst joint, as shares of the true value, or of USUAL without such friction."""
+    """Bounds on errors of the worst joint, as shares of the true value or, if it is 0, of USUAL."""
 
     coulomb: float = 0.02
     stiction: float = 0.05
@@ -118,7 +118,7 @@ class GearIdentificationTask(Task):
 
 @dataclass(kw_only=True, eq=False)
 class FrictionCase(PlacedTask):
-    """Swings in open water, with what is believed and what is true of the gears."""
+    """Swings in open water, with the believed and the true friction of the gears."""
 
     exact_start: ClassVar[bool] = True
     scenario: Scenario
@@ -145,7 +145,7 @@ class FrictionCase(PlacedTask):
 
     @property
     def true(self) -> "Vehicle":
-        """The vehicle as it is."""
+        """The true vehicle."""
         from uuv.models.vehicle import Vehicle
 
         assert self.model is not None
@@ -162,7 +162,7 @@ class FrictionCase(PlacedTask):
         return vehicle
 
     def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":
-        """No sensor sees anything."""
+        """None: no sensor observes the site."""
         self.model = model
         return [], None
 

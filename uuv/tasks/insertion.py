@@ -58,7 +58,7 @@ class InsertionTask(InsertionSettings, Task):
         return "sampler"
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses an object that is no manifold, and a hole that it has not."""
+        """Refuses an object that is not a manifold, and a hole that the manifold does not have."""
         from uuv.models.tools.sampler import SAMPLER
 
         super().check_inputs(scenario)

@@ -58,7 +58,7 @@ class InspectionTask(InspectionSettings, Task):
     )
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses an object that there is not, and a mesh without Open3D."""
+        """Refuses a missing object, and a mesh if Open3D is not installed."""
         super().check_inputs(scenario)
         workpiece: Workpiece = object_of(scenario, Workpiece)
         workpiece.model()
@@ -196,7 +196,7 @@ class PlacedInspection(PlacedTask):
         )
 
     def pictures(self, ran: RunResult) -> Pictures:
-        """Plan view of the hull's way, and the surface that was measured."""
+        """Plan view of the hull's path, and the measured surface."""
         yield from orbit_picture(ran.recording, self.truth)
         if self.survey is not None:
             yield from self.survey.pictures()

@@ -1,4 +1,4 @@
-"""Where a run begins: drawn about the task's pose, and how far from everything else that is."""
+"""Start of a run: a pose drawn around the task's pose, and its clearance from everything else."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -45,7 +45,7 @@ class Clearance:
     between: str = ""  # the thing and the part of the vehicle
 
     def __str__(self) -> str:
-        """It in words."""
+        """The clearance in words."""
         if self.distance < 0.0:
             return f"{-self.distance:.2f} m deep in {self.between}"
         return f"{self.distance:.2f} m clear of {self.between}"
@@ -94,7 +94,7 @@ def clearance(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> Clearance
 
 
 def start_refusal(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> str:
-    """Why a vehicle cannot start at a pose (4, 4) of its hull: it lies in something; or empty."""
+    """Reason why a vehicle cannot start at a hull pose (4, 4), a penetration; empty if it can."""
     clear = clearance(model, vehicle, X_WB)
     if clear.distance >= -_DEEP:
         return ""

@@ -110,7 +110,7 @@ class SurfaceSurvey:
         self._mesh = None
 
     def save(self) -> tuple[Array | None, Any]:
-        """Pose that was found, and state of the camera.
+        """Identified pose, and state of the camera.
 
         Raises:
             ConfigurationError: There are frames already; Open3D's field cannot be copied.
@@ -122,7 +122,7 @@ class SurfaceSurvey:
         return self.X_WT, self._state
 
     def resume(self, saved: tuple[Array | None, Any]) -> None:
-        """Go on from what `save` of an equal survey returned."""
+        """Continue from the state that `save` of an equal survey returned."""
         self.X_WT, self._state = saved
 
     @property

@@ -44,7 +44,7 @@ _ROOM = 1.5  # limit of the simulated time over what the work needs
 
 @dataclass(frozen=True, kw_only=True)
 class ToolTurn:
-    """How a tool that is not round is turned about its axis."""
+    """Rotation about the tool axis of a tool that is not round."""
 
     angle: float = option(
         0.0,
@@ -92,7 +92,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
     range: float = option(1.25, "Range from camera to object at the scan [m].", group="work")
 
     def check_inputs(self, scenario: Scenario) -> None:
-        """Refuses an object without surface, a path that it lacks, and options at odds."""
+        """Refuses an object without surface, a path that it lacks, and contradictory options."""
         workpiece: Workpiece = object_of(scenario, Workpiece)
         self._check_stops(scenario)
         _check_survey(scenario)
@@ -116,7 +116,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         )
 
     def _check_stops(self, scenario: Scenario) -> None:
-        """Refuses stops for navigation where they tell nothing."""
+        """Refuses stops for navigation that add no information."""
         if self.promise.stops is None:
             return
 
@@ -198,7 +198,7 @@ class PlacedSurfaceWork(PlacedTask):
 
     @property
     def longest(self) -> float:
-        """Limit [s] of the simulated time: what views, path and stops need, with room to spare."""
+        """Limit [s] of the simulated time: the time for views, path and stops, with a margin."""
         from uuv.perception.toolpath.path_planner import PACE
 
         stops = self.task.promise.stops
@@ -219,7 +219,7 @@ class PlacedSurfaceWork(PlacedTask):
 
     @property
     def bounds(self) -> Bounds:
-        """Those of work by this vehicle."""
+        """Bounds of work by this vehicle."""
         return work_bounds(self.own)
 
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
@@ -332,14 +332,14 @@ class PlacedSurfaceWork(PlacedTask):
         )
 
     def pictures(self, ran: RunResult) -> Pictures:
-        """What was found of the object."""
+        """Picture of the object as identified."""
         from uuv.sim.reporting.report_figures import object_as_found
 
         return object_as_found(ran.recording, self.truth)
 
 
 def work_bounds(believed: "OwnVehicle") -> Bounds:
-    """The usual bounds; of the force by the arm's size, and of the tilt by its number of joints.
+    """Usual bounds, of the force by the arm's size, and of the tilt by its number of joints.
 
     A hull that weight and buoyancy alone right in roll or pitch may list.
     """
@@ -362,7 +362,7 @@ def work_bounds(believed: "OwnVehicle") -> Bounds:
 
 
 def _check_survey(scenario: Scenario) -> None:
-    """Refuses what looks for an object whose pose is known."""
+    """Refuses options of a search for an object whose pose is known."""
     if scenario.sensing.sensor != SURVEY:
         return
     looks = scenario.sensing.looks

@@ -27,7 +27,7 @@ class TappingTask(SurfaceWorkTask):
     def place(
         self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator
     ) -> "PlacedTapping":
-        """The work on the site's object, as `SurfaceWorkTask.place`."""
+        """The work on the site's object, made as by `SurfaceWorkTask.place`."""
         placed = super().place(scenario, own, rng)
 
         return PlacedTapping(
@@ -52,7 +52,7 @@ class PlacedTapping(PlacedSurfaceWork):
 
     @property
     def bounds(self) -> Bounds:
-        """Those of the force: there is no path."""
+        """Bounds of the force only, since there is no path."""
         return replace(super().bounds, path_deviation=float("inf"))
 
     @property

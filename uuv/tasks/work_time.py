@@ -50,7 +50,7 @@ class WorkTime:
         )
 
     def check(self) -> None:
-        """Refuses work that is too short for its forces or its speed; the line says what would do.
+        """Refuses work that is too short for its forces or its speed; the message states a remedy.
 
         Raises:
             ConfigurationError: Which force would not be judged, or that the speed is hardly
@@ -88,7 +88,7 @@ class WorkTime:
         return at_speed and (not self.forces or long_enough(min(self.judged())))
 
     def _slower(self) -> float:
-        """A speed [m/s] that would do, of two digits; 0 where none does."""
+        """A speed [m/s] of two digits that is slow enough; 0 if there is none."""
         slow, fast = SLOWEST, self.speed
         if not replace(self, speed=slow)._is_judged():
             return 0.0
@@ -102,7 +102,7 @@ class WorkTime:
         return float(np.floor(slow / digit + 1e-9) * digit)
 
     def _longer(self) -> float:
-        """A length [m] of path that would do, in whole centimetres; 0 where none does."""
+        """A path length [m] in whole centimetres that is long enough; 0 if there is none."""
         short, long = self.length, _FARTHEST
         if not replace(self, length=long)._is_judged():
             return 0.0

@@ -42,7 +42,7 @@ _CHANNELS = {"encoders": ENCODERS, "torques": TORQUE_SENSORS, "imu": IMU}
 
 
 def reason(plant: Any, parts: Parts) -> str:
-    """Why a run is taken part by part at every tick; empty if its ticks can be compiled.
+    """Reason why a run calls its parts singly at every tick; empty if its ticks can be compiled.
 
     Args:
         plant: plant of the loop, or a wrapper of one.
@@ -71,7 +71,7 @@ def reason(plant: Any, parts: Parts) -> str:
 
 
 def _without_kernel(part: Any, method: str, wraps: str) -> str:
-    """First of a part and those that it wraps which has no kernel; empty: all have.
+    """First part without a kernel, of a part and those that it wraps; empty if all have one.
 
     Args:
         part: a plant or an estimator.
@@ -91,10 +91,10 @@ def _channel(sensor: Any) -> str:
 
 
 class CompiledTicks:
-    """Compiled ticks (`uuv.sim.loop.rollout.Ticks`) of a run that `reason` has none against."""
+    """Compiled ticks (`uuv.sim.loop.rollout.Ticks`) of a run for which `reason` is empty."""
 
     def __init__(self, plant: Plant, recorder: Recorder) -> None:
-        """Take what the ticks change beside the parts.
+        """Take what the ticks change in addition to the parts.
 
         Args:
             plant: the plant of the run, not wrapped.
@@ -138,7 +138,7 @@ class CompiledTicks:
         return self
 
     def close(self) -> None:
-        """Give back the callbacks, which hold the run as the run holds them."""
+        """Release the callbacks, since they and the run refer to each other."""
         self._worlds.clear()
         self._plant.hooks.clear()
 
@@ -200,7 +200,9 @@ class CompiledTicks:
         return control.slots.add(watch)
 
     def _control(self, run: Rollout, reference: Reference) -> ControlTick:
-        """The controller's tick: its kernel where that is ready, else all of it in Python."""
+        """The controller's tick: its kernel once that is ready, until then the controller in
+        Python.
+        """
         controller = run.parts.controller
         if self._compiled is None and has_tick(controller):
             self._compiled = controller.tick_on(run.controller_state, self._inputs)
@@ -282,7 +284,9 @@ class CompiledTicks:
         return tick
 
     def _stretch(self, run: Rollout, tick: int, end: int, control: ControlTick) -> tuple[int, int]:
-        """Number of ticks from `tick` on that may run at once, and the stage of the one after."""
+        """Number of ticks from `tick` on that may run at once, and the stage of the tick after
+        them.
+        """
         observed = (-tick % every for every in self._slow_ticks)
         planned = run.planner_ticks - tick % run.planner_ticks
         most = min(min(run.next_due(tick + 1), end) - tick, self._plant.ready())
@@ -301,7 +305,9 @@ class CompiledTicks:
         return ticks, PLANNED if plans and ticks < most else NEW
 
     def _plan(self, run: Rollout, tick: int) -> bool:
-        """Estimate and planner of a tick; True if its rest may run compiled."""
+        """Run estimator and planner of a tick; returns True if the rest of the tick may run
+        compiled.
+        """
         if run.stage == Stage.NEW:
             control = self._compiled or self._python
             _, box = self._world(control, run)
@@ -362,7 +368,7 @@ class CompiledTicks:
         return done
 
     def _follow(self, run: Rollout, reference: Reference) -> Reference:
-        """Take over the periods of the planner that went by; the set points of the last one."""
+        """Adopt the planner's periods that have passed; returns the set points of the last one."""
         references = self._foresight.close()
         for taken in references:
             self._recorder.refer(taken)
@@ -371,7 +377,7 @@ class CompiledTicks:
 
 
 def _completion(run: Rollout) -> Callable[[StateEstimate], StateEstimate] | None:
-    """What the estimator adds to an estimate outside the ticks; None: nothing."""
+    """Function with which the estimator completes an estimate outside the ticks; None: none."""
     completed = getattr(run.parts.estimator, "completed", None)
     return completed and (lambda estimate: completed(run.estimator_state, estimate))
 

@@ -1,4 +1,4 @@
-"""A real vehicle's log beside its simulation, which is driven by the log's pulses or thrusts.
+"""A real vehicle's log compared with a simulation that is driven by its pulses or thrusts.
 
 The simulation begins anew in each window, at the state that was measured there, so that its errors
 do not add up over the whole log.
@@ -41,7 +41,7 @@ class SideBySide:
 
     @property
     def rms(self) -> float:
-        """Of the difference, in `unit`."""
+        """RMS of the difference, in `unit`."""
         return float(np.sqrt(np.mean((self.simulated - self.measured) ** 2)))
 
     @property
@@ -51,14 +51,14 @@ class SideBySide:
 
     @property
     def motion(self) -> float:
-        """Standard deviation of what was measured about its mean in each window, in `unit`."""
+        """Standard deviation of the measured values about their mean in each window, in `unit`."""
         means = np.bincount(self.window, self.measured) / np.maximum(np.bincount(self.window), 1)
         return float(np.sqrt(np.mean((self.measured - means[self.window]) ** 2)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LogBeside:
-    """A log beside its simulation."""
+    """A log compared with its simulation."""
 
     name: str
     windows: int
@@ -115,7 +115,7 @@ class LogBeside:
 
 
 def _compared(cut: LogReplay, rows: Array, values: dict[str, float]) -> Iterator[SideBySide]:
-    """Attitude, depth, velocity and so on, an axis at a time."""
+    """Comparison of attitude, depth, velocity and other quantities, axis by axis."""
     for kind in (ATTITUDE, DEPTH, VELOCITY, RATE, POSITION):
         if kind not in cut.kinds:
             continue

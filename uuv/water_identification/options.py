@@ -37,7 +37,7 @@ class WaterOptions(ResultOptions):
     water_density: float | None = None
     """Density of the water [kg/m^3]; default: the vehicle's."""
     plan: bool = False
-    """Also name the manoeuvre that tells most next; without a log, the one to begin with."""
+    """Also name the most informative next manoeuvre; without a log, the first one."""
     aim: tuple[str, ...] = ()
     """Groups of parameters that the plan is for: "added mass", trim, thrusters, ...; default:
     all.

@@ -263,9 +263,7 @@ def pose_of(element: Element, name: str) -> Array:
 
 
 def tree_order(model: SdfModel) -> Iterator[tuple[str, SdfJoint | None]]:
-    """Links of the tree from the root on, each with the joint of which it is the child; parents
-    come first.
-    """
+    """Links of the tree from the root on, parents first, each with the joint whose child it is."""
     carried: Mapping[str, list[SdfJoint]] = {}
     for joint in model.joints.values():
         carried.setdefault(joint.parent, []).append(joint)

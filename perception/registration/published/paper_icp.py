@@ -36,7 +36,7 @@ class PaperFit:
 
     @property
     def asks(self) -> str:
-        """Why a new scan is requested; empty: it is not."""
+        """Reason why a new scan is requested; empty if none is."""
         if self.error <= self.required:
             return ""
         return (

@@ -1,4 +1,4 @@
-"""Text and bars on a picture of a run: phase, time, force, current, and what colours mean."""
+"""Text and bars on a picture of a run: phase, time, force, current, and the scale of colours."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -29,7 +29,7 @@ _LEAST = 9.0  # [px] below which no text can be read
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureText:
-    """What a picture says in text."""
+    """Text on a picture."""
 
     time: float  # [s]
     phase: str
@@ -45,7 +45,7 @@ class Captions:
     def __init__(
         self, height: int, width: int, title: str, *, most_force: float, error_scale: float | None
     ) -> None:
-        """Take what all pictures of a run have in common.
+        """Take the data that all pictures of a run have in common.
 
         Args:
             height: [px]
@@ -73,7 +73,7 @@ class Captions:
 
     @property
     def near_size(self) -> tuple[int, int]:
-        """Height and width [px] of the picture of the tool from near."""
+        """Height and width [px] of the close-up of the tool."""
         return round(self._px(_NEAR[0])), round(self._px(_NEAR[1]))
 
     def titled(self, picture: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ class Captions:
         return np.asarray(ground)
 
     def _within(self, ground: Any, near: Any) -> None:
-        """Puts a picture with a rim into another, at its right."""
+        """Insert a picture with a rim into another, at the right."""
         from PIL import ImageOps
 
         framed = ImageOps.expand(near, round(max(1.0, self._px(2))), fill=_PALE[:3])
@@ -123,7 +123,7 @@ class Captions:
         self._text(pen, (edge, row), f"{readout.phase}   {readout.time:.1f} s", _TEXT, _PALE)
 
     def _force(self, pen: Any, readout: PictureText) -> None:
-        """Bar of the felt force with a line at the set one, at the bottom left."""
+        """Bar of the estimated force with a line at the set force, at the bottom left."""
         left = self._px(24)
         long = self._px(300)
         high = self._px(20)
@@ -179,7 +179,7 @@ class Captions:
         bold: bool = False,
         anchor: str = "la",
     ) -> float:
-        """Text on a dark plate; the end [px] that lies away from its anchor."""
+        """Draw text on a dark plate, and return its end [px] opposite the anchor."""
         font = _font(self._bold if bold else self._plain, max(size * self._scale, _LEAST))
         left, top, right, low = pen.textbbox(place, words, font=font, anchor=anchor)
         rim = self._px(5)
@@ -188,12 +188,12 @@ class Captions:
         return left if anchor.startswith("r") else right
 
     def _px(self, length: float) -> float:
-        """A length of the usual picture in this one [px]."""
+        """A length of the usual picture, scaled to this one [px]."""
         return length * self._scale
 
 
 def error_colours(share: np.ndarray) -> np.ndarray:
-    """Colours (N, 3) in [0, 1] of errors (N,), as shares of the scale: green over yellow to red."""
+    """RGB colours (N, 3), green by yellow to red, of errors (N,) as fractions of full scale."""
     stops = np.array([[0.10, 0.78, 0.45], [0.98, 0.90, 0.25], [0.90, 0.20, 0.10]])
     known = np.clip(share, 0.0, 1.0) * (len(stops) - 1)
     return np.column_stack([np.interp(known, np.arange(len(stops)), c) for c in stops.T])

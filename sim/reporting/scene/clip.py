@@ -20,7 +20,7 @@ ENDINGS = {"still": (*_KINDS,), "clip": (".webp",)}
 
 
 def check_file(file: Path, what: str) -> None:
-    """Refuses a file for a "still" or a "clip" by its ending, or for want of its folder."""
+    """Refuse a file for a "still" or a "clip" with a wrong ending, or in a missing folder."""
     if file.suffix not in ENDINGS[what]:
         raise ConfigurationError(
             f"{what}: must be a file *{', *'.join(ENDINGS[what])}, got {shown(file.name)}"

@@ -1,4 +1,4 @@
-"""Pictures of a scene by MuJoCo's renderer, where there is OpenGL."""
+"""Pictures of a scene by MuJoCo's renderer, which needs OpenGL."""
 
 from collections.abc import Sequence
 
@@ -89,7 +89,7 @@ class GlPicture:
         return picture if size is None else _scaled(picture, size)
 
     def close(self) -> None:
-        """Frees what OpenGL holds."""
+        """Free the resources of OpenGL."""
         self._renderer.close()
 
     @property
@@ -114,7 +114,7 @@ class GlPicture:
 
 
 def _scaled(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """A picture's middle of another shape, scaled to height and width [px]."""
+    """The middle of a picture, cropped and scaled to height and width [px]."""
     from PIL import Image, ImageOps
 
     height, width = size

@@ -1,4 +1,4 @@
-"""Marks drawn into a scene: rods and arrows, which light does not shade."""
+"""Marks drawn into a scene: rods and arrows without shading."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

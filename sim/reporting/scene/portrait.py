@@ -1,4 +1,4 @@
-"""Picture of a model that nothing moves: a vehicle or an object at rest over sand."""
+"""Picture of a model without motion: a vehicle or an object over sand."""
 
 from collections.abc import Iterable
 

@@ -91,7 +91,7 @@ class RayPicture:
         return np.rint(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing, since there are no resources to free."""
 
 
 class _LitScene:
@@ -119,7 +119,7 @@ class _LitScene:
         self._sea = sea
 
     def look(self, rays: Floats) -> tuple[Floats, Floats, Floats]:
-        """What rays (N, 3) meet.
+        """Surfaces that rays (N, 3) hit.
 
         Returns:
             Colours (N, 3) as seen; normal, own colour and sun (N, 7) of the surface; depth (N,).
@@ -146,7 +146,9 @@ class _LitScene:
         return self._sea.seen(colours, ways, depth * length), surface, depth
 
     def _light(self, points: Floats, normal: Floats, facing: Floats) -> tuple[Floats, np.ndarray]:
-        """Light (N, 3) on points (N, 3) [m] from the camera, and which (N,) of them see the sun."""
+        """Light (N, 3) on points (N, 3) [m] relative to the camera, and mask (N,) of those in the
+        sun.
+        """
         steep = np.clip(normal @ SUN_W.astype(np.float32), 0.0, None)
         towards = np.flatnonzero(steep > 0.0)
         sun = np.tile(SUN_W, (len(towards), 1))
@@ -162,7 +164,9 @@ class _LitScene:
 
 
 def _edges(surface: Floats, depth: Floats) -> np.ndarray:
-    """Pixels (h, w) beside which another surface is seen: other colour, normal, shadow or depth."""
+    """Mask (h, w) of pixels next to another surface, which differs in colour, normal, shadow or
+    depth.
+    """
     edge = np.zeros(depth.shape, dtype=bool)
     near = np.where(np.isfinite(depth), depth, _NOTHING)
 

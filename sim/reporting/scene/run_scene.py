@@ -34,7 +34,7 @@ _INTO_WORK = 0.5  # share of the work at which a still is taken
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureStyle:
-    """How a run is drawn."""
+    """Style of the pictures of a run."""
 
     width: int = 1280  # [px]
     height: int = 720  # [px]
@@ -50,7 +50,7 @@ class PictureStyle:
 
 
 class RunScene:
-    """Scene of a run, put into its recorded poses and drawn with what its tool does."""
+    """Scene of a run in its recorded poses, drawn with path and forces of the tool."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class RunScene:
 
     @property
     def renderer(self) -> str:
-        """What draws: "OpenGL" or "rays"."""
+        """Name of the renderer: "OpenGL" or "rays"."""
         return "rays" if isinstance(self._drawer, RayPicture) else "OpenGL"
 
     def __enter__(self) -> Self:
@@ -156,17 +156,17 @@ class RunScene:
         return (self.picture(float(time)) for time in times)
 
     def times(self, count: int) -> np.ndarray:
-        """`count` even times (N,) [s] of the span."""
+        """Evenly spaced times (count,) [s] of the span."""
         return np.linspace(*self.span, count)
 
     def telling(self) -> float:
-        """Time [s] in the middle of the work, or of the span where there was none."""
+        """Time [s] in the middle of the work or, without work, of the span."""
         time = self.work.time
         at = float(time[int(_INTO_WORK * (len(time) - 1))]) if len(time) else sum(self.span) / 2.0
         return float(np.clip(at, *self.span))
 
     def moments(self) -> list[float]:
-        """Four times [s] of a run: looking, closing in, at work, and at its end."""
+        """Four times [s] of a run: during scan, approach and work, and at the end."""
         begin, end = self.span
         first = {event.state: event.time for event in reversed(self.events)}
 
@@ -191,7 +191,7 @@ class RunScene:
 
 
 def _drawer(model: mujoco.MjModel, style: PictureStyle) -> GlPicture | RayPicture:
-    """MuJoCo's renderer, or ray casting where that is chosen or there is no OpenGL."""
+    """MuJoCo's renderer, or ray casting if that is chosen or OpenGL is missing."""
     if style.gl == "off":
         return RayPicture(model, style.height, style.width)
     try:

@@ -1,4 +1,4 @@
-"""Look of the sea: colour and haze of the water over a distance, and sand on the ground."""
+"""Appearance of the sea: colour and haze of the water over a distance, and sand on the ground."""
 
 from functools import cache
 
@@ -29,7 +29,7 @@ _FAR = 60.0  # [m] half the side of a flat seabed as it is drawn
 
 
 class SeaLook:
-    """The water of a scene, as clear as its pictures are wide, and the ground below."""
+    """Water of a scene, with a clarity that grows with the pictures' extent, and the ground."""
 
     def __init__(self, model: mujoco.MjModel, reach: float) -> None:
         """Takes the ground of a compiled model.
@@ -48,7 +48,7 @@ class SeaLook:
         ]
 
     def seen(self, colours: Floats, ways_W: Floats, distance: Floats) -> Floats:
-        """Colours (N, 3) in [0, 1] as they arrive through the water.
+        """Colours (N, 3) in [0, 1] as seen through the water.
 
         Args:
             colours: (N, 3) of what is there, lit.
@@ -80,7 +80,7 @@ class SeaLook:
         return bright
 
     def _height(self, geom: int, points_W: Floats) -> Floats:
-        """Height (N,) [m] of a ground at the places of points (N, 3), in W; NaN beside it."""
+        """Height (N,) [m] in W of a ground below or above points (N, 3); NaN outside the ground."""
         model = self._model
         place = model.geom_pos[geom]
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
@@ -100,7 +100,7 @@ class SeaLook:
 
 
 def drawn_model(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Copy of a model to be drawn: its flat seabeds reach as far as can be seen."""
+    """Copy of a model for drawing, whose flat seabeds extend to the limit of view."""
     import copy
 
     drawn = copy.deepcopy(model)
@@ -111,7 +111,7 @@ def drawn_model(model: mujoco.MjModel) -> mujoco.MjModel:
 
 @cache
 def _tile() -> Floats:
-    """Brightness (_CELLS, _CELLS) of sand, which repeats: ripples, and patches of all sizes."""
+    """Periodic brightness (_CELLS, _CELLS) of sand with ripples, and patches of all sizes."""
     rng = np.random.default_rng(5)
     waves = np.fft.fftfreq(_CELLS, 1.0 / _CELLS)
     ky, kx = np.meshgrid(waves, waves, indexing="ij")

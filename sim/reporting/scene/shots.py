@@ -1,4 +1,4 @@
-"""Camera of a clip: it stands still while the work fits into its view; then the view changes."""
+"""Camera of a clip, which stays in place until the work leaves its view; then the view changes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _WORSE = 0.02  # visible share by which a later direction must be better
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shots:
-    """Views of a run, each from a time on."""
+    """Views of a run, each with the time from which it is used."""
 
     begins: Array  # (K,) [s]
     views: Sequence[CameraView]
@@ -50,7 +50,7 @@ def shots(
     span: tuple[float, float],
     aspect: float,
 ) -> Shots:
-    """Views of a run: one for each phase, fewer where they are alike, more where it goes far.
+    """Views of a run: one for each phase, fewer if they are similar, more if the vehicle goes far.
 
     Args:
         model: The plant's.
@@ -95,7 +95,7 @@ def _unlike(view: CameraView, other: CameraView) -> bool:
 def _direction(
     model: mujoco.MjModel, poses: Poses, work: Work, span: tuple[float, float]
 ) -> tuple[float, float]:
-    """Azimuth and elevation [deg] from which the tool at work is hidden least."""
+    """Azimuth and elevation [deg] from which the working tool is occluded least."""
     poses.put(poses.row(0.5 * (span[0] + span[1])))
     ahead = poses.data.xmat[poses.vehicle.hull].reshape(3, 3)[:, 0]
     heading = float(np.degrees(np.arctan2(ahead[1], ahead[0])))

@@ -1,4 +1,4 @@
-"""CameraView of a free camera onto a scene, and the frame that holds given points."""
+"""View of a free camera onto a scene, and the framing of given points."""
 
 import math
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class CameraView:
     def framing(
         cls, points_W: Array, azimuth: float, elevation: float, aspect: float, fill: float = 0.86
     ) -> Self:
-        """The nearest view from a direction that holds all points.
+        """The nearest view from a direction that contains all points.
 
         Args:
             points_W: (N, 3) [m]
@@ -72,7 +72,7 @@ class CameraView:
 
     @property
     def eye_W(self) -> Array:
-        """Place (3,) [m] of the camera."""
+        """Position (3,) [m] of the camera, W."""
         return self.lookat_W - self.distance * self.axes_W[2]
 
     def rays_W(self, height: int, width: int) -> Array:

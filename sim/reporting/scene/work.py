@@ -1,4 +1,4 @@
-"""What the tool does in a run, as pictures show it: path, forces, current."""
+"""Work of the tool in a run as drawn in pictures: path, forces, current."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -77,7 +77,9 @@ class Work:
         return bool(np.isfinite(self.error).any())
 
     def path(self, time: float, scale: float) -> list[Mark]:
-        """The path: what is worked by a time [s] by the error over `scale` [N], and the rest."""
+        """The path: the part worked until a time [s], coloured by the error over `scale` [N], and
+        the rest.
+        """
         lifted = self.p_W - _LIFT * self.axis_W
         count = int(np.searchsorted(self.time, time))
 
@@ -92,7 +94,7 @@ class Work:
         return done + line(rest, _THIN, np.tile(_AHEAD, (max(len(rest) - 1, 0), 1)))
 
     def forces(self, time: float, view: CameraView) -> list[Mark]:
-        """Arrows of the set and the felt force at a time [s], to either side of the tool."""
+        """Arrows of the set and the estimated force at a time [s], on both sides of the tool."""
         row = self._row(time)
         recorded = self.recorded
         set_force = float(recorded["set_force"].scalar[row])
@@ -132,7 +134,7 @@ class Work:
         ]
 
     def readout(self, time: float) -> PictureText:
-        """What is said in text at a time [s]."""
+        """Text for a time [s]."""
         row = self._row(time)
         state = self._state(row)
         return PictureText(
@@ -145,7 +147,9 @@ class Work:
         )
 
     def near(self, time: float) -> tuple[Array, float]:
-        """Middle (3,) [m] and half the extent [m] of the part of the path worked at a time [s]."""
+        """Middle (3,) [m] and half extent [m] of the part of the path around the tool at a time
+        [s].
+        """
         if not len(self.time):
             return self.recorded["p_pad"].value[self._row(time)], 0.0
 
@@ -160,7 +164,7 @@ class Work:
         return 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
 
     def _row(self, time: float) -> int:
-        """Row of the loop's rate at a time [s]."""
+        """Index of the row, at the loop's rate, at a time [s]."""
         times = self.recorded["state"].time
         return int(np.clip(np.searchsorted(times, time), 0, len(times) - 1))
 
@@ -168,7 +172,7 @@ class Work:
         return STATES[int(self.recorded["state"].scalar[row])]
 
     def _water(self, time: float) -> Array:
-        """Velocity (3,) [m/s] of the water at the hull; NaN: not recorded."""
+        """Velocity (3,) [m/s] of the water at the hull; NaN if it was not recorded."""
         if "current" not in self.recorded:
             return np.full(3, np.nan)
         series = self.recorded["current"]

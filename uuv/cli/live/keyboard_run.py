@@ -11,7 +11,7 @@ from uuv.sim.runs.command_line import RunOptions
 
 
 def run_by_keyboard(scenario: Scenario, options: RunOptions, started: float) -> int:
-    """Run a scenario with a window and progress on screen; the exit code.
+    """Run a scenario with a window and progress on screen; returns the exit code.
 
     Args:
         scenario: Scenario with an operator at the keyboard.

@@ -1,4 +1,4 @@
-"""`uuv gallery`: the pictures of the documents, made anew, in a checkout."""
+"""`uuv gallery`: makes the pictures of the documents again, in a checkout."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

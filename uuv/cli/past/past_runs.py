@@ -82,7 +82,7 @@ def main(verb: str, args: Sequence[str]) -> int:
 
 
 def _beside(options: ReplayOptions, log: Path) -> int:
-    """Lays a log beside its simulation; the exit code."""
+    """Compares a log with its simulation; returns the exit code."""
     if options.run:
         raise ConfigurationError(f"replay: RUN {options.run!r} and --log: give only one of the two")
     from uuv.cli.past.real_log import replay_log
@@ -131,7 +131,7 @@ def scenario_of(folder: Path, *, trust: bool) -> "Scenario":
 
 
 def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
-    """Repeats a run; 0 if the trajectory is the same to the bit, else 1.
+    """Repeats a run; returns 0 if the trajectory is identical in every bit, otherwise 1.
 
     Args:
         folder: Folder of the run.
@@ -170,7 +170,9 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
 
 
 def report(folder: Path, *, trust: bool = False) -> int:
-    """Prints the path of the report, written if missing; `trust`: run its scenario's code too."""
+    """Prints the report's path; a missing report is written, with `trust` also by a scenario's
+    code.
+    """
     file = folder / "report.html"
     if not file.exists():
         if absent(LOG):

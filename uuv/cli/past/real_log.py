@@ -1,4 +1,4 @@
-"""`uuv replay --log FILE`: a real vehicle's log beside the simulation that its pulses drive."""
+"""`uuv replay --log FILE`: compares a real vehicle's log with a simulation driven by its pulses."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,7 +87,9 @@ def _print(beside: "LogBeside", vehicle: str) -> None:
     from uuv.sim.runs.terminal import console
 
     out = console()
-    out.print(f"{beside.name} beside {vehicle}, {beside.windows} windows; simulated less measured:")
+    out.print(
+        f"{beside.name} against {vehicle}, {beside.windows} windows; simulated minus measured:"
+    )
     table = Table("quantity", "unit", "samples", "RMS", "largest", "motion in a window")
     for quantity in beside.quantities:
         figures = (quantity.rms, quantity.largest, quantity.motion)

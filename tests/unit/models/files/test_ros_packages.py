@@ -127,7 +127,10 @@ def test_xacro_is_expanded_with_the_packages_around_it(tmp_path: Path) -> None:
     assert vehicle_spec(rov).compile().body("hull").mass[0] == 31.0
 
     rov.write_text(MACRO.replace("parts_description", "no_such_package"))
-    with pytest.raises(ConfigurationError, match=r"no package 'no_such_package' around.*ROS_PACK"):
+    with pytest.raises(
+        ConfigurationError,
+        match=r"package 'no_such_package' is not in the folders around.*ROS_PACK",
+    ):
         vehicle_spec(rov)
     with pytest.raises(
         ConfigurationError, match=r"the robot has no links; a file with only xacro macros"

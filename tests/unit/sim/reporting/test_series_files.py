@@ -62,7 +62,7 @@ def test_a_word_stored_once_is_not_unfolded(tmp_path: Path):
         pa.table({"note": ["x" * 100_000] * 1000}), tmp_path / "t.parquet", use_dictionary=True
     )
     assert (tmp_path / "t.parquet").stat().st_size < 100_000
-    refused(tmp_path / "t.parquet", "encoded otherwise than a run writes it")
+    refused(tmp_path / "t.parquet", "encoded differently from the files of a run")
 
 
 def test_too_many_values(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

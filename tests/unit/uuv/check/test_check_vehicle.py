@@ -351,7 +351,8 @@ def test_a_job_far_beyond_a_vehicle_is_not_begun(sound: dict[str, mujoco.MjSpec]
         clean_barrel(vehicle="bluerov2_heavy_alpha5", forces=(80.0,)), small
     ).lines
     assert re.fullmatch(
-        r"doubtful: 80 N .* need \d+% of a thruster; uuv check finds a set force that passes",
+        r"doubtful: the set force of 80 N needs \d+% of a thruster's limit .*; "
+        r"uuv check finds a set force that passes",
         message,
     )
     with pytest.raises(

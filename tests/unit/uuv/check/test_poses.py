@@ -109,7 +109,7 @@ def test_a_refusal_names_an_option_that_passes() -> None:
     assert not refused.promised
     word, *values = refused.remedy.split()
     assert word == "--current"
-    assert refused.said.endswith(f"; with {refused.remedy} feasible at the 1 pose tried")
+    assert refused.said.endswith(f"; feasible with {refused.remedy} at the 1 pose tried")
     x, y, z = map(float, values)
     slower = Conditions(poses=1, current=(x, y, z))
     assert check_vehicle("uuv_puma", jobs=jobs, conditions=slower).verdict(job).promised
@@ -129,7 +129,10 @@ def test_options_reach_the_jobs_and_what_none_takes_is_refused() -> None:
     verdict = check_vehicle("uuv_puma", jobs=("object",), conditions=conditions).verdict("object")
     assert "at 40 N in 0.10 m/s" in verdict.said
     for args, message in (
-        (["--jobs", "hover", "--speed", "0.1"], "--speed: none of the jobs hover takes it"),
+        (
+            ["--jobs", "hover", "--speed", "0.1"],
+            "--speed: must be an option of one of the jobs hover",
+        ),
         (["--object", "nope"], "unknown object 'nope'"),
         (["--speed", "-1"], r"task.speed \[m/s\]: must be finite, >= 0.0001"),
     ):

@@ -183,7 +183,7 @@ def test_poses_are_no_touches(tmp_path: Path) -> None:
     np.savetxt(tmp_path / "hole_0_pose.csv", poses, "%.6f", ",")
     with pytest.raises(
         ConfigurationError,
-        match=r"hole_0_pose.csv: holds poses \(x y z and a "
+        match=r"hole_0_pose.csv: must hold joint values, but has poses \(x y z and a "
         r"unit quaternion",
     ):
         read_touches(tmp_path, **how)

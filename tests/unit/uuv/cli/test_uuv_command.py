@@ -338,7 +338,7 @@ def test_check_says_what_a_vehicle_has_and_lacks(uuv):
     assert listing.count("  feasible") == 2
     lacking = uuv("check", "bluerov2_heavy_alpha5", "--jobs", "tap", code=1)
     assert "refused: parts" in lacking
-    assert "lacks geom 'pad' (may touch)" in lacking
+    assert "lacks geom 'pad' (may be in contact)" in lacking
     assert "-129 to 129 N" in lacking
 
 

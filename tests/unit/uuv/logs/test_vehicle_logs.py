@@ -185,7 +185,7 @@ def test_a_cut_file_is_read_up_to_there_and_a_foreign_one_refused(file, tmp_path
     assert 0.3 * N < len(log.streams[vehicle_log.ATTITUDE].time) < 0.7 * N
 
     cut.write_bytes(b"\0" * 3000)
-    with pytest.raises(ConfigurationError, match="holds no message"):
+    with pytest.raises(ConfigurationError, match="has no message"):
         read_vehicle_log(cut)
 
 

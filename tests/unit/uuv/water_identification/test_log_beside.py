@@ -56,7 +56,7 @@ def test_the_command_prints_a_table_and_draws(
     picture = tmp_path / "dive.png"
     args = ["--log", str(log), "--vehicle", ROV, "--picture", str(picture), "--window", "4"]
     assert main("replay", args) == 0
-    assert "dive.csv beside bluerov2_heavy_benzon2022, 2 windows" in capsys.readouterr().out
+    assert "dive.csv against bluerov2_heavy_benzon2022, 2 windows" in capsys.readouterr().out
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main("replay", [*args, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)

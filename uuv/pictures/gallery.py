@@ -22,7 +22,7 @@ from uuv.sim.runs.saving import write_whole
 PAGE = CHECKOUT / "docs" / "gallery.md"
 FOLDER = CHECKOUT / "docs" / "gallery"
 FIGURES = FOLDER / "figures.json"  # of the pictures, by name
-MOST_CLIPS = 12
+MOST_CLIPS = 12  # moving pictures
 MOST_BYTES = 12_000_000  # of all pictures
 
 _STILL = 800, 450  # [px] width and height

@@ -93,7 +93,7 @@ FILMED = (
     # Without contact.
     FilmedJob(
         name="inspect_object",
-        about="an orbit around a manifold",
+        about="an orbit around a barrel, without contact",
         command="inspect-object --quick",
         figures=("distance, RMS error", "pointing error, peak", "surface seen"),
         begin=WorkState.SETTLE,

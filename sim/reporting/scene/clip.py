@@ -13,7 +13,7 @@ from uuv.sim.interfaces.spatial import finite_number, shown
 from uuv.sim.runs.saving import write_whole
 
 MOST_BYTES = 1_500_000  # of a clip
-QUALITIES = (82, 70, 58, 46, 34, 22)  # tried until the clip is small enough
+QUALITIES = (75, 55, 36, 20)  # tried until the clip is small enough
 MOST_RATE = 60.0  # [1/s] pictures shown in a second
 _KINDS = {".png": "png", ".webp": "webp", ".jpg": "jpeg"}  # as Pillow names them
 ENDINGS = {"still": (*_KINDS,), "clip": (".webp",)}

@@ -82,9 +82,10 @@ class Poses:
         around = AROUND if len(tool_W) else AROUND_HULL
         for row in rows:
             self.put(int(row))
+            points.append(self.data.xpos[None, hull].copy())
             near_W = tool_W if len(tool_W) else self.data.xpos[None, hull]
             for geom in np.flatnonzero((model.geom_rgba[:, 3] > 0.0) & ~self._ground):
-                corners = self._corners(geom)
+                corners = self._corners(int(geom))
                 if model.body_rootid[model.geom_bodyid[geom]] == model.body_rootid[hull]:
                     points.append(corners)
                 else:  # of a large object, what is near the work

@@ -41,10 +41,12 @@ class RayPicture:
             if (mesh := body_mesh(model, body, plane=np.inf)) is not None
         ]
 
-        self._of = np.concatenate([np.full(len(mesh[0]), body) for body, mesh in shapes])
-        self._corners = np.concatenate([mesh[0] for _, mesh in shapes])
-        colours = np.concatenate([mesh[2][::3, :3] for _, mesh in shapes]) / 255.0
-        self._colours = colours.astype(np.float32)
+        # There may be none.
+        bodies = [np.full(len(mesh[0]), body) for body, mesh in shapes]
+        self._of = np.concatenate([np.zeros(0, dtype=np.int64), *bodies])
+        self._corners = np.concatenate([np.zeros((0, 3)), *(mesh[0] for _, mesh in shapes)])
+        colours = [np.zeros((0, 3)), *(mesh[2][::3, :3] / 255.0 for _, mesh in shapes)]
+        self._colours = np.concatenate(colours).astype(np.float32)
 
     def render(
         self,

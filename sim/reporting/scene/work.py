@@ -140,7 +140,7 @@ class Work:
         return PictureText(
             time=time,
             phase=state.value,
-            touching=state in TOUCHING,
+            touching=state in TOUCHING and len(self.time) > 0,
             set_force=float(self.recorded["set_force"].scalar[row]) if state in TOUCHING else 0.0,
             felt=float(self.recorded["felt_normal"].scalar[row]),
             current=float(np.linalg.norm(self._water(time))),

@@ -23,6 +23,11 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+def frames(file: Path) -> int:
+    with Image.open(file) as picture:
+        return getattr(picture, "n_frames", 1)
+
+
 def test_every_job_object_and_vehicle_is_shown():
     shown = {entry.name for entry in gallery.entries()}
     assert {job.command.split()[0] for job in FILMED} == set(jobs.JOBS.names())
@@ -36,7 +41,7 @@ def test_the_page_is_that_of_the_table_and_its_pictures_are_there_and_small():
     files = sorted(gallery.FOLDER.glob("*.webp"))
     assert files == sorted(entry.file for entry in entries)
     assert sum(file.stat().st_size for file in files) <= gallery.MOST_BYTES
-    clips = [file for file in files if getattr(Image.open(file), "n_frames", 1) > 1]
+    clips = [file for file in files if frames(file) > 1]
     assert 0 < len(clips) <= gallery.MOST_CLIPS
     assert max(file.stat().st_size for file in clips) <= clip.MOST_BYTES
     assert gallery.kept_figures().keys() == {entry.name for entry in entries}

@@ -62,6 +62,16 @@ def test_a_mark_is_drawn_in_its_colour_and_hidden_by_the_ball():
     assert behind[0] > 2.0 * behind[1]
 
 
+def test_a_model_without_anything_visible_is_water():
+    model = mujoco.MjModel.from_xml_string(BALL.replace("1 0 0 1", "1 0 0 0"))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    view = CameraView(MIDDLE, DISTANCE, 0.0, 0.0)
+    picture = RayPicture(model, 20, 30).render(data, view, SeaLook(model, DISTANCE)).astype(float)
+    assert np.ptp(picture, axis=1).max() < 8.0  # it varies from above down
+    assert (picture[..., 2] > picture[..., 0]).all()
+
+
 def test_ground_has_a_shadow_under_the_ball():
     floor = BALL.replace("<worldbody>", '<worldbody><geom type="plane" size="4 4 .1" pos="0 0 2"/>')
     model = mujoco.MjModel.from_xml_string(floor)

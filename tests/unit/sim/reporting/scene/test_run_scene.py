@@ -106,6 +106,7 @@ def test_an_object_is_in_view_where_no_tool_works():
     with RunScene(model(), flown, STYLE, (0.0, 5.0)) as scene:
         view = scene.view(1.0)
         assert not len(scene.work.time)
+        assert not scene.work.readout(1.0).touching  # nor is there a tool to be seen from near
     across, down, ahead = view.axes_W
     at = TRUTH.X_WT[:3, 3] - view.eye_W
     assert abs(at @ down) < 0.9 * (at @ ahead) * np.tan(np.radians(0.5 * FOVY))

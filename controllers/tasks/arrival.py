@@ -63,7 +63,7 @@ class ScanLimits:
     frame_within: float = 5.0  # [s] in which a requested frame must arrive
     # share of the finds from one view that must be of one pose, or else the object moves
     agree: float = 0.7
-    # looks at the end of a view that show none of its earlier finds, from which on these do not count
+    # looks at the end of a view that show none of its finds, from which on these do not count
     lost: int = 3
 
     def __post_init__(self) -> None:

@@ -1,6 +1,6 @@
 """Runs of the jobs whose figures stand beside statements of the papers.
 
-Each case is a command of statements.toml, run in this process; its row has the figures that the
+Each case is a command of stated/statements.toml, run in this process; its row has the figures that the
 statements name, from metrics.json or from what the command prints. docs/papers.md is made of the
 kept rows, by page.py beside this file.
 """
@@ -18,7 +18,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.papers.statements import leaves, read
+from experiments.papers.stated.statements import leaves, read
 from uuv.catalogue import CHECKOUT
 from uuv.experiment import Page, column, experiment
 from uuv.sim.interfaces.documents import json_of

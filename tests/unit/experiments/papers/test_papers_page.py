@@ -9,7 +9,7 @@ import pytest
 from experiments.papers import page
 from experiments.papers.page import PaperFigures, page_of
 from experiments.papers.stated_runs import COMMANDS, QUICK, stated_runs
-from experiments.papers.statements import Paper, PaperStatement, Statements, leaves, read
+from experiments.papers.stated.statements import Paper, PaperStatement, Statements, leaves, read
 from uuv.clouds.identification import found_in
 from uuv.clouds.options import IdentificationOptions
 from uuv.models.objects import targets

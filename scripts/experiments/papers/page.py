@@ -17,8 +17,8 @@ from typing import Any
 
 from rich.console import Console
 
-from experiments.papers.stated_runs import stated_runs
 from experiments.papers.stated.statements import PaperStatement, Statements, leaves, read
+from experiments.papers.stated_runs import stated_runs
 from uuv.results.pages import STATUS, ResultsOfOne, all_experiments, results, write_page
 
 PAGE = Path("papers.md")

@@ -63,7 +63,7 @@ class ScanLimits:
     frame_within: float = 5.0  # [s] in which a requested frame must arrive
     # share of the finds from one view that must be of one pose, or else the object moves
     agree: float = 0.7
-    # looks without a find at the end of a view, from which on its earlier finds do not count
+    # looks at the end of a view that show none of its finds, from which on these do not count
     lost: int = 3
 
     def __post_init__(self) -> None:
@@ -79,7 +79,7 @@ class ScanState:
 
     look_from: float  # [s] earliest time of the next depth frame
     looks: int = 0  # depth frames from this view
-    in_vain: int = 0  # the last of them, without a find
+    in_vain: int = 0  # the last of them, which show no find nor the pose of one
     finds: tuple[Target, ...] = ()  # accepted identifications from this view
 
 
@@ -110,12 +110,16 @@ class ScanTarget(Phase):
                 )
             return None
 
-        # Look again until there are enough finds
+        # Look again until there are enough finds. A pose that was not accepted, yet is that of an
+        # earlier find, shows that the object rests: far away the sensor's noise leaves it doubtful.
         state.looks += 1
-        state.in_vain += 1
         if target.accepted and (target.path is not None or not self._path):
             state.finds = (*state.finds, target)
             state.in_vain = 0
+        elif any(_agree(find, target) for find in state.finds):
+            state.in_vain = 0
+        else:
+            state.in_vain += 1
         if state.finds and state.looks < limits.finds:
             state.look_from = now.time + limits.interval
             return None

@@ -2,7 +2,7 @@
 
     ./uvw run scripts/experiments/papers/page.py
 
-The statements stand in statements.toml beside this file. Their figures are of kept rows: those of
+The statements stand in stated/statements.toml. Their figures are of kept rows: those of
 the jobs by stated_runs.py, those of experiments by their own. A statement without a figure there,
 or whose rows were found changed by their last check, is refused by name: nothing is written, and
 the exit code is 1.
@@ -17,8 +17,8 @@ from typing import Any
 
 from rich.console import Console
 
+from experiments.papers.stated.statements import PaperStatement, Statements, leaves, read
 from experiments.papers.stated_runs import stated_runs
-from experiments.papers.statements import PaperStatement, Statements, leaves, read
 from uuv.results.pages import STATUS, ResultsOfOne, all_experiments, results, write_page
 
 PAGE = Path("papers.md")

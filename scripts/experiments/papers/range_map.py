@@ -2,8 +2,8 @@
 
 Scenes are those of `uuv.clouds.object_scenes` with a stereo camera at a set range, in water of a
 set attenuation. The bound of stereo noise is that of the object's mean depth: the noise of a
-reading, z^2 sigma_d / (f b), over the root of the number of independent readings on the object. No
-method that uses one frame can be better on the average along the line of sight.
+reading, z^2 sigma_d / (f b), over the root of the number of independent readings on the object.
+Along the line of sight no method does better with one frame on the average.
 
 Accepted: no frame is accepted whose error is above 1 % of its range.
 """

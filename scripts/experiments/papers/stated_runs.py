@@ -1,8 +1,8 @@
 """Runs of the jobs whose figures stand beside statements of the papers.
 
-Each case is a command of statements.toml, run in this process; its row has the figures that the
-statements name, from metrics.json or from what the command prints. docs/papers.md is made of the
-kept rows, by page.py beside this file.
+Each case is a command of stated/statements.toml, run in this process; its row has the figures that
+the statements name, from metrics.json or from what the command prints. docs/papers.md is made of
+the kept rows, by page.py beside this file.
 """
 
 from uuv.start import run_scenario  # isort: skip
@@ -18,14 +18,14 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.papers.statements import leaves, read
+from experiments.papers.stated.statements import leaves, read
 from uuv.catalogue import CHECKOUT
 from uuv.experiment import Page, column, experiment
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 
 COMMANDS = tuple(dict.fromkeys(command for row in read().rows for command in row.commands))
-QUICK = "uuv identify object --object starfish"
+QUICK = "uuv identify object --object manifold"
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _LAST = 300  # characters of the errors of a command that failed
 

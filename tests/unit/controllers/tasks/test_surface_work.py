@@ -105,6 +105,7 @@ class Script(Told):
     felt: Callable[[Reference], float] = obedient  # [N] from the last reference
     looks: Sequence[bool] = (True,) * 6  # whether each look finds the object
     finds: Sequence[float] = (0.0,) * 6  # [m] where along x it finds it
+    doubted: float = 1.0  # [m] where along x a look that does not find it shows something
     holding: ThrustMargin | None = None
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
@@ -156,7 +157,7 @@ class Script(Told):
             self.references.append(reference)
             X_WB = self._moved(X_WB, reference.X_WB)
             if reference.scan and not scanning and (accepted := next(looks, None)) is not None:
-                target_seen = target(time, accepted, next(offsets) if accepted else 0.0)
+                target_seen = target(time, accepted, next(offsets) if accepted else self.doubted)
                 if self.hollow is not None and target_seen.path is not None:
                     s, (first, last) = target_seen.path.s, self.hollow
                     target_seen = replace(
@@ -512,6 +513,17 @@ def test_an_object_that_moves_is_not_worked(looks, finds, said):
     assert script.end.abort is AbortCode.OBJECT_MOVES
     assert said in script.end.note
     assert WorkState.CLOSE_IN not in script.states
+
+
+def test_an_object_that_is_seen_again_in_doubt_rests():
+    """Far away the noise of the sensor leaves most looks doubtful, though at the same place."""
+    job = SurfaceTaskConfig(forces=(60.0,), arrival=ArrivalLimits(scan=ScanLimits(views=1)))
+    looks = (True, *(False,) * 5)
+    seen_again = Script(looks=looks, finds=(2e-3,), doubted=0.01, job=job).run()
+    assert seen_again.states == [*JOURNEY, WorkState.DONE]
+    worked = np.array([tip(r)[0] for r in seen_again.of(WorkState.WORK)])
+    assert worked[0] == pytest.approx(2e-3, abs=1e-4)
+    assert Script(looks=looks, doubted=0.2, job=job).run().end.abort is AbortCode.OBJECT_MOVES
 
 
 def test_finds_that_are_not_repeated_ask_for_another_view():

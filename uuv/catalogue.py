@@ -68,9 +68,8 @@ def things(kind: str) -> Iterator[tuple[str, str]]:
             documented = {}
             for file in folder.glob("*.py"):
                 documented |= _definitions(file)
-            for table in ("USUAL", "SMALL"):
-                for name in _keys(folder / "targets.py", table):
-                    yield name, documented.get(name, "")
+            for name in _keys(folder / "targets.py", "OBJECTS"):
+                yield name, documented.get(name, "")
         case "tool":
             yield from _documented(HOME / "models" / "tools" / "tools.py", "TOOLS")
         case "soil":

@@ -50,39 +50,42 @@ __all__ = [
     "vertical",
 ]
 
-USUAL = {
-    "anode": anode,
-    "barrel": barrel,
-    "block": block,
-    "manifold": manifold,
-    "pile": pile,
-    "plate": plate,
-    "rock": rock,
-    "starfish": starfish,
-    "valve": valve,
-}
+OBJECTS: Registry[Any] = Registry(
+    "object",
+    {
+        "anode": anode,
+        "barrel": barrel,
+        "block": block,
+        "manifold": manifold,
+        "pile": pile,
+        "plate": plate,
+        "rock": rock,
+        "small_anode": small_anode,
+        "starfish": starfish,
+        "stone": stone,
+        "valve": valve,
+    },
+)
 # What a gripper takes; the studies of identification go over the others.
-SMALL = {"small_anode": small_anode, "stone": stone}
-OBJECTS: Registry[Any] = Registry("object", USUAL)
-_ALL: Registry[Any] = Registry("object", {**USUAL, **SMALL})
+SMALL = ("small_anode", "stone")
 
 
 def available() -> tuple[str, ...]:
     """Names of the objects that `named` accepts, of other packages too, but without SMALL."""
-    return OBJECTS.names()
+    return tuple(name for name in OBJECTS.names() if name not in SMALL)
 
 
 def named(name: str, **options: Any) -> TargetModel:
     """The object of that name, such as "starfish".
 
     Args:
-        name: One of `available()`.
+        name: One of `available()`, or of SMALL.
         options: Options of the object's own function, such as a rock's `seed`.
 
     Raises:
         ConfigurationError: Unknown name or option; the message lists the known ones.
     """
-    target = _ALL.load(name, **options)
+    target = OBJECTS.load(name, **options)
     target = target if isinstance(target, TargetModel) else getattr(target, "target", None)
     if not isinstance(target, TargetModel):
         raise ConfigurationError(f"object {name!r}: the function must return a TargetModel")

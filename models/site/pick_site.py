@@ -5,10 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uuv.models import hydrodynamics
 from uuv.models.meshes.closed_shells import volume
 from uuv.models.objects.target_model import TargetModel
-from uuv.models.site.grip_contact import let_gripper_hold
 from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz, transform_points
@@ -132,6 +130,9 @@ def pick_site(
     Returns:
         The same spec.
     """
+    from uuv.models import hydrodynamics
+    from uuv.models.site.grip_contact import let_gripper_hold
+
     spec = vehicle
     _add_seabed(spec, X_WT, seabed)
     add_loose(spec, target, X_WT, loose)

@@ -143,7 +143,7 @@ WORK = 'name = "x"\n[task]\nkind = "SurfaceWork"\n'
         ('name = "x"\n[task]\nspeed = 1', r"\[task\]: must have a kind, one of .*SurfaceWork"),
         (
             'name = "x"\n[task]\nkind = "Dance"',
-            "unknown task 'Dance'; there are GearIdentification",
+            "unknown task 'Dance'; there are Collect, GearIdentification",
         ),
         (WORK + 'speed = "fast"', "task.speed: must be a number, got 'fast'"),
         (WORK + "speed = 9", "speed .m/s.: must be finite, >= 0.0001, <= 1, got 9"),

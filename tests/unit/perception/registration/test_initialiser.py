@@ -11,7 +11,7 @@ from uuv.models.objects import targets
 from uuv.models.objects.target_model import TargetModel
 from uuv.perception.clouds.scan import Scan, SensorModel
 from uuv.perception.registration.identification import identify
-from uuv.perception.registration.initialiser import Expected, initial_poses
+from uuv.perception.registration.initialiser import Expected, _patches, initial_poses
 from uuv.perception.registration.model_surface import ModelSurface
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 
@@ -76,3 +76,14 @@ def test_a_plate_without_thickness_is_seen_from_no_edge():
     )
     assert starts
     assert np.all(np.isfinite(starts))
+
+
+def test_a_ring_about_nothing_is_no_empty_patch():
+    """The middle of a ring much larger than the object lies far from all its points."""
+    rng = np.random.default_rng(5)
+    angle = rng.uniform(0.0, 2.0 * np.pi, 3000)
+    ring = 0.25 * np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle]) + [0.1, 0.2, 1.0]
+    # neighbours closer than half the object's radius: one surface
+    patches = _patches(ring + rng.normal(0.0, 1e-3, ring.shape), 0.05, Expected())
+    assert patches
+    assert min(len(patch) for patch in patches) > 0

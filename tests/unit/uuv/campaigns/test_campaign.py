@@ -193,7 +193,11 @@ def test_a_campaign_like_another_has_its_own_values_in_place_of_those(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["ablation", "contact", "contact_quick", "insertion", "seabed", "versions", "waves"]
+    "name",
+    [
+        *("ablation", "collect", "contact", "contact_quick"),
+        *("insertion", "seabed", "versions", "waves"),
+    ],
 )
 def test_examples_can_be_read(root, name):
     campaign = read_campaign(root / f"scripts/campaigns/{name}.toml")

@@ -154,6 +154,15 @@ def test_what_is_too_heavy_is_put_back() -> None:
     assert placed.watch.weighed == pytest.approx(placed.loose.weight(1025.0, 9.81), rel=0.1)
 
 
+@pytest.mark.long(
+    guarded_by="tests/unit/controllers/tasks/grasping/test_collecting.py::"
+    "test_a_stone_is_gripped_weighed_carried_and_put_into_the_basket"
+)
+def test_compiled_ticks_and_ticks_part_by_part_give_the_same_bits() -> None:
+    digests = {collection(compiled=compiled)[0].digest() for compiled in (True, False)}
+    assert len(digests) == 1
+
+
 def test_a_grip_that_cannot_bear_the_load_is_refused_with_the_figures() -> None:
     check_grip(CollectJob(grip=40.0, load=30.0), JAWS)  # 0.7 of 48 N
     with pytest.raises(ConfigurationError, match=r"friction holds 48 N .* a grip of 48 N"):

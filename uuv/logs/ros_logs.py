@@ -40,6 +40,7 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
         MissingLibraryError: The package rosbags is not installed.
     """
     with wanted():
+        from rosbags import rosbag1, rosbag2
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -53,7 +54,7 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
             _read(reader, gathered)
     except ConfigurationError:
         raise
-    except (AnyReaderError, *BROKEN) as error:
+    except (AnyReaderError, rosbag1.ReaderError, rosbag2.ReaderError, *BROKEN) as error:
         if not gathered.messages and path.suffix == ".mcap":
             _read_stream(path, gathered, types)
         if not gathered.messages:

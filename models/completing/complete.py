@@ -115,8 +115,8 @@ def _ballast(spec: mujoco.MjSpec, metacentric_height: float, name: str) -> str:
     """
     if HULL_BODY not in hydrodynamics.attached(spec):
         raise ConfigurationError(
-            f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed; `uuv "
-            "wet FILE --free` makes those of a file"
+            f"{name}: trim: the hull has no hydrodynamic coefficients that could be trimmed; "
+            "`uuv wet FILE --free` makes those of a file"
         )
 
     home = next((key.qpos for key in spec.keys if key.name == HOME_KEY), None)

@@ -244,8 +244,8 @@ def test_damage_is_read_or_refused_in_one_line_and_never_silent(kind, request, t
 )
 @pytest.mark.parametrize(("kind", "trials"), [("tlog", 170), ("flash", 170), ("bag", 160)])
 def test_500_damaged_logs_cost_bounded_memory(kind, trials, request, tmp_path):
-    """What is lost is noted; of a file that only ends early its duration tells. Of a .tlog pymavlink
-    finds its way back so well that some losses leave no trace.
+    """What is lost is noted; a file that only ends early is as long as it says. In a .tlog the next
+    message is found so well that a few losses leave no trace.
     """
     source = request.getfixturevalue(kind)
     tracemalloc.start()

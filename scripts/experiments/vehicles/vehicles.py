@@ -106,6 +106,8 @@ def died(case: VehicleJobCase, error: str) -> VehicleJobRow:
 def vehicles(case: VehicleJobCase) -> VehicleJobRow:
     """Checks a job and runs it."""
     verdict = _verdict(case.vehicle, case.job)
+
+    # A verdict that no pose decides is yes or no.
     share = float(verdict.promised) if verdict.share is None else verdict.share
     row = VehicleJobRow(promised=verdict.promised, share=share, code=verdict.code)
     if case.job in HOVERING:

@@ -184,7 +184,16 @@ class PastRun:
             ConfigurationError: A file of them is none that a run writes.
         """
         files = sorted(f for ending in ENDINGS for f in self.folder.glob(f"{_CLOUD}*{ending}"))
-        read = {file.stem.removeprefix(_CLOUD): read_table(file) for file in files}
+        read: dict[str, Mapping[str, Column]] = {}
+        count = 0
+        for file in files:
+            table = read[file.stem.removeprefix(_CLOUD)] = read_table(file)
+            count += sum(column.values.size for column in table.values())
+            if count > MOST_NUMBERS:
+                raise ConfigurationError(
+                    f"{self.folder}: its clouds have more than {MOST_NUMBERS} values"
+                )
+
         for name, columns in read.items():
             if tuple(columns) != ("x", "y", "z"):
                 raise ConfigurationError(

@@ -15,9 +15,11 @@ from scipy.spatial.transform import Rotation
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.spatial import Array
 
+_FLOATING = "floating"  # a joint whose pose is only in /tf
 _TYPES = {
     int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
     int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
+    int(mujoco.mjtJoint.mjJNT_BALL): _FLOATING,  # URDF has no ball joint
 }
 _NO_LIMIT = 1e3  # [N, N m], [m/s, rad/s] where the model states none
 
@@ -45,7 +47,7 @@ def robot_description(model: mujoco.MjModel) -> str:
 def _straighten(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Put all hinges and slides to 0, where a URDF's joint frames are stated."""
     for joint in range(model.njnt):
-        if int(model.jnt_type[joint]) in _TYPES:
+        if _TYPES.get(int(model.jnt_type[joint]), _FLOATING) != _FLOATING:
             data.qpos[model.jnt_qposadr[joint]] = 0.0
     mujoco.mj_kinematics(model, data)
 
@@ -124,7 +126,8 @@ def _add_joints(root: ET.Element, model: mujoco.MjModel, data: mujoco.MjData, bo
             origin,
             attitude,
         )
-        _add_motion(element, model, joint)
+        if element.get("type") != _FLOATING:
+            _add_motion(element, model, joint)
         if child == name:
             return
 

@@ -18,7 +18,7 @@ MOST = 5_000_000  # messages of a log that are read
 # What libraries raise at a file that is cut or forged.
 BROKEN = (
     *(ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, OSError),
-    *(OverflowError, RuntimeError, AssertionError, struct.error, ZeroDivisionError),
+    *(OverflowError, RuntimeError, AssertionError, struct.error, ZeroDivisionError, MemoryError),
 )
 Key = tuple[str, int, str]  # quantity, rank and description of a source
 

@@ -46,6 +46,7 @@ _PLACED = 8 | 16
 _CONSTANT = 128
 _NO_SOURCE = "the autopilot's filter had no source of the position"
 _BESIDE = ("BAD_DATA", "PARAM_VALUE", "EKF_STATUS_REPORT")  # messages without a sample
+_NUMBERS = 256  # of a sender's messages, before they begin anew
 _CHANNELS = 16  # servo outputs of a message
 
 Message = tuple[float, Mapping[str, Any]]  # time [s] and fields
@@ -152,10 +153,11 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
     from pymavlink import mavutil
 
     clock = _BootClock()
-    bad = 0
+    bad = lost = 0
     with contextlib.closing(mavutil.mavlink_connection(str(path), robust_parsing=True)) as log:
         vehicle: int | None = None
-        while (message := log.recv_match(type=[*_BESIDE, *_TELEMETRY])) is not None:
+        last: int | None = None  # sequence number
+        while (message := log.recv_msg()) is not None:
             kind = message.get_type()
             if kind == "BAD_DATA":
                 bad += 1
@@ -168,6 +170,14 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
                 continue
             vehicle = system
 
+            # Each message of a sender has the next number; one that comes again is no loss.
+            number = int(message.get_seq())
+            gap = 0 if last is None else (number - last - 1) % _NUMBERS
+            lost += gap if gap < _NUMBERS // 2 else 0
+            last = number
+            if kind not in _BESIDE and kind not in _TELEMETRY:
+                continue
+
             gathered.count()
             time = clock.time_of(message)
             if kind == "PARAM_VALUE":
@@ -179,6 +189,8 @@ def _telemetry(path: Path, gathered: "Gathered") -> None:
 
     if bad:
         gathered.note(f"{bad} parts of the file belong to no message")
+    if lost:
+        gathered.note(f"{lost} messages are missing, by their sequence numbers")
     if clock.restarts:
         gathered.note(f"the vehicle restarted {clock.restarts} times; its clock is continued")
 

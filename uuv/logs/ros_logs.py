@@ -40,7 +40,7 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
         MissingLibraryError: The package rosbags is not installed.
     """
     with wanted():
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     gathered = Gathered(what)
@@ -53,7 +53,7 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
             _read(reader, gathered)
     except ConfigurationError:
         raise
-    except (AnyReaderError, *BROKEN) as error:
+    except _broken() as error:
         if not gathered.messages and path.suffix == ".mcap":
             _read_stream(path, gathered, types)
         if not gathered.messages:
@@ -63,6 +63,17 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
 
         gathered.note(f"damaged after {gathered.messages} messages: {short(error)}")
     return gathered.log(path.name, "ROS (bag, MCAP)")
+
+
+def _broken() -> tuple[type[Exception], ...]:
+    """What rosbags raises at a file that is cut or forged; its errors have no common base."""
+    from rosbags import rosbag1, rosbag2
+    from rosbags.highlevel import AnyReaderError
+    from rosbags.serde import SerdeError
+    from rosbags.typesys import TypesysError
+
+    readers = rosbag1.ReaderError, rosbag2.ReaderError, AnyReaderError
+    return (*readers, SerdeError, TypesysError, *BROKEN)
 
 
 def _read(reader: Any, gathered: Gathered) -> None:
@@ -106,7 +117,7 @@ def _read_stream(path: Path, gathered: Gathered, types: Any) -> None:
                 gathered.count()
                 rank = min(len(channel.topic), _MOST_RANK)
                 _TYPES[schema.name](gathered, time, decoded, channel.topic, rank)
-    except (McapError, *BROKEN):  # the end, which the caller notes
+    except (McapError, *_broken()):  # the end, which the caller notes
         return
 
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from uuv.perception.finding.object_tracker import FoundObjectFollower
     from uuv.perception.finding.surveyed_object import SurveyedObjectFinder
     from uuv.perception.finding.target_finder import KnownObjectFinder
-    from uuv.sim.evaluation.metrics import Assessment, TrueObject
+    from uuv.sim.evaluation.metrics import AskedWork, Assessment, TrueObject
 
 TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
 _ARRIVAL = 150.0  # [s] simulated from the start to the contact, and off again, with another look
@@ -311,10 +311,18 @@ class PlacedSurfaceWork(PlacedTask):
             holding=ThrustMargin.of(self.own.model),
         )
 
+    @property
+    def asked(self) -> "AskedWork":
+        """What the assessment has to find figures of."""
+        from uuv.sim.evaluation.metrics import AskedWork
+
+        forces = () if self.task.contactless is not None else self.task.forces
+        return AskedWork(forces=forces, speed=self.task.speed)
+
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true object."""
         from uuv.perception.finding.target_finder import FinderState
-        from uuv.sim.evaluation.metrics import AskedWork, assess
+        from uuv.sim.evaluation.metrics import assess
 
         state = ran.last.found
         identification = state.last if isinstance(state, FinderState) else None
@@ -325,10 +333,7 @@ class PlacedSurfaceWork(PlacedTask):
             wall_s=ran.wall_s,
             identification_s=identification.duration_s if identification is not None else None,
             bounds=self.bounds,
-            asked=AskedWork(
-                forces=() if self.task.contactless is not None else self.task.forces,
-                speed=self.task.speed,
-            ),
+            asked=self.asked,
         )
 
     def pictures(self, ran: RunResult) -> Pictures:

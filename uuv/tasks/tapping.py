@@ -14,6 +14,7 @@ from uuv.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, Surface
 if TYPE_CHECKING:
     from uuv.controllers.planning.hull_placement import PathStanding
     from uuv.controllers.tasks.task import TaskPlanner
+    from uuv.sim.evaluation.metrics import AskedWork
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,6 +55,11 @@ class PlacedTapping(PlacedSurfaceWork):
     def bounds(self) -> Bounds:
         """Bounds of the force only, since there is no path."""
         return replace(super().bounds, path_deviation=float("inf"))
+
+    @property
+    def asked(self) -> "AskedWork":
+        """The force alone: the tool does not move along the surface."""
+        return replace(super().asked, speed=None)
 
     @property
     def standing(self) -> "PathStanding":

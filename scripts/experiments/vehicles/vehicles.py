@@ -70,6 +70,7 @@ class VehicleJobRow:
     """What the check says, and what the run gives."""
 
     promised: bool | None = column("promised")  # None: the process died
+    share: float = column("share of poses", digits=2, default=0.0)  # that the check promises
     code: str = column("refused for", default="")
     accepted: bool = column("kept", default=False)
     reason: str = column("figures, or why not", default="")
@@ -105,7 +106,10 @@ def died(case: VehicleJobCase, error: str) -> VehicleJobRow:
 def vehicles(case: VehicleJobCase) -> VehicleJobRow:
     """Checks a job and runs it."""
     verdict = _verdict(case.vehicle, case.job)
-    row = VehicleJobRow(promised=verdict.promised, code=verdict.code)
+
+    # A verdict that no pose decides is yes or no.
+    share = float(verdict.promised) if verdict.share is None else verdict.share
+    row = VehicleJobRow(promised=verdict.promised, share=share, code=verdict.code)
     if case.job in HOVERING:
         return replace(row, accepted=verdict.promised, reason=verdict.said)
 
@@ -172,6 +176,24 @@ vehicles.page = (
             stat("largest", "tilt", "tilt"),
             stat("largest", "felt_error", "felt force, RMS error"),
             stat("largest", "felt_sigma", "its stated sigma"),
+        ],
+        where=lambda row: row["job"] not in HOVERING,
+    )
+    .table(
+        "Promises against runs",
+        columns=[
+            stat("count", lambda row: row["promised"] is not None, "runs"),
+            stat(
+                "share",
+                lambda row: row["accepted"] if row["promised"] else None,
+                "kept, of those promised",
+            ),
+            stat(
+                "share",
+                lambda row: None if row["promised"] else row["accepted"],
+                "kept, of those refused",
+            ),
+            stat("mean", lambda row: (row["share"] - row["accepted"]) ** 2, "Brier score"),
         ],
         where=lambda row: row["job"] not in HOVERING,
     )

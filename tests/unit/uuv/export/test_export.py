@@ -5,6 +5,7 @@ import json
 import shutil
 import sys
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -29,9 +30,11 @@ from uuv.models.vehicle import Vehicle
 from uuv.runner import run_through
 from uuv.scenario_file import to_toml
 from uuv.sim import hydrodynamics
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.logged_columns import REFERENCE, SCALARS, VECTORS, slow_columns
 from uuv.sim.loop.recording import STATES, Recorder
+from uuv.sim.reporting import series_tables
 from uuv.sim.reporting.series_files import Column, write_table
 from uuv.sim.reporting.series_tables import PastRun
 
@@ -287,6 +290,30 @@ def test_the_description_moves_as_the_model(name):
     tip = int(model.site_bodyid[vehicle.tip])
     expected = R_WB.T @ (data.xpos[tip] - data.xpos[vehicle.hull])
     assert other.body(model.body(tip).name).xpos == pytest.approx(expected, abs=1e-8)
+
+
+def test_a_ball_joint_is_a_floating_one_whose_link_is_where_it_rests():
+    spec = models.load("uuv_puma")
+    bob = spec.body("hull").add_body(name="bob", pos=[0.1, -0.2, 0.3], quat=[0.6, 0.8, 0.0, 0.0])
+    bob.add_joint(name="sling", type=mujoco.mjtJoint.mjJNT_BALL)
+    bob.add_geom(size=[0.05, 0.05, 0.05], mass=1.0)
+    for key in list(spec.keys):
+        spec.delete(key)
+    root = ElementTree.fromstring(robot_description(spec.compile()))
+    joint = root.find("joint[@name='sling']")
+    assert joint.get("type") == "floating"
+    origin = joint.find("origin")
+    assert [float(value) for value in origin.get("xyz").split()] == [0.1, -0.2, 0.3]
+    turn = Rotation.from_quat([0.6, 0.8, 0.0, 0.0], scalar_first=True).as_euler("xyz")
+    assert [float(value) for value in origin.get("rpy").split()] == pytest.approx(turn)
+
+
+def test_clouds_have_a_bound_together(folder, monkeypatch):
+    points = sum(len(cloud) for cloud in PastRun.of(folder).clouds.values())
+    assert points > 0
+    monkeypatch.setattr(series_tables, "MOST_NUMBERS", 3 * points - 1)
+    with pytest.raises(ConfigurationError, match="its clouds have more than"):
+        _ = PastRun.of(folder).clouds
 
 
 def test_a_log_of_a_run_that_goes_on_is_what_is_exported_from_it(tmp_path, monkeypatch):

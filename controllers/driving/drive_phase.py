@@ -210,30 +210,30 @@ class OperatorDrive(Phase):
         self._cockpit = cockpit
         self._mode = mode
 
-    def enter(self, held: Held, now: Context) -> OperatorDriveState:
+    def enter(self, held: Held, context: Context) -> OperatorDriveState:
         """Continue in this mode; in contact the tool starts from rest, with the measured force."""
         if self._mode is Mode.CONTACT:
             held.plan_of(Driven).rest()
-            held.set_force = max(now.normal, 0.0)
+            held.set_force = max(context.normal, 0.0)
         else:
             held.set_force = 0.0
         return OperatorDriveState()
 
-    def step(self, state: OperatorDriveState, held: Held, now: Context) -> Outcome:
+    def step(self, state: OperatorDriveState, held: Held, context: Context) -> Outcome:
         """Report "done" some time after the last input; other events change the mode."""
         cockpit = self._cockpit
         driven = held.plan_of(Driven)
-        asked = self._asked(driven, held, now)
+        asked = self._asked(driven, held, context)
 
-        if now.time - driven.ended >= cockpit.limits.hold and not self._moves(driven):
+        if context.time - driven.ended >= cockpit.limits.hold and not self._moves(driven):
             return PhaseEvent.DONE
-        if event := self._change(state, driven, now):
+        if event := self._change(state, driven, context):
             return event
 
         if self._mode is Mode.CONTACT:
-            most = cockpit.force_rate * now.period
+            most = cockpit.force_rate * context.period
             held.set_force = towards(held.set_force, driven.asked_force, most)
-        self._follow(asked, driven, held, now)
+        self._follow(asked, driven, held, context)
         return None
 
     def _asked(self, driven: Driven, held: Held, context: Context) -> OperatorInput:
@@ -364,9 +364,9 @@ class OperatorDrive(Phase):
         braking = driven.along - self._cockpit.limits.tool_acceleration * context.period
         return min(speed, max(approach.touch_speed, 0.0 if touches else braking))
 
-    def setpoint(self, state: OperatorDriveState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: OperatorDriveState, held: Held, context: Context) -> Setpoint:
         """References of hull and tool at their driven poses."""
-        del state, now
+        del state, context
         driven = held.plan_of(Driven)
         return Setpoint(
             X_WG=driven.X_WG,

@@ -90,21 +90,21 @@ class ScanTarget(Phase):
         """Set up the phase; `path`: a target without a tool path is not enough."""
         self._limits, self._path = limits, path
 
-    def enter(self, held: Held, now: Context) -> ScanState:
+    def enter(self, held: Held, context: Context) -> ScanState:
         """Begin a further view."""
         held.views += 1
-        return ScanState(now.time)
+        return ScanState(context.time)
 
-    def step(self, state: ScanState, held: Held, now: Context) -> Outcome:
+    def step(self, state: ScanState, held: Held, context: Context) -> Outcome:
         """Report DONE with `held.target`, or REFUSED if this view shows too little and another may
         follow.
         """
         limits = self._limits
-        target = now.target
+        target = context.target
 
         # Wait for the next frame
         if target is None or target.time < state.look_from:
-            if now.time - state.look_from > limits.frame_within:
+            if context.time - state.look_from > limits.frame_within:
                 return Abort(
                     AbortCode.NO_FRAME, f"no depth frame arrived within {limits.frame_within:g} s"
                 )
@@ -121,7 +121,7 @@ class ScanTarget(Phase):
         else:
             state.in_vain += 1
         if state.finds and state.looks < limits.finds:
-            state.look_from = now.time + limits.interval
+            state.look_from = context.time + limits.interval
             return None
 
         # End of the view: the object must rest
@@ -172,10 +172,10 @@ class ScanTarget(Phase):
             f"{len(same)} of them agree"
         )
 
-    def setpoint(self, state: ScanState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: ScanState, held: Held, context: Context) -> Setpoint:
         """Ask for a frame when it is time."""
         del held
-        return Setpoint(scan=now.time >= state.look_from)
+        return Setpoint(scan=context.time >= state.look_from)
 
     def foresee(self, state: ScanState, held: Held) -> Foreseen | None:
         """The wait for the next look."""
@@ -293,19 +293,19 @@ class TareSensors(Phase):
         self._after = after
         self.duration = after + seconds  # [s]
 
-    def enter(self, held: Held, now: Context) -> Since:
+    def enter(self, held: Held, context: Context) -> Since:
         """Begin with the wait."""
         del held
-        return Since(now.time)
+        return Since(context.time)
 
-    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+    def step(self, state: Since, held: Held, context: Context) -> Outcome:
         """Report DONE after both times."""
         del held
-        return PhaseEvent.DONE if now.time - state.since > self.duration else None
+        return PhaseEvent.DONE if context.time - state.since > self.duration else None
 
-    def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: Since, held: Held, context: Context) -> Setpoint:
         """The tool at rest, and the request to tare during its time."""
-        return Setpoint(X_WG=held.tool()[0], tare=now.time - state.since > self._after)
+        return Setpoint(X_WG=held.tool()[0], tare=context.time - state.since > self._after)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -444,10 +444,10 @@ def arrival(
     yield "tare", TaskRow(tare or TareSensors(), WorkState.TARE, {PhaseEvent.DONE: then}, broken)
 
 
-def _come_near(site: WorkSite, held: Held, now: Context) -> None:
+def _come_near(site: WorkSite, held: Held, context: Context) -> None:
     """Choose a nearer hull pose to scan from."""
     assert site.come_near is not None
-    held.X_WB_scan = site.come_near(now.estimate, held.X_WB_scan)
+    held.X_WB_scan = site.come_near(context.estimate, held.X_WB_scan)
 
 
 def _other_view(site: WorkSite, held: Held) -> Array:
@@ -467,14 +467,14 @@ def _other_view(site: WorkSite, held: Held) -> Array:
 
 
 def _stand(
-    site: WorkSite, lift: float, depth: float, offset: float, held: Held, now: Context
+    site: WorkSite, lift: float, depth: float, offset: float, held: Held, context: Context
 ) -> None:
     """Choose the placement for the identified path, and the hull's way there."""
     target = held.target
     assert target is not None
     assert target.path is not None
 
-    placement, path, worked = site.stand(target, target.path, now.current_W)
+    placement, path, worked = site.stand(target, target.path, context.current_W)
     if worked < 1.0:
         held.note = f"the arm reaches {worked:.0%} of the path; only that part is worked"
     elif path.note:

@@ -75,11 +75,11 @@ class AxialPhase(Phase):
     def __init__(self, limits: AxialLimits, push: Push) -> None:
         self._limits, self._push = limits, push
 
-    def _forces(self, held: Held, now: Context) -> tuple[float, float]:
+    def _forces(self, held: Held, context: Context) -> tuple[float, float]:
         """Estimated force [N] against the advance, and across it."""
-        return now.contact_force(held.tool()[0][:3, 2])
+        return context.contact_force(held.tool()[0][:3, 2])
 
-    def _advance(self, held: Held, now: Context, wanted: float, resisted: float = 0.0) -> None:
+    def _advance(self, held: Held, context: Context, wanted: float, resisted: float = 0.0) -> None:
         """Move the depth by a period at `wanted` [m/s], less for `resisted` (see `next_speed`)."""
         limits = self._limits
         held.speed = next_speed(
@@ -88,13 +88,13 @@ class AxialPhase(Phase):
             resisted,
             acceleration=limits.acceleration,
             yielding=limits.yielding,
-            period=now.period,
+            period=context.period,
         )
-        held.depth += held.speed * now.period
+        held.depth += held.speed * context.period
 
-    def setpoint(self, state: Any, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: Any, held: Held, context: Context) -> Setpoint:
         """The tool on its axis."""
-        del state, now
+        del state, context
         X_WG = held.tool()[0]
         return Setpoint(
             X_WG=X_WG,
@@ -149,23 +149,23 @@ class AxialApproach(AxialPhase):
         self._slow = slow
         self._to = to
 
-    def enter(self, held: Held, now: Context) -> TouchedFor:
+    def enter(self, held: Held, context: Context) -> TouchedFor:
         """Begin without contact."""
-        del held, now
+        del held, context
         return TouchedFor()
 
-    def step(self, state: TouchedFor, held: Held, now: Context) -> Outcome:
+    def step(self, state: TouchedFor, held: Held, context: Context) -> Outcome:
         """Report DONE at the depth, and TOUCHED if the tool meets the rim."""
         contact = self._contact
         slow_from, slow = self._slow
-        axial, _ = self._forces(held, now)
+        axial, _ = self._forces(held, context)
 
         speed = self._limits.approach_speed if held.depth < slow_from else slow
         self._advance(
-            held, now, speed, max(0.0, axial) / self._push.force if contact.yields else 0.0
+            held, context, speed, max(0.0, axial) / self._push.force if contact.yields else 0.0
         )
 
-        state.seconds = state.seconds + now.period if axial > contact.touch else 0.0
+        state.seconds = state.seconds + context.period if axial > contact.touch else 0.0
         if state.seconds and state.seconds >= contact.touch_time:
             if held.depth < -contact.early:
                 return Abort(
@@ -183,15 +183,15 @@ class Stay(AxialPhase):
         super().__init__(limits, push)
         self._seconds = seconds
 
-    def enter(self, held: Held, now: Context) -> Since:
+    def enter(self, held: Held, context: Context) -> Since:
         """Begin to wait."""
         del held
-        return Since(now.time)
+        return Since(context.time)
 
-    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+    def step(self, state: Since, held: Held, context: Context) -> Outcome:
         """Report DONE when the time is over; the tool comes to rest."""
-        self._advance(held, now, 0.0)
-        return PhaseEvent.DONE if now.time - state.since > self._seconds else None
+        self._advance(held, context, 0.0)
+        return PhaseEvent.DONE if context.time - state.since > self._seconds else None
 
 
 class Withdraw(AxialPhase):
@@ -202,23 +202,23 @@ class Withdraw(AxialPhase):
         super().__init__(limits, push)
         self._mouth = mouth
 
-    def enter(self, held: Held, now: Context) -> Since:
+    def enter(self, held: Held, context: Context) -> Since:
         """Begin at the present speed."""
         del held
-        return Since(now.time)
+        return Since(context.time)
 
-    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+    def step(self, state: Since, held: Held, context: Context) -> Outcome:
         """Report DONE at the stand-off. In the hole, the pull is at most the push on the way in."""
         limits = self._limits
-        axial, _ = self._forces(held, now)
+        axial, _ = self._forces(held, context)
         inside = held.depth > self._mouth
 
         speed, resisted = (
             (-limits.speed, -axial / self._push.force) if inside else (-limits.approach_speed, 0.0)
         )
-        self._advance(held, now, speed, resisted)
+        self._advance(held, context, speed, resisted)
 
-        stuck = now.time - state.since > limits.longest
+        stuck = context.time - state.since > limits.longest
         if not stuck and held.depth > -limits.standoff:
             return None
         held.speed = 0.0
@@ -261,8 +261,8 @@ def axial_monitors(
         The monitors.
     """
 
-    def too_late(held: Held, now: Context) -> str:
-        del now
+    def too_late(held: Held, context: Context) -> str:
+        del context
         return f"{too_long} within {limits.longest:.0f} s, at {1e3 * held.depth:.0f} mm"
 
     at_work = partial(Monitor, reaction=Reaction.RETREAT, during=_AT_WORK)

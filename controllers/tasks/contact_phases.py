@@ -46,16 +46,16 @@ class GuardedApproach(Phase):
         self._limits = limits
         self._distance = distance
 
-    def enter(self, held: Held, now: Context) -> ApproachState:
+    def enter(self, held: Held, context: Context) -> ApproachState:
         """Begin at rest, at the stand-off."""
-        del now
+        del context
         held.speed = 0.0
         return ApproachState()
 
-    def step(self, state: ApproachState, held: Held, now: Context) -> Outcome:
+    def step(self, state: ApproachState, held: Held, context: Context) -> Outcome:
         """Report DONE in contact, or at the distance."""
         limits = self._limits
-        state.felt_for = state.felt_for + now.period if now.normal > limits.touch else 0.0
+        state.felt_for = state.felt_for + context.period if context.normal > limits.touch else 0.0
         touched = state.felt_for >= limits.touch_time
 
         # Without contact, to a distance from the surface
@@ -64,7 +64,7 @@ class GuardedApproach(Phase):
             if touched:
                 reason = "unexpected contact on the way to the set distance from the surface"
                 return Abort(AbortCode.OBSTACLE, reason)
-            self._advance(held, now, depth)
+            self._advance(held, context, depth)
             if held.depth < depth:
                 return None
             held.depth = depth
@@ -72,11 +72,11 @@ class GuardedApproach(Phase):
 
         # Until contact
         if touched:
-            held.set_force = now.normal
+            held.set_force = context.normal
             held.speed = 0.0
             return PhaseEvent.DONE
 
-        self._advance(held, now, limits.standoff)
+        self._advance(held, context, limits.standoff)
         if held.depth > limits.standoff + limits.search:
             return Abort(
                 AbortCode.NO_CONTACT,
@@ -84,18 +84,18 @@ class GuardedApproach(Phase):
             )
         return None
 
-    def _advance(self, held: Held, now: Context, depth: float) -> None:
+    def _advance(self, held: Held, context: Context, depth: float) -> None:
         """Advance for one period, at `touch_speed` from `guard` [m] before `depth` [m] on."""
         limits = self._limits
         speed = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
         held.speed = towards(
-            held.speed, 0.0 if now.paused else speed, limits.acceleration * now.period
+            held.speed, 0.0 if context.paused else speed, limits.acceleration * context.period
         )
-        held.depth += held.speed * now.period
+        held.depth += held.speed * context.period
 
-    def setpoint(self, state: ApproachState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: ApproachState, held: Held, context: Context) -> Setpoint:
         """The tool on its way."""
-        del state, now
+        del state, context
         X_WG = held.tool()[0]
         return Setpoint(X_WG=X_WG, v_WG_W=held.speed * X_WG[:3, 2])
 
@@ -156,23 +156,23 @@ class Press(Phase):
         self._tip = tip
         self._set_force = set_force
 
-    def enter(self, held: Held, now: Context) -> PressState:
+    def enter(self, held: Held, context: Context) -> PressState:
         """Begin at the force that is felt."""
         del held
-        return PressState(now.time, None if self._tip is None else self._tip(now.estimate))
+        return PressState(context.time, None if self._tip is None else self._tip(context.estimate))
 
-    def step(self, state: PressState, held: Held, now: Context) -> Outcome:
+    def step(self, state: PressState, held: Held, context: Context) -> Outcome:
         """Report DONE once the force has been reached for long enough."""
         limits = self._limits
         set_force = self._set_force
-        felt = now.normal
-        if now.paused:
-            state.since += now.period
-        held.set_force = towards(held.set_force, set_force, self._rate * now.period)
+        felt = context.normal
+        if context.paused:
+            state.since += context.period
+        held.set_force = towards(held.set_force, set_force, self._rate * context.period)
 
         # A surface that gives way
         if self._tip is not None and state.p_WG is not None:
-            yielded = float((self._tip(now.estimate) - state.p_WG) @ held.tool()[0][:3, 2])
+            yielded = float((self._tip(context.estimate) - state.p_WG) @ held.tool()[0][:3, 2])
             if yielded > limits.gives_way:
                 reason = (
                     f"the surface gives way: {1e3 * yielded:.0f} mm under {max(felt, 0.0):.0f} N"
@@ -180,15 +180,15 @@ class Press(Phase):
                 return Abort(AbortCode.GIVES_WAY, reason)
 
         # Reached: within a share of it, or within the noise of the estimate.
-        noise = limits.noise * now.normal_sigma if math.isfinite(now.normal_sigma) else 0.0
+        noise = limits.noise * context.normal_sigma if math.isfinite(context.normal_sigma) else 0.0
         tolerance = max(limits.tolerance * set_force, noise)
         if abs(felt - set_force) > tolerance or held.set_force != set_force:
             state.set_since = math.inf
         elif not math.isfinite(state.set_since):
-            state.set_since = now.time
+            state.set_since = context.time
 
-        late = now.time - state.since > limits.within
-        if now.time - state.set_since > limits.held or (late and not self._insist):
+        late = context.time - state.since > limits.within
+        if context.time - state.set_since > limits.held or (late and not self._insist):
             return PhaseEvent.DONE
         if late:
             reason = (
@@ -198,9 +198,9 @@ class Press(Phase):
             return Abort(AbortCode.FORCE_NOT_REACHED, reason)
         return None
 
-    def setpoint(self, state: PressState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: PressState, held: Held, context: Context) -> Setpoint:
         """The tool at rest under force control."""
-        del state, now
+        del state, context
         return Setpoint(X_WG=held.tool()[0], set_force=held.set_force, force_control=True)
 
 
@@ -212,19 +212,19 @@ class Dwell(Phase):
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
 
-    def enter(self, held: Held, now: Context) -> Since:
+    def enter(self, held: Held, context: Context) -> Since:
         """Begin to wait."""
         del held
-        return Since(now.time)
+        return Since(context.time)
 
-    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+    def step(self, state: Since, held: Held, context: Context) -> Outcome:
         """Done when the time is over."""
         del held
-        return PhaseEvent.DONE if now.time - state.since > self._seconds else None
+        return PhaseEvent.DONE if context.time - state.since > self._seconds else None
 
-    def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: Since, held: Held, context: Context) -> Setpoint:
         """The tool at rest under force control."""
-        del state, now
+        del state, context
         return Setpoint(X_WG=held.tool()[0], set_force=held.set_force, force_control=True)
 
 
@@ -260,7 +260,7 @@ class FollowPath(Phase):
         self._forces = tuple(forces)
         self._rate = rate
 
-    def enter(self, held: Held, now: Context) -> FollowState:
+    def enter(self, held: Held, context: Context) -> FollowState:
         """Begin at rest, at the begin of a stretch."""
         assert held.line is not None
         path = held.line.path
@@ -279,9 +279,9 @@ class FollowPath(Phase):
             else None
         )
 
-        return FollowState(progress, now.time, held.s, stops=stops)
+        return FollowState(progress, context.time, held.s, stops=stops)
 
-    def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
+    def step(self, state: FollowState, held: Held, context: Context) -> Outcome:
         """Report DONE at the end of the path, and MORE at the end of any other stretch."""
         assert held.line is not None
         limits = self._limits
@@ -289,20 +289,22 @@ class FollowPath(Phase):
         length = float(held.line.path.s[-1])
 
         # Progress, slower before a pause or a stop
-        stopping = self._stops(state, held, now)
+        stopping = self._stops(state, held, context)
         state.pace = towards(
-            state.pace, 0.0 if now.paused or stopping else 1.0, now.period / limits.pace_time
+            state.pace,
+            0.0 if context.paused or stopping else 1.0,
+            context.period / limits.pace_time,
         )
-        state.since += (1.0 - state.pace) * now.period
-        done, rate = progress.at(now.time - state.since)
+        state.since += (1.0 - state.pace) * context.period
+        done, rate = progress.at(context.time - state.since)
         held.s = state.begin + done
 
         # Set force of this part of the path
         if self._forces:
-            change = self._rate * now.period
-            held.set_force = towards(held.set_force, self._set_force(held, now), change)
+            change = self._rate * context.period
+            held.set_force = towards(held.set_force, self._set_force(held, context), change)
 
-        if now.time - state.since > progress.duration + limits.linger:
+        if context.time - state.since > progress.duration + limits.linger:
             return (
                 PhaseEvent.DONE
                 if next_stretch(held) is None or not self._forces
@@ -315,26 +317,26 @@ class FollowPath(Phase):
         state.v_WB_W = rate * state.pace / length * placement.hull_rate(held.s / length)
         return None
 
-    def _set_force(self, held: Held, now: Context) -> float:
+    def _set_force(self, held: Held, context: Context) -> float:
         """Set force [N] at the present place."""
         assert held.line is not None
         part = int(held.s / float(held.line.path.s[-1]) * len(self._forces))
         level = self._forces[min(part, len(self._forces) - 1)]
-        return level * (self._limits.paused_force if now.paused else 1.0)
+        return level * (self._limits.paused_force if context.paused else 1.0)
 
-    def _stops(self, state: FollowState, held: Held, now: Context) -> bool:
+    def _stops(self, state: FollowState, held: Held, context: Context) -> bool:
         """True while the tool has to stop, which is never the case at the path's end."""
         if state.stops is None:
             return False
-        if now.time - state.since >= state.progress.duration:
+        if context.time - state.since >= state.progress.duration:
             state.stops.end()
             return False
-        steady = held.set_force == self._set_force(held, now)
-        return state.stops.step(state.pace, held.tool()[0][:3, 2], steady=steady, now=now)
+        steady = held.set_force == self._set_force(held, context)
+        return state.stops.step(state.pace, held.tool()[0][:3, 2], steady=steady, context=context)
 
-    def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: FollowState, held: Held, context: Context) -> Setpoint:
         """The tool on the path."""
-        rate = state.progress.at(now.time - state.since)[1] * state.pace
+        rate = state.progress.at(context.time - state.since)[1] * state.pace
         X_WG, tangent, turn = held.tool()
         standing = state.stops is not None and state.stops.standing
 
@@ -362,10 +364,10 @@ def next_stretch(held: Held) -> float | None:
     return min((begin for begin, _ in stretches(held.line.path) if begin > held.s), default=None)
 
 
-def travel(state: FollowState, held: Held, now: Context) -> None:
+def travel(state: FollowState, held: Held, context: Context) -> None:
     """Move the tool along the path, off the surface, and the hull with it, to the present time."""
     assert held.line is not None
-    done, rate = state.progress.at(now.time - state.since)
+    done, rate = state.progress.at(context.time - state.since)
     held.s = state.begin + done
     length = float(held.line.path.s[-1])
     placement = held.start_of_line()
@@ -373,10 +375,10 @@ def travel(state: FollowState, held: Held, now: Context) -> None:
     state.v_WB_W = rate / length * placement.hull_rate(held.s / length)
 
 
-def travelling(state: FollowState, held: Held, now: Context) -> Setpoint:
+def travelling(state: FollowState, held: Held, context: Context) -> Setpoint:
     """Set point of a tool that `travel` moves."""
     X_WG, tangent, turn = held.tool()
-    rate = state.progress.at(now.time - state.since)[1]
+    rate = state.progress.at(context.time - state.since)[1]
     return Setpoint(X_WG=X_WG, v_WG_W=rate * tangent, w_WG_W=rate * turn, v_WB_W=state.v_WB_W)
 
 
@@ -390,26 +392,28 @@ class NextStretch(Phase):
         self._limits = limits
         self._standoff = standoff
 
-    def enter(self, held: Held, now: Context) -> FollowState:
+    def enter(self, held: Held, context: Context) -> FollowState:
         """Begin where the retreat ended."""
         begin = next_stretch(held)
         assert begin is not None
         held.depth = min(0.0, held.depth - self._standoff)
         limits = self._limits
-        return FollowState(Progress(begin - held.s, limits.speed, limits.ramp), now.time, held.s)
+        return FollowState(
+            Progress(begin - held.s, limits.speed, limits.ramp), context.time, held.s
+        )
 
-    def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
+    def step(self, state: FollowState, held: Held, context: Context) -> Outcome:
         """Report DONE when the tool rests before the next stretch."""
-        travel(state, held, now)
+        travel(state, held, context)
         return (
             PhaseEvent.DONE
-            if now.time - state.since > state.progress.duration + self._limits.linger
+            if context.time - state.since > state.progress.duration + self._limits.linger
             else None
         )
 
-    def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: FollowState, held: Held, context: Context) -> Setpoint:
         """The tool at the stand-off."""
-        return travelling(state, held, now)
+        return travelling(state, held, context)
 
 
 class Unload(Phase):
@@ -422,15 +426,15 @@ class Unload(Phase):
         self._rate = rate
         self._until = until
 
-    def step(self, state: None, held: Held, now: Context) -> Outcome:
+    def step(self, state: None, held: Held, context: Context) -> Outcome:
         """Report DONE when the force is nearly zero."""
         del state
-        held.set_force = towards(held.set_force, 0.0, self._rate * now.period)
+        held.set_force = towards(held.set_force, 0.0, self._rate * context.period)
         return None if held.set_force > self._until else PhaseEvent.DONE
 
-    def setpoint(self, state: None, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: None, held: Held, context: Context) -> Setpoint:
         """The tool at rest under force control."""
-        del state, now
+        del state, context
         return Setpoint(X_WG=held.tool()[0], set_force=held.set_force, force_control=True)
 
 
@@ -444,22 +448,22 @@ class Retreat(Phase):
         self._speed = speed
         self._clearance = clearance
 
-    def enter(self, held: Held, now: Context) -> Since:
+    def enter(self, held: Held, context: Context) -> Since:
         """Begin at the surface, without a set force."""
         held.set_force = 0.0
-        return Since(now.time)
+        return Since(context.time)
 
-    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+    def step(self, state: Since, held: Held, context: Context) -> Outcome:
         """Report DONE when the tool is clear."""
         return (
             PhaseEvent.DONE
-            if (now.time - state.since) * self._speed > way_back(held, self._clearance)
+            if (context.time - state.since) * self._speed > way_back(held, self._clearance)
             else None
         )
 
-    def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: Since, held: Held, context: Context) -> Setpoint:
         """The tool on its way off."""
-        back = min((now.time - state.since) * self._speed, way_back(held, self._clearance))
+        back = min((context.time - state.since) * self._speed, way_back(held, self._clearance))
         X_WG = held.tool(back)[0]
         return Setpoint(X_WG=X_WG, v_WG_W=-self._speed * X_WG[:3, 2])
 
@@ -484,7 +488,7 @@ class NextPoint(Phase):
         self._limits = limits
         self._standoff = standoff
 
-    def enter(self, held: Held, now: Context) -> FollowState | None:
+    def enter(self, held: Held, context: Context) -> FollowState | None:
         """Begin where the retreat ended; None after the last point."""
         k = len(held.places)
         if k == len(self._points):
@@ -494,18 +498,18 @@ class NextPoint(Phase):
         limits = self._limits
         before = self._points[k - 1]
         return FollowState(
-            Progress(self._points[k] - before, limits.speed, limits.ramp), now.time, before
+            Progress(self._points[k] - before, limits.speed, limits.ramp), context.time, before
         )
 
-    def step(self, state: FollowState | None, held: Held, now: Context) -> Outcome:
+    def step(self, state: FollowState | None, held: Held, context: Context) -> Outcome:
         """Report MORE at the point."""
         if state is None:
             return PhaseEvent.DONE
-        travel(state, held, now)
-        return PhaseEvent.MORE if now.time - state.since > state.progress.duration else None
+        travel(state, held, context)
+        return PhaseEvent.MORE if context.time - state.since > state.progress.duration else None
 
-    def setpoint(self, state: FollowState | None, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: FollowState | None, held: Held, context: Context) -> Setpoint:
         """The tool at the stand-off."""
         if state is None:
             return Setpoint(X_WG=held.tool(way_back(held, self._standoff))[0])
-        return travelling(state, held, now)
+        return travelling(state, held, context)

@@ -56,17 +56,17 @@ class Settle(Phase):
     def __init__(self, limits: RestLimits) -> None:
         self._limits = limits
 
-    def enter(self, held: Held, now: Context) -> SettleState:
+    def enter(self, held: Held, context: Context) -> SettleState:
         """The hull does not count as at rest yet."""
         del held
-        return SettleState(now.time)
+        return SettleState(context.time)
 
-    def step(self, state: SettleState, held: Held, now: Context) -> Outcome:
+    def step(self, state: SettleState, held: Held, context: Context) -> Outcome:
         """Report DONE once the hull has rested for long enough."""
         limits = self._limits
-        estimate = now.estimate
+        estimate = context.estimate
 
-        if now.time - state.since > limits.within:
+        if context.time - state.since > limits.within:
             return Abort(
                 AbortCode.HULL_NOT_AT_REST, f"the hull did not settle within {limits.within:.0f} s"
             )
@@ -101,15 +101,15 @@ class KeepStation(Phase):
         """Set up the phase; it lasts `seconds` [s]."""
         self._seconds = seconds
 
-    def enter(self, held: Held, now: Context) -> float:
+    def enter(self, held: Held, context: Context) -> float:
         """Time [s] of its begin."""
         del held
-        return now.time
+        return context.time
 
-    def step(self, state: float, held: Held, now: Context) -> Outcome:
+    def step(self, state: float, held: Held, context: Context) -> Outcome:
         """Report DONE once the time has passed."""
         del held
-        return PhaseEvent.DONE if now.time - state >= self._seconds else None
+        return PhaseEvent.DONE if context.time - state >= self._seconds else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,10 +123,10 @@ class HullMotion:
     behind: tuple[float, float] | None = (0.18, 0.42)
     late: float = 60.0  # [s] by which it may be delayed in all
 
-    def to(self, X_WB: Array, held: Held, now: Context) -> PoseMove:
+    def to(self, X_WB: Array, held: Held, context: Context) -> PoseMove:
         """Move from the present reference to `X_WB` (4, 4), beginning now."""
         return PoseMove.between(
-            now.time,
+            context.time,
             held.X_WB,
             X_WB,
             speed=self.speed,
@@ -159,12 +159,12 @@ class MoveHull(Phase):
         self._motion = motion
         self._to = to
 
-    def enter(self, held: Held, now: Context) -> MoveState:
+    def enter(self, held: Held, context: Context) -> MoveState:
         """Begin the first move."""
         way = held.way if self._to is None else [self._to(held)]
-        return MoveState(self._motion.to(way[0], held, now), way[1:], ZERO)
+        return MoveState(self._motion.to(way[0], held, context), way[1:], ZERO)
 
-    def step(self, state: MoveState, held: Held, now: Context) -> Outcome:
+    def step(self, state: MoveState, held: Held, context: Context) -> Outcome:
         """Continue the move; report DONE at the exact end of the last one."""
         if state.waited > self._motion.late:
             return Abort(
@@ -172,14 +172,14 @@ class MoveHull(Phase):
             )
 
         # Slower while the hull lags behind
-        pace = self._motion.pace(held.off(now.estimate))
+        pace = self._motion.pace(held.off(context.estimate))
         if pace < 1.0:
-            late = (1.0 - pace) * now.period
+            late = (1.0 - pace) * context.period
             state.move = state.move.later(late)
             state.waited = state.waited + late
 
-        if not state.move.done(now.time):
-            held.X_WB, v_WB_W = state.move.at(now.time)
+        if not state.move.done(context.time):
+            held.X_WB, v_WB_W = state.move.at(context.time)
             state.v_WB_W = pace * v_WB_W
             return None
 
@@ -188,13 +188,13 @@ class MoveHull(Phase):
         state.v_WB_W = ZERO
         if not state.way:
             return PhaseEvent.DONE
-        state.move = self._motion.to(state.way.pop(0), held, now)
+        state.move = self._motion.to(state.way.pop(0), held, context)
         state.waited = 0.0
         return None
 
-    def setpoint(self, state: MoveState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: MoveState, held: Held, context: Context) -> Setpoint:
         """The hull's velocity; the arm holds its joint angles."""
-        del held, now
+        del held, context
         return Setpoint(v_WB_W=state.v_WB_W)
 
     def foresee(self, state: MoveState, held: Held) -> Foreseen | None:
@@ -224,24 +224,24 @@ class Unfold(Phase):
         """Set up the phase; `speed` [rad/s] of the joints."""
         self._speed = speed
 
-    def enter(self, held: Held, now: Context) -> UnfoldState:
+    def enter(self, held: Held, context: Context) -> UnfoldState:
         """Begin the joint motion."""
         q_to = held.start_of_line().q_start
         return UnfoldState(
-            JointMove.between(now.time, held.q, q_to, speed=self._speed), np.zeros(len(q_to))
+            JointMove.between(context.time, held.q, q_to, speed=self._speed), np.zeros(len(q_to))
         )
 
-    def step(self, state: UnfoldState, held: Held, now: Context) -> Outcome:
+    def step(self, state: UnfoldState, held: Held, context: Context) -> Outcome:
         """Report DONE at the exact posture."""
-        if state.move.done(now.time):
+        if state.move.done(context.time):
             held.q = np.array(held.start_of_line().q_start)
             return PhaseEvent.DONE
-        held.q, state.qd = state.move.at(now.time)
+        held.q, state.qd = state.move.at(context.time)
         return None
 
-    def setpoint(self, state: UnfoldState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: UnfoldState, held: Held, context: Context) -> Setpoint:
         """The joints' velocity."""
-        del held, now
+        del held, context
         return Setpoint(qd=state.qd)
 
 
@@ -263,22 +263,22 @@ class PullBack(Phase):
         self._motion = motion
         self._clearance = clearance
 
-    def enter(self, held: Held, now: Context) -> PullState:
+    def enter(self, held: Held, context: Context) -> PullState:
         """Hold the arm as it is, and begin the move."""
-        held.q = np.array(now.estimate.q)
+        held.q = np.array(context.estimate.q)
 
         off = np.array(held.X_WB)
         off[:3, 3] -= way_back(held, self._clearance) * held.tool()[0][:3, 2]
-        return PullState(self._motion.to(off, held, now), ZERO)
+        return PullState(self._motion.to(off, held, context), ZERO)
 
-    def step(self, state: PullState, held: Held, now: Context) -> Outcome:
+    def step(self, state: PullState, held: Held, context: Context) -> Outcome:
         """Report DONE at the end of the move, without waiting for the hull."""
-        held.X_WB, state.v_WB_W = state.move.at(now.time)
-        return PhaseEvent.DONE if state.move.done(now.time) else None
+        held.X_WB, state.v_WB_W = state.move.at(context.time)
+        return PhaseEvent.DONE if state.move.done(context.time) else None
 
-    def setpoint(self, state: PullState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: PullState, held: Held, context: Context) -> Setpoint:
         """The hull's velocity."""
-        del held, now
+        del held, context
         return Setpoint(v_WB_W=state.v_WB_W)
 
 
@@ -397,29 +397,31 @@ class Escape(Phase):
         self._clearance = clearance
         self._q_fold = np.array(q_fold)
 
-    def enter(self, held: Held, now: Context) -> EscapeState:
+    def enter(self, held: Held, context: Context) -> EscapeState:
         """Begin the ascent at the estimated position."""
-        p_WB_from = np.array(now.estimate.X_WB[:3, 3])
+        p_WB_from = np.array(context.estimate.X_WB[:3, 3])
         held.X_WB = pose(held.X_WB[:3, :3], p_WB_from)
 
         X_WG = held.tool(way_back(held, self._clearance))[0]
         up_W = ascent_direction(-X_WG[:3, 2])
 
         clear = pose(held.X_WB[:3, :3], p_WB_from + self._limits.rise * up_W)
-        move = self._limits.motion.to(clear, held, now)
+        move = self._limits.motion.to(clear, held, context)
 
-        return EscapeState(now.time, move, p_WB_from, up_W / np.linalg.norm(up_W), X_WG, ZERO, ZERO)
-
-    def step(self, state: EscapeState, held: Held, now: Context) -> Outcome:
-        """Report DONE after the ascent with the arm folded, or when the ascent is given up."""
-        limits = self._limits
-        estimate = now.estimate
-
-        held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(
-            *state.move.at(now.time), estimate
+        return EscapeState(
+            context.time, move, p_WB_from, up_W / np.linalg.norm(up_W), X_WG, ZERO, ZERO
         )
 
-        drawn = limits.draw_speed * (now.time - state.since)
+    def step(self, state: EscapeState, held: Held, context: Context) -> Outcome:
+        """Report DONE after the ascent with the arm folded, or when the ascent is given up."""
+        limits = self._limits
+        estimate = context.estimate
+
+        held.X_WB, state.v_WB_W, state.w_WB_W = limits.leash.pull(
+            *state.move.at(context.time), estimate
+        )
+
+        drawn = limits.draw_speed * (context.time - state.since)
         if state.fold is None:
             risen = _ascent(estimate.X_WB[:3, 3] - state.p_WB_from, state.up_W)
             X_WG = held.tool(way_back(held, self._clearance))[0]
@@ -427,22 +429,26 @@ class Escape(Phase):
             state.X_WG = X_WG
 
             # Given up, or high enough for the arm to fold
-            if now.time - state.since > limits.patience:
+            if context.time - state.since > limits.patience:
                 held.q = np.array(estimate.q)
                 return PhaseEvent.DONE
             if risen < limits.free:
                 return None
 
             state.fold = JointMove.between(
-                now.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed
+                context.time, np.array(estimate.q), self._q_fold, speed=limits.fold_speed
             )
 
-        held.q, state.qd = state.fold.at(now.time)
-        return PhaseEvent.DONE if state.move.done(now.time) and state.fold.done(now.time) else None
+        held.q, state.qd = state.fold.at(context.time)
+        return (
+            PhaseEvent.DONE
+            if state.move.done(context.time) and state.fold.done(context.time)
+            else None
+        )
 
-    def setpoint(self, state: EscapeState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: EscapeState, held: Held, context: Context) -> Setpoint:
         """The hull's velocity, and the tool or the folding joints."""
-        del held, now
+        del held, context
         if state.fold is not None:
             return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W, qd=state.qd)
         return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W, X_WG=state.X_WG)
@@ -462,19 +468,19 @@ class HoldAway(Phase):
     def __init__(self, leash: Leash) -> None:
         self._leash = leash
 
-    def enter(self, held: Held, now: Context) -> AwayState:
+    def enter(self, held: Held, context: Context) -> AwayState:
         """At rest."""
-        del held, now
+        del held, context
         return AwayState(ZERO, ZERO)
 
-    def step(self, state: AwayState, held: Held, now: Context) -> Outcome:
+    def step(self, state: AwayState, held: Held, context: Context) -> Outcome:
         """Never report DONE."""
-        held.X_WB, state.v_WB_W, state.w_WB_W = self._leash.pull(held.X_WB, ZERO, now.estimate)
+        held.X_WB, state.v_WB_W, state.w_WB_W = self._leash.pull(held.X_WB, ZERO, context.estimate)
         return None
 
-    def setpoint(self, state: AwayState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: AwayState, held: Held, context: Context) -> Setpoint:
         """The velocity of a hull that is carried away."""
-        del held, now
+        del held, context
         return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W)
 
 
@@ -491,15 +497,15 @@ class Halt(Phase):
     def __init__(self, seconds: float = SAFETY.leave_time + SAFETY.rise_time) -> None:
         self._seconds = seconds
 
-    def enter(self, held: Held, now: Context) -> HaltState:
+    def enter(self, held: Held, context: Context) -> HaltState:
         """All the time is left."""
-        del held, now
+        del held, context
         return HaltState(self._seconds)
 
-    def step(self, state: HaltState, held: Held, now: Context) -> Outcome:
+    def step(self, state: HaltState, held: Held, context: Context) -> Outcome:
         """Report DONE when the time is over. Periods are counted, since the time may be unknown."""
         del held
-        state.left -= now.period
+        state.left -= context.period
         return PhaseEvent.DONE if state.left <= 0.0 else None
 
 

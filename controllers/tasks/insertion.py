@@ -174,35 +174,35 @@ class EnterHole(AxialPhase):
         super().__init__(job.axial, push)
         self._job = job
 
-    def enter(self, held: Held, now: Context) -> EntryState:
+    def enter(self, held: Held, context: Context) -> EntryState:
         """Begin at the present depth."""
-        return EntryState(held.depth, now.time)
+        return EntryState(held.depth, context.time)
 
-    def step(self, state: EntryState, held: Held, now: Context) -> Outcome:
+    def step(self, state: EntryState, held: Held, context: Context) -> Outcome:
         """Report DONE at the set depth, and TOUCHED if the tool has stopped at the rim."""
         job = self._job
         limits = self._job.inside
-        axial, aside = self._forces(held, now)
+        axial, aside = self._forces(held, context)
 
         # A jammed tool backs off
         if math.isfinite(state.backing_to):
-            self._advance(held, now, -job.axial.speed, -axial / job.force)
+            self._advance(held, context, -job.axial.speed, -axial / job.force)
             if held.depth <= state.backing_to:
                 state.backing_to = -math.inf
                 state.deepest = held.depth
-                state.gained = now.time
+                state.gained = context.time
             return None
 
         # Slower under a side force, until the tool is centred
         ease = min(1.0, (limits.side_full - aside) / (limits.side_full - limits.side_easy))
-        self._advance(held, now, max(0.0, ease) * job.axial.speed, axial / job.force)
+        self._advance(held, context, max(0.0, ease) * job.axial.speed, axial / job.force)
 
         if held.depth >= job.depth:
             return PhaseEvent.DONE
         if held.depth > state.deepest + limits.gain:
             state.deepest = held.depth
-            state.gained = now.time
-        elif now.time - state.gained > limits.stall:
+            state.gained = context.time
+        elif context.time - state.gained > limits.stall:
             return self._stopped(state, held)
         return None
 
@@ -242,22 +242,22 @@ class SpiralSearch(AxialPhase):
         self._search = job.search
         self._speed_down = job.touch_speed
 
-    def enter(self, held: Held, now: Context) -> SpiralState:
+    def enter(self, held: Held, context: Context) -> SpiralState:
         """Begin at the present depth."""
-        del now
+        del context
         return SpiralState(held.depth)
 
-    def step(self, state: SpiralState, held: Held, now: Context) -> Outcome:
+    def step(self, state: SpiralState, held: Held, context: Context) -> Outcome:
         """Report DONE when the tool drops."""
         search = self._search
-        axial, _ = self._forces(held, now)
-        self._advance(held, now, self._speed_down, axial / search.force)
+        axial, _ = self._forces(held, context)
+        self._advance(held, context, self._speed_down, axial / search.force)
 
         radius = search.pitch * state.angle / (2.0 * np.pi)
         if axial > 0.5 * search.force:
             # Equal speed along the spiral r = c angle: d angle = v dt / sqrt(r^2 + c^2).
             state.angle += (
-                search.speed * now.period / math.hypot(radius, search.pitch / (2.0 * np.pi))
+                search.speed * context.period / math.hypot(radius, search.pitch / (2.0 * np.pi))
             )
             held.aside = (radius * math.cos(state.angle), radius * math.sin(state.angle))
 

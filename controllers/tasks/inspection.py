@@ -246,19 +246,19 @@ class FlyOrbit(Phase):
     def __init__(self, job: InspectionJob) -> None:
         self._job = job
 
-    def enter(self, held: Held, now: Context) -> OrbitState:
+    def enter(self, held: Held, context: Context) -> OrbitState:
         """Begin at rest."""
-        del now
+        del context
         next_orbit: Orbit = held.plan_of(list).pop(0)
         return OrbitState(next_orbit, next_orbit.pace(self._job))
 
-    def step(self, state: OrbitState, held: Held, now: Context) -> Outcome:
+    def step(self, state: OrbitState, held: Held, context: Context) -> Outcome:
         """Report DONE after the last orbit, and MORE after any other."""
         near, far = self._job.behind
-        pace = min(max((far - held.off(now.estimate)) / (far - near), 0.0), 1.0)
+        pace = min(max((far - held.off(context.estimate)) / (far - near), 0.0), 1.0)
 
         # Progress as far as the hull follows
-        state.worked += pace * now.period
+        state.worked += pace * context.period
         held.s, rate = state.progress.at(state.worked)
         held.X_WB, way, turn = state.orbit.at(held.s)
         state.v_WB_W = pace * rate * way
@@ -271,9 +271,9 @@ class FlyOrbit(Phase):
         held.way = [held.plan_of(list)[0].at(0.0)[0]]
         return PhaseEvent.MORE
 
-    def setpoint(self, state: OrbitState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: OrbitState, held: Held, context: Context) -> Setpoint:
         """The hull's velocity."""
-        del held, now
+        del held, context
         return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W)
 
 
@@ -307,7 +307,7 @@ class Inspection(TaskPlanner):
             speed=job.speed, acceleration=job.acceleration, turn_rate=job.turn_rate, behind=None
         )
 
-        def plan(held: Held, now: Context) -> None:
+        def plan(held: Held, context: Context) -> None:
             assert held.target is not None
             X_WT = held.target.X_WT
             near_W = transform_points(held.X_WB, own.X_BC[None, :3, 3])[0]
@@ -318,7 +318,7 @@ class Inspection(TaskPlanner):
                 own.vehicle, own.chain, own.hull_box, transform_points(X_WT, target.vertices)
             )
             keep = Keep(passing, floor, job.clearance)
-            check_clear(first, motion.to(X_WB, held, now), keep)
+            check_clear(first, motion.to(X_WB, held, context), keep)
 
             held.plan = [first]
             held.way = [X_WB]

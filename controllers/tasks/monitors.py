@@ -77,7 +77,7 @@ class Monitor:
 
 
 def watch(
-    monitors: Sequence[Monitor], since: list[float], work: WorkState, held: Held, now: Context
+    monitors: Sequence[Monitor], since: list[float], work: WorkState, held: Held, context: Context
 ) -> tuple[Reaction, Abort | None]:
     """The most severe reaction that any monitor requests, and the first of equally severe ones.
 
@@ -86,7 +86,7 @@ def watch(
         since: [s] for each the time at which its condition was last false; changed in place.
         work: state of the work.
         held: what the phases share.
-        now: estimate, target and contact of this period.
+        context: estimate, target and contact of this period.
 
     Returns:
         The reaction, and its cause; None to go on.
@@ -94,10 +94,10 @@ def watch(
     hardest: tuple[Reaction, Abort | None] = (Reaction.GO_ON, None)
 
     for i, monitor in enumerate(monitors):
-        sentence = monitor.condition(held, now) if work in monitor.during else ""
+        sentence = monitor.condition(held, context) if work in monitor.during else ""
         if not sentence:
-            since[i] = now.estimate.time
-        elif monitor.lasting and not now.estimate.time - since[i] > monitor.lasting:
+            since[i] = context.estimate.time
+        elif monitor.lasting and not context.estimate.time - since[i] > monitor.lasting:
             continue
         elif _SEVERITY.index(monitor.reaction) > _SEVERITY.index(hardest[0]):
             hardest = monitor.reaction, Abort(monitor.code, sentence)
@@ -149,10 +149,10 @@ def fault_monitors(
     )
 
 
-def _no_time(held: Held, now: Context) -> str:
+def _no_time(held: Held, context: Context) -> str:
     """The time of the estimate is not finite."""
     del held
-    return "" if math.isfinite(now.estimate.time) else "the state estimate is lost"
+    return "" if math.isfinite(context.estimate.time) else "the state estimate is lost"
 
 
 no_time = Bounded(_no_time, EstimateBounds())
@@ -171,14 +171,16 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
         The condition.
     """
 
-    def condition(held: Held, now: Context) -> str:
+    def condition(held: Held, context: Context) -> str:
         del held
-        faults = () if now.last is None else now.last.faults
+        faults = () if context.last is None else context.last.faults
         if not faults:
             return ""
 
         alike = [fault for fault in faults if fault.kind is kind]
-        if len(alike) < count or not any(now.estimate.time - fault.time > age for fault in alike):
+        if len(alike) < count or not any(
+            context.estimate.time - fault.time > age for fault in alike
+        ):
             return ""
 
         report = sentence.format(", ".join(fault.part for fault in alike))
@@ -191,8 +193,8 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math
 def adrift(limit: float) -> Condition:
     """Condition: the hull is farther than `limit` [m] from its reference."""
 
-    def condition(held: Held, now: Context) -> str:
-        off = held.off(now.estimate)
+    def condition(held: Held, context: Context) -> str:
+        off = held.off(context.estimate)
         return (
             f"the hull cannot hold its position: error {off:.3f} m, above the limit of {limit:g} m"
             if off > limit
@@ -208,8 +210,8 @@ def object_moves(limit: float) -> Condition:
     Along the axis the force says so.
     """
 
-    def condition(held: Held, now: Context) -> str:
-        moved = now.estimate.object_moved_W
+    def condition(held: Held, context: Context) -> str:
+        moved = context.estimate.object_moved_W
         if held.line is None or not moved.any():
             return ""
 
@@ -227,8 +229,8 @@ def object_moves(limit: float) -> Condition:
 def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Condition:
     """Condition: the estimated force `felt` [N], or a part of it, is above `limit` [N]."""
 
-    def condition(held: Held, now: Context) -> str:
-        force = felt(held, now)
+    def condition(held: Held, context: Context) -> str:
+        force = felt(held, context)
         return (
             f"estimated force {force:.0f} N is above the limit of {limit:.0f} N"
             if force > limit
@@ -243,27 +245,27 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
 def uncertain_force(limit: float) -> Condition:
     """Condition: the stated standard deviation of the normal force is above `limit` [N]."""
 
-    def condition(held: Held, now: Context) -> str:
+    def condition(held: Held, context: Context) -> str:
         del held
-        if not limit < now.normal_sigma < math.inf:
+        if not limit < context.normal_sigma < math.inf:
             return ""
         return (
             "the normal force is not observable in this posture: standard deviation "
-            f"{now.normal_sigma:.0f} N"
+            f"{context.normal_sigma:.0f} N"
         )
 
     return Bounded(condition, EstimateBounds(sigma=limit))
 
 
-def normal_force(held: Held, now: Context) -> float:
+def normal_force(held: Held, context: Context) -> float:
     """Estimated normal force [N]."""
     del held
-    return now.normal
+    return context.normal
 
 
-def contact_force(held: Held, now: Context) -> float:
+def contact_force(held: Held, context: Context) -> float:
     """Magnitude [N] of the known part of the estimated contact force; 0 if no part is known."""
-    if now.last is None or not now.last.contact.known or held.line is None:
+    if context.last is None or not context.last.contact.known or held.line is None:
         return 0.0
-    normal, across = now.contact_force(held.tool()[0][:3, 2])
+    normal, across = context.contact_force(held.tool()[0][:3, 2])
     return math.hypot(normal, across) if math.isfinite(across) else abs(normal)

@@ -228,36 +228,36 @@ _ALL = Foreseen()
 class Phase:
     """Base of all phases; one that overrides nothing holds hull and joint angles for ever."""
 
-    def enter(self, held: Held, now: Context) -> Any:
+    def enter(self, held: Held, context: Context) -> Any:
         """State of the phase at its begin."""
-        del held, now
+        del held, context
 
-    def step(self, state: Any, held: Held, now: Context) -> Outcome:
+    def step(self, state: Any, held: Held, context: Context) -> Outcome:
         """Advance by one period; `state` and `held` are changed in place.
 
         Args:
             state: state of the phase.
             held: what the phases share.
-            now: estimate, target and contact of this period.
+            context: estimate, target and contact of this period.
 
         Returns:
             None while the phase goes on, else how it ended.
         """
-        del state, held, now
+        del state, held, context
         return None
 
-    def setpoint(self, state: Any, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: Any, held: Held, context: Context) -> Setpoint:
         """Set points of this period; changes nothing.
 
         Args:
             state: state of the phase.
             held: what the phases share.
-            now: estimate, target and contact of this period.
+            context: estimate, target and contact of this period.
 
         Returns:
             The set points.
         """
-        del state, held, now
+        del state, held, context
         return Setpoint()
 
     def foresee(self, state: Any, held: Held) -> Foreseen | None:
@@ -294,9 +294,9 @@ class HoldTool(Phase):
     def __init__(self, clearance: float = 0.0) -> None:
         self._clearance = clearance
 
-    def setpoint(self, state: Any, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: Any, held: Held, context: Context) -> Setpoint:
         """The tool at the end of `Retreat`."""
-        del state, now
+        del state, context
         return Setpoint(X_WG=held.tool(way_back(held, self._clearance))[0])
 
 
@@ -313,11 +313,11 @@ class Decide(Phase):
         self._decide = decide
         self._code = code
 
-    def step(self, state: Any, held: Held, now: Context) -> Outcome:
+    def step(self, state: Any, held: Held, context: Context) -> Outcome:
         """Decide, or abort with the message of the ReachError."""
         del state
         try:
-            self._decide(held, now)
+            self._decide(held, context)
         except StrongCurrentError as error:
             return Abort(AbortCode.CURRENT, str(error))
         except ReachError as error:

@@ -101,12 +101,12 @@ class Penetrate(AxialPhase):
         super().__init__(job.axial, push)
         self._job = job
 
-    def step(self, state: None, held: Held, now: Context) -> Outcome:
+    def step(self, state: None, held: Held, context: Context) -> Outcome:
         """Report DONE at the depth, or under the push."""
         del state
         job = self._job
-        axial, _ = self._forces(held, now)
-        self._advance(held, now, job.axial.speed, axial / job.push)
+        axial, _ = self._forces(held, context)
+        self._advance(held, context, job.axial.speed, axial / job.push)
 
         if held.depth >= job.depth if job.drag else axial >= job.close * job.push:
             held.speed = 0.0
@@ -127,23 +127,27 @@ class Drag(AxialPhase):
         self._speed = job.drag_speed
         self._ramp = job.ramp
 
-    def enter(self, held: Held, now: Context) -> FollowState:
+    def enter(self, held: Held, context: Context) -> FollowState:
         """Begin at rest at the path's begin."""
         assert held.line is not None
-        return FollowState(Progress(float(held.line.path.s[-1]), self._speed, self._ramp), now.time)
+        return FollowState(
+            Progress(float(held.line.path.s[-1]), self._speed, self._ramp), context.time
+        )
 
-    def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
+    def step(self, state: FollowState, held: Held, context: Context) -> Outcome:
         """Report DONE at the end of the path."""
-        held.s, _ = state.progress.at(now.time - state.since)
-        return PhaseEvent.DONE if now.time - state.since > state.progress.duration else None
+        held.s, _ = state.progress.at(context.time - state.since)
+        return PhaseEvent.DONE if context.time - state.since > state.progress.duration else None
 
-    def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: FollowState, held: Held, context: Context) -> Setpoint:
         """The tool on the path, at its depth."""
-        _, rate = state.progress.at(now.time - state.since)
+        _, rate = state.progress.at(context.time - state.since)
         X_WG, tangent, turn = held.tool()
         way = tangent + held.depth * np.cross(turn, X_WG[:3, 2])
 
-        return replace(super().setpoint(state, held, now), v_WG_W=rate * way, w_WG_W=rate * turn)
+        return replace(
+            super().setpoint(state, held, context), v_WG_W=rate * way, w_WG_W=rate * turn
+        )
 
 
 class SeabedWork(TaskPlanner):

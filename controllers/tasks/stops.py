@@ -35,40 +35,40 @@ class Stops:
         self.since = math.inf
         self.said = None
 
-    def step(self, pace: float, axis_W: Array, *, steady: bool, now: Context) -> bool:
+    def step(self, pace: float, axis_W: Array, *, steady: bool, context: Context) -> bool:
         """Advance by one period; returns True while the tool has to stop.
 
         Args:
             pace: speed along the path, as a share of that planned.
             axis_W: (3,) unit tool axis, W.
             steady: the set force does not change.
-            now: of this period.
+            context: of this period.
         """
         limits = self.limits
         self.said = None
 
-        if now.paused:  # its force is reduced, and nothing tells whether it holds
+        if context.paused:  # its force is reduced, and nothing tells whether it holds
             self.end()
             return False
 
         if self.moved < limits.every:
-            self.moved += now.period
+            self.moved += context.period
             return False
 
         # First brake, then stand
         if pace > 0.0:
             return True
-        self.still += now.period
+        self.still += context.period
 
         # Count the time while friction holds the tool
-        if not (steady and self._held(axis_W, now)):
+        if not (steady and self._held(axis_W, context)):
             self.since = math.inf
         elif math.isinf(self.since):
             if self.still >= limits.settle:
-                self.since = now.time
-                self.said = self._message(now)
-        elif now.time - self.since >= limits.lasting:
-            message = self._message(now)
+                self.since = context.time
+                self.said = self._message(context)
+        elif context.time - self.since >= limits.lasting:
+            message = self._message(context)
             self.end()
             self.said = message
             return False
@@ -78,15 +78,15 @@ class Stops:
             return False
         return True
 
-    def _held(self, axis_W: Array, now: Context) -> bool:
+    def _held(self, axis_W: Array, context: Context) -> bool:
         """True if the force across the tool is small enough for friction to hold it still."""
-        along, across = now.contact_force(axis_W)
+        along, across = context.contact_force(axis_W)
         return across <= self.limits.hold * along  # False where it is not known
 
-    def _message(self, now: Context) -> ToolAtRest:
+    def _message(self, context: Context) -> ToolAtRest:
         return ToolAtRest(
-            time=now.time,
+            time=context.time,
             since=self.since,
-            q=now.estimate.q,
-            slip_sigma=self.limits.creep * max(now.time - self.since, self.limits.lasting),
+            q=context.estimate.q,
+            slip_sigma=self.limits.creep * max(context.time - self.since, self.limits.lasting),
         )

@@ -159,24 +159,26 @@ class CertainPlace(Phase):
         self._limits = limits
         self._speed = speed
 
-    def enter(self, held: Held, now: Context) -> CertainState:
+    def enter(self, held: Held, context: Context) -> CertainState:
         """Begin with the tare."""
-        return CertainState(self._tare.enter(held, now))
+        return CertainState(self._tare.enter(held, context))
 
-    def step(self, state: CertainState, held: Held, now: Context) -> Outcome:
+    def step(self, state: CertainState, held: Held, context: Context) -> Outcome:
         """Report DONE with `held.promise`, or abort if the probability is too small."""
         limits = self._limits
-        outcome = self._tare.step(state.inner, held, now)
-        if outcome is not PhaseEvent.DONE or now.time - state.asked < limits.interval:
+        outcome = self._tare.step(state.inner, held, context)
+        if outcome is not PhaseEvent.DONE or context.time - state.asked < limits.interval:
             return None if outcome is PhaseEvent.DONE else outcome
         assert held.line is not None
 
         # Probability for the time of the work
-        state.tared = min(state.tared, now.time)
+        state.tared = min(state.tared, context.time)
         duration = float(held.line.path.s[-1]) / (self._speed * held.line.path.pace)
         target = held.target
         held.promise = (
-            None if target is None else promise(now.estimate, target, limits.tolerance, duration)
+            None
+            if target is None
+            else promise(context.estimate, target, limits.tolerance, duration)
         )
         if held.promise is None:
             return PhaseEvent.DONE
@@ -184,12 +186,12 @@ class CertainPlace(Phase):
         chance = held.promise.chance
         first = not np.isfinite(state.asked)
         rising = first or chance > state.chance + limits.gain
-        state.asked = now.time
+        state.asked = context.time
         state.chance = chance
         if (
             chance < max(limits.wanted, limits.least)
             and rising
-            and now.time - state.tared < limits.patience
+            and context.time - state.tared < limits.patience
         ):
             return None
 
@@ -201,9 +203,9 @@ class CertainPlace(Phase):
             )
         return PhaseEvent.DONE
 
-    def setpoint(self, state: CertainState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: CertainState, held: Held, context: Context) -> Setpoint:
         """The set points of the tare."""
-        return self._tare.setpoint(state.inner, held, now)
+        return self._tare.setpoint(state.inner, held, context)
 
     def foresee(self, state: CertainState, held: Held) -> Foreseen | None:
         """The rest of the tare."""
@@ -381,19 +383,21 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
     def allowed(held: Held) -> float:
         return (1.0 + limits.excess) * held.set_force + touch
 
-    def too_hard(held: Held, now: Context) -> str:
-        forces = f"{now.normal:.0f} N estimated, {held.set_force:.0f} N set"
-        return f"the force cannot be held: {forces}" if now.normal > allowed(held) else ""
+    def too_hard(held: Held, context: Context) -> str:
+        forces = f"{context.normal:.0f} N estimated, {held.set_force:.0f} N set"
+        return f"the force cannot be held: {forces}" if context.normal > allowed(held) else ""
 
-    def lost(held: Held, now: Context) -> str:
+    def lost(held: Held, context: Context) -> str:
         del held
-        return "" if now.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
+        return "" if context.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
 
-    def leaving_force(held: Held, now: Context) -> float:
+    def leaving_force(held: Held, context: Context) -> float:
         """Force that is monitored: of any direction after the release, before it only along the
         normal.
         """
-        return normal_force(held, now) if held.set_force > touch else contact_force(held, now)
+        return (
+            normal_force(held, context) if held.set_force > touch else contact_force(held, context)
+        )
 
     return (
         *fault_monitors(job.arrival.blind_time),

@@ -45,8 +45,8 @@ def tap(
     if not points or points[0] != 0.0 or any(not b > a for a, b in pairwise(points)):
         raise ConfigurationError(f"tap points: must increase from 0 m, got {points}")
 
-    def mark(held: Held, now: Context) -> None:
-        held.places = (*held.places, tip(now.estimate))
+    def mark(held: Held, context: Context) -> None:
+        held.places = (*held.places, tip(context.estimate))
 
     def rows() -> Iterable[tuple[str, TaskRow]]:
         approach = job.approach

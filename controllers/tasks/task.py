@@ -240,24 +240,24 @@ class TaskPlanner:
         """
         return Context(time, self.period, replace(estimate, X_WB=held.X_WB), target, None)
 
-    def _advance(self, state: TaskState, now: Context) -> str | None:
+    def _advance(self, state: TaskState, context: Context) -> str | None:
         """Check the monitors and step the present phase; returns the name of the row that is
         entered, if any.
         """
         row = self._rows[state.row]
-        if row.feels and now.last is not None and not now.last.contact.known:
+        if row.feels and context.last is not None and not context.last.contact.known:
             raise ConfigurationError(NO_ESTIMATE)
 
-        reaction, cause = watch(self._monitors, state.false_at, row.work, state.held, now)
+        reaction, cause = watch(self._monitors, state.false_at, row.work, state.held, context)
         if reaction in row.leave:
             state.abort = cause if cause is None else cause.after(state.abort)
-            row = self._enter(state, row.leave[reaction], now)
+            row = self._enter(state, row.leave[reaction], context)
 
         if reaction is Reaction.PAUSE:
-            now = replace(now, paused=True)
+            context = replace(context, paused=True)
 
         # Step the phase; what follows is in its row
-        outcome = row.phase.step(state.phase, state.held, now)
+        outcome = row.phase.step(state.phase, state.held, context)
         if outcome is None:
             return None
         if isinstance(outcome, Abort):
@@ -266,32 +266,32 @@ class TaskPlanner:
         else:
             after = row.then[outcome]
 
-        self._enter(state, after, now)
+        self._enter(state, after, context)
         return after
 
-    def _enter(self, state: TaskState, name: str, now: Context) -> TaskRow:
+    def _enter(self, state: TaskState, name: str, context: Context) -> TaskRow:
         """Change to the row `name`."""
         row = self._rows[name]
-        state.phase = row.phase.enter(state.held, now)
+        state.phase = row.phase.enter(state.held, context)
         state.row = str(name)
-        state.since = now.time
+        state.since = context.time
         return row
 
     def path_s(self, held: Held) -> float:
         """Arc length [m] reached, as it is reported."""
         return held.s
 
-    def _reference(self, state: TaskState, now: Context) -> Reference:
+    def _reference(self, state: TaskState, context: Context) -> Reference:
         """Reference for the controller in the present phase."""
         row = self._rows[state.row]
         held = state.held
         abort = state.abort
-        setpoint = row.phase.setpoint(state.phase, held, now)
+        setpoint = row.phase.setpoint(state.phase, held, context)
         jaws = setpoint.jaws
         kind = Reference if jaws is None else partial(JawReference, jaws=jaws)
 
         return kind(
-            time=now.time,
+            time=context.time,
             state=WorkState.ABORT if row.work is WorkState.DONE and abort is not None else row.work,
             X_WB=held.X_WB,
             v_WB_W=setpoint.v_WB_W,

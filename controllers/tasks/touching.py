@@ -193,25 +193,25 @@ class MoveOver(Phase):
     def __init__(self, job: TouchJob) -> None:
         self._job = job
 
-    def enter(self, held: Held, now: Context) -> WayState:
+    def enter(self, held: Held, context: Context) -> WayState:
         """Plan the way and begin."""
         if held.plan is None:
             held.plan = TouchProgress()
         plan = held.plan_of(TouchProgress)
-        return self._depart(self._job.way(plan, np.array(now.estimate.q)), held, now)
+        return self._depart(self._job.way(plan, np.array(context.estimate.q)), held, context)
 
-    def _depart(self, way: list[Array], held: Held, now: Context) -> WayState:
+    def _depart(self, way: list[Array], held: Held, context: Context) -> WayState:
         """Begin the motion to the first joint angles of the way."""
-        held.q = np.array(now.estimate.q)
+        held.q = np.array(context.estimate.q)
         # A quintic's peak speed is 15/8 of its mean.
         duration = max(
             0.5, 1.875 * float(np.abs(way[0] - held.q).max()) / self._job.tuning.move_speed
         )
-        return WayState(way, now.time, held.q, duration, np.zeros(len(held.q)))
+        return WayState(way, context.time, held.q, duration, np.zeros(len(held.q)))
 
-    def step(self, state: WayState, held: Held, now: Context) -> Outcome:
+    def step(self, state: WayState, held: Held, context: Context) -> Outcome:
         """A quintic in time; the pin comes to rest for 0.3 s over a nest."""
-        t = now.time - state.since
+        t = context.time - state.since
         last = held.plan_of(TouchProgress).at >= len(self._job.touches)
 
         if last and t >= state.duration:
@@ -223,7 +223,7 @@ class MoveOver(Phase):
         if t >= state.duration + (0.3 if len(state.way) == 1 else 0.0):
             if len(state.way) == 1:
                 return PhaseEvent.MORE
-            departure = self._depart(state.way[1:], held, now)
+            departure = self._depart(state.way[1:], held, context)
             state.way = departure.way
             state.since = departure.since
             state.q_from = departure.q_from
@@ -239,9 +239,9 @@ class MoveOver(Phase):
         state.qd = rate * way
         return None
 
-    def setpoint(self, state: WayState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: WayState, held: Held, context: Context) -> Setpoint:
         """The joints' velocity."""
-        del held, now
+        del held, context
         return Setpoint(qd=state.qd)
 
 
@@ -275,20 +275,20 @@ class OverNest(Phase):
         self._speed = speed
         self._reads = reads
 
-    def enter(self, held: Held, now: Context) -> NestState:
+    def enter(self, held: Held, context: Context) -> NestState:
         """Begin at the first height."""
         del held
-        return NestState(now.time)
+        return NestState(context.time)
 
-    def step(self, state: NestState, held: Held, now: Context) -> Outcome:
+    def step(self, state: NestState, held: Held, context: Context) -> Outcome:
         """Report DONE when the time is over."""
         del held
-        return None if now.time - state.since < self._seconds else PhaseEvent.DONE
+        return None if context.time - state.since < self._seconds else PhaseEvent.DONE
 
-    def setpoint(self, state: NestState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: NestState, held: Held, context: Context) -> Setpoint:
         """The end of the spring."""
         plan = held.plan_of(TouchProgress)
-        t = now.time - state.since
+        t = context.time - state.since
         tuning = self._job.tuning
 
         touch, nest, aim = self._job.aim(plan)
@@ -303,15 +303,15 @@ class OverNest(Phase):
 class LeaveNest(OverNest):
     """Motion out of the nest; the position of the seated pin corrects the next touches of it."""
 
-    def enter(self, held: Held, now: Context) -> NestState:
+    def enter(self, held: Held, context: Context) -> NestState:
         """Compute where the pin is."""
         plan = held.plan_of(TouchProgress)
         job = self._job
-        estimate = now.estimate
+        estimate = context.estimate
         X_WG = estimate.X_WB @ job.vehicle.X_BA @ job.chain.forward(estimate.q)
-        return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[plan.at].nest].p_WN)
+        return NestState(context.time, X_WG[:3, 3] - job.nests[job.touches[plan.at].nest].p_WN)
 
-    def step(self, state: NestState, held: Held, now: Context) -> Outcome:
+    def step(self, state: NestState, held: Held, context: Context) -> Outcome:
         """Adopt the offset; report DONE above the nest."""
         plan = held.plan_of(TouchProgress)
         job = self._job
@@ -320,7 +320,7 @@ class LeaveNest(OverNest):
             plan.offsets.setdefault(job.touches[plan.at].nest, []).append(state.offset)
         state.offset = None
 
-        outcome = super().step(state, held, now)
+        outcome = super().step(state, held, context)
         plan.at += outcome is not None
         return outcome
 

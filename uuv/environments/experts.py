@@ -205,17 +205,20 @@ class Align(Phase):
         self._within = within
         self._seconds = seconds
 
-    def enter(self, held: Held, now: Context) -> list[float]:
+    def enter(self, held: Held, context: Context) -> list[float]:
         """Begin; the state is the time since which the tool is at the stand-off."""
-        return [now.time]
+        return [context.time]
 
-    def step(self, state: list[float], held: Held, now: Context) -> Outcome:
+    def step(self, state: list[float], held: Held, context: Context) -> Outcome:
         """Report DONE once the tool has been at the stand-off for that time."""
-        if float(np.linalg.norm(self._tip(now.estimate) - held.tool()[0][:3, 3])) > self._within:
-            state[0] = now.time
-        return PhaseEvent.DONE if now.time - state[0] > self._seconds else None
+        if (
+            float(np.linalg.norm(self._tip(context.estimate) - held.tool()[0][:3, 3]))
+            > self._within
+        ):
+            state[0] = context.time
+        return PhaseEvent.DONE if context.time - state[0] > self._seconds else None
 
-    def setpoint(self, state: list[float], held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: list[float], held: Held, context: Context) -> Setpoint:
         """Set point with the tool at the stand-off."""
         return Setpoint(X_WG=held.tool()[0])
 
@@ -279,8 +282,8 @@ def _begin(
     point.
     """
 
-    def stand(held: Held, now: Context) -> None:
-        del now
+    def stand(held: Held, context: Context) -> None:
+        del context
         held.line, held.depth = task.place.line(offset), depth
 
     tip = task.vehicle.own.at_work().tip
@@ -347,8 +350,8 @@ def _wipe(task: WipePath) -> Policy:
 def _tap(task: TapPoints) -> Policy:
     tip = task.vehicle.own.at_work().tip
 
-    def mark(held: Held, now: Context) -> None:
-        held.places = (*held.places, tip(now.estimate))
+    def mark(held: Held, context: Context) -> None:
+        held.places = (*held.places, tip(context.estimate))
 
     done = PhaseEvent.DONE
     move = contact.NextPoint(task.points, FollowLimits(), STANDOFF)

@@ -89,18 +89,18 @@ class JawPhase(AxialPhase):
         self._jaws = jaws
         self._force = force
 
-    def enter(self, held: Held, now: Context) -> JawPhaseState:
+    def enter(self, held: Held, context: Context) -> JawPhaseState:
         """Begin; the jaws' own part is `begin`."""
         self.begin(held)
-        return JawPhaseState(now.time)
+        return JawPhaseState(context.time)
 
     def begin(self, held: Held) -> None:
         """What the begin of the phase changes."""
 
-    def step(self, state: JawPhaseState, held: Held, now: Context) -> Outcome:
+    def step(self, state: JawPhaseState, held: Held, context: Context) -> Outcome:
         """As `go_on` says, with a reading of the jaws; aborted without one."""
-        jaws = reading(now, self._jaws)
-        return jaws if isinstance(jaws, Abort) else self.go_on(state, held, now, jaws)
+        jaws = reading(context, self._jaws)
+        return jaws if isinstance(jaws, Abort) else self.go_on(state, held, context, jaws)
 
     def go_on(
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
@@ -108,10 +108,10 @@ class JawPhase(AxialPhase):
         """One period, as of `Phase.step`."""
         raise NotImplementedError
 
-    def setpoint(self, state: JawPhaseState, held: Held, now: Context) -> Setpoint:
+    def setpoint(self, state: JawPhaseState, held: Held, context: Context) -> Setpoint:
         """The tool on its axis, and the jaws."""
-        setpoint = super().setpoint(state, held, now)
-        return replace(setpoint, jaws=self.jaws_set(held), **self.rates(state, held, now))
+        setpoint = super().setpoint(state, held, context)
+        return replace(setpoint, jaws=self.jaws_set(held), **self.rates(state, held, context))
 
     def jaws_set(self, held: Held) -> JawSetpoint:
         """Set point of the jaws: closed on what they hold."""

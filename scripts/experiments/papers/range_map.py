@@ -51,7 +51,7 @@ class RangeRow:
     position: float = column("error", "mm", factor=1e3)
     over_range: float = column("error over range", "%", factor=100.0)
     bound: float = column("bound of stereo noise", "%", factor=100.0)
-    found: bool = column("found")
+    identified: bool = column("found")
     accepted: bool = column("accepted")
     reason: str = column("reason")
 
@@ -81,7 +81,7 @@ def range_map(case: RangeCase) -> RangeRow:
         position=position,
         over_range=position / case.range,
         bound=noise_bound(scene, camera) / case.range,
-        found=scene.is_found(outcome.X_sensor_target),
+        identified=scene.is_found(outcome.X_sensor_target),
         accepted=outcome.accepted,
         reason=outcome.reason,
     )
@@ -107,7 +107,7 @@ range_map.page = (
         "Error over range by range",
         by="range",
         columns=[
-            stat("share", "found", "found"),
+            stat("share", "identified", "found"),
             stat("share", "accepted", "accepted"),
             stat("median", "over_range", "error over range, median"),
             stat("largest", "over_range", "error over range, largest"),

@@ -207,9 +207,9 @@ def tilted(limit: float) -> Monitor:
     retreat.
     """
 
-    def found(held: Held, now: Context) -> str:
+    def found(held: Held, context: Context) -> str:
         del held
-        tilt = float(np.arccos(np.clip(now.estimate.X_WB[2, 2], -1.0, 1.0)))
+        tilt = float(np.arccos(np.clip(context.estimate.X_WB[2, 2], -1.0, 1.0)))
         return f"the hull tilts by {np.degrees(tilt):.0f} degrees" if tilt > limit else ""
 
     in_contact = frozenset({WorkState.PRESS, WorkState.WORK})

@@ -108,8 +108,8 @@ def line() -> ToolLine:
 def planner(phase: Phase, *more: Monitor) -> TaskPlanner:
     """A task of a phase at a path, and the end after it."""
 
-    def stand(held: Held, now: Context) -> None:
-        del now
+    def stand(held: Held, context: Context) -> None:
+        del context
         held.line, held.set_force = line(), 20.0
 
     first = Decide(stand, AbortCode.OUT_OF_REACH)
@@ -304,9 +304,9 @@ def test_the_wait_for_a_look_is_foreseen_up_to_it():
 class Feeling(contact.Dwell):
     """A dwell of one's own, which reads the estimate."""
 
-    def step(self, state: Any, held: Held, now: Context) -> Any:
+    def step(self, state: Any, held: Held, context: Context) -> Any:
         """Longer in contact."""
-        return None if now.normal > 0.0 else super().step(state, held, now)
+        return None if context.normal > 0.0 else super().step(state, held, context)
 
 
 class FeelingToo(Feeling):

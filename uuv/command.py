@@ -50,6 +50,7 @@ def command(
     started: float,
     after: str = "",
     *,
+    assembled: Callable[..., Assembly] = assemble,
     changed: Callable[[Assembly], Assembly] = lambda assembly: assembly,
     observers_of: Callable[[Assembly], Sequence[Observer]] = lambda _: (),
 ) -> int:
@@ -60,6 +61,8 @@ def command(
         options: Folder, recording and viewer.
         started: [s] time.perf_counter() at the start of the command.
         after: Appended to the title of log and report.
+        assembled: Assembles the scenario, as `uuv.assembly.assemble` does: for the rehearsal, then
+            for the run.
         changed: Returns the assembly to run instead of the usual one; not called for the rehearsal.
         observers_of: Returns more observers of the run; not called for the rehearsal.
 
@@ -82,8 +85,8 @@ def command(
     # before the work: the folder may be unusable
     folder = new_folder(scenario.name, options.out, scenario.seed)
 
-    refused = _rehearse(scenario, options, console)
-    assembly = changed(assemble(scenario, full=options.record))
+    refused = _rehearse(scenario, options, console, assembled)
+    assembly = changed(assembled(scenario, full=options.record))
     plant, placed = assembly.plant, assembly.placed
     title, longest = placed.title + after, options.longest or placed.longest
     # Before the run, which stores the current in the model.
@@ -168,13 +171,15 @@ def _draws(options: RunOptions, console: Console) -> bool:
     return options.record and not lacking
 
 
-def _rehearse(scenario: Scenario, options: RunOptions, console: Console) -> tuple[str, ...]:
+def _rehearse(
+    scenario: Scenario, options: RunOptions, console: Console, assembled: Callable[..., Assembly]
+) -> tuple[str, ...]:
     """Loads all compiled code by a separate assembly, since parts may hold state.
 
     Returns:
         Why the work would have been refused, of an unchecked run.
     """
-    trial = assemble(to_rehearse(scenario), full=options.record)
+    trial = assembled(to_rehearse(scenario), full=options.record)
     before = preflight(scenario, trial.own)
     start = (trial.refused,) if trial.refused else ()
     before = replace(before, refused=(*before.refused, *start))

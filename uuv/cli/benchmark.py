@@ -163,4 +163,4 @@ def with_report(scored: "ScoredCase", study: str, options: BenchmarkOptions, sta
             return stack.enter_context(entered(scored, full=full))[0]
 
         after = f", case {scored.case.index} by {scored.entry.name}"
-        return command(scenario, RunOptions(out=options.out), started, after, assembled)
+        return command(scenario, RunOptions(out=options.out), started, after, assembled=assembled)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from experiments.papers.page import PaperFigures, statuses, write
+from experiments.papers.stated.statements import Statements, read
 from experiments.papers.stated_runs import stated_runs
-from experiments.papers.statements import Statements, read
 
 FILE = Path(__file__).with_name("measurements.toml")
 PAGE = Path("measured.md")
@@ -50,7 +50,8 @@ def page_of(comparisons: Statements, figures: PaperFigures) -> Iterator[str]:
         for row in group.row:
             source = row.experiment or (stated_runs.name if row.command else "")
             rows = f"[{source}](results/{source}.md)" if source else ""
-            yield f"| {row.place} | {row.stated} | {figures.text(row)} | {rows} | {row.remark} |"
+            _, miss, remark = figures.texts(row) or ("", "", "")
+            yield f"| {row.place} | {row.stated} | {miss} | {rows} | {remark} |"
 
     yield from statuses(list(figures.sources.values()))
 

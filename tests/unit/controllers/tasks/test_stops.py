@@ -62,7 +62,9 @@ def follow(
     for k in range(round(seconds / PERIOD)):
         time = k * PERIOD
         instant = context(time, paused=paused(time), across=across)
-        stopping = stops.step(pace, DOWN, steady=not ramped(time), now=instant) or instant.paused
+        stopping = (
+            stops.step(pace, DOWN, steady=not ramped(time), context=instant) or instant.paused
+        )
         change = PERIOD / FollowLimits().pace_time
         pace = max(0.0, pace - change) if stopping else min(1.0, pace + change)
         if stops.said is not None:

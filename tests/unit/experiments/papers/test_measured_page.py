@@ -5,7 +5,7 @@ from pathlib import Path
 
 from experiments.papers.measured_page import FILE, PAGE, page_of
 from experiments.papers.page import PaperFigures
-from experiments.papers.statements import read
+from experiments.papers.stated.statements import read
 from uuv.results.pages import without_status
 
 COMPARISONS = read(FILE)
@@ -32,4 +32,4 @@ def test_a_figure_without_an_experiment_stands_on_the_page_that_it_links(root: P
 def test_every_comparison_says_what_would_settle_it():
     assert len(COMPARISONS.rows) > 10
     assert [row.place for row in COMPARISONS.rows if not row.remark or not row.stated] == []
-    assert [row.place for row in COMPARISONS.rows if row.experiment and not row.names] == []
+    assert [row.place for row in COMPARISONS.rows if row.experiment and not row.names("")] == []

@@ -2,11 +2,13 @@
 objects.
 """
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.perception.navigation.filter_kernel import put_out, take_sample
 from uuv.perception.navigation.strapdown_filter import Navigation, NavigationState
 from uuv.sim.interfaces.messages import DvlMeasurement, StateEstimate, VisionMeasurement
@@ -40,7 +42,8 @@ class Motion:
         truth.R_WB = self.R_WB[tick]
         truth.w_WB_B, truth.acceleration = self.w_B[tick], self.a_W[tick]
         truth.q, truth.qd, truth.qdd, truth.tau_drive, truth.tau_friction = self.joints[:, tick]
-        truth.armature, truth.joint_damping = np.full(6, 0.5), np.full(6, 3.0)
+        truth.vehicle = untyped(SimpleNamespace(armature=np.full(6, 0.5)))
+        truth.joint_damping = np.full(6, 3.0)
         return truth
 
     def arrived(self, tick: int) -> list[Any]:

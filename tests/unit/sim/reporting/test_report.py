@@ -257,7 +257,7 @@ def test_page_of_an_unchecked_run_says_why_it_would_have_been_refused(tmp_path: 
     for unchecked, line in ((["an arm & a leg"], True), ([], False)):
         file = tmp_path / "report.html"
         asked = assessment.extended(unchecked=unchecked)
-        write_report(file, recording, asked, title="barrel", options={})
+        write_report(file, recording, asked, run=ReportedRun(title="barrel", options={}))
         text = "Not checked; it would have been refused: an arm &amp; a leg."
         assert (text in file.read_text(encoding="utf-8")) is line
 

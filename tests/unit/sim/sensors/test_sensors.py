@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from untyped import untyped
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.protocols import Sensor
@@ -39,7 +40,8 @@ def truth() -> Truth:
     state.qdd = np.array([1.0, 0.0, -2.0, 0.0, 0.0, 0.5])
     state.tau_drive = np.array([50.0, 104.0, -34.0, 10.0, 2.0, -1.0])
     state.tau_friction = np.array([0.0, -4.0, 4.0, 0.0, -2.0, 0.0])
-    state.armature, state.joint_damping = np.full(6, 0.5), np.full(6, 3.0)
+    state.vehicle = untyped(SimpleNamespace(armature=np.full(6, 0.5)))
+    state.joint_damping = np.full(6, 3.0)
     return state
 
 

@@ -300,7 +300,7 @@ def test_a_ball_joint_is_a_floating_one_whose_link_is_where_it_rests():
     for key in list(spec.keys):
         spec.delete(key)
     root = ElementTree.fromstring(robot_description(spec.compile()))
-    joint = root.find("joint[@name='sling']")
+    joint = untyped(root.find("joint[@name='sling']"))
     assert joint.get("type") == "floating"
     origin = joint.find("origin")
     assert [float(value) for value in origin.get("xyz").split()] == [0.1, -0.2, 0.3]
@@ -352,7 +352,7 @@ def test_a_log_of_a_run_that_goes_on_is_what_is_exported_from_it(tmp_path, monke
                 [xyz(twist.linear) + xyz(twist.angular) for twist in (m.twist.twist for m in part)]
                 for part in ([m for _, m in logged[name]], map(topic.message, range(len(expected))))
             ]
-            np.testing.assert_allclose(*twists, atol=1e-9)
+            np.testing.assert_allclose(twists[0], twists[1], atol=1e-9)
             continue
         assert encoded == expected, name
 

@@ -6,7 +6,7 @@
 It publishes /clock, /joint_states, /odometry and /tool/wrench/set, and takes
 /effort_command [N m] and /thruster_command [-1, 1] as std_msgs/Float64MultiArray. A measurement is
 answered by the newest commands; those that are older than 0.2 s count as none.
-`uuv/serve/client.py` has to be importable, as a part of the package.
+`client.py` beside it is a copy of `uuv/serve/client.py`, which has no dependencies.
 """
 
 import argparse
@@ -148,7 +148,7 @@ def main() -> None:
     import rclpy
     from std_msgs.msg import Float64MultiArray
 
-    from uuv.serve.client import Client
+    from client import Client
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--host", default="127.0.0.1")

@@ -124,8 +124,8 @@ GOOD = "0.1,-1.2,1.3,-0.4,0.5,0.6"
 BAD = {
     "empty": ("", "the file is empty"),
     "nan": (rows(GOOD, "0.1,nan,1,1,1,1"), "must be finite"),
-    "width": (rows("0.1,0.2,0.3"), "the arm has 6 joints"),
-    "seven": (rows("4.19e-01,1.2,-0.2,-0.9,0.7,1.5,0.8"), "7 joint values, the arm has 6 joints"),
+    "width": (rows("0.1,0.2,0.3"), "each of the arm's 6 joints, got 3"),
+    "seven": (rows("4.19e-01,1.2,-0.2,-0.9,0.7,1.5,0.8"), "each of the arm's 6 joints, got 7"),
     "one": (rows(GOOD), "at least three times in different poses"),
     "equal": (rows(GOOD, GOOD, GOOD), "at least three times in different poses"),
     "mixed": (rows(GOOD), "looks like degrees"),

@@ -94,7 +94,7 @@ NAMELESS = """
         pytest.param(
             [], lambda: NAMELESS, "thrusters, body 'arm_base' (carries the arm)", id="no names"
         ),
-        pytest.param([], lambda: "<mujoco", "not an MJCF", id="not an MJCF"),
+        pytest.param([], lambda: "<mujoco", "cannot read this MJCF", id="not an MJCF"),
         pytest.param(["--vehicle", "nautilus"], None, "uuv_puma", id="unknown vehicle"),
         pytest.param(["--current", "nan", "0", "0"], None, "current", id="current is no number"),
     ],

@@ -441,8 +441,8 @@ def test_a_printed_added_mass_is_made_symmetric():
     printed[0, 4], printed[4, 0] = -199.453, -199.454
     with pytest.warns(
         PhysicsWarning,
-        match=r"\[0, 4\] = -199.453, \[4, 0\] = -199.454; their "
-        r"mean is taken",
+        match=r"\[0, 4\] = -199.453, \[4, 0\] = -199.454; the "
+        r"mean of the two is used",
     ):
         body = BodyHydrodynamics(volume=1.84, added_mass=printed)
     assert body.added_mass[0, 4] == body.added_mass[4, 0] == pytest.approx(-199.4535)

@@ -104,7 +104,7 @@ def test_its_options_and_waters_are_checked(pair):
         with pytest.raises(HydrodynamicsError, match=r"density 1000.0"):
             refuse(plain)
     plain.body_user[1, water.LAYOUT.body_density] = 1025.0
-    with pytest.raises(ConfigurationError, match=r"different density .* hull 1025, "):
+    with pytest.raises(ConfigurationError, match=r"different densities .* hull 1025, "):
         StationKeeping(plain)
 
 

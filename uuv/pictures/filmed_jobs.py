@@ -90,6 +90,17 @@ FILMED = (
         figures=("target height error", "push, peak", "depth of the core", "hull, excursion"),
         begin=WorkState.SCAN,
     ),
+    FilmedJob(
+        name="collect",
+        about="a stone off the seabed, into a basket",
+        command="collect --quick",
+        figures=(
+            "put, distance from the middle",
+            "grip force, peak",
+            "object slips in the jaws",
+            "hull excursion after the lift",
+        ),
+    ),
     # Without contact.
     FilmedJob(
         name="inspect_object",

@@ -74,7 +74,7 @@ def test_sensor_tells_the_true_pose():
 def test_other_measurements_and_worlds_are_refused():
     finder = SurveyedObjectFinder(barrel(), "corner")
     frame = DepthImage(time=0.0, depth=np.ones((2, 2)), K=np.eye(3), X_BC=np.eye(4))
-    with pytest.raises(ConfigurationError, match="expected a SurveyedPose, got DepthImage"):
+    with pytest.raises(ConfigurationError, match="must be a SurveyedPose, got DepthImage"):
         finder.step(finder.init(), AT_REST, frame)
     with pytest.raises(ConfigurationError, match="has no body 'target'"):
         Survey(vehicle_spec("uuv_puma").compile())

@@ -95,7 +95,7 @@ def test_what_cannot_be_compiled_is_refused_in_one_line():
     with pytest.raises(
         ConfigurationError,
         match=r"^contact estimator opens: numba cannot compile "
-        r"it: [^\n]*$",
+        r"the function: [^\n]*$",
     ):
         KernelContact(OWN, opens)
     with pytest.raises(ConfigurationError, match="at least 1, got 0"):

@@ -207,7 +207,7 @@ def hinge(
             "^arm: joint 'bc': expected three numbers, got '0 x 1'",
         ),
         (hinge("ab") + hinge("bc", xyz="0 1"), "c", "^arm: joint 'bc': expected shape"),
-        (hinge("ab") + hinge("bc", xyz="0 0 1e5"), "c", "^arm: joint 'bc': must lie within 10000"),
+        (hinge("ab") + hinge("bc", xyz="0 0 1e5"), "c", "^arm: joint 'bc': must be within 10000"),
         (
             hinge("ab") + hinge("bc", axis="0 0 0"),
             "c",

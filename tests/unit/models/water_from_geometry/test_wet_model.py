@@ -390,7 +390,8 @@ def test_bad_arguments_of_the_function():
     with pytest.raises(ConfigurationError, match="geoms: must be one of auto, visual"):
         wet(spec_of('<geom size=".1"/>'), geoms=untyped("some"))
     with pytest.raises(
-        ConfigurationError, match="neutral: expected one floating body with water, found none"
+        ConfigurationError,
+        match="neutral: the model must have one floating body with water, got none",
     ):
         wet(
             mujoco.MjSpec.from_string(mjcf('<geom size=".1"/>', '<joint name="j"/>')),

@@ -73,7 +73,7 @@ def test_a_list_beyond_twenty_degrees_is_refused_with_its_figure() -> None:
     verdict = check_vehicle(six_vectored(0.02), jobs=("hover",)).verdict("hover")
     assert (verdict.promised, verdict.code) == (False, "list")
     assert verdict.figure == pytest.approx(np.degrees(np.arctan(0.4)))
-    assert "limit 20 deg" in verdict.said
+    assert "at most 20 deg" in verdict.said
 
     check = check_vehicle(six_vectored(0.005), jobs=("hover",))
     assert check.verdict("hover").promised

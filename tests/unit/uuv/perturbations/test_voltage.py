@@ -52,7 +52,9 @@ def test_a_battery_needs_tables_of_the_current() -> None:
     job = clean_barrel(battery=14.8)
     with pytest.raises(ConfigurationError, match="has no table of its current"):
         check_inputs(job)
-    with pytest.raises(ConfigurationError, match="must be 10 to 20, as it was measured, got 24"):
+    with pytest.raises(
+        ConfigurationError, match="must be 10 to 20, the range of the measurements, got 24"
+    ):
         check_inputs(scenario(Battery(voltage=24.0)))
 
 

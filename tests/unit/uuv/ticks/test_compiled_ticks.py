@@ -198,7 +198,7 @@ def test_a_sensor_that_sends_what_its_channel_does_not_take_is_named():
         )
 
     built = with_imu(assemble(jobs.clean_barrel(quick=True)), OwnImu(later_another))
-    with pytest.raises(ConfigurationError, match="'imu': must send ImuMeasurement, sent Encoder"):
+    with pytest.raises(ConfigurationError, match="'imu': must send ImuMeasurement, got Encoder"):
         run_through(built, longest=0.5)
     assert max(sent) == pytest.approx(0.302)
 

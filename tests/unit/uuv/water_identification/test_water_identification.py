@@ -189,7 +189,7 @@ def test_the_door_of_the_command(dive, tmp_path):
     refused(tmp_path, "--water-density", log=(dive,), water_density=-1.0)
     text = dive.read_text().splitlines()
     (tmp_path / "short.csv").write_text("\n".join(text[:20]))
-    refused(tmp_path, "4 s are needed", log=(tmp_path / "short.csv",))
+    refused(tmp_path, "must last at least 4 s", log=(tmp_path / "short.csv",))
 
 
 def test_two_logs_of_one_name_are_two(rov, tmp_path):

@@ -146,9 +146,8 @@ def ros_message(kind: str, **fields: Any) -> Any:
 def main() -> None:
     """Run the node until the simulation ends."""
     import rclpy
-    from std_msgs.msg import Float64MultiArray
-
     from client import Client
+    from std_msgs.msg import Float64MultiArray
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--host", default="127.0.0.1")

@@ -35,19 +35,11 @@ from uuv.controllers.tasks.axial_phases import (
 )
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
 from uuv.controllers.tasks.settings import InsertionSettings
-from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.objects.manifold import Hole
 from uuv.models.objects.targets import TargetModel
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import (
-    AbortCode,
-    Command,
-    Reference,
-    StateEstimate,
-    Target,
-    ToolPath,
-    WorkState,
-)
+from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, readonly
 
 
@@ -336,27 +328,9 @@ class HoleInsertion(TaskPlanner):
         rows = insertion_rows(site, limits, job)
         super().__init__(rows, monitors, X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
 
-    def step(
-        self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None
-    ) -> tuple[TaskState, Reference]:
-        """As `TaskPlanner.step`; the path is the axis of the hole.
-
-        Args:
-            state: state of the task, changed in place.
-            estimate: estimated state of the vehicle.
-            target: newest identification, if any.
-            last: the controller's last command, with its estimate of the contact force.
-
-        Returns:
-            The state and the reference for the controller.
-
-        Raises:
-            ConfigurationError: if the controller does not estimate the contact force in a phase
-                that needs it.
-        """
-        if target is not None and target.accepted:
-            target = replace(target, path=axis_path(target.X_WT, self._hole, self._depth))
-        return super().step(state, estimate, target, last)
+    def with_path(self, target: Target) -> Target:
+        """The target with the axis of the hole as its path."""
+        return replace(target, path=axis_path(target.X_WT, self._hole, self._depth))
 
     def path_s(self, held: Held) -> float:
         """Depth [m] below the mouth."""

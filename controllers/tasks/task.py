@@ -139,6 +139,10 @@ class TaskPlanner:
         )
         return state
 
+    def with_path(self, target: Target) -> Target:
+        """The accepted target with the path of the task; the finder's path unless overridden."""
+        return target
+
     def step(
         self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[TaskState, Reference]:
@@ -159,6 +163,8 @@ class TaskPlanner:
                 that needs it.
         """
         time = estimate.time if math.isfinite(estimate.time) else state.since
+        if target is not None and target.accepted:
+            target = self.with_path(target)
         now = Context(time, self.period, estimate, target, last)
 
         faults = last.faults if last is not None else ()

@@ -30,7 +30,7 @@ class ReportedRun:
     title: str
     options: Mapping[str, Any]  # of the scenario, listed unchanged
     again: str = ""  # command that repeats the run
-    stills: Sequence[tuple[str, bytes]] = ()  # of the scene: what is seen, and a WebP file
+    stills: Sequence[tuple[str, bytes]] = ()  # pictures of the scene: caption and WebP file
 
 
 def write_report(

@@ -42,7 +42,7 @@ class Shown:
     name: str  # of its file
     group: str  # heading on the page
     about: str
-    command: str  # that makes what is seen, or shows its data
+    command: str  # that makes the picture, or prints data of the thing shown
     make: Callable[["Shown", Path], Figures]  # writes the picture; figures beside it
 
     @property

@@ -50,18 +50,10 @@ from uuv.controllers.tasks.grasping.jaw_phases import (
 from uuv.controllers.tasks.monitors import Monitor, Reaction
 from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import CollectSettings
-from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.tools.jaw_shape import JawShape
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
-from uuv.sim.interfaces.messages import (
-    AbortCode,
-    Command,
-    Reference,
-    StateEstimate,
-    Target,
-    ToolPath,
-    WorkState,
-)
+from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, readonly, transform_points
 
 FRICTION_USED = 0.7  # share of the friction cone that the expected load may take
@@ -204,27 +196,9 @@ class Collecting(TaskPlanner):
             period=period,
         )
 
-    def step(
-        self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None
-    ) -> tuple[TaskState, Reference]:
-        """As `TaskPlanner.step`; the path leads from the best grasp to the basket.
-
-        Args:
-            state: state of the task, changed in place.
-            estimate: estimated state of the vehicle.
-            target: newest identification, if any.
-            last: the controller's last command, with its estimate of the contact force.
-
-        Returns:
-            The state and the reference for the controller.
-
-        Raises:
-            ConfigurationError: if the controller does not estimate the contact force in a phase
-                that needs it.
-        """
-        if target is not None and target.accepted:
-            target = replace(target, path=straight_down(target.X_WT, self._choice))
-        return super().step(state, estimate, target, last)
+    def with_path(self, target: Target) -> Target:
+        """The target with a path to its middle, which stands for it until the grasp is chosen."""
+        return replace(target, path=straight_down(target.X_WT, self._choice))
 
     def grasps(self, target: Target) -> Sequence[tuple[PlacedGrasp, ToolPath]]:
         """Grasps of the identified object with their paths to the basket, best first.

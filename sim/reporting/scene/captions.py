@@ -1,5 +1,6 @@
 """Text and bars on a picture of a run: phase, time, force, current, and the scale of colours."""
 
+import importlib
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -58,8 +59,9 @@ class Captions:
             MissingLibraryError: Pillow or Matplotlib is not installed.
         """
         with wanted():
-            import matplotlib as mpl  # has the font
-            import PIL.ImageDraw  # noqa: F401
+            import matplotlib as mpl  # it brings the font
+
+            importlib.import_module("PIL.ImageDraw")
 
         fonts = Path(mpl.get_data_path()) / "fonts" / "ttf"
         self._plain = str(fonts / "DejaVuSans.ttf")

@@ -19,7 +19,7 @@ _UP = np.array([0.45, 0.80, 0.86], dtype=np.float32)
 
 # Share of light lost over the distance of the work: red first.
 _LOST = np.array([0.07, 0.01, 0.03], dtype=np.float32)
-_HAZE = 0.14  # share of the water's own light in what is seen at the distance of the work
+_HAZE = 0.14  # share of the water's own light in a pixel at the distance of the work
 
 _TILE = 6.0  # [m] after which the sand repeats
 _CELLS = 512  # of the tile, a side

@@ -46,7 +46,7 @@ class CameraView:
             x, y, z = ((points_W - lookat) @ axis for axis in (across, down, ahead))
             distance = float(max((abs(x) / flat - z).max(), (abs(y) / steep - z).max(), 0.1))
 
-            # To the middle of what is seen, at the depth of the point looked at.
+            # To the centre of the points in the picture, at the depth of the point looked at.
             u = x / (z + distance)
             v = y / (z + distance)
             lookat = lookat + 0.5 * distance * (

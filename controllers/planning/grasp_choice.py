@@ -151,21 +151,31 @@ class GraspChoice:
         if p[between, 2].min() < -jaws.finger:
             return "below the palm"
 
-        # Margins.
+        # Along a line that leans, the end of the open finger on the low side comes down further
+        # than the tool's origin.
+        span = 0.5 * width + beside + jaws.thickness
+        lowest = X_WG[2, 3] - span * abs(x[2])
+        raised = max(0.0, floor + limits.ground - lowest) / -z[2]
+        if deep - raised < _LEAST_COVER:
+            return "too near to the ground"
+        X_WG[:3, 3] -= raised * z
+
+        # Margins, each with what its limit means.
         across = (X_WG[:3, 1]) @ (center_W - X_WG[:3, 3])
-        margins = (
-            1.0 - grasp.slope / jaws.friction,
-            1.0 - max(0.0, width - grasp.width) / limits.uneven,
-            1.0 - abs(float(across)) / limits.aside,
-            beside / limits.beside,
-        )
-        if min(margins) <= 0.0:
-            return "too uneven" if margins[1] <= 0.0 else "too far from the weight"
+        margins = {
+            "too slippery": 1.0 - grasp.slope / jaws.friction,
+            "too uneven": 1.0 - max(0.0, width - grasp.width) / limits.uneven,
+            "too far from the weight": 1.0 - abs(float(across)) / limits.aside,
+            "too wide": beside / limits.beside,
+        }
+        worst = min(margins, key=lambda reason: margins[reason])
+        if margins[worst] <= 0.0:
+            return worst
         return PlacedGrasp(
             X_WG=readonly(X_WG),
             width=width,
             opening=width + 2.0 * beside,
-            margin=float(min(margins)),
+            margin=float(margins[worst]),
         )
 
 

@@ -256,11 +256,14 @@ class Collecting(TaskPlanner):
         del context
         assert held.target is not None
         assert held.line is not None
-        start = held.line.path.p[0]
-        grasp = min(
-            (grasp for grasp, _ in self.grasps(held.target)),
-            key=lambda grasp: float(np.linalg.norm(grasp.X_WG[:3, 3] - start)),
-        )
+        path = held.line.path
+
+        def distance(grasp: PlacedGrasp) -> float:
+            """From the start of the path [m], and how far the closing lines differ (1: square)."""
+            away = np.linalg.norm(grasp.X_WG[:3, 3] - path.p[0])
+            return float(away + 1.0 - abs(grasp.X_WG[:3, 0] @ path.x[0]))
+
+        grasp = min((grasp for grasp, _ in self.grasps(held.target)), key=distance)
         held.plan = GripPlan(opening=grasp.opening, width=grasp.width, bears=self._job.load)
 
 

@@ -90,6 +90,37 @@ def test_an_arm_of_a_starfish_is_gripped_where_its_weight_allows() -> None:
     assert ranked[0].width == pytest.approx(0.0634, abs=2e-3)
 
 
+@pytest.mark.parametrize("degrees", [0.0, 12.0, 18.0])
+def test_the_finger_on_the_low_side_of_a_leaning_grasp_stays_above_the_ground(
+    degrees: float,
+) -> None:
+    lean = np.radians(degrees)
+    leaning = Grasp(p=np.zeros(3), x=np.array([np.cos(lean), 0.0, np.sin(lean)]), width=2.0 * R)
+    target = replace(ball(), grasps={"leaning": leaning})
+    X_WT, floor = lying(target)
+    choice = GraspChoice.of(target, JAWS)
+    (grasp,) = choice.ranked(X_WT, floor)
+
+    # Corners of both open fingers at their ends, from the shape of the jaws alone.
+    outer = 0.5 * grasp.opening + JAWS.thickness
+    corners = [
+        (side * outer, edge * 0.5 * JAWS.breadth, 0.0) for side in (-1, 1) for edge in (-1, 1)
+    ]
+    heights = transform_points(grasp.X_WG, np.array(corners))[:, 2] - floor
+    assert heights.min() >= choice.limits.ground - 1e-9
+
+
+def test_a_grasp_that_is_not_possible_is_refused_for_its_own_reason() -> None:
+    lean = np.radians(24.0)
+    leaning = Grasp(p=np.zeros(3), x=np.array([np.cos(lean), 0.0, np.sin(lean)]), width=2.0 * R)
+    slippery = Grasp(p=np.zeros(3), x=np.array([1.0, 0.0, 0.0]), width=2.0 * R, slope=0.7)
+    for grasp, reason in ((leaning, "too near to the ground"), (slippery, "too slippery")):
+        target = replace(ball(), grasps={"only": grasp})
+        X_WT, floor = lying(target)
+        with pytest.raises(ReachError, match=f"1 {reason}"):
+            GraspChoice.of(target, JAWS).ranked(X_WT, floor)
+
+
 def test_declared_grasps_take_the_place_of_a_search() -> None:
     across = Grasp(p=np.zeros(3), x=np.array([0.0, 1.0, 0.0]), width=2.0 * R)
     target = replace(ball(), grasps={"across": across})

@@ -211,7 +211,6 @@ class Tracker:
 
         way: Way = "none"
         held = None
-        restricted = np.zeros(self.chain.n, dtype=bool)
 
         # Too fast near a singular configuration: pass it within the speed limits
         too_fast = bool(np.any(np.abs(solution.q - state.q) > self._travel))
@@ -225,12 +224,15 @@ class Tracker:
 
             limits = np.column_stack([lower, upper])
             solution = self._solve(target, state.q, limits)
-            restricted = ((solution.q <= lower) & (lower > self.chain.limits[:, 0])) | (
-                (solution.q >= upper) & (upper < self.chain.limits[:, 1])
-            )
 
         if self._spare is not None and solution.met and held is None:
             solution = self._cleared(target, state.q, solution, limits, self._spare)
+
+        # Joints at a bound that the passing has drawn in, not at one of the arm's own
+        lower, upper = limits.T
+        restricted = ((solution.q <= lower) & (lower > self.chain.limits[:, 0])) | (
+            (solution.q >= upper) & (upper < self.chain.limits[:, 1])
+        )
 
         step = TrackStep(
             q=solution.q,
@@ -376,7 +378,7 @@ def track(
     """
     tracker = Tracker(chain, period, **options)
 
-    targets = np.asarray(X_base_tip, dtype=np.float64)
+    targets = real_array(X_base_tip, "X_base_tip")
     if targets.ndim != 3 or targets.shape[1:] != (4, 4) or len(targets) == 0:
         raise ConfigurationError(
             f"X_base_tip: expected shape (N, 4, 4) with N > 0, got {targets.shape}"

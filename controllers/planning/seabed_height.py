@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from uuv.controllers.mkps import Chain, IkOptions, solve
-from uuv.controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack
+from uuv.controllers.mkps import Chain
+from uuv.controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack, posture_for
 from uuv.controllers.planning.arm_size import reach
 from uuv.controllers.planning.hull_path import joint_centres
 from uuv.controllers.planning.path_poses import tool_poses
@@ -22,7 +22,6 @@ from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, checked, inverse, readonly
 
-_FEW_STEPS = IkOptions(max_iterations=60)
 # Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H
 # [Beltaos 1974]: 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter
 # d cancels.
@@ -298,7 +297,7 @@ def arm_gap(
     gap = np.inf
 
     for X_WG in tools:
-        q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS).q
+        q = posture_for(chain, inverse(X_WA) @ X_WG, q).q
         joints = joint_centres(chain, q)[: chain.n - 2]
         places = np.vstack([joints[1:], 0.5 * (joints[1:] + joints[:-1])])
         if len(places):

@@ -1,8 +1,10 @@
-# uuv-arm on a minimal Debian, from the wheel: no screen, GL or compiler.
+# uuv-arm on a minimal Debian (x86-64), from the wheel: no screen, GL or compiler.
 #
 #   bash .ci/wheel
 #   docker build --tag uuv-arm .
-#   docker run --rm --volume "$PWD:/work" uuv-arm run clean-barrel --quick
+#   docker run --rm --volume "$PWD:/work" --volume uuv-cache:/root/.cache uuv-arm run clean-barrel --quick
+#
+# The second volume keeps the compiled kernels for the next run.
 FROM debian:bookworm-slim
 RUN apt-get update && apt-get install --yes --no-install-recommends python3 python3-venv && rm -rf /var/lib/apt/lists/*
 COPY dist/uuv_arm-*.whl /tmp/

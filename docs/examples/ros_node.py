@@ -1,7 +1,7 @@
 """ROS 2 node between `uuv serve udp` and a controller in ROS: states out, commands in.
 
-    uuv serve udp open-water --rate 100        # the simulation
-    python3 ros_node.py                        # in an environment of ROS 2; --port, --host
+    uuv serve udp open-water --rate 100 --pace 1    # the simulation, in real time
+    python3 ros_node.py                             # in an environment of ROS 2; --port, --host
 
 It publishes /clock, /joint_states, /odometry and /tool/wrench/set, and takes
 /effort_command [N m] and /thruster_command [-1, 1] as std_msgs/Float64MultiArray. A measurement is
@@ -21,8 +21,8 @@ WORLD, HULL = "world", "hull"
 
 def stamp(make: Any, seconds: float) -> Any:
     """Simulated time as a builtin_interfaces/Time; `make(kind, **fields)` makes a message."""
-    whole = math.floor(seconds)
-    return make("builtin_interfaces/msg/Time", sec=whole, nanosec=int(1e9 * (seconds - whole)))
+    whole, rest = divmod(round(1e9 * seconds), 10**9)
+    return make("builtin_interfaces/msg/Time", sec=whole, nanosec=rest)
 
 
 def header(make: Any, seconds: float, frame: str) -> Any:
@@ -147,12 +147,13 @@ def main() -> None:
     """Run the node until the simulation ends."""
     import rclpy
     from client import Client
+    from rclpy.utilities import remove_ros_args
     from std_msgs.msg import Float64MultiArray
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--port", type=int, default=9010)
-    options, _ = parser.parse_known_args()
+    options = parser.parse_args(remove_ros_args()[1:])
 
     rclpy.init()
     node = rclpy.create_node("uuv")
@@ -168,16 +169,20 @@ def main() -> None:
 
     # Commands arrive beside the loop, which the simulation leads.
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
-    with Client(options.host, options.port) as vehicle:
-        for frame in vehicle:
-            for topic, (_, message) in PUBLISHED.items():
-                publishers[topic].publish(message(ros_message, frame))
-            effort, wrong = commands.of("/effort_command", frame)
-            thrust, also = commands.of("/thruster_command", frame)
-            for reason in filter(None, (wrong, also)):
-                node.get_logger().warning(reason)
-            vehicle.send(frame, joint_torque=effort, thrusters=thrust)
-    rclpy.shutdown()
+    try:
+        with Client(options.host, options.port) as vehicle:
+            for frame in vehicle:
+                for topic, (_, message) in PUBLISHED.items():
+                    publishers[topic].publish(message(ros_message, frame))
+                effort, wrong = commands.of("/effort_command", frame)
+                thrust, also = commands.of("/thruster_command", frame)
+                for reason in filter(None, (wrong, also)):
+                    node.get_logger().warning(reason, throttle_duration_sec=1.0)
+                vehicle.send(frame, joint_torque=effort, thrusters=thrust)
+    except TimeoutError as error:
+        node.get_logger().error(str(error))
+    finally:
+        rclpy.shutdown()
 
 
 if __name__ == "__main__":

@@ -312,6 +312,20 @@ def test_inflow_is_not_taken_from_the_torque():
     assert unit.thrust == pytest.approx(75.0, rel=1e-12)
 
 
+@pytest.mark.parametrize("handedness", [1, -1])
+def test_levers_of_the_inflow_are_those_of_a_point(handedness, within):
+    """Inflow v . a + w . (p x a) of a point p that moves with the hull, whatever its torque."""
+    axis = np.array([0.6, 0.0, 0.8])
+    p = np.array([0.3, 0.2, -0.1])
+    row = thrusters.pack(
+        Thruster(forward=50.0, reverse=40.0, torque_per_thrust=0.05, handedness=handedness)
+    )
+    wrench = np.concatenate([axis, np.cross(p, axis) - handedness * 0.05 * axis])
+
+    levers = thrusters.inflow_levers(row[None], wrench[:, None])[:, 0]
+    within("levers", levers - np.concatenate([axis, np.cross(p, axis)]), 1e-16)
+
+
 @pytest.mark.parametrize(
     "thruster",
     [

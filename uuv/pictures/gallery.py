@@ -28,8 +28,8 @@ MOST_BYTES = 12_000_000  # of all pictures
 _STILL = 800, 450  # [px] width and height
 _HEADING = """# Gallery
 
-Written by `uuv gallery`, which runs the commands beside the pictures. The figures are of the
-same runs, against the truth. [How they are drawn](pictures.md).
+Written by `uuv gallery`. The clips are of the commands beside them, their figures of the same
+runs, against the truth. [How they are drawn](pictures.md).
 """
 
 Figures = list[tuple[str, str]]  # name, and value with its unit
@@ -72,7 +72,8 @@ def _object(shown: Shown, file: Path) -> Figures:
     ]
     write_whole(file, still(portrait(spec, shown.about, _STILL, drawn), "webp"))
     x, y, z = np.ptp(target.vertices, axis=0)
-    return [("size", f"{x:.2f} x {y:.2f} x {z:.2f} m"), ("tool paths", ", ".join(target.paths))]
+    paths = ", ".join(target.paths) or "none"
+    return [("size", f"{x:.2f} x {y:.2f} x {z:.2f} m"), ("tool paths", paths)]
 
 
 def _vehicle(shown: Shown, file: Path) -> Figures:
@@ -113,7 +114,7 @@ def entries() -> list[Shown]:
             name=f"object_{name}",
             group="Objects",
             about=name,
-            command=f"uuv run clean-object --object {name}",
+            command="uuv list objects",
             make=_object,
         )
         for name in OBJECTS.names()

@@ -138,14 +138,15 @@ def pages(entries: Sequence[ResultsOfOne]) -> dict[Path, str]:
 
 
 def _section(entry: ResultsOfOne, summary: Summary) -> Iterator[str]:
-    """An experiment in the overview: title, first table, and links to the rest."""
+    """An experiment in the overview: title, first short table, and links to the rest."""
     experiment = entry.experiment
 
     yield f"### {experiment.title}\n"
-    if summary.tables and len(summary.tables[0].rows) <= MOST_ROWS:
-        yield f"{_markdown(summary.tables[0])}\n"
+    short = [table for table in summary.tables if len(table.rows) <= MOST_ROWS]
+    if short:
+        yield f"{_markdown(short[0])}\n"
     else:
-        yield "".join(f"{line}\n" for line in summary.lines[:1])
+        yield "".join(f"{line}\n" for line in summary.lines[:1]) or "Its tables are long.\n"
     # links to the rest, and the validity of the table
     yield f"[All of it]({PAGES}/{experiment.name}.md). {_origin(entry)}\n"
     yield f"{STATUS}{entry.status}\n"

@@ -60,19 +60,21 @@ def _exported(folder: Path, options: ExportOptions) -> dict[str, int]:
     from uuv.sim.reporting.series_tables import PastRun
 
     run = PastRun.of(folder)
+    ros = options.mcap is not None or options.bag is not None
+    description = _description(folder, trust=options.trust) if ros else ""
+
     written: dict[str, int] = {}
     if options.csv is not None:
         written |= {str(file): 0 for file in files.write_csv(options.csv, run)}
     if options.mat is not None:
         files.write_matlab(options.mat, run)
         written[str(options.mat)] = 0
-    if options.mcap is None and options.bag is None:
+    if not ros:
         return written
 
     from uuv.export.topics import RosTypes, RunTopics
 
     types = RosTypes()
-    description = _description(folder, trust=options.trust)
     topics = RunTopics(run.recorded, run.clouds, description, types=types).topics
     about = {"accepted": str(run.metrics["accepted"]), "run": folder.name}
     if options.mcap is not None:

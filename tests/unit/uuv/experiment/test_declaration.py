@@ -451,7 +451,7 @@ def test_the_names_of_checks_on_the_page_are_those_of_the_assessments(root):
     listed = set(re.findall(r"`([^`]+)`", table))
 
     written = set()
-    for file in (*(root / "sim" / "evaluation").glob("*.py"), *(root / "uuv").rglob("tasks/*.py")):
+    for file in (*(root / "sim" / "evaluation").rglob("*.py"), *(root / "uuv").rglob("tasks/*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             match node:
                 case ast.Call(func=ast.Name(id="Requirement"), args=[ast.Constant(value=name), *_]):

@@ -55,7 +55,7 @@ def test_a_picture_is_made_with_its_figures_and_stands_on_the_page(elsewhere: Pa
         assert picture.size == (800, 450)
     page = (elsewhere / "gallery.md").read_text("utf-8")
     assert "![block](gallery/object_block.webp)" in page
-    assert "`uuv run clean-object --object block`" in page
+    assert "`uuv list objects`" in page
     assert "size 0." in page
     assert "object_valve" not in page  # not made here
     assert capsys.readouterr().out.strip() == "object_block.webp"

@@ -1,6 +1,5 @@
 """Collection: an object is picked up from the seabed, and put into a basket beside it."""
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,7 +13,7 @@ from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.handling.collect_metrics import TrueCollection, assess_collection
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import JawReference, WorkState
+from uuv.sim.interfaces.messages import HeldLoad, JawReference, WorkState
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Estimator, Sensor
 from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number, pose, transform_points
@@ -124,16 +123,17 @@ class CollectTask(CollectSettings, Task):
 
 @dataclass(slots=True, eq=False)
 class LoadWatch:
-    """Observer that keeps the weight of the object as the vehicle has weighed it."""
+    """Observer that keeps the object as the vehicle has weighed it."""
 
-    weighed: float | None = None  # [N] in water
+    weighed: HeldLoad | None = None
     slow_ticks: tuple[int, ...] = ()
 
     def observe(self, moment: Moment) -> None:
-        """Keeps the weight, where it is known."""
+        """Keeps the load, where it is known."""
         reference = moment.reference
-        if isinstance(reference, JawReference) and math.isfinite(reference.jaws.load):
-            self.weighed = reference.jaws.load
+        load = reference.jaws.holds if isinstance(reference, JawReference) else None
+        if load is not None:
+            self.weighed = load
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,23 +217,30 @@ class PlacedCollection(PlacedTask):
             CollectJob(**settings_of(CollectSettings, self.task)),
             X_WB_scan=self.X_WB,
             basket=self.basket,
+            displaced=self._displaced,
             holding=ThrustMargin.of(self.vehicle.model),
         )
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true object."""
-        from uuv.models.hydrodynamics import water_density
-
         truth = TrueCollection(
             basket_W=self.basket_W,
             center_T=self.target.center,
             half=self.half,
-            weight=self.loose.weight(water_density(self.vehicle.model), GRAVITY),
+            mass=self.loose.mass,
+            weight=GRAVITY * (self.loose.mass - self._displaced),
             grip=self.task.grip,
         )
         return assess_collection(
             ran.recording, truth, seed=seed, wall_s=ran.wall_s, weighed=self.watch.weighed
         )
+
+    @property
+    def _displaced(self) -> float:
+        """Water [kg] that the object displaces."""
+        from uuv.models.hydrodynamics import water_density
+
+        return water_density(self.vehicle.model) * self.loose.volume
 
     def observers(self) -> tuple[Observer, ...]:
         """The reader of the weight."""

@@ -16,11 +16,12 @@ from uuv.controllers.tasks.grasping.jaw_phases import (
     dropped,
 )
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
-from uuv.sim.interfaces.messages import AbortCode, JawMeasurement
+from uuv.sim.interfaces.messages import AbortCode, HeldLoad, JawMeasurement
 
 PERIOD, FORCE, WIDTH = 0.01, 40.0, 0.06  # [s], [N], [m]
 AXIAL = AxialLimits(standoff=0.1, approach_speed=0.03, speed=0.02, longest=60.0, force_limit=80.0)
 LIMITS = JawLimits()
+EXPECTED = HeldLoad(mass=0.3, displaced=0.3, center_G=np.zeros(3), buoyancy_G=np.zeros(3))
 PARTS = (AXIAL, Push(force=20.0, beyond=-1.0), LIMITS, FORCE)
 
 
@@ -31,7 +32,7 @@ def held_with(plan: GripPlan) -> Held:
 
 def plan() -> GripPlan:
     """The grasp of an object of WIDTH."""
-    return GripPlan(opening=0.08, width=WIDTH, bears=12.0)
+    return GripPlan(opening=0.08, width=WIDTH, bears=12.0, expected=EXPECTED)
 
 
 def seen(time: float, jaws: JawMeasurement | None) -> Context:
@@ -117,6 +118,6 @@ def test_an_object_has_slipped_out_once_the_jaws_close_further() -> None:
     condition = dropped(LIMITS)
     held = held_with(plan())
     assert condition(held, seen(1.0, standing(1.0, 0.0))) == ""  # nothing was held
-    held.plan = replace(plan(), gripped=WIDTH)
+    held.plan = replace(plan(), gripped=WIDTH, carried=True)
     assert condition(held, seen(1.0, standing(1.0, WIDTH - 1e-3))) == ""
     assert "from 60 to 50 mm" in condition(held, seen(1.0, standing(1.0, WIDTH - 0.01)))

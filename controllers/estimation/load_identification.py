@@ -3,8 +3,8 @@
 The load is represented by four point masses at the corners of a tetrahedron about the place where
 its middle is expected. They may be negative, so that their sum is the mass less the displaced
 water, and their first moment is that of the load. They are the parts of a
-`uuv.controllers.estimation.payload_identification.PayloadIdentification`. In one posture the height
-of the centre has no effect: there it stays where it is expected.
+`uuv.controllers.estimation.payload_identification.PayloadIdentification`, whose priors leave the sum
+free and keep the centre near its expected place: in one posture its height has no effect.
 """
 
 import numpy as np
@@ -15,7 +15,9 @@ from uuv.sim.interfaces.messages import HeldLoad
 from uuv.sim.interfaces.spatial import Array, readonly
 
 _CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
-_REACH = 0.03  # [m] of a corner along each axis
+# [m] of a corner along each axis: the prior of the first moment about the expected centre is twice
+# this times the spread, 0.01 kg m
+_REACH = 0.5e-3
 _SPREAD = 10.0  # [kg] prior of a point mass
 _BIAS = 0.05  # [N m] prior of a torque's error since the tare, that differs from joint to joint
 

@@ -16,10 +16,10 @@ from uuv.sim.interfaces.spatial import Array, readonly
 
 _CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
 # [m] of a corner along each axis: the prior of the first moment about the expected centre is twice
-# this times the spread, 0.01 kg m
-_REACH = 0.5e-3
+# this times the spread, 0.02 kg m
+_REACH = 1e-3
 _SPREAD = 10.0  # [kg] prior of a point mass
-_BIAS = 0.05  # [N m] prior of a torque's error since the tare, that differs from joint to joint
+_BIAS = 0.02  # [N m] prior of a torque's error since the tare, that differs from joint to joint
 
 
 class LoadIdentification:

@@ -9,6 +9,7 @@ with the speed v of the opening that the set point asks for, and the damping d o
 that meet something stop; the integral then raises the force to its bound.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
@@ -19,11 +20,13 @@ from uuv.models.naming import GRIPPER
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import JawSetpoint
 from uuv.sim.interfaces.spatial import Array, finite_number
+from uuv.sim.plant.onset import Onset
 
 _NEAR = 0.1  # [s] in which the rest of the way is to be gone
 _AT = 2e-4  # [m] from the opening that was asked for, within which the motor rests
 _INTEGRAL = 0.15  # [s] time constant of the integral
 _LONGEST = 0.02  # [s] between set points for which the integral grows
+_JAM = 5e4  # [N/m] stiffness of jaws that are stuck
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,3 +127,36 @@ class JawDrive:
         integral = float(self.memory[0]) + behind * since / _INTEGRAL
         self.memory[0] = min(max(integral, -most - rolling), most - rolling)
         self.data.ctrl[self.motor] = min(max(rolling + float(self.memory[0]), -most), most)
+
+
+class FaultyJaws:
+    """Drive of a gripper with a fault: jaws that are stuck where they are, or without force."""
+
+    def __init__(self, drive: JawDrive, onset: Onset, *, stuck: bool) -> None:
+        """Wrap `drive`; `stuck`: the jaws keep their opening, else the motor gives no force."""
+        self._drive = drive
+        self._onset = onset
+        self._stuck = stuck
+        self._at = math.nan  # [m] opening at which the jaws are stuck
+        self.jaws = drive.jaws
+        self.memory = drive.memory
+
+    def follow(self, setpoint: JawSetpoint) -> None:
+        """Set the motor's force, as the drive does or as the fault has it.
+
+        Raises:
+            ConfigurationError: As for the drive.
+        """
+        drive = self._drive
+        drive.follow(setpoint)
+        if not self._onset.active(float(drive.data.time)):
+            self._at = math.nan
+            return
+
+        # A jam is a spring about the opening; the motor's bound is then that of the spindle.
+        opening = float(drive.jaws.opening[0])
+        if math.isnan(self._at):
+            self._at = opening
+        held = _JAM * (self._at - opening)
+        most = drive.force
+        drive.data.ctrl[drive.motor] = min(max(held, -most), most) if self._stuck else 0.0

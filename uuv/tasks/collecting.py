@@ -48,7 +48,7 @@ class CollectTask(CollectSettings, Task):
         "Mass of the object [kg], unknown to the vehicle; default: that of stone, 2600 kg/m3.",
         group="object",
     )
-    range: float = option(0.65, "Range from camera to object at the scan [m].", group="work")
+    range: float = option(0.7, "Range from camera to object at the scan [m].", group="work")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -498,7 +498,8 @@ def is_free(held: Held, context: Context, limits: JawLimits) -> bool:
     jaws = context.estimate.jaws
     if math.isnan(plan.gripped) or held.depth > -limits.clear:
         return False
-    return jaws is None or not slipped(plan, jaws, limits)
+    lost = jaws is not None and slipped(plan, jaws, limits)
+    return not lost and not weight_gone(limits)(held, context)
 
 
 def keep_what_is_free(held: Held, context: Context, limits: JawLimits) -> None:

@@ -3,7 +3,7 @@
 The load is represented by four point masses at the corners of a tetrahedron about the place where
 its middle is expected. They may be negative, so that their sum is the mass less the displaced
 water, and their first moment is that of the load. They are the parts of a
-`uuv.controllers.estimation.payload_identification.PayloadIdentification`, whose priors leave the sum
+`uuv.controllers.estimation.payload_identification.PayloadIdentification`. Its priors leave the sum
 free and keep the centre near its expected place: in one posture its height has no effect.
 """
 

@@ -17,7 +17,7 @@ as it is felt in the lift, and from the weighing on as a part of the arm.
 | an encoder wrong | open the jaws, the hull withdraws the arm | keep, the same |
 | it slips out | grip once more | drop: open the jaws, withdraw |
 | too heavy, or fixed | put back, let go, withdraw | |
-| no estimate | arm braked under its load; hull off, then up (`safety_wrapper`) | the same |
+| no estimate | let go; arm braked, hull off and up (`safety_wrapper`) | keep, the same |
 """
 
 import math
@@ -458,5 +458,5 @@ def _departure_rows(
 
     yield "parked", TaskRow(HoldTool(), states.DONE, leave=off)
     yield "held", TaskRow(HoldAway(job.escape.leash), states.DONE, leave=stop)
-    yield "halt", TaskRow(Halt(), states.RETREAT, {ENDS: "halted"})
+    yield "halt", TaskRow(depart(Halt()), states.RETREAT, {ENDS: "halted"})
     yield "halted", TaskRow(Hold(), states.DONE)

@@ -67,7 +67,7 @@ class CollectRow:
     in_basket: bool = column("in the basket")
     dropped: bool = column("dropped")
     ended: str = column("ended")  # cause of an abort, else the last phase
-    said: str = column("said")
+    note: str = column("note")
     put: float | None = column("from the middle", "mm", digits=1, factor=1e3, default=None)
     grip_peak: float | None = column("peak of grip", "N", digits=1, default=None)
     slip: float | None = column("slip", "mm", digits=2, factor=1e3, default=None)
@@ -82,7 +82,7 @@ def refused(case: CollectCase, error: str) -> CollectRow:
     """Row of a run that is refused, or fails."""
     del case
     return CollectRow(
-        accepted=False, in_basket=False, dropped=False, ended="refused", said=error, failed=[]
+        accepted=False, in_basket=False, dropped=False, ended="refused", note=error, failed=[]
     )
 
 
@@ -96,31 +96,38 @@ def refused(case: CollectCase, error: str) -> CollectRow:
 )
 def collect(case: CollectCase) -> CollectRow:
     """Collects an object in a current from a drawn side."""
+    # Current.
     heading = Streams(case.seed)["heading"].uniform(-np.pi, np.pi)
     current = (case.speed * np.cos(heading), case.speed * np.sin(heading), 0.0)
+
+    # A user's own mesh is a file.
     with tempfile.TemporaryDirectory() as folder:
         options = dict(OBJECTS[case.what])
         if case.what == BRACKET:
             file = Path(folder) / "bracket.stl"
             file.write_text(stl(*bracket()))
             options |= {"object": str(file), "scale": 1.0}
+
         scenario = jobs.collect(
             quick=True, current=current, gust=case.gust, seed=case.seed, **options
         )
         done = run(scenario)
 
+    # Figures.
     metrics = done.assessment.metrics
     put = metrics["put"]
     grip = metrics["grip"]
     load = metrics["load"]
     identified = load["identified_kg"]
+
+    # The end.
     ended = metrics["run"]["abort"]
     return CollectRow(
         accepted=metrics["accepted"],
         in_basket=put["in_basket"],
         dropped=ended == "dropped",
         ended=ended or metrics["run"]["state"],
-        said=done.recording.final.note,
+        note=done.recording.final.note,
         put=put["put_error_m"],
         grip_peak=grip["force_max_n"],
         slip=grip["slip_max_m"],
@@ -135,6 +142,7 @@ def collect(case: CollectCase) -> CollectRow:
 def bracket() -> tuple[Array, np.ndarray]:
     """Vertices (12, 3) [m] and triangles (20, 3) of the angle, about its middle."""
     count = len(ANGLE)
+    # Both ends, and the sides between them.
     low, high = (np.column_stack([ANGLE, np.full(count, z)]) for z in (0.0, LENGTH))
     faces = np.array(_FACES)
     sides = [
@@ -143,6 +151,7 @@ def bracket() -> tuple[Array, np.ndarray]:
         for j in [(i + 1) % count]
         for triangle in ((i, j, count + j), (i, count + j, count + i))
     ]
+
     vertices = np.vstack([low, high])
     triangles = np.vstack([faces[:, ::-1], faces + count, np.array(sides)])
     return vertices - 0.5 * (vertices.min(axis=0) + vertices.max(axis=0)), triangles

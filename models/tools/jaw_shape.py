@@ -29,9 +29,9 @@ class JawShape:
         """The jaws in a model.
 
         Raises:
-            ConfigurationError: it has none.
+            ConfigurationError: it has none, or one of another make.
         """
-        if not has_gripper(model):
+        if not has_gripper(model) or not _has_pads(model):
             raise ConfigurationError(
                 "vehicle.tool: the work needs driven jaws, such as gripper or small_gripper"
             )
@@ -46,3 +46,12 @@ class JawShape:
             force=float(model.actuator(MOTOR).ctrlrange[1]),
             friction=float(pad.friction[0]),
         )
+
+
+def _has_pads(model: "mujoco.MjModel") -> bool:
+    """Whether the fingers and pads are those that `uuv.models.tools.gripper` makes."""
+    import mujoco
+
+    joint, geom = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM
+    named = [(joint, name) for name in FINGERS] + [(geom, name) for name in PADS]
+    return all(mujoco.mj_name2id(model, kind, name) >= 0 for kind, name in named)

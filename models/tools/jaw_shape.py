@@ -23,6 +23,8 @@ class JawShape:
     finger: float  # [m] length of a finger, along the tool
     force: float  # [N] most of the motor on each finger
     friction: float  # coefficient of the pads
+    damping: float  # [N s/m] of a finger: half of it times the opening's speed is the motor's force
+    loss: float  # [N] of the motor's force on each finger, lost to friction
 
     @classmethod
     def of(cls, model: "mujoco.MjModel") -> Self:
@@ -45,6 +47,8 @@ class JawShape:
             finger=float(long),
             force=float(model.actuator(MOTOR).ctrlrange[1]),
             friction=float(pad.friction[0]),
+            damping=float(np.mean([model.joint(name).damping[0] for name in FINGERS])),
+            loss=float(np.mean([model.joint(name).frictionloss[0] for name in FINGERS])),
         )
 
 

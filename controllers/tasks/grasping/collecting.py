@@ -137,6 +137,14 @@ def check_grip(job: CollectJob, jaws: JawShape) -> None:
             f"task.grip [N]: the jaws give at most {jaws.force:g}, got {job.grip:g}"
         )
 
+    # Free jaws must move faster than jaws that have stopped at something.
+    least = jaws.loss + 0.5 * jaws.damping * 2.0 * job.jaws.still
+    if job.grip < least:
+        raise ConfigurationError(
+            f"task.grip [N]: at least {least:.1f}, or the jaws close too slowly to tell when they "
+            f"stop, got {job.grip:g}"
+        )
+
     held = 2.0 * jaws.friction * job.grip
     if job.load > FRICTION_USED * held:
         least = job.load / (2.0 * jaws.friction * FRICTION_USED)
@@ -214,7 +222,7 @@ class Collecting(TaskPlanner):
             around=around(vehicle, choice.target),
         )
         limits = ArrivalLimits()
-        rows = collect_rows(site, limits, job, self._take)
+        rows = collect_rows(site, limits, job, self._take, choice.jaws.force)
         super().__init__(
             rows,
             collect_monitors(job, limits),
@@ -356,7 +364,11 @@ def drop_monitors(jaws: JawLimits) -> tuple[Monitor, ...]:
 
 
 def collect_rows(
-    site: WorkSite, limits: ArrivalLimits, job: CollectJob, take: Callable[[Held, Context], None]
+    site: WorkSite,
+    limits: ArrivalLimits,
+    job: CollectJob,
+    take: Callable[[Held, Context], None],
+    motor: float,
 ) -> Iterable[tuple[str, TaskRow]]:
     """Table of a collection.
 
@@ -365,6 +377,7 @@ def collect_rows(
         limits: of the way to the stand-off.
         job: forces, speeds and limits.
         take: keeps the chosen grasp in `Held.plan`.
+        motor: [N] most force of the jaws' motor.
 
     Returns:
         Names and rows.
@@ -376,11 +389,11 @@ def collect_rows(
         "grasp",
         TaskRow(Decide(take, AbortCode.OUT_OF_REACH), WorkState.TARE, {ENDS: "open"}, LEAVE),
     )
-    yield from rows_at_object(job, site.own.vehicle.q_home, limits)
+    yield from rows_at_object(job, site.own.vehicle.q_home, limits, motor)
 
 
 def rows_at_object(
-    job: CollectJob, q_home: Array, limits: ArrivalLimits | None = None
+    job: CollectJob, q_home: Array, limits: ArrivalLimits | None = None, motor: float | None = None
 ) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the stand-off over the object on; "open" is to be entered.
 
@@ -388,6 +401,7 @@ def rows_at_object(
         job: forces, speeds and limits.
         q_home: (n,) [rad] joint angles of the folded arm.
         limits: of the hull's motions.
+        motor: [N] most force of the jaws' motor, with which they open; default: that of the grip.
     """
     axial = job.axial
     states = WorkState
@@ -402,14 +416,15 @@ def rows_at_object(
         obstacle="obstacle {} mm above the grasp",
         yields=True,
     )
-    way = {"contact": met, "slow": (-job.guard, job.touch_speed), "to": 0.0}
-    jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip)
+    landed = replace(met, obstacle="the object meets something {} mm above its place")
+    way = {"slow": (-job.guard, job.touch_speed), "to": 0.0}
+    jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip if motor is None else motor)
 
     def either(row: str) -> dict[PhaseEvent, str]:
         return {PhaseEvent.DONE: row, PhaseEvent.TOUCHED: row}
 
     # To the object, and the jaws around it.
-    down = AxialApproach(axial, free, **way)
+    down = AxialApproach(axial, free, contact=met, **way)
     yield "open", TaskRow(jaws(free), states.APPROACH, {ENDS: "approach"}, LEAVE)
     yield "approach", TaskRow(down, states.APPROACH, either("close"), LEAVE)
     close = CloseJaws(axial, yielding, job.jaws, job.grip)
@@ -422,13 +437,13 @@ def rows_at_object(
     again = {PhaseEvent.REFUSED: "open above"}
     weigh = Weigh(*gripped, job.weighing)
     carry = Carry(*gripped, CarrySpeed(speed=job.carry_speed, ramp=job.carry_ramp))
-    lower = AxialApproach(axial, loaded, **way)
+    lower = AxialApproach(axial, loaded, contact=landed, **way)
     yield "lift", TaskRow(Lift(*gripped), states.WORK, {ENDS: "weigh", **again}, OFF_GROUND)
     yield "weigh", TaskRow(weigh, states.WORK, {ENDS: "carry", **again}, OFF_GROUND)
     yield "open above", TaskRow(jaws(free), states.PRESS, {ENDS: "approach"}, AT_OBJECT)
     yield "carry", TaskRow(carry, states.WORK, {ENDS: "lower"}, AT_OBJECT)
     yield "lower", TaskRow(lower, states.WORK, either("let go"), AT_OBJECT)
-    put_back = PutBack(job.jaws, axial, loaded, **way)
+    put_back = PutBack(job.jaws, axial, loaded, contact=landed, **way)
     yield "put back", TaskRow(put_back, states.RETREAT, either("let go"), AT_OBJECT)
     yield "let go", TaskRow(jaws(loaded), states.RETREAT, {ENDS: "withdraw"}, LEAVE)
     yield "free", TaskRow(LetGo(*gripped), states.RETREAT, {ENDS: "withdraw"}, LEAVE)

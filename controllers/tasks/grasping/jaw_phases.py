@@ -224,9 +224,9 @@ class CloseJaws(JawPhase):
             reason = f"the jaws neither close nor press, at {1e3 * jaws.opening:.0f} mm"
             return Abort(AbortCode.JAWS, reason)
 
-        # What is between them?
+        # What is between them? Shut jaws hold nothing, however thin the object is.
         plan = held.plan_of(GripPlan)
-        if plan.width - limits.thinner <= jaws.opening <= plan.width + limits.wider:
+        if not shut and plan.width - limits.thinner <= jaws.opening <= plan.width + limits.wider:
             # The tool may have stopped above its place, and is then farther from the middle.
             expected = moved(plan.expected, -held.depth)
             held.plan = replace(plan, gripped=jaws.opening, expected=expected)

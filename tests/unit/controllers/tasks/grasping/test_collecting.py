@@ -30,7 +30,16 @@ from uuv.sim.loop.rollout import rollout
 from uuv.tasks.collecting import PlacedCollection
 from uuv.ticks.compiled_ticks import CompiledTicks
 
-JAWS = JawShape(opening=0.1, thickness=0.012, breadth=0.03, finger=0.09, force=100.0, friction=0.6)
+JAWS = JawShape(
+    opening=0.1,
+    thickness=0.012,
+    breadth=0.03,
+    finger=0.09,
+    force=100.0,
+    friction=0.6,
+    damping=3840.0,
+    loss=4.0,
+)
 QUICK = AxialLimits(standoff=0.1, approach_speed=0.06, speed=0.05, longest=40.0, force_limit=80.0)
 
 
@@ -169,6 +178,9 @@ def test_a_grip_that_cannot_bear_the_load_is_refused_with_the_figures() -> None:
         check_grip(CollectJob(grip=40.0, load=40.0), JAWS)
     with pytest.raises(ConfigurationError, match=r"task.grip \[N\]: the jaws give at most 100"):
         check_grip(CollectJob(grip=120.0), JAWS)
+    # Below 4 N of friction and 5.8 N at 3 mm/s free jaws cannot be told from jaws that grip.
+    with pytest.raises(ConfigurationError, match=r"at least 9\.8"):
+        check_grip(CollectJob(grip=6.0, load=1.0), JAWS)
 
 
 def test_the_lever_that_the_pads_bear_falls_with_the_load() -> None:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from uuv.sim.evaluation.metrics import Assessment
 
 STONE = 2600.0  # [kg/m^3]
-GAP = 0.12  # [m] between the object's and the basket's outlines
+GAP = 0.12  # [m] between the object's sphere and the basket's wall, or more
 _CHARTED = 0.003  # [m] standard deviation of the basket's charted place, each axis
 
 
@@ -95,11 +95,12 @@ class CollectTask(CollectSettings, Task):
         center_W = transform_points(X_WT, target.center)
         approach_W, orientation_W = coarse_detection(pose(X_WT[:3, :3], center_W), rng)
 
-        # The basket stands on any side of it.
+        # The basket, a square, stands on any side of it.
         half = pick_site.basket_half(target)
         aside = rng.uniform(-np.pi, np.pi)
-        away = GAP + target.radius + half
-        basket_W = center_W + away * np.array([np.cos(aside), np.sin(aside), 0.0])
+        toward = np.array([np.cos(aside), np.sin(aside), 0.0])
+        away = GAP + target.radius + (half + pick_site.WALL) / np.abs(toward).max()
+        basket_W = center_W + away * toward
         basket_W[2] = seabed + pick_site.WALL
         charted_W = basket_W + _CHARTED * rng.standard_normal(3)
 
@@ -134,6 +135,14 @@ class LoadWatch:
         load = reference.jaws.holds if isinstance(reference, JawReference) else None
         if load is not None:
             self.weighed = load
+
+    def save(self) -> HeldLoad | None:
+        """What was weighed."""
+        return self.weighed
+
+    def resume(self, saved: HeldLoad | None) -> None:
+        """Continue from a result of `save`."""
+        self.weighed = saved
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

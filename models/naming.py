@@ -137,7 +137,8 @@ def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
 
 
 def has_gripper(model: "mujoco.MjModel") -> bool:
-    """Whether a compiled model has driven jaws."""
+    """Whether a compiled model has driven jaws: a motor of that name on a tendon."""
     import mujoco
 
-    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER) >= 0
+    motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
+    return motor >= 0 and model.actuator_trntype[motor] == mujoco.mjtTrn.mjTRN_TENDON

@@ -13,7 +13,8 @@ The sum is the load of the body's joint; loads are passed down from tip to base.
 these are the inverse dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
 """
 
-from typing import NamedTuple
+from copy import copy
+from typing import NamedTuple, Self
 
 import mujoco
 import numpy as np
@@ -22,6 +23,7 @@ from uuv.controllers.arm.arm_tree import HINGE, OF_BODIES, SLIDE, read_tree
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels import kernel
+from uuv.sim.interfaces.messages import HeldLoad
 from uuv.sim.interfaces.spatial import Array, finite_number
 
 
@@ -524,6 +526,49 @@ class ArmDynamics:
         """Set gravity to zero in a packed block `numbers`, which also removes buoyancy."""
         first = len(self._tree.parent) * sum(OF_BODIES.values())
         numbers[first : first + 3] = 0.0
+
+    def with_load(self, numbers: Array, load: HeldLoad) -> Array:
+        """Copy of a packed block `numbers` with a load that is fixed to the tip.
+
+        The load's water is that of a sphere: half of the displaced mass moves with it. Its drag is
+        left out.
+        """
+        loaded = numbers.copy()
+        names = "mass", "com", "inertia", "added", "buoyancy", "cob", "origin"
+        tip = int(self.parameters.layout[3, 0])
+        mass, com, inertia, added, buoyancy, cob, origin = (
+            view[tip] for view in self.of_bodies(loaded, *names)
+        )
+
+        # Places in the joint frame of the tip's body.
+        first = len(self._tree.parent) * sum(OF_BODIES.values()) + 3
+        p_tip = numbers[first : first + 3]
+        R_tip = numbers[first + 3 : first + 12].reshape(3, 3)
+        c = p_tip + R_tip @ load.center_G
+        b = p_tip + R_tip @ load.buoyancy_G
+
+        # Body.
+        inertia += load.mass * np.ravel((c @ c + load.radius**2) * np.eye(3) - np.outer(c, c))
+        if mass[0] + load.mass:
+            com[:] = (mass[0] * com + load.mass * c) / (mass[0] + load.mass)
+        mass += load.mass
+
+        # Water, about the body's own origin.
+        at = b - origin
+        if buoyancy[0] + load.displaced:
+            cob[:] = (buoyancy[0] * cob + load.displaced * at) / (buoyancy[0] + load.displaced)
+        buoyancy += load.displaced
+        lever = np.array([[0.0, -at[2], at[1]], [at[2], 0.0, -at[0]], [-at[1], at[0], 0.0]])
+        along = np.hstack([np.eye(3), -lever])
+        added += 0.5 * load.displaced * np.ravel(along.T @ along)
+        return loaded
+
+    def bearing(self, load: HeldLoad) -> Self:
+        """The same arm with a load that is fixed to its tip."""
+        loaded = copy(self)
+        numbers = self.with_load(self.parameters.numbers, load)
+        loaded.parameters = self.parameters._replace(numbers=numbers)
+        return loaded
 
     def inverse(
         self,

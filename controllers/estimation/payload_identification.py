@@ -50,6 +50,14 @@ class _Terms(NamedTuple):
     stations: Array  # drag stations of `ArmParameters`
 
 
+def in_vacuum(arm: ArmDynamics) -> Array:
+    """Packed numbers of an arm without water."""
+    numbers = arm.parameters.numbers.copy()
+    for wet in arm.of_bodies(numbers, "added", "linear", "quadratic", "buoyancy"):
+        wet[:] = 0.0
+    return numbers
+
+
 class PayloadIdentification:
     """Least squares over the postures that an arm passes on its way to the work."""
 
@@ -57,9 +65,10 @@ class PayloadIdentification:
         self,
         arm: ArmDynamics,
         *,
+        parts: Array | None = None,
         spread: float = 0.06,
         bias: float = 0.5,
-        doubt: float = 1.0,
+        doubt: float | Array = 1.0,
         water: float = 0.2,
         step: float = 0.05,
     ) -> None:
@@ -70,11 +79,13 @@ class PayloadIdentification:
 
         Args:
             arm: believed dynamics of the arm.
+            parts: (k, numbers) the arm in vacuum with the mass of one part each; None: of its own
+                parts.
             spread: [-] prior of a part's mass error, as a share of its mass.
             bias: [N m] prior of a torque sensor's bias.
-            doubt: [N m] standard deviation of all other errors of a torque in a posture. It is
-                larger than for a single posture, because neighbouring postures share these errors
-                but are treated as independent.
+            doubt: [N m] standard deviation of all other errors of a torque in a posture, or that
+                of each torque (n,). It is larger than for a single posture, because neighbouring
+                postures share these errors but are treated as independent.
             water: [-] prior of the common relative error of the arm's drag and added mass.
             step: [rad] change of a joint from which on a posture counts as a new one.
         """
@@ -87,19 +98,18 @@ class PayloadIdentification:
         nb = believed.layout.shape[1]
 
         # The arm with the mass of one part only, and only its water
-        parts = np.tile(believed.numbers, (nb, 1))
-        for k, alone in enumerate(parts):
-            for masses in arm.of_bodies(alone, "mass", "inertia"):
-                masses[np.arange(nb) != k] = 0.0
-            for wet in arm.of_bodies(alone, "added", "linear", "quadratic", "buoyancy"):
-                wet[:] = 0.0
+        if parts is None:
+            parts = np.tile(in_vacuum(arm), (nb, 1))
+            for k, alone in enumerate(parts):
+                for masses in arm.of_bodies(alone, "mass", "inertia"):
+                    masses[np.arange(nb) != k] = 0.0
         water_alone = believed.numbers.copy()
         for heavy in arm.of_bodies(water_alone, "mass", "com", "inertia", "buoyancy"):
             heavy[:] = 0.0
 
         self._terms = tuple(_Terms(believed.layout, parts, water_alone, believed.stations))
         self._prior = np.concatenate(
-            [np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]]
+            [np.full(len(parts), spread**-2), np.full(arm.n, bias**-2), [water**-2]]
         )
 
     def init(self) -> PayloadIdentificationState:

@@ -13,6 +13,7 @@ import numpy as np
 
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion
 from uuv.controllers.arm.joint_servo import FrictionTracking
+from uuv.controllers.estimation.load_identification import LoadIdentification
 from uuv.controllers.estimation.payload_identification import PayloadIdentification
 from uuv.controllers.estimation.tip_force_kernels import (
     ArmReadings,
@@ -31,7 +32,7 @@ from uuv.controllers.tuning import DRIVE_PERIOD, ArmTuning
 from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels.slots import Slot, empty_slot
-from uuv.sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
+from uuv.sim.interfaces.messages import ContactEstimate, HeldLoad, Reference, StateEstimate
 from uuv.sim.interfaces.records import EstimateRecord
 from uuv.sim.interfaces.spatial import Array
 
@@ -55,6 +56,8 @@ class ContactState:
     memory: Array = field(default_factory=lambda: np.zeros(0))  # memory of a kernel
     own: Any = None  # state of the kind of estimator: payload identification, or load observer
     excess: Array | None = None  # (nb,) [-] identified excess masses of the arm's parts
+    expected: HeldLoad | None = None  # load in the jaws that is to be identified, as expected
+    load: HeldLoad | None = None  # the same, as identified so far
 
     @property
     def sensed(self) -> SensedArm:
@@ -85,6 +88,7 @@ class ContactState:
             force_W=self.record.f_W.copy(),
             normal=float(self.record.felt[0]),
             sigma_G=self.record.sigma_G.copy(),
+            load=self.load,
         )
 
     @estimate.setter
@@ -93,6 +97,18 @@ class ContactState:
         self.record.f_W[:] = estimate.force_W
         self.record.felt[0] = estimate.normal
         self.record.sigma_G[:] = estimate.sigma_G
+
+    def weigh(self, expected: HeldLoad | None) -> None:
+        """Ask for the identification of a load in the jaws, or end it by None.
+
+        Args:
+            expected: where its middle is, and the water that it displaces.
+        """
+        if expected is self.expected:
+            return
+        self.expected = expected
+        self.own = self.load = None
+        self.record.weighing[0] = expected is not None
 
     def wrench_B(self) -> Array:
         """Contact wrench (6,) [N, N m] on the hull, through the arm, at the hull's origin in hull
@@ -299,7 +315,8 @@ class TorqueSensors(TorqueResidual):
     def weigh(
         self, state: ContactState, estimate: StateEstimate | EstimateRecord, reference: Reference
     ) -> None:
-        """Identify the payload while the arm unfolds; adopt it at the first tool pose.
+        """Identify the payload while the arm unfolds, and adopt it at the first tool pose; later
+        what the jaws hold, when that is asked for.
 
         Args:
             state: as `sense` left it; changed in place.
@@ -308,7 +325,17 @@ class TorqueSensors(TorqueResidual):
         """
         sensed = state.sensed
         payload = state.own
-        if reference.X_WG is not None:
+        motion = JointMotion(estimate.q, estimate.qd, sensed.qdd)
+        if state.expected is not None:
+            # What the jaws hold, beside the arm whose payload is known.
+            if payload is None:
+                doubt = self._tuning.torques.drift
+                others = 0.0 if estimate.tau_doubt is None else estimate.tau_doubt
+                of_each = np.hypot(np.full(self._arm.n, doubt), others)
+                payload = state.own = LoadIdentification(self._arm, state.expected, of_each)
+            payload.add(motion, sensed.hull, sensed.tau_e - state.bias)
+            state.load = payload.load
+        elif reference.X_WG is not None:
             # At the first tool pose: adopt the payload.
             state.excess = self._payload.excess(payload)
             state.arm.numbers[:] = self._payload.weighed(state.excess).numbers
@@ -316,5 +343,4 @@ class TorqueSensors(TorqueResidual):
             state.record.weighing[0] = False
         elif state.record.ticks[0] * self._period > self._tuning.weighing_after:
             # Before that, once the start is over, each step adds one sample.
-            motion = JointMotion(estimate.q, estimate.qd, sensed.qdd)
             self._payload.add(payload, motion, sensed.hull, sensed.tau_e)

@@ -18,7 +18,6 @@ It wraps any `uuv.sim.interfaces.protocols.Controller`:
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -69,6 +68,8 @@ from uuv.sim.interfaces.messages import (
     ContactEstimate,
     Fault,
     FaultKind,
+    HeldLoad,
+    JawReference,
     Reference,
     StateEstimate,
 )
@@ -97,6 +98,8 @@ class SafetyWrapperState:
     blind_for: float = 0.0  # [s] time without a valid estimate, or command
     stopped: Fault | None = None  # reason for a stop; None: not stopped
     lost: tuple[int, ...] = ()  # indices of thrusters not to be used
+    arm: ArmDynamics | None = None  # the arm, with what its jaws hold
+    holds: HeldLoad | None = None  # that load
     departure: tuple[DepartureStage, ...] = ()  # stages of the departure, from the stop on
     numbers: Array = field(default_factory=lambda: np.zeros(NUMBERS))  # numbers of `GuardRecord`
     alone: Unsaved["GuardTick"] = field(default_factory=Unsaved)  # tick of `SafetyWrapper.step`
@@ -163,6 +166,7 @@ class SafetyWrapper:
             thrusters=np.zeros(self._thrusters),
             commanded=commanded(n, self._thrusters),
             held=HeldHull.start(self._thrusters),
+            arm=self._arm,
         )
 
     def step(
@@ -240,7 +244,8 @@ class SafetyWrapper:
 
         # Once the work is aborted the arm yields.
         if reference.abort is not None:
-            command = replace(command, joint_torque=self._gentle(command.joint_torque, estimate))
+            gentle = self._gentle(state, command.joint_torque, estimate)
+            command = replace(command, joint_torque=gentle)
             if fresh:
                 health.joints.tau_motor[:] = command.joint_torque
 
@@ -258,7 +263,7 @@ class SafetyWrapper:
             return command
         return replace(
             command,
-            joint_torque=self._servoed(command.joint_torque, estimate, faults),
+            joint_torque=self._servoed(state, command.joint_torque, estimate),
             faults=faults,
         )
 
@@ -293,18 +298,20 @@ class SafetyWrapper:
             tau[j] = motor + health.joints.usual[j]
         return replace(estimate, tau=tau, tau_doubt=doubt)
 
-    def _servoed(self, torque: Array, estimate: StateEstimate, faults: Sequence[Fault]) -> Array:
+    def _servoed(self, state: SafetyWrapperState, torque: Array, estimate: StateEstimate) -> Array:
         """`torque` (n,) [N m], reduced to compensation of the arm's weight for drives with a faulty
         encoder.
         """
+        assert state.health is not None
+        faults = state.health.faults
         wrong = [fault.index for fault in faults if fault.kind is FaultKind.ENCODER]
         if not wrong:
             return torque
         torque = np.array(torque)
-        torque[wrong] = self._borne(estimate.q, estimate.X_WB[:3, :3])[wrong]
+        torque[wrong] = self._borne(state, estimate.q, estimate.X_WB[:3, :3])[wrong]
         return torque
 
-    def _gentle(self, torque: Array, estimate: StateEstimate) -> Array:
+    def _gentle(self, state: SafetyWrapperState, torque: Array, estimate: StateEstimate) -> Array:
         """`torque` (n,) [N m], bounded to the arm's weight and SAFETY.gentle_force at the tip.
 
         A hull that is out of control then pushes the arm aside instead of pressing the arm into the
@@ -313,7 +320,7 @@ class SafetyWrapper:
         if self._arm is None:
             return torque
 
-        borne = self._borne(estimate.q, estimate.X_WB[:3, :3])
+        borne = self._borne(state, estimate.q, estimate.X_WB[:3, :3])
         lever = np.linalg.norm(self._arm.tip(estimate.q)[1][:3], axis=0)
         most = SAFETY.gentle_force * np.maximum(lever, _LEAST_LEVER)
         return borne + np.clip(torque - borne, -most, most)
@@ -369,7 +376,7 @@ class SafetyWrapper:
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             q, qd = state.sound.q, np.zeros(len(self._limits))
 
-        borne = self._borne(q, state.sound.X_WB[:3, :3])
+        borne = self._borne(state, q, state.sound.X_WB[:3, :3])
         braked = borne - self._limits * np.clip(
             SAFETY.braking_share * qd / SAFETY.braking_speed,
             -SAFETY.braking_share,
@@ -377,12 +384,24 @@ class SafetyWrapper:
         )
         return np.clip(braked, -self._limits, self._limits)
 
-    def _borne(self, q: Array, R_WB: Array) -> Array:
-        """Torques (n,) [N m] that compensate the weight of the arm at rest, in still water."""
-        if self._arm is None:
+    def refer(self, state: SafetyWrapperState, reference: Reference) -> None:
+        """Take what the vehicle is to do without, and what its jaws hold, from set points."""
+        state.lost = reference.lost_thrusters
+        if self._arm is None or not isinstance(reference, JawReference):
+            return
+        load = reference.jaws.holds
+        if load is not state.holds:
+            state.holds = load
+            state.arm = self._arm if load is None else self._arm.bearing(load)
+
+    def _borne(self, state: SafetyWrapperState, q: Array, R_WB: Array) -> Array:
+        """Torques (n,) [N m] that compensate the weight of the arm and of what it holds at rest, in
+        still water.
+        """
+        if state.arm is None:
             return np.zeros(0)
         rest = np.zeros(len(q))
-        return self._arm.inverse(
+        return state.arm.inverse(
             q,
             rest,
             rest,
@@ -424,7 +443,7 @@ class GuardTick:
         self._bound.check()
         state = self._state
         state.numbers[FRESH] = 1.0
-        state.lost = reference.lost_thrusters
+        self._wrapper.refer(state, reference)
         self._inner.refer(reference)
 
     def ready(self, reference: Reference) -> bool:

@@ -45,6 +45,9 @@ class SurfaceSettings:
     def __post_init__(self) -> None:
         finite_number(self.speed, "task.speed [m/s]", least=SLOWEST, most=FASTEST)
         finite_number(self.least, "task.least, a share of the path", above=0.0, most=1.0)
+        finite_number(self.force_rate, "task.force_rate [N/s]", above=0.0)
+        if self.contactless is not None:
+            finite_number(self.contactless, "task.contactless [m]", above=0.0)
 
         if not self.forces:
             raise ConfigurationError("task.forces [N]: needs at least one set force, got none")

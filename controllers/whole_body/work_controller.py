@@ -57,7 +57,14 @@ from uuv.sim.interfaces.kernels.slots import (
     empty_slot,
     has_slot,
 )
-from uuv.sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
+from uuv.sim.interfaces.messages import (
+    Command,
+    HeldLoad,
+    HullLoad,
+    JawReference,
+    Reference,
+    StateEstimate,
+)
 from uuv.sim.interfaces.records import (
     ReferenceRecord,
     estimate_record,
@@ -83,6 +90,8 @@ class WorkControllerState:
     softness: Array  # (1,) [-] share of the stiffness given up at present along the tool axis
     ticks: np.ndarray  # (1,) number of ticks so far
     logged: LoggedStep
+    unloaded: Array  # numbers of the arm's model without what the jaws hold
+    holds: HeldLoad | None = None  # that load, which is a part of the arm's model
     # Messages of the last step of the hull, with the number of that step: loads on the hull, and
     # quantities that are only logged
     reported_steps: int = 0
@@ -126,7 +135,7 @@ class WorkController:
             water_error: [-] share by which added masses and drags are deliberately wrong.
         """
         self.tuning = tuning = tuning or ArmTuning()
-        arm = ArmDynamics(model, water_error=water_error)
+        self._arm = arm = ArmDynamics(model, water_error=water_error)
         self._torque_sensors = TorqueSensors(model, arm=arm, tuning=tuning)
         self.contact: ContactEstimator = estimator or self._torque_sensors
         self.tool = ToolControl(
@@ -172,6 +181,7 @@ class WorkController:
             reference=reference_record(n),
             softness=np.zeros(1),
             ticks=np.zeros(1, dtype=np.int64),
+            unloaded=contact.arm.numbers.copy(),
             logged=LoggedStep(
                 displacement=np.zeros(1),
                 compliance_W=np.zeros(3),
@@ -209,6 +219,20 @@ class WorkController:
         """Copy the set points of the following ticks into the arrays of `state`."""
         take_reference(state.reference, reference)
         self._hull.refer(state.hull, reference)
+        if isinstance(reference, JawReference):
+            state.contact.weigh(reference.jaws.weigh)
+            self._bear(state, reference.jaws.holds)
+
+    def _bear(self, state: WorkControllerState, load: HeldLoad | None) -> None:
+        """Make what the jaws hold a part of the arm's model, in place of what they held before."""
+        if load is state.holds:
+            return
+        numbers = state.contact.arm.numbers
+        bare = state.unloaded
+        if state.holds is None:
+            bare[:] = numbers
+        numbers[:] = bare if load is None else self._arm.with_load(bare, load)
+        state.holds = load
 
     def reported(self, state: WorkControllerState) -> HullLoad | None:
         """Loads on the hull at its last step, the same message until the next step; None before the

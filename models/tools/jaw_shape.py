@@ -23,15 +23,17 @@ class JawShape:
     finger: float  # [m] length of a finger, along the tool
     force: float  # [N] most of the motor on each finger
     friction: float  # coefficient of the pads
+    damping: float  # [N s/m] of a finger: half of it times the opening's speed is the motor's force
+    loss: float  # [N] of the motor's force on each finger, lost to friction
 
     @classmethod
     def of(cls, model: "mujoco.MjModel") -> Self:
         """The jaws in a model.
 
         Raises:
-            ConfigurationError: it has none.
+            ConfigurationError: it has none, or one of another make.
         """
-        if not has_gripper(model):
+        if not has_gripper(model) or not _has_pads(model):
             raise ConfigurationError(
                 "vehicle.tool: the work needs driven jaws, such as gripper or small_gripper"
             )
@@ -45,4 +47,15 @@ class JawShape:
             finger=float(long),
             force=float(model.actuator(MOTOR).ctrlrange[1]),
             friction=float(pad.friction[0]),
+            damping=float(np.mean([model.joint(name).damping[0] for name in FINGERS])),
+            loss=float(np.mean([model.joint(name).frictionloss[0] for name in FINGERS])),
         )
+
+
+def _has_pads(model: "mujoco.MjModel") -> bool:
+    """Whether the fingers and pads are those that `uuv.models.tools.gripper` makes."""
+    import mujoco
+
+    joint, geom = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM
+    named = [(joint, name) for name in FINGERS] + [(geom, name) for name in PADS]
+    return all(mujoco.mj_name2id(model, kind, name) >= 0 for kind, name in named)

@@ -7,14 +7,14 @@ the tool), T target (the frame of its model). Ground truth is not a message: it 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Self
 
 import numpy as np
 
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
-from uuv.sim.interfaces.spatial import Array, readonly
+from uuv.sim.interfaces.spatial import GRAVITY, Array, readonly
 
 _UNKNOWN = readonly([math.nan] * 3)  # [m]
 _STILL = readonly([0.0] * 3)  # [rad/s]
@@ -258,6 +258,26 @@ class JawMeasurement:
     force: float  # [N] of the motor on each finger, from its current, positive: it closes
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeldLoad:
+    """A body that the jaws hold, as the vehicle knows it. It may be lighter than water."""
+
+    mass: float  # [kg]
+    displaced: float  # [kg] of water that it displaces
+    center_G: Array  # (3,) [m] centre of mass, tool axes, from the tip
+    buoyancy_G: Array  # (3,) [m] centre of buoyancy, likewise
+    radius: float = 0.0  # [m] of gyration; 0: a point
+
+    @property
+    def weight(self) -> float:
+        """Weight [N] in water; negative if it floats."""
+        return GRAVITY * (self.mass - self.displaced)
+
+    def part(self, share: float) -> "HeldLoad":
+        """The load with a share [-] of its mass and volume."""
+        return replace(self, mass=share * self.mass, displaced=share * self.displaced)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JawSetpoint:
     """Set point of a gripper's drive: an opening, to be reached with bounded speed and force.
@@ -268,8 +288,10 @@ class JawSetpoint:
     opening: float  # [m] between the pads
     speed: float  # [m/s] of the opening, at most
     force: float  # [N] of the motor on each finger, at most
-    # [N] weight in water of what they hold, as weighed; for the log only, NaN: not known
-    load: float = math.nan
+    # what they hold, which the controller counts as a part of the arm; None: nothing, or unknown
+    holds: HeldLoad | None = None
+    # what they hold is to be identified now, from what is expected; None: it is not
+    weigh: HeldLoad | None = None
 
 
 Look = DepthImage | SonarScan | SurveyedPose  # input of target identification
@@ -563,6 +585,7 @@ class ContactEstimate:
     normal: float = math.nan
     # (3,) [N] standard deviation, tool axes
     sigma_G: Array = field(default_factory=lambda: _UNBOUNDED)
+    load: HeldLoad | None = None  # what the jaws hold, while it is being identified
 
     @property
     def known(self) -> bool:

@@ -1,7 +1,8 @@
 """Drive of a gripper: its motor's force, from a set point of opening, speed and force.
 
 The gripper has this drive in its own housing, as those of the field have: the vehicle sends set
-points. The drive is a speed loop around a bounded force,
+points, and each holds until the next one. The drive is a speed loop around a bounded force, run at
+each step of the plant,
 
     F = d v / 2 + friction + integral of d (v - speed) / (2 T),
 
@@ -9,21 +10,26 @@ with the speed v of the opening that the set point asks for, and the damping d o
 that meet something stop; the integral then raises the force to its bound.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Self
 
 import mujoco
 import numpy as np
 
-from uuv.models.naming import GRIPPER
+from uuv.models.naming import GRIPPER, has_gripper
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import JawSetpoint
 from uuv.sim.interfaces.spatial import Array, finite_number
+from uuv.sim.plant.onset import Onset
 
 _NEAR = 0.1  # [s] in which the rest of the way is to be gone
 _AT = 2e-4  # [m] from the opening that was asked for, within which the motor rests
 _INTEGRAL = 0.15  # [s] time constant of the integral
-_LONGEST = 0.02  # [s] between set points for which the integral grows
+# Memory: integral [N]; opening [m], force [N] and speed [m/s] of the last set point; 1 if there is
+# one, else 0.
+_SUM, _TARGET, _MOST, _FASTEST, _SET, _MEMORY = range(6)
+_JAM = 5e4  # [N/m] stiffness of jaws that are stuck
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -37,8 +43,9 @@ class TrueJaws:
     @classmethod
     def of(cls, data: mujoco.MjData) -> Self:
         """The views of one simulation."""
-        motor = mujoco.mj_name2id(data.model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
-        at = slice(max(motor, 0), motor + 1)
+        model = data.model
+        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
+        at = slice(motor, motor + 1) if has_gripper(model) else slice(0)
         return cls(
             opening=data.actuator_length[at],
             speed=data.actuator_velocity[at],
@@ -61,17 +68,22 @@ class JawDrive:
     friction: float = 0.0  # [N] of a finger
     force: float = 0.0  # [N] most of the motor
     widest: float = 0.0  # [m] largest opening
-    memory: Array  # (2,) integral [N], and time [s] of the last set point
+    timestep: float  # [s] step of the plant
+    memory: Array  # (_MEMORY,)
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData) -> Self:
-        """Drive of the gripper in a model; without a gripper, a drive that ignores set points."""
-        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
+    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, timestep: float) -> Self:
+        """Drive of the gripper in a model, for a plant of `timestep` [s].
+
+        Without a gripper, a drive that refuses set points.
+        """
         jaws = TrueJaws.of(data)
-        if motor < 0:
-            return cls(data=data, jaws=jaws, motor=motor, memory=np.zeros(2))
+        memory = np.zeros(_MEMORY)
+        if not has_gripper(model):
+            return cls(data=data, jaws=jaws, motor=-1, timestep=timestep, memory=memory)
 
         # Fingers, which the tendon couples.
+        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
         tendon = int(model.actuator_trnid[motor, 0])
         first = int(model.tendon_adr[tendon])
         fingers = model.wrap_objid[first : first + int(model.tendon_num[tendon])]
@@ -86,11 +98,18 @@ class JawDrive:
             friction=float(np.asarray(model.dof_frictionloss)[dof].mean()),
             force=float(model.actuator_ctrlrange[motor, 1]),
             widest=float(model.jnt_range[fingers, 1].sum()),
-            memory=np.zeros(2),
+            timestep=timestep,
+            memory=memory,
         )
 
+    def start(self) -> None:
+        """Begin anew: without a set point, the motor without force."""
+        self.memory[:] = 0.0
+        if self.motor >= 0:
+            self.data.ctrl[self.motor] = 0.0
+
     def follow(self, setpoint: JawSetpoint) -> None:
-        """Set the motor's force by a set point, which holds until the next one.
+        """Take a set point, which holds until the next one.
 
         Raises:
             ConfigurationError: The vehicle has no gripper, or the set point is out of its range.
@@ -103,17 +122,18 @@ class JawDrive:
         most = finite_number(setpoint.force, "jaws: force [N]", least=0.0, most=self.force)
         fastest = finite_number(setpoint.speed, "jaws: speed [m/s]", above=0.0)
 
-        # Time since the last set point; a plant that was reset begins anew.
-        time = float(self.data.time)
-        since = min(time - float(self.memory[1]), _LONGEST)
-        if since < 0.0:
-            self.memory[0] = since = 0.0
-        self.memory[1] = time
+        self.memory[_TARGET:] = target, most, fastest, 1.0
+
+    def act(self) -> None:
+        """Set the motor's force for one step of the plant."""
+        total, target, most, fastest, given = self.memory.tolist()
+        if not given:
+            return
 
         # Where the jaws are to be, the friction of the spindle holds them.
         way = target - float(self.jaws.opening[0])
         if abs(way) < _AT:
-            self.data.ctrl[self.motor] = self.memory[0] = 0.0
+            self.data.ctrl[self.motor] = self.memory[_SUM] = 0.0
             return
 
         speed = min(max(way / _NEAR, -fastest), fastest)
@@ -121,6 +141,37 @@ class JawDrive:
         rolling = 0.5 * self.damping * speed + float(np.copysign(self.friction, speed))
 
         # The integral stops at the bound.
-        integral = float(self.memory[0]) + behind * since / _INTEGRAL
-        self.memory[0] = min(max(integral, -most - rolling), most - rolling)
-        self.data.ctrl[self.motor] = min(max(rolling + float(self.memory[0]), -most), most)
+        total += behind * self.timestep / _INTEGRAL
+        total = min(max(total, -most - rolling), most - rolling)
+        self.memory[_SUM] = total
+        self.data.ctrl[self.motor] = min(max(rolling + total, -most), most)
+
+
+class FaultyJaws:
+    """Drive of a gripper with a fault: jaws that are stuck where they are, or without force."""
+
+    def __init__(self, drive: JawDrive, onset: Onset, *, stuck: bool) -> None:
+        """Wrap `drive`; `stuck`: the jaws keep their opening, else the motor gives no force."""
+        self._drive = drive
+        self._onset = onset
+        self._stuck = stuck
+        self._at = math.nan  # [m] opening at which the jaws are stuck
+        self.motor = drive.motor
+        self.start = drive.start
+        self.follow = drive.follow
+
+    def act(self) -> None:
+        """Set the motor's force for one step, as the drive does or as the fault has it."""
+        drive = self._drive
+        drive.act()
+        if not self._onset.active(float(drive.data.time)):
+            self._at = math.nan
+            return
+
+        # A jam is a spring about the opening; the motor's bound is then that of the spindle.
+        opening = float(drive.jaws.opening[0])
+        if math.isnan(self._at):
+            self._at = opening
+        held = _JAM * (self._at - opening)
+        most = drive.force
+        drive.data.ctrl[drive.motor] = min(max(held, -most), most) if self._stuck else 0.0

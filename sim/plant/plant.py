@@ -130,7 +130,7 @@ class Plant(WithWater):
         )
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
-        self.jaws = JawDrive.of(model, self.data)
+        self.jaws = JawDrive.of(model, self.data, self.timestep)
         self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
@@ -205,6 +205,7 @@ class Plant(WithWater):
 
         self._drive.stop()
         self.supply.start()
+        self.jaws.start()
         self._soil.reset()
         self._blow()  # overwrite the flow of the last step
 
@@ -321,6 +322,7 @@ class Plant(WithWater):
         self._drive.commanded[:] = thrusters if feed(self._as_tuples[4]) else 0.0
         truth.saturated = command_thrusters(self._as_tuples[0])
         self.data.ctrl[self._joint_ctrl] = joint_torque
+        self.jaws.act()
 
     def finish(self) -> None:
         """Read contacts, set the next current: the part of a step after the integration."""
@@ -361,6 +363,7 @@ class Plant(WithWater):
             hooks: Functions of the wrappers of this plant, called at every step.
         """
         beyond = (self._blow,) if self._water.current.beyond_rows() else ()
+        driven = (lambda: self.jaws.act(),) if self.jaws.motor >= 0 else ()
 
         return PlantRecord(
             drive=self._drive,
@@ -372,7 +375,7 @@ class Plant(WithWater):
             joints=self.vehicle.actuators,
             substeps=self.substeps,
             placed=self._hooked(hooks.placed),
-            commanded=self._hooked(hooks.commanded),
+            commanded=self._hooked((*hooks.commanded, *driven)),
             flowed=self._hooked(beyond),
         )
 

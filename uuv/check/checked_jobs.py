@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uuv.check.conditions import Conditions
-from uuv.jobs import Job, clean_barrel, clean_object, clean_pile, insert_sampler, sample_seabed
+from uuv.jobs import (
+    Job,
+    clean_barrel,
+    clean_object,
+    clean_pile,
+    collect,
+    insert_sampler,
+    sample_seabed,
+)
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.tasks.surface_work import TAP_FORCE, TAPPED
 
@@ -72,10 +80,12 @@ ARM_JOBS = {
     ),
     "insertion": CheckedJob(job=insert_sampler),
     "seabed-core": CheckedJob(job=sample_seabed),
+    "collect": CheckedJob(job=collect),
 }
 OBJECT = "object"  # the job on an object of the user's choice
+ASKED = (OBJECT, "collect")  # jobs that are checked only if they are asked for
 HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
-JOBS = (*HOVERING, *(name for name in ARM_JOBS if name != OBJECT))  # without a choice
+JOBS = (*HOVERING, *(name for name in ARM_JOBS if name not in ASKED))  # without a choice
 JOBS_ON_OBJECT = (*HOVERING, OBJECT)
 ALL_JOBS = (*HOVERING, *ARM_JOBS)
 

@@ -25,6 +25,7 @@ from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.arrival import around, lifted
+from uuv.controllers.tasks.grasping.collecting import straight_down
 from uuv.controllers.tasks.insertion import axis_path
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import lacks
@@ -39,6 +40,7 @@ from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array, transform_points
+from uuv.tasks.collecting import PlacedCollection
 from uuv.tasks.insertion import PlacedInsertion
 from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import RunStreams, clearance, folded_at, start_pose, start_refusal
@@ -447,6 +449,10 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
     elif isinstance(placed, PlacedInsertion):
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
         stand = placed.planner().stand(_target(placed.X_WT, path), path, current)
+    elif isinstance(placed, PlacedCollection):
+        planner = placed.planner()
+        path = straight_down(placed.X_WT, placed.choice)
+        stand = planner.stand(_target(placed.X_WT, path), path, current)
     elif isinstance(placed, PlacedSampling):
         # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])

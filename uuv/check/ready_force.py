@@ -11,6 +11,7 @@ from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.models.naming import TOOL_GEOM
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import Scenario
+from uuv.tasks.collecting import CollectTask
 from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
 
@@ -69,12 +70,14 @@ class ReadyForce:
 
 
 def push_of(scenario: Scenario) -> float:
-    """Largest set force [N] of a job."""
+    """Largest set force [N] of a job, or the load that it lifts."""
     task = scenario.task
     if isinstance(task, SurfaceWorkTask):
         return max(task.forces)
     if isinstance(task, SeabedSamplingTask):
         return task.push
+    if isinstance(task, CollectTask):
+        return task.load
     from uuv.controllers.tasks.insertion import InsertionJob
 
     return InsertionJob().force

@@ -10,11 +10,11 @@ from uuv.scenario import Scenario
 
 # Options that are tried for each reason of a refusal, in this order.
 _WORDS: Mapping[str, tuple[str, ...]] = {
-    "force": ("forces",),
-    "thrust": ("forces",),
+    "force": ("forces", "load"),
+    "thrust": ("forces", "load"),
     "list": ("forces", "current"),
     "margin": ("forces", "current", "length"),
-    "reach": ("length", "arc", "forces"),
+    "reach": ("length", "arc", "forces", "load"),
     "current": ("current",),
     "hover": ("current",),
     "rest": ("current",),
@@ -66,6 +66,9 @@ def _values(word: str, scenario: Scenario) -> Iterator[Any]:
         case "forces":
             # One force all along, of two digits.
             yield from ((float(f"{share * push_of(scenario):.2g}"),) for share in _SHARES)
+
+        case "load":
+            yield from (float(f"{share * push_of(scenario):.2g}") for share in _SHARES)
 
         # Still water too.
         case "current" if any(site.current):

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import mujoco
@@ -19,12 +20,13 @@ from uuv.sim.plant.onset import Onset
 if TYPE_CHECKING:
     from uuv.sim.plant.faults import SensorFault
 
-SENSORS = {  # their classes are in `uuv.sim.sensors.proprioception`
-    "encoders": "Encoders",
-    "torque": "JointTorqueSensors",
-    "imu": "Imu",
-    "dvl": "Dvl",
-    "vision": "VisionDrift",
+SENSORS = {  # modules of `uuv.sim.sensors`, and their classes
+    "encoders": ("proprioception", "Encoders"),
+    "torque": ("proprioception", "JointTorqueSensors"),
+    "imu": ("proprioception", "Imu"),
+    "dvl": ("proprioception", "Dvl"),
+    "vision": ("proprioception", "VisionDrift"),
+    "jaws": ("jaws", "JawSensor"),
 }
 
 
@@ -183,7 +185,7 @@ class SensorFailure(Failure):
     """
 
     joins: ClassVar[bool] = True
-    sensor: Literal["encoders", "torque", "imu", "dvl", "vision"]
+    sensor: Literal["encoders", "torque", "imu", "dvl", "vision", "jaws"]
     effect: Literal["lost", "frozen", "fixed", "offset", "turned"] = "lost"
     # field of the sensor's message, such as "tau"; not used by the effects lost and turned
     field: str = ""
@@ -213,10 +215,10 @@ class SensorFailure(Failure):
     def on_loop(self, loop: Loop) -> Loop:
         """Wrap the sensor."""
         from uuv.sim.plant.faults import FaultySensor
-        from uuv.sim.sensors import proprioception
 
         onset = self.onset()
-        kind = getattr(proprioception, SENSORS[self.sensor])
+        module, name = SENSORS[self.sensor]
+        kind = getattr(import_module(f"uuv.sim.sensors.{module}"), name)
         sensors = [
             FaultySensor(sensor, self._fault(), onset)
             if isinstance(getattr(sensor, "sound", sensor), kind)

@@ -124,6 +124,7 @@ def registry() -> Registry[Perturbation]:
         "PushedObject": "uuv.perturbations.target:PushedObject",
         "ThrusterFailure": "uuv.perturbations.loop:ThrusterFailure",
         "SensorFailure": "uuv.perturbations.loop:SensorFailure",
+        "JawFailure": "uuv.perturbations.jaws:JawFailure",
     }
 
     return Registry("perturbation", kinds)

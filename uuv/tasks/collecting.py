@@ -1,6 +1,5 @@
 """Collection: an object is picked up from the seabed, and put into a basket beside it."""
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,7 +13,7 @@ from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.handling.collect_metrics import TrueCollection, assess_collection
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import JawReference, WorkState
+from uuv.sim.interfaces.messages import HeldLoad, JawReference, WorkState
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.protocols import Estimator, Sensor
 from uuv.sim.interfaces.spatial import GRAVITY, Array, finite_number, pose, transform_points
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from uuv.sim.evaluation.metrics import Assessment
 
 STONE = 2600.0  # [kg/m^3]
-GAP = 0.12  # [m] between the object's and the basket's outlines
+GAP = 0.12  # [m] between the object's sphere and the basket's wall, or more
 _CHARTED = 0.003  # [m] standard deviation of the basket's charted place, each axis
 
 
@@ -49,7 +48,7 @@ class CollectTask(CollectSettings, Task):
         "Mass of the object [kg], unknown to the vehicle; default: that of stone, 2600 kg/m3.",
         group="object",
     )
-    range: float = option(0.65, "Range from camera to object at the scan [m].", group="work")
+    range: float = option(0.7, "Range from camera to object at the scan [m].", group="work")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,11 +95,12 @@ class CollectTask(CollectSettings, Task):
         center_W = transform_points(X_WT, target.center)
         approach_W, orientation_W = coarse_detection(pose(X_WT[:3, :3], center_W), rng)
 
-        # The basket stands on any side of it.
+        # The basket, a square, stands on any side of it.
         half = pick_site.basket_half(target)
         aside = rng.uniform(-np.pi, np.pi)
-        away = GAP + target.radius + half
-        basket_W = center_W + away * np.array([np.cos(aside), np.sin(aside), 0.0])
+        toward = np.array([np.cos(aside), np.sin(aside), 0.0])
+        away = GAP + target.radius + (half + pick_site.WALL) / np.abs(toward).max()
+        basket_W = center_W + away * toward
         basket_W[2] = seabed + pick_site.WALL
         charted_W = basket_W + _CHARTED * rng.standard_normal(3)
 
@@ -124,16 +124,25 @@ class CollectTask(CollectSettings, Task):
 
 @dataclass(slots=True, eq=False)
 class LoadWatch:
-    """Observer that keeps the weight of the object as the vehicle has weighed it."""
+    """Observer that keeps the object as the vehicle has weighed it."""
 
-    weighed: float | None = None  # [N] in water
+    weighed: HeldLoad | None = None
     slow_ticks: tuple[int, ...] = ()
 
     def observe(self, moment: Moment) -> None:
-        """Keeps the weight, where it is known."""
+        """Keeps the load, where it is known."""
         reference = moment.reference
-        if isinstance(reference, JawReference) and math.isfinite(reference.jaws.load):
-            self.weighed = reference.jaws.load
+        load = reference.jaws.holds if isinstance(reference, JawReference) else None
+        if load is not None:
+            self.weighed = load
+
+    def save(self) -> HeldLoad | None:
+        """What was weighed."""
+        return self.weighed
+
+    def resume(self, saved: HeldLoad | None) -> None:
+        """Continue from a result of `save`."""
+        self.weighed = saved
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,23 +226,30 @@ class PlacedCollection(PlacedTask):
             CollectJob(**settings_of(CollectSettings, self.task)),
             X_WB_scan=self.X_WB,
             basket=self.basket,
+            displaced=self._displaced,
             holding=ThrustMargin.of(self.vehicle.model),
         )
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true object."""
-        from uuv.models.hydrodynamics import water_density
-
         truth = TrueCollection(
             basket_W=self.basket_W,
             center_T=self.target.center,
             half=self.half,
-            weight=self.loose.weight(water_density(self.vehicle.model), GRAVITY),
+            mass=self.loose.mass,
+            weight=GRAVITY * (self.loose.mass - self._displaced),
             grip=self.task.grip,
         )
         return assess_collection(
             ran.recording, truth, seed=seed, wall_s=ran.wall_s, weighed=self.watch.weighed
         )
+
+    @property
+    def _displaced(self) -> float:
+        """Water [kg] that the object displaces."""
+        from uuv.models.hydrodynamics import water_density
+
+        return water_density(self.vehicle.model) * self.loose.volume
 
     def observers(self) -> tuple[Observer, ...]:
         """The reader of the weight."""

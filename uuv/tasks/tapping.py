@@ -9,6 +9,9 @@ from uuv.models.site import scenes
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import Scenario
 from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.site import Workpiece
+from uuv.tasks.approach import object_of
 from uuv.tasks.surface_work import TAP_FORCE, TAPPED, PlacedSurfaceWork, SurfaceWorkTask
 
 if TYPE_CHECKING:
@@ -24,6 +27,23 @@ class TappingTask(SurfaceWorkTask):
     points: ClassVar[tuple[float, ...]] = TAPPED  # [m] along the path
     hold: ClassVar[float] = 2.0  # [s] at each point
     forces: tuple[float, ...] = (TAP_FORCE,)
+
+    def check_inputs(self, scenario: Scenario) -> None:
+        """Refuses what tapping does not use, and a path that is shorter than its points."""
+        for name in ("contactless", "least"):
+            given, default = getattr(self, name), getattr(type(self), name)
+            if given != default:
+                raise ConfigurationError(
+                    f"task.{name}: tapping presses at each of its points, got {given:g}"
+                )
+
+        super().check_inputs(scenario)
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        length = self.time(*workpiece.target(self.path), self.force_rate).length
+        if length < self.points[-1]:
+            raise ConfigurationError(
+                f"task.path: tapping needs a path of {self.points[-1]:g} m, got {length:.3g} m"
+            )
 
     def place(
         self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator

@@ -3,11 +3,21 @@ r"""Collection of an object: picked up from the ground, and put into a basket be
 settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> withdraw -> done
                                                   any of these -> retreat or withdraw -> abort
 
-The jaws close in press. The work is lift -> weigh -> carry -> lower; in retreat they let go.
+The jaws close in press. The work is lift -> weigh -> carry -> lower; in retreat they let go. What
+slips out before it is carried is gripped once more.
 
 The grasp is chosen once the object is identified (`uuv.controllers.planning.grasp_choice`): from
 above, at the best margin from which the hull can stand with the load. The thrusters get the weight
-as it is felt from the lift on. What is held is kept if the work is broken off for another reason.
+as it is felt in the lift, and from the weighing on as a part of the arm.
+
+| what happens | before it hangs free | while it hangs free |
+|---|---|---|
+| sensors wrong, force or place out of bounds | let go, withdraw | keep, withdraw |
+| a thruster lost | open the jaws and rise | keep and rise |
+| an encoder wrong | open the jaws, the hull withdraws the arm | keep, the same |
+| it slips out | grip once more | drop: open the jaws, withdraw |
+| too heavy, or fixed | put back, let go, withdraw | |
+| no estimate | let go; arm braked, hull off and up (`safety_wrapper`) | keep, the same |
 """
 
 import math
@@ -25,40 +35,52 @@ from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from uuv.controllers.tasks.axial_phases import (
-    PARK,
-    WITHDRAW,
     AxialApproach,
     AxialContact,
     AxialLimits,
     Push,
     Withdraw,
-    axial_end,
     axial_monitors,
 )
 from uuv.controllers.tasks.grasping.jaw_phases import (
     Carry,
     CarrySpeed,
     CloseJaws,
+    Depart,
     GripPlan,
     JawLimits,
+    LetGo,
     Lift,
     MoveJaws,
+    PutBack,
     Weigh,
     Weighing,
     dropped,
+    weight_gone,
 )
-from uuv.controllers.tasks.monitors import Monitor, Reaction
-from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
+from uuv.controllers.tasks.hull_phases import Escape, EscapeLimits, Halt, HoldAway, PullBack
+from uuv.controllers.tasks.monitors import IN_CONTACT, Monitor, Reaction, fault_monitors
+from uuv.controllers.tasks.phase import Context, Decide, Held, Hold, HoldTool, PhaseEvent
 from uuv.controllers.tasks.settings import CollectSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.tools.jaw_shape import JawShape
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
-from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
-from uuv.sim.interfaces.spatial import Array, readonly, transform_points
+from uuv.sim.interfaces.messages import AbortCode, HeldLoad, Target, ToolPath, WorkState
+from uuv.sim.interfaces.spatial import Array, inverse, readonly, transform_points
 
 FRICTION_USED = 0.7  # share of the friction cone that the expected load may take
 ENDS = PhaseEvent.DONE
 _TRIED = 6  # grasps from which a place to stand is sought
+_GYRATION = 0.5  # radius of gyration over the radius of the object, about that of a ball
+# how work is left on the way to the object
+LEAVE = {
+    Reaction.RETREAT: "withdraw",
+    Reaction.RISE: "rise",
+    Reaction.WITHDRAW: "pull back",
+    Reaction.STOP: "halt",
+}
+AT_OBJECT = {**LEAVE, Reaction.RETREAT: "free"}  # with the jaws around it
+OFF_GROUND = {**LEAVE, Reaction.RETREAT: "put back"}  # in the lift, and over its place
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +106,8 @@ class CollectJob(CollectSettings):
     )
     jaws: JawLimits = field(default_factory=JawLimits)
     weighing: Weighing = field(default_factory=Weighing)
+    # with open jaws, or a load, the arm does not fold
+    escape: EscapeLimits = field(default_factory=partial(EscapeLimits, free=math.inf))
     carry_ramp: float = 2.0  # [s] from rest to the speed with the object
 
 
@@ -111,6 +135,14 @@ def check_grip(job: CollectJob, jaws: JawShape) -> None:
     if job.grip > jaws.force:
         raise ConfigurationError(
             f"task.grip [N]: the jaws give at most {jaws.force:g}, got {job.grip:g}"
+        )
+
+    # Free jaws must move faster than jaws that have stopped at something.
+    least = jaws.loss + 0.5 * jaws.damping * 2.0 * job.jaws.still
+    if job.grip < least:
+        raise ConfigurationError(
+            f"task.grip [N]: at least {least:.1f}, or the jaws close too slowly to tell when they "
+            f"stop, got {job.grip:g}"
         )
 
     held = 2.0 * jaws.friction * job.grip
@@ -141,6 +173,7 @@ class Collecting(TaskPlanner):
         *,
         X_WB_scan: Array,
         basket: Basket,
+        displaced: float,
         holding: ThrustMargin | None = None,
         period: float = 0.01,
     ) -> None:
@@ -152,6 +185,7 @@ class Collecting(TaskPlanner):
             job: forces, speeds and limits.
             X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
             basket: where the object is put.
+            displaced: [kg] water that the object displaces.
             holding: thrust margin of the hull; None: not tested.
             period: [s] of the planner.
 
@@ -168,6 +202,7 @@ class Collecting(TaskPlanner):
         self._choice = choice
         self._job = job
         self._basket = basket
+        self._displaced = displaced
         standing = PathStanding(
             vehicle=vehicle.vehicle,
             chain=vehicle.chain,
@@ -187,7 +222,7 @@ class Collecting(TaskPlanner):
             around=around(vehicle, choice.target),
         )
         limits = ArrivalLimits()
-        rows = collect_rows(site, limits, job, self._take)
+        rows = collect_rows(site, limits, job, self._take, choice.jaws.force)
         super().__init__(
             rows,
             collect_monitors(job, limits),
@@ -264,7 +299,25 @@ class Collecting(TaskPlanner):
             return float(away + 1.0 - abs(grasp.X_WG[:3, 0] @ path.x[0]))
 
         grasp = min((grasp for grasp, _ in self.grasps(held.target)), key=distance)
-        held.plan = GripPlan(opening=grasp.opening, width=grasp.width, bears=self._job.load)
+        held.plan = GripPlan(
+            opening=grasp.opening,
+            width=grasp.width,
+            bears=self._job.load,
+            expected=self.expected(held.target, held.line.at(0.0, 0.0)[0]),
+        )
+
+    def expected(self, target: Target, X_WG: Array) -> HeldLoad:
+        """What the jaws will hold with the tool at `X_WG` (4, 4); as heavy as its water."""
+        model = self._choice.target
+        center_W = transform_points(target.X_WT, model.center)
+        center_G = readonly(transform_points(inverse(X_WG), center_W))
+        return HeldLoad(
+            mass=self._displaced,
+            displaced=self._displaced,
+            center_G=center_G,
+            buoyancy_G=center_G,
+            radius=_GYRATION * model.radius,
+        )
 
 
 def straight_down(X_WT: Array, choice: GraspChoice) -> ToolPath:
@@ -290,17 +343,35 @@ def collect_monitors(job: CollectJob, limits: ArrivalLimits) -> tuple[Monitor, .
         blind_time=limits.blind_time,
         too_long="the object was not gripped",
     )
-    slipped = Monitor(
-        condition=dropped(job.jaws),
+    # Faults, also with the jaws at the object.
+    at_object = fault_monitors(limits.blind_time, IN_CONTACT)
+    leaving = frozenset({WorkState.RETREAT, WorkState.WITHDRAW, WorkState.DONE})
+    urgent = [
+        replace(monitor, during=leaving)
+        for monitor in at_object
+        if monitor.reaction not in (Reaction.PAUSE, Reaction.RETREAT)
+    ]
+    return (*of_tool, *at_object, *urgent, *drop_monitors(job.jaws))
+
+
+def drop_monitors(jaws: JawLimits) -> tuple[Monitor, ...]:
+    """Monitors of an object that is carried: it slips out, or its weight is gone."""
+    drop = partial(
+        Monitor,
         reaction=Reaction.RETREAT,
         code=AbortCode.DROPPED,
         during=frozenset({WorkState.WORK}),
     )
-    return (*of_tool, slipped)
+    gone = drop(condition=weight_gone(jaws), lasting=jaws.gone_time)
+    return drop(condition=dropped(jaws)), gone
 
 
 def collect_rows(
-    site: WorkSite, limits: ArrivalLimits, job: CollectJob, take: Callable[[Held, Context], None]
+    site: WorkSite,
+    limits: ArrivalLimits,
+    job: CollectJob,
+    take: Callable[[Held, Context], None],
+    motor: float,
 ) -> Iterable[tuple[str, TaskRow]]:
     """Table of a collection.
 
@@ -309,22 +380,32 @@ def collect_rows(
         limits: of the way to the stand-off.
         job: forces, speeds and limits.
         take: keeps the chosen grasp in `Held.plan`.
+        motor: [N] most force of the jaws' motor.
 
     Returns:
         Names and rows.
     """
     yield from arrival(
-        site, limits, then=at_once("grasp"), depth=-job.axial.standoff, offset=0.0, broken=PARK
+        site, limits, then=at_once("grasp"), depth=-job.axial.standoff, offset=0.0, broken=LEAVE
     )
     yield (
         "grasp",
-        TaskRow(Decide(take, AbortCode.OUT_OF_REACH), WorkState.TARE, {ENDS: "open"}, PARK),
+        TaskRow(Decide(take, AbortCode.OUT_OF_REACH), WorkState.TARE, {ENDS: "open"}, LEAVE),
     )
-    yield from rows_at_object(job)
+    yield from rows_at_object(job, site.own.vehicle.q_home, limits, motor)
 
 
-def rows_at_object(job: CollectJob) -> Iterable[tuple[str, TaskRow]]:
-    """Rows from the stand-off over the object on; "open" is to be entered."""
+def rows_at_object(
+    job: CollectJob, q_home: Array, limits: ArrivalLimits | None = None, motor: float | None = None
+) -> Iterable[tuple[str, TaskRow]]:
+    """Rows from the stand-off over the object on; "open" is to be entered.
+
+    Args:
+        job: forces, speeds and limits.
+        q_home: (n,) [rad] joint angles of the folded arm.
+        limits: of the hull's motions.
+        motor: [N] most force of the jaws' motor, with which they open; default: that of the grip.
+    """
     axial = job.axial
     states = WorkState
     free = Push(force=job.push, beyond=-job.early)
@@ -338,30 +419,62 @@ def rows_at_object(job: CollectJob) -> Iterable[tuple[str, TaskRow]]:
         obstacle="obstacle {} mm above the grasp",
         yields=True,
     )
-    down = partial(AxialApproach, axial, contact=met, slow=(-job.guard, job.touch_speed), to=0.0)
-    jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip)
+    landed = replace(met, obstacle="the object meets something {} mm above its place")
+    way = {"slow": (-job.guard, job.touch_speed), "to": 0.0}
+    jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip if motor is None else motor)
 
     def either(row: str) -> dict[PhaseEvent, str]:
         return {PhaseEvent.DONE: row, PhaseEvent.TOUCHED: row}
 
     # To the object, and the jaws around it.
-    yield "open", TaskRow(jaws(free), states.APPROACH, {ENDS: "approach"}, WITHDRAW)
-    yield "approach", TaskRow(down(free), states.APPROACH, either("close"), WITHDRAW)
+    down = AxialApproach(axial, free, contact=met, **way)
+    yield "open", TaskRow(jaws(free), states.APPROACH, {ENDS: "approach"}, LEAVE)
+    yield "approach", TaskRow(down, states.APPROACH, either("close"), LEAVE)
     close = CloseJaws(axial, yielding, job.jaws, job.grip)
     closed = {ENDS: "lift", PhaseEvent.REFUSED: "open again"}
-    yield "close", TaskRow(close, states.PRESS, closed, WITHDRAW)
-    yield "open again", TaskRow(jaws(yielding), states.PRESS, {ENDS: "close"}, WITHDRAW)
+    yield "close", TaskRow(close, states.PRESS, closed, AT_OBJECT)
+    yield "open again", TaskRow(jaws(yielding), states.PRESS, {ENDS: "close"}, AT_OBJECT)
 
     # With it to the basket.
     gripped = (axial, loaded, job.jaws, job.grip)
+    again = {PhaseEvent.REFUSED: "open above"}
     weigh = Weigh(*gripped, job.weighing)
-    put_back = {**WITHDRAW, Reaction.RETREAT: "put back"}
     carry = Carry(*gripped, CarrySpeed(speed=job.carry_speed, ramp=job.carry_ramp))
-    yield "lift", TaskRow(Lift(*gripped), states.WORK, {ENDS: "weigh"}, WITHDRAW)
-    yield "weigh", TaskRow(weigh, states.WORK, {ENDS: "carry"}, put_back)
-    yield "carry", TaskRow(carry, states.WORK, {ENDS: "lower"}, WITHDRAW)
-    yield "lower", TaskRow(down(loaded), states.WORK, either("let go"), WITHDRAW)
-    yield "put back", TaskRow(down(loaded), states.RETREAT, either("let go"), WITHDRAW)
-    yield "let go", TaskRow(jaws(loaded), states.RETREAT, {ENDS: "withdraw"}, WITHDRAW)
+    lower = AxialApproach(axial, loaded, contact=landed, **way)
+    yield "lift", TaskRow(Lift(*gripped), states.WORK, {ENDS: "weigh", **again}, OFF_GROUND)
+    yield "weigh", TaskRow(weigh, states.WORK, {ENDS: "carry", **again}, OFF_GROUND)
+    yield "open above", TaskRow(jaws(free), states.PRESS, {ENDS: "approach"}, AT_OBJECT)
+    yield "carry", TaskRow(carry, states.WORK, {ENDS: "lower"}, AT_OBJECT)
+    yield "lower", TaskRow(lower, states.WORK, either("let go"), AT_OBJECT)
+    put_back = PutBack(job.jaws, axial, loaded, contact=landed, **way)
+    yield "put back", TaskRow(put_back, states.RETREAT, either("let go"), AT_OBJECT)
+    yield "let go", TaskRow(jaws(loaded), states.RETREAT, {ENDS: "withdraw"}, LEAVE)
+    yield "free", TaskRow(LetGo(*gripped), states.RETREAT, {ENDS: "withdraw"}, LEAVE)
 
-    yield from axial_end(Withdraw(axial, free, math.inf))
+    yield from _departure_rows(job, loaded, q_home, limits or ArrivalLimits())
+
+
+def _departure_rows(
+    job: CollectJob, push: Push, q_home: Array, limits: ArrivalLimits
+) -> Iterable[tuple[str, TaskRow]]:
+    """Rows of the ways off the object, each with what hangs free in the jaws."""
+    axial = job.axial
+    states = WorkState
+    depart = partial(Depart, jaws=job.jaws, force=job.grip)
+    stop = {Reaction.STOP: "halt"}
+    off = {**stop, Reaction.RISE: "rise"}
+
+    withdraw = depart(Withdraw(axial, push, math.inf))
+    yield (
+        "withdraw",
+        TaskRow(withdraw, states.WITHDRAW, {ENDS: "parked"}, {**off, Reaction.RETREAT: "parked"}),
+    )
+    rise = depart(Escape(job.escape, axial.standoff, q_home))
+    yield "rise", TaskRow(rise, states.RETREAT, {ENDS: "held"}, stop)
+    pull = depart(PullBack(limits.motion, axial.standoff))
+    yield "pull back", TaskRow(pull, states.RETREAT, {ENDS: "held"}, stop)
+
+    yield "parked", TaskRow(HoldTool(), states.DONE, leave=off)
+    yield "held", TaskRow(HoldAway(job.escape.leash), states.DONE, leave=stop)
+    yield "halt", TaskRow(depart(Halt()), states.RETREAT, {ENDS: "halted"})
+    yield "halted", TaskRow(Hold(), states.DONE)

@@ -1,19 +1,37 @@
 """Phases with driven jaws: open, close on an object, lift and weigh it, carry it, let it go.
 
 The tool moves on its line as in `uuv.controllers.tasks.axial_phases`; depths are of the fingers'
-ends below their place in the grasp, negative above it. Set points of the jaws are given while they
-move; then their drive goes on with the last one.
+ends below their place in the grasp, negative above it.
+
+Work that is broken off lets go of what is still on the ground, which may be fixed there, and keeps
+what hangs free (`keep_what_is_free`). A slip in the lift or at rest above is gripped once more.
 """
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 from uuv.controllers.planning.trajectories import Progress
-from uuv.controllers.tasks.axial_phases import AxialLimits, AxialPhase, Push
+from uuv.controllers.tasks.axial_phases import (
+    AxialApproach,
+    AxialLimits,
+    AxialPhase,
+    Push,
+    TouchedFor,
+)
 from uuv.controllers.tasks.monitors import Condition
-from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint, towards
-from uuv.sim.interfaces.messages import AbortCode, JawMeasurement, JawSetpoint
-from uuv.sim.interfaces.spatial import GRAVITY, Array
+from uuv.controllers.tasks.phase import (
+    Abort,
+    Context,
+    Held,
+    Outcome,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+    towards,
+)
+from uuv.sim.interfaces.messages import AbortCode, HeldLoad, JawMeasurement, JawSetpoint
+from uuv.sim.interfaces.spatial import GRAVITY, Array, readonly
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,9 +46,18 @@ class JawLimits:
     held: float = 0.4  # [s] for which they must stand and press
     within: float = 12.0  # [s] for any motion of the jaws
     silent: float = 0.5  # [s] without a reading of the drive, after which it counts as lost
-    thinner: float = 0.012  # [m] less than the grasp's width that still counts as the object
+    # [m] less, and more, than the grasp's width that still counts as the object
+    thinner: float = 0.012
+    wider: float = 0.012
     slip: float = 0.004  # [m] by which the jaws may close further on what they hold
     tries: int = 2  # times that the jaws close before the work is given up
+    clear: float = 0.03  # [m] above its place from which on an object hangs free
+    heavier: float = 1.3  # share of the largest load with which a lift goes on,
+    pull: float = 8.0  # [N] in addition; more is a load that is too heavy, or fixed
+    pull_time: float = 0.1  # [s] for which it must last
+    gone: float = 0.7  # share of the weight that is missing if the object has dropped,
+    least_gone: float = 8.0  # [N] or at least this,
+    gone_time: float = 0.3  # [s] for so long
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,9 +67,12 @@ class GripPlan:
     opening: float  # [m] of the jaws on the way to the object
     width: float  # [m] expected between the pads on it
     bears: float  # [N] weight in water that may be carried
+    # what is to be held: the water that it displaces, and its middle for the tool at depth 0
+    expected: HeldLoad
     tries: int = 0  # times that the jaws have closed
-    gripped: float = math.nan  # [m] opening on the object
-    weight: float = math.nan  # [N] of the object in water, as weighed after the lift
+    gripped: float = math.nan  # [m] opening on the object; NaN: they do not hold it
+    load: HeldLoad | None = None  # what is held, as identified after the lift
+    carried: bool = False  # it has been weighed, and is on its way
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +80,8 @@ class Weighing:
     """Times of the weighing after the lift."""
 
     after: float = 1.5  # [s] in which arm and hull come to rest
-    seconds: float = 2.0  # [s] over which the mean is taken
+    seconds: float = 2.0  # [s] over which the load is identified
+    adopt: float = 0.5  # [s] in which the controller's model of the arm takes it over
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,9 +106,11 @@ class JawPhaseState:
     """State of the phases with jaws."""
 
     since: float  # [s] begin of the phase
-    firm_for: float = 0.0  # [s] for which the jaws have stood and pressed
+    firm_for: float = 0.0  # [s] for which the jaws have stood and pressed, or the load pulled
     total: float = 0.0  # [N] sum of the weights that were read
     count: int = 0  # of them
+    load: HeldLoad | None = None  # that was identified
+    known_at: float = math.nan  # [s] when it was
 
 
 class JawPhase(AxialPhase):
@@ -115,13 +148,20 @@ class JawPhase(AxialPhase):
 
     def jaws_set(self, held: Held) -> JawSetpoint:
         """Set point of the jaws: closed on what they hold."""
-        weight = held.plan_of(GripPlan).weight
-        return JawSetpoint(opening=0.0, speed=self._jaws.speed, force=self._force, load=weight)
+        return closed(held.plan_of(GripPlan), self._jaws, self._force)
 
     def rates(self, state: JawPhaseState, held: Held, context: Context) -> dict[str, Array]:
         """Velocities of the tool other than along its axis, by their names in `Setpoint`."""
         del state, held, context
         return {}
+
+    def _slipped(self, held: Held, jaws: JawMeasurement) -> Outcome:
+        """The end of the phase if the object has slipped out; refused if a try is left."""
+        plan = held.plan_of(GripPlan)
+        sentence = slipped(plan, jaws, self._jaws)
+        if sentence and plan.tries < self._jaws.tries:
+            return PhaseEvent.REFUSED
+        return Abort(AbortCode.DROPPED, sentence) if sentence else None
 
     def _stand(self, held: Held, context: Context) -> None:
         """Bring the tool to rest, and back off while it presses more than the set push."""
@@ -137,9 +177,12 @@ class MoveJaws(JawPhase):
     def go_on(
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
     ) -> Outcome:
-        """Done at the opening."""
+        """Done at the opening; what was held is let go as they open."""
         self._stand(held, context)
-        target = held.plan_of(GripPlan).opening
+        plan = held.plan_of(GripPlan)
+        target = plan.opening
+        if jaws.opening > plan.gripped + self._jaws.at:
+            held.plan = let_go(plan)
         if abs(jaws.opening - target) <= self._jaws.at:
             return PhaseEvent.DONE
         if context.time - state.since <= self._jaws.within:
@@ -152,13 +195,7 @@ class MoveJaws(JawPhase):
 
     def jaws_set(self, held: Held) -> JawSetpoint:
         """Set point of the jaws: the opening of the plan."""
-        plan = held.plan_of(GripPlan)
-        return JawSetpoint(
-            opening=plan.opening,
-            speed=self._jaws.opening_speed,
-            force=self._force,
-            load=plan.weight,
-        )
+        return opened(held.plan_of(GripPlan), self._jaws, self._force)
 
 
 class CloseJaws(JawPhase):
@@ -187,14 +224,22 @@ class CloseJaws(JawPhase):
             reason = f"the jaws neither close nor press, at {1e3 * jaws.opening:.0f} mm"
             return Abort(AbortCode.JAWS, reason)
 
-        # What is between them?
+        # What is between them? Shut jaws hold nothing, however thin the object is.
         plan = held.plan_of(GripPlan)
-        if jaws.opening >= plan.width - limits.thinner:
-            held.plan = replace(plan, gripped=jaws.opening)
+        if not shut and plan.width - limits.thinner <= jaws.opening <= plan.width + limits.wider:
+            # The tool may have stopped above its place, and is then farther from the middle.
+            expected = moved(plan.expected, -held.depth)
+            held.plan = replace(plan, gripped=jaws.opening, expected=expected)
             return PhaseEvent.DONE
         if plan.tries < limits.tries:
             return PhaseEvent.REFUSED
 
+        if jaws.opening > plan.width:
+            reason = (
+                f"the jaws stand and press at {1e3 * jaws.opening:.0f} mm, and the object has "
+                f"{1e3 * plan.width:.0f} mm: they jam, or something else is between them"
+            )
+            return Abort(AbortCode.JAWS, reason)
         reason = (
             f"nothing of the object's {1e3 * plan.width:.0f} mm between the jaws in "
             f"{plan.tries} attempts: they closed to {1e3 * jaws.opening:.0f} mm"
@@ -208,10 +253,24 @@ class Lift(JawPhase):
     def go_on(
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
     ) -> Outcome:
-        """Done at the stand-off."""
-        del state, jaws
+        """Done at the stand-off; refused if the object slips out and a try is left; aborted if the
+        pull is more than the load may be.
+        """
         limits = self._limits
+        lost = self._slipped(held, jaws)
+        if lost is not None:
+            return lost
         self._advance(held, context, -limits.speed)
+
+        # Too heavy, or fixed.
+        bears = held.plan_of(GripPlan).bears
+        most = self._jaws.heavier * bears + self._jaws.pull
+        pull = _pull(context)
+        state.firm_for = state.firm_for + context.period if pull > most else 0.0
+        if state.firm_for > self._jaws.pull_time:
+            reason = f"a pull of {pull:.0f} N does not lift the object, {bears:.0f} N are allowed"
+            return Abort(AbortCode.TOO_HEAVY, reason)
+
         if held.depth > -limits.standoff:
             return None
 
@@ -221,7 +280,11 @@ class Lift(JawPhase):
 
 
 class Weigh(JawPhase):
-    """Weigh the object at rest: the mean force of the world on the tip, downwards."""
+    """Identify what is held at rest, and give it to the controller's model of the arm.
+
+    A controller that identifies nothing is helped by the mean force of the world on the tip,
+    downwards.
+    """
 
     def __init__(
         self, limits: AxialLimits, push: Push, jaws: JawLimits, force: float, times: Weighing
@@ -233,27 +296,60 @@ class Weigh(JawPhase):
     def go_on(
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
     ) -> Outcome:
-        """Done with the weight in the plan; aborted if that is more than may be carried."""
-        del jaws
+        """Done with the load in the plan; aborted if that is more than may be carried, and refused
+        as in the lift.
+        """
         times = self._times
+        lost = self._slipped(held, jaws)
+        if lost is not None:
+            return lost
         self._stand(held, context)
+
+        # Identify it.
         passed = context.time - state.since
         if context.last is not None and passed > times.after:
-            state.total -= float(context.last.contact.force_W[2])
+            state.total += _pull(context)
             state.count += 1
         if passed <= times.after + times.seconds or not state.count:
             return None
+        plan = held.plan_of(GripPlan)
+        if state.load is None:
+            state.load = self._identified(state, plan.expected, context)
+            state.known_at = context.time
 
-        # The weight is a force of the world, also where the hull's thrusters bear it.
-        weight = state.total / state.count
-        plan = replace(held.plan_of(GripPlan), weight=weight)
-        held.plan = plan
-        held.note = f"lifted: {weight / GRAVITY:.2f} kg in water"
-        if weight <= plan.bears:
+        # Take it over bit by bit, as a force of the world becomes a load of the arm.
+        load = state.load
+        share = min(1.0, (context.time - state.known_at) / times.adopt)
+        held.plan = replace(plan, load=load.part(share) if share < 1.0 else load)
+        if share < 1.0:
+            return None
+
+        held.note = f"lifted: {load.mass:.2f} kg, {load.weight / GRAVITY:.2f} kg in water"
+        if load.weight <= plan.bears:
             return PhaseEvent.DONE
-
-        reason = f"the object weighs {weight:.0f} N in water, {plan.bears:.0f} N are allowed"
+        reason = f"the object weighs {load.weight:.0f} N in water, {plan.bears:.0f} N are allowed"
         return Abort(AbortCode.TOO_HEAVY, reason)
+
+    def setpoint(self, state: JawPhaseState, held: Held, context: Context) -> Setpoint:
+        """The jaws closed, and the request to weigh what they hold."""
+        setpoint = super().setpoint(state, held, context)
+        jaws = setpoint.jaws
+        if (
+            jaws is None
+            or state.load is not None
+            or context.time <= state.since + self._times.after
+        ):
+            return setpoint
+        return replace(setpoint, jaws=replace(jaws, weigh=held.plan_of(GripPlan).expected))
+
+    def _identified(self, state: JawPhaseState, expected: HeldLoad, context: Context) -> HeldLoad:
+        """What is held, as the controller has identified it, or by the mean pull."""
+        load = None if context.last is None else context.last.contact.load
+        if load is not None:
+            return load
+        weight = state.total / state.count
+        mass = max(weight / GRAVITY + expected.displaced, 0.0)
+        return replace(expected, mass=mass)
 
 
 class Carry(JawPhase):
@@ -265,6 +361,10 @@ class Carry(JawPhase):
         """Set up the phase; `force` [N] is the set grip force on each finger."""
         super().__init__(limits, push, jaws, force)
         self._along = along
+
+    def begin(self, held: Held) -> None:
+        """From now on a drop ends the work."""
+        held.plan = replace(held.plan_of(GripPlan), carried=True)
 
     def go_on(
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
@@ -289,20 +389,157 @@ class Carry(JawPhase):
         return Progress(float(held.line.path.s[-1]), self._along.speed, self._along.ramp)
 
 
+class PutBack(AxialApproach):
+    """Lower the object to its place; done at once without it."""
+
+    def __init__(self, jaws: JawLimits, *args: Any, **options: Any) -> None:
+        """Set up the phase; the other arguments are those of `AxialApproach`."""
+        super().__init__(*args, **options)
+        self._jaws = jaws
+
+    def step(self, state: TouchedFor, held: Held, context: Context) -> Outcome:
+        """As `AxialApproach`, while the jaws hold something."""
+        jaws = context.estimate.jaws
+        if jaws is not None and slipped(held.plan_of(GripPlan), jaws, self._jaws):
+            held.speed = 0.0
+            return PhaseEvent.DONE
+        return super().step(state, held, context)
+
+
+class Depart(Phase):
+    """Another phase with what hangs free in the closed jaws, or else with open jaws."""
+
+    def __init__(self, inner: Phase, jaws: JawLimits, force: float) -> None:
+        """Wrap `inner`; `force` [N] is the most that the jaws' motor may give."""
+        self._inner = inner
+        self._jaws = jaws
+        self._force = force
+
+    def enter(self, held: Held, context: Context) -> Any:
+        """Decide, and begin the phase."""
+        keep_what_is_free(held, context, self._jaws)
+        return self._inner.enter(held, context)
+
+    def step(self, state: Any, held: Held, context: Context) -> Outcome:
+        """A period of the phase."""
+        return self._inner.step(state, held, context)
+
+    def setpoint(self, state: Any, held: Held, context: Context) -> Setpoint:
+        """The phase's, and that of the jaws; without one before a grasp is chosen."""
+        setpoint = self._inner.setpoint(state, held, context)
+        plan = held.plan
+        if not isinstance(plan, GripPlan):
+            return setpoint
+        give = opened if math.isnan(plan.gripped) else closed
+        return replace(setpoint, jaws=give(plan, self._jaws, self._force))
+
+
+class LetGo(MoveJaws):
+    """Open the jaws around what may be fixed; done at once with what hangs free."""
+
+    def enter(self, held: Held, context: Context) -> JawPhaseState:
+        """Decide what is kept."""
+        keep_what_is_free(held, context, self._jaws)
+        return super().enter(held, context)
+
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
+        """Done at once with what is kept, else as `MoveJaws`."""
+        if math.isnan(held.plan_of(GripPlan).gripped):
+            return super().go_on(state, held, context, jaws)
+        held.speed = 0.0
+        return PhaseEvent.DONE
+
+    def jaws_set(self, held: Held) -> JawSetpoint:
+        """Set point of the jaws: closed on what is kept."""
+        plan = held.plan_of(GripPlan)
+        give = opened if math.isnan(plan.gripped) else closed
+        return give(plan, self._jaws, self._force)
+
+
+def closed(plan: GripPlan, limits: JawLimits, force: float) -> JawSetpoint:
+    """Set point of jaws that close on what they hold, or on what is between them."""
+    return JawSetpoint(opening=0.0, speed=limits.speed, force=force, holds=plan.load)
+
+
+def opened(plan: GripPlan, limits: JawLimits, force: float) -> JawSetpoint:
+    """Set point of jaws that open; they hold the load until they have left it."""
+    speed = limits.opening_speed
+    return JawSetpoint(opening=plan.opening, speed=speed, force=force, holds=plan.load)
+
+
+def let_go(plan: GripPlan) -> GripPlan:
+    """The plan without what was held."""
+    return replace(plan, gripped=math.nan, load=None, carried=False)
+
+
+def moved(load: HeldLoad, by: float) -> HeldLoad:
+    """A load that is `by` [m] farther along the tool axis."""
+    off_G = (0.0, 0.0, by)
+    return replace(
+        load, center_G=readonly(load.center_G + off_G), buoyancy_G=readonly(load.buoyancy_G + off_G)
+    )
+
+
+def slipped(plan: GripPlan, jaws: JawMeasurement, limits: JawLimits) -> str:
+    """Sentence if the jaws have closed further on what they held; else empty."""
+    if math.isnan(plan.gripped) or jaws.opening >= plan.gripped - limits.slip:
+        return ""
+    return (
+        f"the object has slipped out: the jaws closed from {1e3 * plan.gripped:.0f} to "
+        f"{1e3 * jaws.opening:.0f} mm"
+    )
+
+
+def is_free(held: Held, context: Context, limits: JawLimits) -> bool:
+    """True if the jaws hold something that hangs free, above its place."""
+    plan = held.plan_of(GripPlan)
+    jaws = context.estimate.jaws
+    if math.isnan(plan.gripped) or held.depth > -limits.clear:
+        return False
+    lost = jaws is not None and slipped(plan, jaws, limits)
+    return not lost and not weight_gone(limits)(held, context)
+
+
+def keep_what_is_free(held: Held, context: Context, limits: JawLimits) -> None:
+    """Take out of the plan what is not to be kept: what is fixed, or lost."""
+    plan = held.plan
+    if isinstance(plan, GripPlan) and not is_free(held, context, limits):
+        held.plan = let_go(plan)
+
+
 def dropped(limits: JawLimits) -> Condition:
-    """Condition: what the jaws held is no longer between them."""
+    """Condition: what is carried is no longer between the jaws."""
 
     def condition(held: Held, context: Context) -> str:
         plan = held.plan
         jaws = context.estimate.jaws
-        if not isinstance(plan, GripPlan) or jaws is None or math.isnan(plan.gripped):
+        if not isinstance(plan, GripPlan) or jaws is None or not plan.carried:
             return ""
-        if jaws.opening >= plan.gripped - limits.slip:
-            return ""
-
-        return (
-            f"the object has slipped out: the jaws closed from {1e3 * plan.gripped:.0f} to "
-            f"{1e3 * jaws.opening:.0f} mm"
-        )
+        return slipped(plan, jaws, limits)
 
     return condition
+
+
+def weight_gone(limits: JawLimits) -> Condition:
+    """Condition: the weight of what is carried is missing."""
+
+    def condition(held: Held, context: Context) -> str:
+        plan = held.plan
+        if not isinstance(plan, GripPlan) or not plan.carried or plan.load is None:
+            return ""
+        weight = plan.load.weight
+        missing = -math.copysign(1.0, weight) * _pull(context)
+        if missing <= max(limits.gone * abs(weight), limits.least_gone):
+            return ""
+        return f"the object has dropped: of its {weight:.0f} N in water {missing:.0f} N are missing"
+
+    return condition
+
+
+def _pull(context: Context) -> float:
+    """Downward force [N] of the world on the tip; 0 if it is not known."""
+    if context.last is None or not context.last.contact.known:
+        return 0.0
+    return -float(context.last.contact.force_W[2])

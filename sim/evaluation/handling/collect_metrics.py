@@ -13,7 +13,7 @@ import numpy as np
 from uuv.sim.evaluation.metrics import Assessment, Requirement
 from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.evaluation.schemas import metric, unmeasured
-from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.messages import HeldLoad, WorkState
 from uuv.sim.interfaces.spatial import Array
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ class CollectBounds:
     """Acceptance bounds of a collection."""
 
     put: float = 0.03  # [m] from the basket's middle, in the horizontal
+    mass_share: float = 0.1  # of the true mass, of the identified one,
+    mass: float = 0.05  # [kg] or this, whichever is more
     grip_share: float = 1.5  # of the set grip force, at the peak
     excursion: float = 0.05  # [m] of the hull after the lift
     slip: float = 0.01  # [m] of the object in the jaws
@@ -41,6 +43,7 @@ class TrueCollection:
     basket_W: Array  # (3,) [m] middle of the basket's floor
     center_T: Array  # (3,) [m] middle of the object in its frame
     half: float  # [m] half of the basket's inner side
+    mass: float  # [kg] of the object
     weight: float  # [N] of the object in water
     grip: float  # [N] set force of each finger
 
@@ -70,6 +73,8 @@ class LoadMetrics:
 
     weight_n: float | None = metric("True, in water.")
     weighed_n: float | None = metric("As the vehicle has weighed it; null if it did not.")
+    mass_kg: float | None = metric("True mass.")
+    identified_kg: float | None = metric("Mass as identified after the lift.")
     hull_excursion_max_m: float | None = metric("From its reference, within 10 s of the lift.")
 
 
@@ -95,7 +100,7 @@ def assess_collection(
     *,
     seed: int,
     wall_s: float,
-    weighed: float | None = None,
+    weighed: HeldLoad | None = None,
     bounds: CollectBounds | None = None,
 ) -> Assessment:
     """All metrics of a run; one that could not be measured is None and counts as missed.
@@ -105,7 +110,7 @@ def assess_collection(
         truth: True object and basket.
         seed: Seed of the run.
         wall_s: Wall time of the loop [s].
-        weighed: Weight of the object in water as weighed [N]; None: it was not.
+        weighed: The object as the vehicle has weighed it; None: it did not.
         bounds: Acceptance bounds; default: `CollectBounds()`.
 
     Returns:
@@ -116,20 +121,27 @@ def assess_collection(
     put = _put(recording, truth, lifted=bool(held.any()))
     grip = _grip(recording, truth, held)
     load = LoadMetrics(
-        weight_n=truth.weight, weighed_n=weighed, hull_excursion_max_m=_excursion(recording, held)
+        weight_n=truth.weight,
+        weighed_n=None if weighed is None else weighed.weight,
+        mass_kg=truth.mass,
+        identified_kg=None if weighed is None else weighed.mass,
+        hull_excursion_max_m=_excursion(recording, held),
     )
 
     metrics = CollectMetrics(put=put, grip=grip, load=load)
     most = bounds.grip_share * truth.grip
 
     # What is asked for.
-    error = None if weighed is None else abs(weighed - truth.weight)
+    error = None if weighed is None else abs(weighed.weight - truth.weight)
+    mass_error = None if weighed is None else abs(weighed.mass - truth.mass)
+    most_mass = max(bounds.mass, bounds.mass_share * truth.mass)
     checks = (
         Requirement("put, distance from the middle", put.put_error_m, bounds.put, "mm", _MM),
         Requirement("grip force, mean", grip.force_mean_n, None, "N"),
         Requirement("grip force, peak", grip.force_max_n, most, "N"),
         Requirement("object slips in the jaws", grip.slip_max_m, bounds.slip, "mm", _MM),
         Requirement("weight in water, error", error, None, "N"),
+        Requirement("mass, error", mass_error, most_mass, "kg"),
         Requirement(
             "hull excursion after the lift", load.hull_excursion_max_m, bounds.excursion, "mm", _MM
         ),

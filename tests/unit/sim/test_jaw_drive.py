@@ -6,14 +6,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from uuv.models.naming import READY_KEY, TIP_SITE
+from uuv.models.naming import READY_KEY, TIP_SITE, has_gripper
 from uuv.models.site.grip_contact import let_gripper_hold
 from uuv.models.tools.gripper import FINGERS
+from uuv.models.tools.jaw_shape import JawShape
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, JawSetpoint
 from uuv.sim.plant.arm_hold import ArmHold
+from uuv.sim.plant.jaw_drive import JawDrive
 from uuv.sim.plant.plant import Plant
 from uuv.sim.plant.truth import Truth
 from uuv.sim.sensors.jaws import JawSensor
@@ -47,13 +49,12 @@ def plant_with(ball: bool) -> Plant:
 def run(
     plant: Plant, setpoint: JawSetpoint, seconds: float, seen: Callable[[Truth], None]
 ) -> Truth:
-    """Ask for a set point every 10 ms, and hold the arm."""
+    """Ask for a set point once, and hold the arm."""
     hold = ArmHold(plant.vehicle, plant.vehicle.q_ready)
     still = np.zeros(len(plant.vehicle.thruster_names))
     truth = plant.observe()
-    for tick in range(round(seconds / plant.timestep)):
-        if tick % 5 == 0:
-            plant.jaws.follow(setpoint)
+    plant.jaws.follow(setpoint)
+    for _ in range(round(seconds / plant.timestep)):
         torque = hold.torque(truth)
         plant.step(Command(time=truth.time, joint_torque=torque, thrusters=still, scan=False))
         truth = plant.observe()
@@ -87,6 +88,40 @@ def test_jaws_press_what_they_meet_with_the_set_force_and_never_far_above_it() -
     _, reading = sensor.step(sensor.init(np.random.default_rng(3)), truth)
     assert reading.opening == pytest.approx(2.0 * RADIUS, abs=1e-3)
     assert reading.force == pytest.approx(FORCE, rel=0.1)
+
+
+def test_the_last_set_point_holds_and_a_reset_forgets_it() -> None:
+    plant = plant_with(ball=False)
+    openings: list[float] = []
+
+    def see(truth: Truth) -> None:
+        openings.append(float(truth.jaws.opening[0]))
+
+    # 60 mm are reached, not passed, although nothing is sent again.
+    run(plant, JawSetpoint(opening=0.06, speed=SPEED, force=FORCE), 4.0, see)
+    assert max(openings) < 0.0605
+    assert openings[-1] == pytest.approx(0.06, abs=5e-4)
+
+    run(plant, JawSetpoint(opening=0.09, speed=SPEED, force=FORCE), 0.5, see)
+    plant.reset(current=Current([0.0, 0.0, 0.0]))
+    assert not plant.jaws.memory.any()
+    assert plant.observe().jaws.force[0] == 0.0
+
+
+def test_an_arm_joint_whose_motor_is_called_gripper_is_no_gripper() -> None:
+    spec = vehicle_spec("uuv_puma")
+    motor = spec.actuators[-1]
+    motor.name = "gripper"
+    model = hydrodynamics.compile(spec)
+    assert not has_gripper(model)
+
+    data = mujoco.MjData(model)
+    drive = JawDrive.of(model, data, 0.002)
+    assert not len(drive.jaws.opening)
+    with pytest.raises(ConfigurationError, match="gripper: this vehicle has none"):
+        drive.follow(JawSetpoint(opening=0.05, speed=SPEED, force=FORCE))
+    with pytest.raises(ConfigurationError, match="the work needs driven jaws"):
+        JawShape.of(model)
 
 
 def test_a_set_point_beyond_the_gripper_and_a_vehicle_without_one_are_refused() -> None:

@@ -16,7 +16,16 @@ from uuv.models.tools.jaw_shape import JawShape
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
-JAWS = JawShape(opening=0.1, thickness=0.012, breadth=0.03, finger=0.088, force=100.0, friction=0.6)
+JAWS = JawShape(
+    opening=0.1,
+    thickness=0.012,
+    breadth=0.03,
+    finger=0.088,
+    force=100.0,
+    friction=0.6,
+    damping=3840.0,
+    loss=4.0,
+)
 R = 0.03  # [m]
 
 

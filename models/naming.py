@@ -141,3 +141,11 @@ def has_gripper(model: "mujoco.MjModel") -> bool:
     import mujoco
 
     return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER) >= 0
+
+
+def body_label(model: "mujoco.MjModel", body: int) -> str:
+    """Name of a body in records and in files of other tools: its own or, without one, its number.
+
+    Such files know parts by their names alone.
+    """
+    return model.body(body).name or f"body_{body}"

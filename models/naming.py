@@ -142,3 +142,11 @@ def has_gripper(model: "mujoco.MjModel") -> bool:
 
     motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
     return motor >= 0 and model.actuator_trntype[motor] == mujoco.mjtTrn.mjTRN_TENDON
+
+
+def body_label(model: "mujoco.MjModel", body: int) -> str:
+    """Name of a body in records and in files of other tools: its own or, without one, its number.
+
+    Such files know parts by their names alone.
+    """
+    return model.body(body).name or f"body_{body}"

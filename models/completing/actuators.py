@@ -57,7 +57,7 @@ def actuate(spec: mujoco.MjSpec, file: VehicleFile, renamed: Mapping[str | None,
             _hold_others(spec, arm, "which no actuator drives")
 
     bound(spec, arm, file.name)
-    note(spec, _give_armature(spec, arm, parts.armature, file.speeds))
+    note(spec, _give_armature(spec, arm, parts.armature, file.speeds, name))
     for key, values in ((HOME_KEY, parts.home), (READY_KEY, parts.ready)):
         if values is not None:
             set_posture(spec, key, arm, values, f"{name}: {key}")
@@ -251,6 +251,7 @@ def _give_armature(
     joints: Sequence[str],
     stated: float | Mapping[str, float] | None,
     speeds: Mapping[str, float],
+    name: str,
 ) -> list[str]:
     """Give joints the inertia of their rotors, in place: the stated one, or a prior for light
     joints.
@@ -264,11 +265,20 @@ def _give_armature(
         joints: names, base to tip.
         stated: [kg m^2] or [kg], one number for all joints or one for each; None: the prior.
         speeds: [rad/s] or [m/s] rated, by joint.
+        name: first words of error messages.
 
     Returns:
         A line about what was added.
+
+    Raises:
+        ConfigurationError: an inertia is stated for a joint that the arm does not have.
     """
     of_joints = stated if isinstance(stated, Mapping) else dict.fromkeys(joints, stated)
+    if unknown := [joint for joint in of_joints if joint not in joints]:
+        raise ConfigurationError(
+            f"{name}: armature: unknown joint {unknown[0]!r}; the arm has "
+            f"{', '.join(joints) or 'no joints'}{did_you_mean(unknown[0], joints)}"
+        )
 
     for joint in joints:
         if (armature := of_joints.get(joint)) is not None:

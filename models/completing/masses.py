@@ -35,7 +35,7 @@ def give_masses(spec: mujoco.MjSpec, masses: Mapping[str, float], name: str) -> 
             )
 
         body = bodies[name_of]
-        shapes = [geom for geom in body.geoms if geom.density or np.isfinite(geom.mass)]
+        shapes = [geom for geom in body.geoms if _weighs(geom)]
         body.explicitinertial = not shapes
         weight = _weight(spec, body) if shapes else 0.0
 
@@ -60,6 +60,11 @@ def give_masses(spec: mujoco.MjSpec, masses: Mapping[str, float], name: str) -> 
         "masses stated in the mapping, with the inertia of the shapes or of a sphere of water: "
         f"{stated}"
     ]
+
+
+def _weighs(geom: mujoco.MjsGeom) -> bool:
+    """True if a shape has a mass: the stated one or, without it, that of its density."""
+    return (geom.mass if np.isfinite(geom.mass) else geom.density) > 0.0
 
 
 def _weight(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> float:

@@ -16,6 +16,7 @@ from uuv.models.files.keyframes import keyframes_kept
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, readonly
 
 TURNING = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+_NAMELESS = "body without a name"  # while its orientation is computed
 _ZERO = 1e-12  # [rad] or [m] that counts as no motion
 
 
@@ -189,13 +190,16 @@ def _quat_of(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Array:
     """Orientation of a body as a quaternion wxyz, in whatever form the file states it."""
     if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
         return np.array(body.quat)
+    name = body.name
+    body.name = name or _NAMELESS
     still = spec.copy()
+    body.name = name
     for part in [*still.keys, *still.equalities, *still.actuators, *still.sensors]:
         still.delete(part)
     for other in list(still.joints):
         still.delete(other)
 
-    return np.array(still.compile().body(body.name).quat)
+    return np.array(still.compile().body(name or _NAMELESS).quat)
 
 
 def _delete(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> None:

@@ -106,7 +106,14 @@ class _Rows(NamedTuple):
 def _columns(text: str, what: str) -> dict[str, Array]:
     """Columns of numbers by name."""
     reader = csv.reader(io.StringIO(text))
-    heading = [word.strip() for word in next(reader, [])]
+    try:
+        heading, *table = list(reader) or [[]]
+    except csv.Error as error:  # a quote that is not closed
+        raise ConfigurationError(
+            f"{what}, line {reader.line_num}: cannot be read as CSV ({error})"
+        ) from error
+
+    heading = [word.strip() for word in heading]
     for name in (PULSE, FORCE):
         if name not in heading:
             near = did_you_mean(name, heading) or f"; its columns are {', '.join(heading)}"
@@ -117,7 +124,7 @@ def _columns(text: str, what: str) -> dict[str, Array]:
         raise ConfigurationError(f"{what}: column {twice[0]} occurs twice")
 
     rows = []
-    for line, cells in enumerate(reader, start=2):
+    for line, cells in enumerate(table, start=2):
         if not any(cell.strip() for cell in cells):
             continue
         try:

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.naming import has_gripper, of_geom
+from uuv.models.naming import body_label, has_gripper, of_geom
 from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -269,7 +269,7 @@ class Recorder:
         )
 
         self._vehicle = vehicle = Vehicle.of(model)
-        self._bodies = tuple(model.body(b).name for b in range(model.nbody))
+        self._bodies = tuple(body_label(model, b) for b in range(model.nbody))
         self._geoms = tuple(of_geom(model, g) for g in range(model.ngeom))
         self._full = full
 

@@ -181,8 +181,9 @@ def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:
         held.delete(part)
     hold(held, [joint for joint in held.joints if joint.type in TURNING], "for the check", home)
 
-    # The result is a hull without an arm.
+    # The result is a hull without an arm, if there was one.
     for site in [site for site in held.sites if site.name == TIP_SITE]:
         held.delete(site)
-    held.body(ARM_BASE_BODY).name = f"{ARM_BASE_BODY}_held"
+    for body in [body for body in held.bodies if body.name == ARM_BASE_BODY]:
+        body.name = f"{ARM_BASE_BODY}_held"
     return hydrodynamics.compile(held)

@@ -35,14 +35,16 @@ class Trim:
     apart: float  # [m] horizontally between the two
 
 
-def resting(model: mujoco.MjModel, key: str) -> mujoco.MjData:
+def resting(model: mujoco.MjModel, vehicle: Vehicle, key: str) -> mujoco.MjData:
     """State at rest, with forces, in the posture of a keyframe or, without it, the reference
-    posture.
+    posture; the hull is level and its axes are parallel to the world's.
     """
     data = mujoco.MjData(model)
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, key)
     if number >= 0:
         mujoco.mj_resetDataKeyframe(model, data, number)
+    data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = [1.0, 0.0, 0.0, 0.0]
+    data.qvel[:] = 0.0
     mujoco.mj_forward(model, data)
     return data
 
@@ -55,7 +57,7 @@ def weight_of(model: mujoco.MjModel, vehicle: Vehicle) -> float:
 
 def trim_of(model: mujoco.MjModel, vehicle: Vehicle, key: str = HOME_KEY) -> Trim:
     """Trim in the posture of a keyframe; the water's callback must be installed."""
-    data = resting(model, key)
+    data = resting(model, vehicle, key)
     at = slice(vehicle.hull_dof, vehicle.hull_dof + 6)
     wrench = data.qfrc_passive[at] - data.qfrc_bias[at]
 
@@ -204,7 +206,7 @@ def authority(vehicle: Vehicle, axis: int, B: Array | None = None) -> tuple[floa
 
 def strongest_current(model: mujoco.MjModel, vehicle: Vehicle, axis: int, force: float) -> float:
     """Speed [m/s] of a current along an axis at which the drag is `force` [N], at most FASTEST."""
-    data = resting(model, HOME_KEY)
+    data = resting(model, vehicle, HOME_KEY)
     at = vehicle.hull_dof + axis
     still = float(data.qfrc_passive[vehicle.hull_dof + axis])
 

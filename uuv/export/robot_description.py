@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from uuv.models.naming import body_label
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.spatial import Array
 
@@ -33,7 +34,7 @@ def robot_description(model: mujoco.MjModel) -> str:
     vehicle = Vehicle.of(model)
     data = mujoco.MjData(model)
     _straighten(model, data)
-    root = ET.Element("robot", name=model.body(vehicle.hull).name)
+    root = ET.Element("robot", name=body_label(model, vehicle.hull))
 
     for body in _subtree(model, vehicle.hull):
         _add_link(root, model, body)
@@ -63,7 +64,7 @@ def _subtree(model: mujoco.MjModel, top: int) -> Iterator[int]:
 
 
 def _add_link(root: ET.Element, model: mujoco.MjModel, body: int) -> None:
-    link = ET.SubElement(root, "link", name=model.body(body).name)
+    link = ET.SubElement(root, "link", name=body_label(model, body))
     if model.body_mass[body] > 0.0:
         inertial = ET.SubElement(link, "inertial")
         _add_origin(inertial, model.body_ipos[body], model.body_iquat[body])
@@ -101,8 +102,8 @@ def _add_joints(root: ET.Element, model: mujoco.MjModel, data: mujoco.MjData, bo
     """Joints from a body's parent to it: one each, or a fixed one."""
     parent = int(model.body_parentid[body])
     offset, attitude = _pose_in(data, parent, body)
-    name = model.body(body).name
-    parent_name = model.body(parent).name
+    name = body_label(model, body)
+    parent_name = body_label(model, parent)
     first = int(model.body_jntadr[body])
     joints = range(first, first + int(model.body_jntnum[body]))
 
@@ -114,12 +115,13 @@ def _add_joints(root: ET.Element, model: mujoco.MjModel, data: mujoco.MjData, bo
     for joint in joints:
         anchor = np.asarray(model.jnt_pos[joint])
         beside = bool(np.any(anchor)) or joint != joints[-1]
-        child = f"{name}_{model.joint(joint).name}_axis" if beside else name
+        joint_name = model.joint(joint).name or f"joint_{joint}"
+        child = f"{name}_{joint_name}_axis" if beside else name
 
         origin = offset + attitude.apply(anchor)
         element = _add_joint(
             root,
-            model.joint(joint).name,
+            joint_name,
             _TYPES[int(model.jnt_type[joint])],
             parent_name,
             child,

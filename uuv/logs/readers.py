@@ -220,9 +220,10 @@ class _BootClock:
             return boot + self._shift
 
         # Microseconds since the start, of 32 bits in some messages, or of an epoch in others.
-        if by_recorder is None:
-            return None
-        since_start = 1e-6 * getattr(message, "time_usec", 0) + self._shift
+        time_us = getattr(message, "time_usec", 0)
+        if by_recorder is None or not time_us:
+            return by_recorder
+        since_start = 1e-6 * time_us + self._shift
         since_start += round((by_recorder - since_start) / _WRAP) * _WRAP
         return since_start if abs(since_start - by_recorder) < _RESTART else by_recorder
 

@@ -117,6 +117,8 @@ def _read_stream(path: Path, gathered: Gathered, types: Any) -> None:
                 gathered.count()
                 rank = min(len(channel.topic), _MOST_RANK)
                 _TYPES[schema.name](gathered, time, decoded, channel.topic, rank)
+    except ConfigurationError:  # too many messages
+        raise
     except (McapError, *_broken()):  # the end, which the caller notes
         return
 

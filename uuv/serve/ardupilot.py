@@ -133,8 +133,8 @@ class ArduPilotDoor:
             traffic.lost += ahead - 1
             return True
 
-        behind = self._count - count
-        if count > _FIRST and behind < _FEW and behind < self._count // 2:
+        behind = self._count - count  # below zero: ahead by too much for a gap
+        if count > _FIRST and 0 < behind < _FEW and behind < self._count // 2:
             traffic.late += 1
             return False
 

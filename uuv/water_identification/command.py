@@ -37,6 +37,7 @@ from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
 
 _USUAL = (POSITION, ATTITUDE, RATE)  # channels of a planned or simulated log
+_PIECE = 1 << 20  # [bytes] of a file that are read at once
 _SHOWN = 4  # number of manoeuvres in the table of a plan
 
 
@@ -91,7 +92,7 @@ def run(options: WaterOptions, console: Console) -> int:
     truth: Array | None = None
     folder: Path
     if logs:
-        hashes = {str(path): _sha256(path) for path in options.log}
+        hashes = {str(path): sha256_of(path) for path in options.log}
         _check(replay, logs, settings)
         folder = new_folder(COMMAND, options.out, options.seed)
     else:
@@ -99,7 +100,7 @@ def run(options: WaterOptions, console: Console) -> int:
         truth, log = _simulated_survey(options, replay, settings)
         logs = [log]
         write_log(folder / "survey.csv", logs[0])
-        hashes = {"survey.csv": _sha256(folder / "survey.csv")}
+        hashes = {"survey.csv": sha256_of(folder / "survey.csv")}
 
         console.print(
             "no --log: a vehicle drawn from the prior is simulated; 'true' has its values"
@@ -360,7 +361,16 @@ def plan_table(ranked: Sequence[Planned]) -> Table:
     return table
 
 
-def _sha256(path: Path) -> str:
-    """Hash of a file, or of the tables of a run in sequence."""
-    files = sorted(path.glob("series_*")) if path.is_dir() else [path]
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+def sha256_of(path: Path) -> str:
+    """Hash of a file, or in sequence of the tables of a run or of all files of a bag."""
+    files = [path]
+    if path.is_dir():
+        every = (file for file in path.rglob("*") if file.is_file())
+        files = sorted(path.glob("series_*")) or sorted(every)
+
+    digest = hashlib.sha256()
+    for file in files:
+        with file.open("rb") as stream:
+            while piece := stream.read(_PIECE):
+                digest.update(piece)
+    return digest.hexdigest()

@@ -129,6 +129,10 @@ class ReplayVehicle:
         wrenches = np.zeros((6, len(self.pushes)))
         first = self.vehicle.hull_dof
 
+        # Forces on a free joint are in world axes: the hull's are parallel to them.
+        at = self.vehicle.hull_qpos
+        data.qpos[at + 3 : at + 7] = [1.0, 0.0, 0.0, 0.0]
+
         for k, i in enumerate(self.pushes):
             data.ctrl[:] = 0.0
             data.ctrl[i] = 1.0

@@ -65,10 +65,9 @@ def _gz_hydrodynamics(plugin: Element, facts: ModelFacts, content: FileContent) 
         content.tell(link, "water", "", "left out", "the model has no such link")
         return
 
-    density = _GZ_DENSITY
-    if plugin.find("water_density") is not None:
-        density = positive_in(plugin, "water_density", facts.name, _GZ_DENSITY)
-        content.water_density = density
+    # A volume of a mass has the density in which it will swim.
+    usual = content.water_density or _GZ_DENSITY
+    content.water_density = density = positive_in(plugin, "water_density", facts.name, usual)
 
     parameters = {}
 

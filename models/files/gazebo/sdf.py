@@ -24,6 +24,8 @@ from uuv.sim.interfaces.spatial import Array, checked, checked_place, inverse, p
 
 _TURNS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic"}
 _OF_MODEL = ("", "__model__")
+_AXES_OF_JOINTS = (1, 5)  # first version of SDF that states a joint's axis in the joint's frame
+_NEWEST = (1, 12)
 WORLD = "world"
 
 
@@ -47,6 +49,7 @@ class SdfModel:
 
     name: str  # first words of error messages
     xml: Element  # <model>
+    axes_of_model: bool = False  # axes of joints are stated in the model's frame: SDF up to 1.4
     notes: list[str] = field(default_factory=list)
 
     @cached_property
@@ -210,7 +213,8 @@ class SdfModel:
             raise ConfigurationError(f"{subject}: the axis must be longer than zero")
 
         base = None if xyz is None else xyz.get("expressed_in")
-        of_model = (element.findtext("use_parent_model_frame") or "").strip() in ("1", "true")
+        stated = (element.findtext("use_parent_model_frame") or "").strip()
+        of_model = stated in ("1", "true") if stated else self.axes_of_model
         if base is None and not of_model:
             return X_CJ[:3, :3] @ axis / length
         R_MC = self.X_MF(child)[:3, :3]
@@ -239,7 +243,14 @@ def parse_sdf(file: Path, name: str) -> SdfModel:
             named = [part.findtext("uri") or part.get("name") or tag for part in inner]
             notes.append(f"<{tag}> within the model left out: {', '.join(named)}")
 
-    return SdfModel(name=name, xml=model, notes=notes)
+    old = _version_of(xml) < _AXES_OF_JOINTS
+    return SdfModel(name=name, xml=model, axes_of_model=old, notes=notes)
+
+
+def _version_of(xml: Element) -> tuple[int, ...]:
+    """Version of an SDF in parts; the newest, if it states none."""
+    parts = xml.get("version", "").strip().split(".")
+    return tuple(map(int, parts)) if all(part.isdecimal() for part in parts) else _NEWEST
 
 
 def pose_of(element: Element, name: str) -> Array:

@@ -22,10 +22,11 @@ from uuv.models.files.gazebo.content import (
 from uuv.models.files.gazebo.thruster_limits import limited_thruster
 from uuv.models.hydrodynamics import BodyHydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, one_of
 
 DENSITY = 1028.0  # [kg/m^3] if the plugin states none
 _FLIP = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # axes of the plugin in axes of this project
+_AXES = ("i", "j", "k")  # of a cylinder: x, y, z
 _UNEVEN = 0.05  # largest accepted asymmetry of an added mass, as a share of its largest number
 _SPHERE_DRAG = 0.5  # drag coefficient of the plugin's spheres
 # Drag coefficients of the plugin's cylinders by length over diameter: upper end of the ratio, of
@@ -285,7 +286,10 @@ def _cylinder(shape: _Shape, density: float) -> tuple[Array, Array]:
     radius = shape.number("radius", min)
     length = shape.number("length", max)
     stated = (shape.model.findtext("axis") or "").strip()
-    axis = "ijk".find(stated) if stated else int(np.argmax(shape.box or [1.0, 0.0, 0.0]))
+    if stated:
+        axis = _AXES.index(one_of(stated, _AXES, f"{shape.subject}: <axis>"))
+    else:
+        axis = int(np.argmax(shape.box or [1.0, 0.0, 0.0]))
     ratio = length / (2.0 * radius) if radius > 0.0 else 0.0
     end = next(drag for most, drag in _END_DRAG if ratio <= most)
     side = next(drag for most, drag in _SIDE_DRAG if ratio <= most)

@@ -117,6 +117,7 @@ def test_postures_of_the_mapping_are_keyframes(tmp_path: Path) -> None:
         ("home: {tun: 0.1}", "home: unknown joint 'tun'; the arm has turn .did you mean turn"),
         ("ready: [1.5]", "ready: joint 'turn' must be within its range -1 to 1.2, got 1.5"),
         ("armature: -1", "armature .*: must be at least 0"),
+        ("armature: {turm: 0.5}", "armature: unknown joint 'turm'; the arm has turn .did you mean"),
         ("up: down", "up: "),
         ("masses: {nowhere: 3}", "masses: the model has no body 'nowhere'"),
         ("masses: {base: 0}", "masses.base .*must be above 0"),
@@ -195,3 +196,14 @@ def test_the_rest_of_the_water_is_turned_by_quarters() -> None:
         assert turned_water(water, UP[up], "hull").quadratic_damping == pytest.approx(turned)
         axis = {"y": [0, 1, 0], "-z": [0, 0, -1]}[up]
         assert UP[up] @ np.array(axis, dtype=float) == pytest.approx([0, 0, 1])
+
+
+def test_a_mass_of_the_mapping_is_taken_where_shapes_have_none(tmp_path: Path, within) -> None:
+    """As in a file that draws its shapes with mass 0 and forgot the body's inertia."""
+    (tmp_path / "rov.xml").write_text("""<mujoco><worldbody><body name="base">
+        <geom type="box" size="0.2 0.15 0.1" mass="0"/></body></worldbody></mujoco>""")
+    (tmp_path / "rov.parts.yaml").write_text("hull: base\nmasses: {base: 30}\n")
+    model = vehicle_spec(tmp_path / "rov.xml").compile()
+    within("mass", model.body("hull").mass[0] - 30.0, 1e-9)
+    radius = np.cbrt(0.75 * 30.0 / (np.pi * 1025.0))
+    within("inertia", model.body("hull").inertia - 0.4 * 30.0 * radius**2, 1e-12)

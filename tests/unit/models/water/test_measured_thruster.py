@@ -288,6 +288,7 @@ BAD = {
     "pulse_us,force_N\n1100,-3\n1500,x\n1900,4": "line 3: must have finite numbers",
     "pulse_us,force_N\n1100,-3\n1500,nan\n1900,4": "line 3: must have finite numbers",
     "pulse_us,force_N\n1100,-3\n1500": "line 3: must have finite numbers",
+    'pulse_us,force_N\n1100,"-3\n' + "1500,0\n" * 20_000: "cannot be read as CSV (field larger",
     "pulse_us,force_N\n1100,-3\n1500,0": "must have three or more rows, got 2",
     "pulse_us,force_N\n1100,-3\n1500,0\n1600,5\n1900,4": "but turns at 1600 us, from 5 to 4",
     "pulse_us,force_N\n1100,3\n1500,4\n1900,5": "must rise from below zero through zero",

@@ -6,7 +6,7 @@ import pytest
 
 from uuv.check.check import check_vehicle
 from uuv.check.hover import hover, rigid
-from uuv.check.statics import listing_of
+from uuv.check.statics import listing_of, strongest_current
 from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.models import hydrodynamics
 from uuv.models.vehicle import Vehicle
@@ -122,3 +122,31 @@ def test_a_run_of_such_a_hull_may_list_as_far_as_the_check_allows() -> None:
     assert undriven_axes(own.vehicle.thruster_wrench) == ("roll",)
     assert work_bounds(own).heel == MOST_LIST
     assert work_bounds(own).tilt == work_bounds(sound).tilt
+
+
+def test_a_hull_without_an_arm_hovers_with_its_closed_loop_held() -> None:
+    """A flap on the hull, held at its other end by a weld: a loop, and no arm's base."""
+    spec = vehicle_spec("bluerov2_heavy")
+    flap = spec.body("hull").add_body(name="flap", pos=[0.1, 0.0, 0.1])
+    flap.add_joint(name="flap", type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 1.0, 0.0])
+    flap.add_geom(size=[0.02, 0.02, 0.02], mass=0.01)
+    spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="flap", name2="hull"
+    )
+    check = check_vehicle(spec, jobs=("hover",))
+    finding = check.found("closed-loop")
+    assert finding is not None
+    assert "weld of flap and hull" in finding.said
+    assert check.verdict("hover").promised
+
+
+def test_a_current_acts_along_the_hulls_axes_whatever_its_heading_at_home() -> None:
+    """Drag ahead and abeam differ; a hull drawn with another heading has the same ones."""
+    speeds = []
+    for quat in ([1.0, 0.0, 0.0, 0.0], [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]):
+        spec = six_vectored(0.0)
+        spec.body("hull").quat = quat
+        model = water.compile(spec)
+        speeds.append([strongest_current(model, Vehicle.of(model), i, 40.0) for i in range(2)])
+    assert speeds[0][0] > 1.1 * speeds[0][1]
+    assert speeds[1] == pytest.approx(speeds[0], rel=1e-9)

@@ -26,6 +26,7 @@ from uuv.export import live_log
 from uuv.export.robot_description import robot_description
 from uuv.export.topics import RosTypes, RunTopics, twists_of
 from uuv.jobs import clean_barrel
+from uuv.models.naming import body_label
 from uuv.models.vehicle import Vehicle
 from uuv.runner import run_through
 from uuv.scenario_file import to_toml
@@ -375,3 +376,26 @@ def test_a_log_of_a_run_that_goes_on_is_what_is_exported_from_it(tmp_path, monke
     assert {row for row in streamed if row[0] in whole} <= complete
     assert max(stamp for _, stamp, _ in streamed) >= 0.9e9
     assert logs.main("logs", [str(tmp_path / "died.mcap")]) == 0
+
+
+def test_parts_without_names_are_told_apart_by_their_numbers():
+    spec = models.load("uuv_puma")
+    for key in list(spec.keys):
+        spec.delete(key)
+    for side in (0.2, -0.2):
+        flap = spec.body("hull").add_body(pos=[0.0, side, 0.0])
+        flap.add_joint(axis=[1.0, 0.0, 0.0], limited=mujoco.mjtLimited.mjLIMITED_FALSE)
+        flap.add_geom(size=[0.02, 0.02, 0.02], mass=0.01)
+    model = spec.compile()
+    root = ElementTree.fromstring(robot_description(model))
+    for tag in ("link", "joint"):
+        names = [element.get("name") for element in root.findall(tag)]
+        assert all(names)
+        assert len(set(names)) == len(names)
+    read = mujoco.MjSpec.from_string(robot_description(model)).compile()
+    assert read.njnt >= 2
+
+    # Records, and with them /tf, call the bodies alike.
+    labels = [body_label(model, body) for body in range(model.nbody)]
+    assert len(set(labels)) == model.nbody
+    assert {element.get("name") for element in root.findall("link")} >= set(labels[2:])

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from uuv import models
 from uuv.calib.water.logs import ATTITUDE, FORCE, RATE
 from uuv.export.topics import RosTypes
-from uuv.logs import vehicle_log
+from uuv.logs import gathered, vehicle_log
 from uuv.logs.ardusub_frames import FRAMES
 from uuv.logs.readers import quaternion_xyzw, read_vehicle_log
 from uuv.models.vehicle import Vehicle
@@ -500,3 +500,31 @@ def test_a_bag_without_a_type_that_is_read_says_so(tmp_path):
         writer.write(topic, 0, types.encoded(kind, types.make("String", data="hello")))
     with pytest.raises(ConfigurationError, match="std_msgs/msg/String"):
         read_vehicle_log(tmp_path / "talk")
+
+
+@pytest.mark.parametrize("begin", [0.2, 4294.5])
+def test_a_message_without_a_time_has_the_recorders(begin, tmp_path):
+    """Depths of VFR_HUD, also where a clock of 32 bits begins anew."""
+
+    def attitude(boot):
+        return lambda link: link.attitude_encode(round(1e3 * boot), *ANGLES, *RATES)
+
+    def hud(depth):
+        return lambda link: link.vfr_hud_encode(0.0, 0.0, 0, 0, -depth, 0.0)
+
+    packets = []
+    for row in range(20):
+        packets += [(0.05 * row, attitude(begin + 0.05 * row)), (0.05 * row, hud(0.1 * row))]
+    log = telemetry(tmp_path / "hud.tlog", packets)
+    depth = log.streams[vehicle_log.DEPTH]
+    assert np.diff(depth.time) == pytest.approx(np.full(19, 0.05), abs=2e-3)
+    assert depth.values[:, 0] == pytest.approx(0.1 * np.arange(20), abs=1e-6)
+    assert not any("does not rise" in line for line in log.notes)
+
+
+def test_a_cut_file_with_too_many_messages_is_refused(bag, tmp_path, monkeypatch):
+    (tmp_path / "cut.mcap").write_bytes(bag.read_bytes()[:-200])
+    assert read_vehicle_log(tmp_path / "cut.mcap").messages > 20
+    monkeypatch.setattr(gathered, "MOST", 20)
+    with pytest.raises(ConfigurationError, match="more than 20 messages"):
+        read_vehicle_log(tmp_path / "cut.mcap")

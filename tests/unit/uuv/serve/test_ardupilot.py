@@ -309,3 +309,12 @@ def test_a_foreign_controller_holds_depth_and_heading_over_the_socket(door):
     assert np.abs(np.array(autopilot.depths[-5 * RATE :]) - 3.0).max() < 0.05
     yaw = 2.0 * math.atan2(-door.vehicle.quat_WB_wxyz[3], door.vehicle.quat_WB_wxyz[0])
     assert yaw == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_count_that_leaps_ahead_is_that_of_another_start():
+    door = ArduPilotDoor("vectored")
+    door.reply(packet(0))
+    door.reply(packet(1))
+    states = [motion(door.reply(packet(200_000 + row))) for row in range(3)]
+    assert [state["timestamp"] for state in states] == pytest.approx([0.01, 0.02, 0.03])
+    assert (door.traffic.late, door.traffic.restarts, door.traffic.lost) == (0, 1, 0)

@@ -2,6 +2,7 @@
 command.
 """
 
+import hashlib
 import json
 from dataclasses import replace
 from typing import Any
@@ -22,7 +23,7 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command
 from uuv.sim.plant.plant import Plant
 from uuv.sim.water.current import Current
-from uuv.water_identification.command import run
+from uuv.water_identification.command import run, sha256_of
 from uuv.water_identification.log_residuals import LogReplay, identify
 from uuv.water_identification.manoeuvres import Manoeuvre, menu, simulated, survey
 from uuv.water_identification.options import WaterOptions
@@ -260,3 +261,24 @@ def _quarter_turn(own: ReplayVehicle, count: int) -> np.ndarray:
     return own.vehicle.q_home + 0.6 * (own.vehicle.q_ready - own.vehicle.q_home) * (
         s * s * (3.0 - 2.0 * s)
     )
+
+
+def test_a_hull_that_is_drawn_turned_is_pushed_along_its_own_axes(within):
+    spec = models.load("bluerov2_heavy")
+    spec.body("hull").quat = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+    turned = ReplayVehicle(spec)
+    within("wrenches", turned.wrench - turned.vehicle.thruster_wrench, 1e-9)
+
+
+def test_the_hash_of_a_bag_is_that_of_its_files(tmp_path):
+    for name, content in (("one", b"1"), ("other", b"2")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "metadata.yaml").write_bytes(b"same")
+        (tmp_path / name / "dive.mcap").write_bytes(content)
+    assert sha256_of(tmp_path / "one") != sha256_of(tmp_path / "other")
+    expected = hashlib.sha256(b"1same").hexdigest()
+    assert sha256_of(tmp_path / "one") == expected
+
+    # Of a run only the tables count.
+    (tmp_path / "one" / "series_loop.parquet").write_bytes(b"table")
+    assert sha256_of(tmp_path / "one") == hashlib.sha256(b"table").hexdigest()

@@ -270,3 +270,45 @@ def test_slips_are_one_line(tmp_path: Path, old: str, new: str, said: str | None
         return
     with pytest.raises(ConfigurationError, match=said):
         vehicle_spec(file, computed=False)
+
+
+def test_a_volume_of_a_mass_swims_in_the_density_that_it_was_computed_with(tmp_path: Path) -> None:
+    file = written(tmp_path, HYDRO.replace("<water_density>1025</water_density>", ""))
+    text = file.read_text()
+    collision = text[text.index("<collision") : text.index("</collision>") + len("</collision>")]
+    file.write_text(text.replace(collision, ""))
+    spec = vehicle_spec(file, computed=False)
+    body = hydrodynamics.attached(spec)["hull"]
+    assert hydrodynamics.density_of(spec) * body.volume == pytest.approx(20.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("version", "of_model"),
+    [("1.3", True), ("1.4", True), ("1.5", False), ("1.10", False), ("", False)],
+)
+def test_axes_of_joints_are_those_of_the_model_up_to_version_1_4(
+    tmp_path: Path, version: str, of_model: bool, within
+) -> None:
+    """The joint's frame is rolled by 0.3 in a link that is turned in the base's frame."""
+    file = written(tmp_path)
+    file.write_text(file.read_text().replace('version="1.7"', f'version="{version}"'))
+    axis = vehicle_spec(file, computed=False).joint("turn").axis
+    from scipy.spatial.transform import Rotation
+
+    R_MB = Rotation.from_euler("z", 0.4)
+    R_MU = R_MB * Rotation.from_euler("xyz", [0.2, 0.1, -0.3])
+    expected = (
+        R_MU.inv().apply([0.0, 0.0, 1.0])
+        if of_model
+        else Rotation.from_euler("x", 0.3).apply([0.0, 0.0, 1.0])
+    )
+    within("axis", np.asarray(axis) - expected, 1e-12)
+
+
+def test_a_stated_frame_of_an_axis_counts_in_any_version(tmp_path: Path, within) -> None:
+    file = written(tmp_path)
+    text = file.read_text().replace('version="1.7"', 'version="1.4"')
+    own = "<xyz>0 0 1</xyz><use_parent_model_frame>0</use_parent_model_frame>"
+    file.write_text(text.replace("<xyz>0 0 1</xyz>", own))
+    axis = vehicle_spec(file, computed=False).joint("turn").axis
+    within("axis", np.asarray(axis) - [0.0, -np.sin(0.3), np.cos(0.3)], 1e-12)

@@ -279,3 +279,10 @@ def test_a_number_that_is_none_is_one_line(tmp_path: Path) -> None:
         spec_of(tmp_path, urdf(FOSSEN, volume="<volume>much</volume>"))
     with pytest.raises(ConfigurationError, match="<added_mass>: expected 36 numbers"):
         spec_of(tmp_path, urdf("<type>fossen</type><added_mass>1 2</added_mass>"))
+
+
+@pytest.mark.parametrize("axis", ["x", "ij", "-k"])
+def test_a_cylinder_lies_along_i_j_or_k(tmp_path: Path, axis: str) -> None:
+    shape = f"<type>cylinder</type><radius>0.1</radius><length>1</length><axis>{axis}</axis>"
+    with pytest.raises(ConfigurationError, match=f"<axis>: allowed i, j, k, got '{axis}'"):
+        spec_of(tmp_path, urdf(shape))

@@ -215,14 +215,14 @@ def joint_centres(chain: Chain, q: Array) -> Array:
     """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
     centres = np.empty((chain.n, 3))  # each joint is moved by the joints before it
     X = np.eye(4)
-    for i, (kind, axis, point) in enumerate(
-        zip(chain.joint_types, chain.axes, chain.points, strict=True)
+    for i, (kind, motion, point) in enumerate(
+        zip(chain.joint_types, chain.motions, chain.points, strict=True)
     ):
         centres[i] = X[:3, :3] @ point + X[:3, 3]
         if kind == "p":
-            X = X @ pose(p=axis * q[i])
+            X = X @ pose(p=motion * q[i])
         else:
-            R = exp_so3(axis * q[i])
+            R = exp_so3(motion * q[i])
             X = X @ pose(R, point - R @ point)
     return centres
 

@@ -8,8 +8,8 @@ the thrust; 1500 N is chosen, near the 1540 N of RexROV 2.
 Arm: joints, limits, efforts, damping, masses, inertias and shapes of the Oberon 7 of
 uuvsimulator/uuv_manipulators, and its place on the hull, as in the robot rexrov_oberon7 of
 Field-Robotics-Lab/dave, which was read. Dry friction of that file is left out: in three joints it
-is near the effort or above it (150 of 200 N m, 1000 of 1000). Each link displaces a cylinder as long
-as its shape there, of a radius that makes the link twice as dense as water. The gripper's fingers
+is near the effort (150 of 200 N m, 1000 of 1000). Each link displaces a cylinder as long as its
+shape there, of a radius that makes the link twice as dense as water. The gripper's fingers
 are part of the last link. The rotors' inertia is an estimate: what full torque accelerates to the
 rated speed in 2 ms. The camera is chosen.
 """

@@ -113,8 +113,12 @@ class HullPath:
             yield from self._arcs(X_from, X_to, back)
 
     def _arcs(self, X_from: Array, X_to: Array, back: float) -> Iterator[list[Array]]:
-        """Paths around the object's middle both ways, the shorter first, `back` [m] farther off than
-        the farther end.
+        """Paths around the object's middle both ways, the shorter first.
+
+        Args:
+            X_from: (4, 4) hull pose at the start.
+            X_to: (4, 4) hull pose at the end.
+            back: [m] by which they are farther from the middle than the farther end.
         """
         start, end = (X[:2, 3] - self._middle[:2] for X in (X_from, X_to))
         radius = max(float(np.linalg.norm(start)), float(np.linalg.norm(end))) + back

@@ -49,6 +49,11 @@ class HullPath:
         self._planes = shell.equations
         self._middle = obstacle.mean(axis=0)
 
+    @property
+    def clearance(self) -> float:
+        """Clearance [m] that paths keep where they can."""
+        return self._clearance
+
     def gap(self, X_WB: Array) -> float:
         """Distance [m] of hull box, arm joints and tip to the object; negative inside."""
         return min(hull_gap(X_WB, self._hull_box, self._skin), self._arm_gap(X_WB))

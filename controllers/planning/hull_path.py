@@ -79,11 +79,7 @@ class HullPath:
 
     def least_gap(self, poses: Sequence[Array]) -> float:
         """Least distance [m] to the object on straight moves through `poses` (4, 4)."""
-        return min(
-            self.gap(PoseMove(0.0, 1.0, start, end).at(share)[0])
-            for start, end in pairwise(poses)
-            for share in np.linspace(0.0, 1.0, _CHECKED)
-        )
+        return min(self.gap(X_WB) for X_WB in _checked(poses))
 
     def way(self, X_from: Array, X_to: Array) -> list[Array]:
         """Poses (4, 4) of a path from `X_from` (4, 4), excluded, to `X_to` (4, 4), included.
@@ -92,18 +88,12 @@ class HullPath:
         as its ends have. Otherwise it is the first detour that does, the shortest detours first,
         those around the object last. If no detour does, it is the path with the largest clearance.
         """
-        clearance = min(self._clearance, self.gap(X_from), self.gap(X_to))
-        best = [X_to]
-        widest = -np.inf
-
-        for way in self._ways(X_from, X_to):
-            gap = self.least_gap([X_from, *way])
-            if gap > widest:
-                best = way
-                widest = gap
-            if gap >= clearance - 1e-9:
-                break
-        return best
+        clearance = min(self._clearance, self.gap(X_from), self.gap(X_to)) - 1e-9
+        ways = list(self._ways(X_from, X_to))
+        for way in ways:
+            if all(self.keeps(X_WB, clearance) for X_WB in _checked([X_from, *way])):
+                return way
+        return max(ways, key=lambda way: self.least_gap([X_from, *way]))
 
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:
         yield [X_to]
@@ -148,6 +138,14 @@ class HullPath:
         """Position (3,) [m] of a pose moved horizontally by `back` [m] off the object's middle."""
         away = (X_WB[:3, 3] - self._middle) * [1.0, 1.0, 0.0]
         return X_WB[:3, 3] + back * away / max(float(np.linalg.norm(away)), 1e-9)
+
+
+def _checked(poses: Sequence[Array]) -> Iterator[Array]:
+    """Poses (4, 4) on straight moves through `poses` (4, 4), _CHECKED of each move."""
+    for start, end in pairwise(poses):
+        move = PoseMove(0.0, 1.0, start, end)
+        for share in np.linspace(0.0, 1.0, _CHECKED):
+            yield move.at(share)[0]
 
 
 def _wrapped(angle: float) -> float:

@@ -347,7 +347,8 @@ def test_rexrov_with_the_oberon_7_is_that_of_the_published_urdf(rng, within):
     for i, (xyz, rpy, axis) in enumerate(OBERON_JOINTS, start=1):
         parts.append(
             f'<link name="l{i}">{mass}<joint name="j{i}" type="continuous"><child link="l{i}"/>'
-            f'<parent link="l{i - 1}"/><axis xyz="{axis}"/><origin xyz="{xyz}" rpy="{rpy}"/></joint>'
+            f'<parent link="l{i - 1}"/><axis xyz="{axis}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/></joint>'
         )
     for i, (xyz, rpy) in REXROV_THRUSTERS.items():
         parts.append(
@@ -364,8 +365,9 @@ def test_rexrov_with_the_oberon_7_is_that_of_the_published_urdf(rng, within):
     for data in (theirs, ours):
         mujoco.mj_kinematics(data.model, data)
     hand = theirs.body("l6")
-    tip = hand.xpos + hand.xmat.reshape(3, 3) @ [0.15, 0.0, 0.0]
-    within("tip [m]", ours.site(TIP_SITE).xpos - tip, 1e-6)  # 4e-7: digits of a length
+    found = ours.body("end_effector")
+    within("hand [m]", found.xpos - hand.xpos, 1e-6)  # 4e-7: digits of a length
+    within("axes of the hand", found.xmat - hand.xmat, 1e-12)
     along = ours.site(TIP_SITE).xmat.reshape(3, 3)[:, 2]
     within("tool axis", along - hand.xmat.reshape(3, 3)[:, 0], 1e-12)
 
@@ -657,8 +659,8 @@ def test_fixed_arm_is_held_by_the_torque_of_its_weight_in_water(name, within):
 @pytest.mark.parametrize("name", FLOATING)
 @pytest.mark.parametrize("axis", [0, 1], ids=["roll", "pitch"])
 def test_heeled_it_rights_itself(name, axis):
-    """It comes back upright within one period 2 pi sqrt(I / m g h) of its water and mass, and never
-    heels further.
+    """It comes back upright within one period 2 pi sqrt(I / m g h) of its water and mass, later if
+    linear damping holds it up, and never heels further.
     """
     model, data = braked(name)
     _, arm = lever(model, data)
@@ -668,6 +670,11 @@ def test_heeled_it_rights_itself(name, axis):
     heel = np.radians(10.0)
     data.qpos[3:7] = [np.cos(heel / 2.0), *(np.sin(heel / 2.0) * np.eye(3)[axis])]
     hull, tilt = model.body(HULL_BODY).id, []
+    # strong linear damping creeps back: to a tenth in 2.3 of its times
+    known = coefficients(model, hull)
+    assert known is not None
+    righting = 9.81 * float(np.sum(model.body_mass)) * arm[2]
+    period += 3.0 * known.linear_damping[3 + axis, 3 + axis] / righting
     for _ in range(100):
         mujoco.mj_step(model, data, round(period / model.opt.timestep / 100))
         tilt.append(float(np.arccos(min(data.xmat[hull].reshape(3, 3)[2, 2], 1.0))))

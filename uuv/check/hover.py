@@ -77,7 +77,7 @@ def hover(
     state = control.init()
     ticks = max(1, round(_PERIOD / plant.timestep))
 
-    watch = _Watch(plant, q)
+    watch = _Watch(plant, q, ticks * plant.timestep)
     thrusters = np.zeros(len(vehicle.thruster_names))
 
     try:
@@ -95,20 +95,22 @@ def hover(
                 Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False)
             )
             plant.observe()
-            watch.see(true)
-            if not watch.away < _LOST:
-                return watch.broken_off("it drifted away", watch.away)
+            if (tick + 1) % ticks == 0:
+                watch.see(true)
+                if not watch.away < _LOST:
+                    return watch.broken_off("it drifted away", watch.away)
     except HydrodynamicsError as error:
         return watch.broken_off(str(error), np.inf)
     return watch.figures()
 
 
 class _Watch:
-    """Figures of station keeping, taken at every step."""
+    """Figures of station keeping, taken in every period of control."""
 
-    def __init__(self, plant: Plant, q: Array) -> None:
-        """Take the plant, and the posture (n,) that its arm is to hold."""
+    def __init__(self, plant: Plant, q: Array, period: float) -> None:
+        """Take the plant, the posture (n,) that its arm is to hold, and the period [s]."""
         self._plant = plant
+        self._period = period
         self._q = q
         self._radius = _radius(plant)
         self._limits = RestLimits()
@@ -120,7 +122,7 @@ class _Watch:
         self._window = SECONDS  # [s] end of the present window
 
     def see(self, true: Truth) -> None:
-        """Record one step."""
+        """Record one period."""
         self._steps += 1
         self._saturated += bool(true.saturated)
         self.away = float(np.linalg.norm(true.p_WB))
@@ -135,7 +137,7 @@ class _Watch:
         rate = float(np.linalg.norm(true.w_WB_B))
         still = float(np.linalg.norm(true.v_WB_W)) <= limits.speed and rate <= limits.turn
         near = self.away <= limits.error
-        self._quiet = self._quiet + self._plant.timestep if still and near else 0.0
+        self._quiet = self._quiet + self._period if still and near else 0.0
         self._rest = max(self._rest, self._quiet)
 
         self._rates[0] = max(self._rates[0], rate)
@@ -165,7 +167,7 @@ class _Watch:
             saturated=self._saturated / self._steps,
             rest=self._rest,
             turn=self._turn,
-            power=_mean_power(self._plant, self._steps * self._plant.timestep),
+            power=_mean_power(self._plant, self._steps * self._period),
             swing=self._swing,
         )
 

@@ -46,7 +46,7 @@ from uuv.tasks.start_place import RunStreams, clearance, folded_at, start_pose, 
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
 PROMISED = 0.95  # share of the drawn poses from which on a job is promised
-FEW = 5  # poses that decide where none of them passes, and at which another option is tried
+FEW = 5  # poses that a refusal takes at least, and at which another option is tried
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
 FRICTION = 0.6  # friction of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
@@ -162,13 +162,14 @@ class ArmJobs:
         return judged
 
     def _judged(self, name: str, place: "Callable[[int], JobVerdict]") -> list[JobVerdict]:
-        """Verdicts at the poses, only at the first few if none of these passes."""
+        """Verdicts at the poses, until too many are refused for a promise, at FEW at least."""
         verdicts: list[JobVerdict] = []
+        spare = int((1.0 - PROMISED) * self.conditions.poses + 1e-9)
         for pose in range(self.conditions.poses):
             verdicts.append(place(pose))
             if self._watch is not None:
                 self._watch(name, len(verdicts), self.conditions.poses)
-            if len(verdicts) == FEW and not any(verdict.promised for verdict in verdicts):
+            if len(verdicts) >= FEW and sum(not v.promised for v in verdicts) > spare:
                 break
         return verdicts
 

@@ -40,6 +40,10 @@ _MODELS = {
         build="uuv.models.vehicles.bluerov2:build",
         source="clydemcqueen/bluerov2_gz, six T200 at 16 V; added mass of Wu 2018",
     ),
+    "bluerov2_alpha5": _Entry(
+        build="uuv.models.vehicles.bluerov2:with_alpha_5",
+        source="bluerov2 with reach_alpha_5 under the bow",
+    ),
     "bluerov2_heavy_benzon2022": _Entry(
         build="uuv.models.vehicles.bluerov2_heavy:benzon_2022",
         source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V",
@@ -53,10 +57,20 @@ _MODELS = {
         build="uuv.models.vehicles.bluerov2_heavy:with_alpha_5",
         source="von Benzon et al. 2022 with reach_alpha_5 under the bow",
     ),
+    "girona500_arm4": _Entry(
+        build="uuv.models.vehicles.girona500:with_arm_4",
+        source="UWSim (uji-ros-pkg/underwater_simulation), hull for fresh water, here ballasted "
+        "for 1025 kg/m^3; joint frames of an ARM 5E, its masses and torques are estimates",
+    ),
     "phoenix_smart3s": _Entry(
         build="uuv.models.vehicles.phoenix_smart3s:build",
         source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh "
         "water, here ballasted for 1025 kg/m^3)",
+    ),
+    "rexrov_oberon7": _Entry(
+        build="uuv.models.vehicles.rexrov:with_oberon_7",
+        source="RexROV of UUV Simulator (Manhaes et al. 2016; Berg 2012) with an Oberon 7 as in "
+        "DAVE",
     ),
     "rexrov2_arm7": _Entry(
         build="uuv.models.vehicles.rexrov2:with_arm_7",

@@ -53,6 +53,7 @@ class Chain:
     links: Array  # (n, 3) [m] the swinging vector of each pantograph link, zero elsewhere
     X_base_tip0: Array  # (4, 4) tip pose at zero
     limits: Array  # (n, 2) [rad] or [m] lower and upper joint limits, infinite for none
+    travels: Array  # (n,) [m] of the tip per [m] of a slide that others follow; 1 elsewhere
     names: tuple[str, ...]  # of the joints
     n: int = field(init=False)  # number of joint values
     _scale: float = field(init=False, repr=False)
@@ -174,6 +175,7 @@ class Chain:
             links=readonly(links),
             X_base_tip0=readonly(X @ X_n_tip),
             limits=limits,
+            travels=readonly(np.ones(len(table))),
             names=names,
         )
 
@@ -241,6 +243,7 @@ class Chain:
                 X_base_tip0 @ checked_pose(np.eye(4) if tool is None else tool, "tool")
             ),
             limits=_checked_limits(limits, n),
+            travels=readonly(np.ones(n)),
             names=tuple(f"joint{i + 1}" for i in range(n)),
         )
 
@@ -252,7 +255,9 @@ class Chain:
 
         The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges
         where limited. Two consecutive hinges that an active joint equality turns against each other
-        are one pantograph link. It has the name and the joint value of the first hinge.
+        are one pantograph link. It has the name and the joint value of the first hinge. Slides that
+        follow a slide, with only slides between them, are one slide with the name and the value of
+        the leader (a telescope).
 
         Args:
             model: compiled model.
@@ -281,7 +286,7 @@ class Chain:
 
         Fixed joints take no part, `continuous` ones have no limits. Two consecutive hinges are one
         pantograph link where the second mimics the first, turning the other way about the same
-        direction.
+        direction; slides that mimic a slide are one slide with their leader.
 
         Args:
             urdf: path of a file, or its text.
@@ -298,6 +303,11 @@ class Chain:
         """
         model, root = model_from_urdf(urdf, base_link, tip_link)
         return cls.from_mjcf(model, "world" if base_link == root else base_link, CHAIN_TIP, exclude)
+
+    @property
+    def motions(self) -> Array:
+        """Motion (n, 3) along or about its axis per joint value, in base axes."""
+        return self.axes * self.travels[:, None]
 
     def forward(self, q: ArrayLike) -> Array:
         """Tip pose X_base_tip (4, 4) at `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""
@@ -407,13 +417,20 @@ def memory_of(chain: Chain, scale: float) -> Array:
         joints[i, kernels.COS_ALPHA] = np.cos(alpha)
         joints[i, kernels.SIN_ALPHA] = np.sin(alpha)
         joints[i, kernels.LINK : kernels.LINK + 3] = scale * link
-        joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
+        if chain.joint_types[i] == "p":
+            joints[i, kernels.TRAVEL] = chain.travels[i]
+        else:
+            joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
         joints[i, kernels.LOWER], joints[i, kernels.UPPER] = chain.limits[i]
         R = R_after @ exp_so3([alpha, 0.0, 0.0])
 
     # Tip in the last joint frame, and the scalars of the head
     table[1, :9] = (R.T @ chain.X_base_tip0[:3, :3]).ravel()
-    strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
+    strokes = [
+        chain.travels[i] * np.max(np.abs(chain.limits[i]))
+        for i in range(n)
+        if chain.joint_types[i] == "p"
+    ]
     table[0, kernels.SCALE] = scale
     table[0, kernels.REACH] = scale * (_length(chain) + sum(strokes)) * (1.0 + 1e-9)
     table[1, kernels.SWEEPS] = _sweeps_pay_off(chain)

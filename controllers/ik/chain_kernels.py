@@ -42,6 +42,7 @@ UPPER = 8  # [rad] or [m]
 COS_OFFSET = 9  # of the constant turn about z
 SIN_OFFSET = 10  # likewise
 AFTER = 11  # part of a pantograph link that does not swing [scaled], three columns
+TRAVEL = 11  # of a slide: [m] by which the tip moves per [m] of joint value, 1 without followers
 COLUMNS = 14  # their number
 HEAD = 2  # rows of `table` before those of the joints
 SCALE = 12  # column of row 0: factor of lengths
@@ -157,7 +158,7 @@ def trace(table, q, work):
         # Move by the link vector
         lx, ly, lz = row[LINK], row[LINK + 1], row[LINK + 2]
         if kind == SLIDE:
-            lz += table[0, SCALE] * q[i]
+            lz += table[0, SCALE] * row[TRAVEL] * q[i]
         elif kind == PANTOGRAPH:
             c, s = cosine_and_sine(q[i])
             lx, ly = c * lx - s * ly, s * lx + c * ly
@@ -206,7 +207,7 @@ def column(table, work, i, px, py, pz):
     # Slide: along e
     none = px - px
     if kind == SLIDE:
-        scale = table[0, SCALE]
+        scale = table[0, SCALE] * table[HEAD + i, TRAVEL]
         return scale * ex, scale * ey, scale * ez, none, none, none
 
     # Pantograph link: e x s, with s the link; the tip does not turn

@@ -7,9 +7,11 @@ import mujoco
 import numpy as np
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import inverse, pose, readonly, shown
+from uuv.sim.interfaces.spatial import Array, inverse, pose, readonly, shown
 
 # kinds of joints that a chain may have, as `Chain.joint_types` names them
+_STILL = 1e-9  # [m] of motion per joint value, below which a telescope does not move
+_ROUNDED = 1e-9  # likewise, by which rounding may change the 1 of a joint without followers
 _LETTERS = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
 
 
@@ -43,20 +45,30 @@ def chain_fields(
         model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf]
     )
 
-    # A follower and its leader are one pantograph link
+    # A hinge and its follower are one pantograph link, a slide and its followers one telescope.
     links = np.zeros((len(joints), 3))
     types = [_LETTERS[int(model.jnt_type[j])] for j in joints]
+    moves = np.array(data.xaxis[joints])  # of what each joint carries, per joint value
     for follower, (leader, constant, ratio) in followers.items():
-        i = joints.index(leader)
-        if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
-            raise ConfigurationError(
-                f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they "
-                "carry parallel"
-            )
-        types[i] = "o"
-        links[i] = data.xanchor[follower] - data.xanchor[leader]
-        bounds = np.sort((limits[i + 1] - constant) / ratio)
-        limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
+        i, k = joints.index(leader), joints.index(follower)
+        if types[i] == "p":
+            moves[i] += ratio * data.xaxis[follower]
+        else:
+            if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
+                raise ConfigurationError(
+                    f"joints {names[i]!r} and {names[k]!r} are coupled, but do not keep what they "
+                    "carry parallel"
+                )
+            types[i] = "o"
+            links[i] = data.xanchor[follower] - data.xanchor[leader]
+        limits[i] = _shared(limits[i], limits[k], constant, ratio)
+
+    travels = np.linalg.norm(moves, axis=1)
+    if not travels.min() > _STILL:
+        name = names[int(np.argmin(travels))]
+        raise ConfigurationError(f"joint {name!r}: its followers cancel its motion")
+    # exact where nothing follows
+    travels = np.where(np.abs(travels - 1.0) < _ROUNDED, 1.0, travels)
 
     # What is left, in the frame of the base
     independent = [i for i, j in enumerate(joints) if j not in followers]
@@ -66,7 +78,8 @@ def chain_fields(
     R_W_base = X_W_base[:3, :3]
     return {
         "joint_types": "".join(types[i] for i in independent),
-        "axes": readonly(data.xaxis[ids] @ R_W_base),
+        "axes": readonly((moves / travels[:, None])[independent] @ R_W_base),
+        "travels": readonly(travels[independent]),
         "points": readonly((data.xanchor[ids] - X_W_base[:3, 3]) @ R_W_base),
         "links": readonly(links[independent] @ R_W_base),
         "X_base_tip0": readonly(inverse(X_W_base) @ X_W_tip),
@@ -108,8 +121,8 @@ def _joints_between(model: mujoco.MjModel, base: int, site: int, excluded: set[i
 
 
 def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:
-    """Hinges coupled to the one before: {follower: (leader, c, r)}, q = c + r q_leader."""
-    followers = {}
+    """Joints coupled to one before: {follower: (leader, c, r)}, q = c + r q_leader."""
+    followers: dict[int, tuple[int, float, float]] = {}
     for e in range(model.neq):
         pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
         coupled = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[e]
@@ -119,25 +132,53 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
         # MuJoCo: q1 - q1_0 = c0 + c1 (q2 - q2_0) + ..., where q_0 is the joint's value at qpos0.
         c0, c1 = model.eq_data[e, :2]
         first, second = sorted(pair, key=joints.index)
+        between = joints[joints.index(first) : joints.index(second) + 1]
+        linear = c1 != 0.0 and not np.any(model.eq_data[e, 2:5])
+        slides = all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE for j in between)
         hinges = all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in pair)
+        parallel = hinges and len(between) == 2 and abs(c1) == 1.0
 
-        if (
-            not hinges
-            or joints.index(second) != joints.index(first) + 1
-            or abs(c1) != 1.0
-            or np.any(model.eq_data[e, 2:5])
-        ):
+        if not linear or not (slides or parallel) or second in followers:
             raise ConfigurationError(
                 f"joints {model.joint(first).name!r} and {model.joint(second).name!r}: the only "
-                "coupling known is a pantograph link (two hinges in a row, polycoef c 1 or c "
-                f"-1), got {model.eq_data[e, :5].tolist()}"
+                "couplings known are a pantograph link (two hinges in a row, polycoef c 1 or c "
+                "-1) and a telescope (slides with only slides between them, polycoef c r), got "
+                f"{model.eq_data[e, :5].tolist()}"
             )
 
         # The value of the second joint at a leader at zero, whichever the equality names first
         at_rest = {j: float(model.qpos0[model.jnt_qposadr[j]]) for j in pair}
-        shift = c0 if pair[0] == second else -c0 * c1
-        followers[second] = (first, at_rest[second] + shift - c1 * at_rest[first], c1)
-    return followers
+        ratio = float(c1) if pair[0] == second else 1.0 / float(c1)
+        shift = float(c0) if pair[0] == second else -float(c0) * ratio
+        followers[second] = (first, at_rest[second] + shift - ratio * at_rest[first], ratio)
+
+    # Three hinges that are coupled in a row are no pantograph link.
+    for follower, (leader, _, _) in followers.items():
+        if leader in followers and model.jnt_type[leader] == mujoco.mjtJoint.mjJNT_HINGE:
+            raise ConfigurationError(
+                f"joint {model.joint(leader).name!r}: must not both follow a hinge and lead joint "
+                f"{model.joint(follower).name!r}"
+            )
+    return {follower: _resolved(followers, follower) for follower in followers}
+
+
+def _resolved(
+    followers: dict[int, tuple[int, float, float]], follower: int
+) -> tuple[int, float, float]:
+    """Leader that follows no other joint, constant and ratio of a follower."""
+    leader, constant, ratio = followers[follower]
+    while leader in followers:  # always a joint before it
+        leader, more, factor = followers[leader]
+        constant, ratio = constant + ratio * more, ratio * factor
+    return leader, constant, ratio
+
+
+def _shared(
+    limits: Array, of_follower: Array, constant: float, ratio: float
+) -> tuple[float, float]:
+    """Limits of a leader within which its follower keeps its own."""
+    low, high = np.sort((of_follower - constant) / ratio)
+    return max(float(limits[0]), float(low)), min(float(limits[1]), float(high))
 
 
 def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:

@@ -31,6 +31,7 @@ from uuv.controllers.ik.chain_kernels import (
     POINT,
     SCALE,
     SLIDE,
+    TRAVEL,
     UPPER,
     begin,
     branch_left,
@@ -83,8 +84,9 @@ def place(table, goal, near_p, q, work):
 
         # A slide moves straight towards the target
         if kind == SLIDE:
-            moved = min(max(q[i] + (ex * rx + ey * ry + ez * rz) / table[0, SCALE], lower), upper)
-            d = table[0, SCALE] * (moved - q[i])
+            travel = table[0, SCALE] * row[TRAVEL]
+            moved = min(max(q[i] + (ex * rx + ey * ry + ez * rz) / travel, lower), upper)
+            d = travel * (moved - q[i])
             q[i] = moved
             rx, ry, rz = rx - d * ex, ry - d * ey, rz - d * ez
             continue

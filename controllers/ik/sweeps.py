@@ -27,6 +27,7 @@ from uuv.controllers.ik.chain_kernels import (
     SLIDE,
     STALLED,
     THROUGH,
+    TRAVEL,
     TWO_PI,
     UPPER,
     WITHIN,
@@ -133,9 +134,10 @@ def sweep(table, goal, weight, mode, q, work):
 
         # A slide moves the tip straight towards the goal
         if kind == SLIDE:
-            optimum = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / table[0, SCALE]
+            travel = table[0, SCALE] * row[TRAVEL]
+            optimum = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / travel
             moved = min(max(optimum, lower), upper)
-            d = table[0, SCALE] * (moved - q[i])
+            d = travel * (moved - q[i])
             q[i] = moved
             px += d * ex
             py += d * ey

@@ -221,7 +221,7 @@ class ArmMargins:
                     return Dropped(i, share, Limit.SINGULAR, q)
 
             # Distance to the object
-            centres = joint_centres_kernel(self._slides, self.chain.axes, self.chain.points, q)[
+            centres = joint_centres_kernel(self._slides, self.chain.motions, self.chain.points, q)[
                 2 : self.chain.n - 2
             ]
             if (

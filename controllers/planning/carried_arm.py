@@ -70,6 +70,7 @@ def with_hull(chain: Chain, X_BA: Array) -> Chain:
         links=np.vstack([np.zeros((HULL_JOINTS, 3)), chain.links @ R.T]),
         X_base_tip0=X_BA @ chain.X_base_tip0,
         limits=np.vstack([np.repeat(free, HULL_JOINTS, axis=0), chain.limits]),
+        travels=np.concatenate([np.ones(HULL_JOINTS), chain.travels]),
         names=("surge", "sway", "heave", "yaw", *chain.names),
     )
 

@@ -23,6 +23,7 @@ _CHECKED = 40  # number of poses along a move at which its clearance is computed
 _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
 # [m] detours away from the object, tried in this order if a straight path is too close
 _BACK = (0.4, 0.8, 1.2)
+_ARC = float(np.radians(30.0))  # largest angle between two poses of a path around the object
 
 
 class HullPath:
@@ -47,6 +48,11 @@ class HullPath:
         self._skin = skin_of(obstacle, shell)
         self._planes = shell.equations
         self._middle = obstacle.mean(axis=0)
+
+    @property
+    def clearance(self) -> float:
+        """Clearance [m] that paths keep where they can."""
+        return self._clearance
 
     def gap(self, X_WB: Array) -> float:
         """Distance [m] of hull box, arm joints and tip to the object; negative inside."""
@@ -73,31 +79,21 @@ class HullPath:
 
     def least_gap(self, poses: Sequence[Array]) -> float:
         """Least distance [m] to the object on straight moves through `poses` (4, 4)."""
-        return min(
-            self.gap(PoseMove(0.0, 1.0, start, end).at(share)[0])
-            for start, end in pairwise(poses)
-            for share in np.linspace(0.0, 1.0, _CHECKED)
-        )
+        return min(self.gap(X_WB) for X_WB in _checked(poses))
 
     def way(self, X_from: Array, X_to: Array) -> list[Array]:
         """Poses (4, 4) of a path from `X_from` (4, 4), excluded, to `X_to` (4, 4), included.
 
         The path is straight if it keeps CLEARANCE, scaled to the arm's size, or as much clearance
-        as its ends have. Otherwise it is the first detour that does, the shortest detours first. If
-        no detour does, it is the path with the largest clearance.
+        as its ends have. Otherwise it is the first detour that does, the shortest detours first,
+        those around the object last. If no detour does, it is the path with the largest clearance.
         """
-        clearance = min(self._clearance, self.gap(X_from), self.gap(X_to))
-        best = [X_to]
-        widest = -np.inf
-
-        for way in self._ways(X_from, X_to):
-            gap = self.least_gap([X_from, *way])
-            if gap > widest:
-                best = way
-                widest = gap
-            if gap >= clearance - 1e-9:
-                break
-        return best
+        clearance = min(self._clearance, self.gap(X_from), self.gap(X_to)) - 1e-9
+        ways = list(self._ways(X_from, X_to))
+        for way in ways:
+            if all(self.keeps(X_WB, clearance) for X_WB in _checked([X_from, *way])):
+                return way
+        return max(ways, key=lambda way: self.least_gap([X_from, *way]))
 
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:
         yield [X_to]
@@ -107,11 +103,54 @@ class HullPath:
         yield [pose(R_to, X_from[:3, 3]), X_to]
         for back in _BACK:
             yield [pose(R_from, self._off(X_from, back)), pose(R_to, self._off(X_to, back)), X_to]
+        # the other side is reached around the object only
+        for back in (0.0, *_BACK):
+            yield from self._arcs(X_from, X_to, back)
+
+    def _arcs(self, X_from: Array, X_to: Array, back: float) -> Iterator[list[Array]]:
+        """Paths around the object's middle both ways, the shorter first.
+
+        Args:
+            X_from: (4, 4) hull pose at the start.
+            X_to: (4, 4) hull pose at the end.
+            back: [m] by which they are farther from the middle than the farther end.
+        """
+        start, end = (X[:2, 3] - self._middle[:2] for X in (X_from, X_to))
+        radius = max(float(np.linalg.norm(start)), float(np.linalg.norm(end))) + back
+        bearing = float(np.arctan2(start[1], start[0]))
+        turn = _wrapped(float(np.arctan2(end[1], end[0])) - bearing)
+
+        R = X_to[:3, :3] @ X_from[:3, :3].T
+        yaw = float(np.arctan2(R[1, 0], R[0, 0]))
+        for angle in (turn, turn - np.copysign(2.0 * np.pi, turn)):
+            # the heading turns with the bearing
+            heading = angle + _wrapped(yaw - angle)
+            stops = []
+            for share in np.linspace(0.0, 1.0, 1 + max(1, int(np.ceil(abs(angle) / _ARC)))):
+                at = bearing + share * angle
+                out = [radius * np.cos(at), radius * np.sin(at)]
+                z = X_from[2, 3] + share * (X_to[2, 3] - X_from[2, 3])
+                turned = exp_so3([0.0, 0.0, share * heading]) @ X_from[:3, :3]
+                stops.append(pose(turned, [*(self._middle[:2] + out), z]))
+            yield [*stops[:-1], pose(X_to[:3, :3], stops[-1][:3, 3]), X_to]
 
     def _off(self, X_WB: Array, back: float) -> Array:
         """Position (3,) [m] of a pose moved horizontally by `back` [m] off the object's middle."""
         away = (X_WB[:3, 3] - self._middle) * [1.0, 1.0, 0.0]
         return X_WB[:3, 3] + back * away / max(float(np.linalg.norm(away)), 1e-9)
+
+
+def _checked(poses: Sequence[Array]) -> Iterator[Array]:
+    """Poses (4, 4) on straight moves through `poses` (4, 4), _CHECKED of each move."""
+    for start, end in pairwise(poses):
+        move = PoseMove(0.0, 1.0, start, end)
+        for share in np.linspace(0.0, 1.0, _CHECKED):
+            yield move.at(share)[0]
+
+
+def _wrapped(angle: float) -> float:
+    """The angle [rad] from -pi to pi."""
+    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
@@ -215,14 +254,14 @@ def joint_centres(chain: Chain, q: Array) -> Array:
     """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
     centres = np.empty((chain.n, 3))  # each joint is moved by the joints before it
     X = np.eye(4)
-    for i, (kind, axis, point) in enumerate(
-        zip(chain.joint_types, chain.axes, chain.points, strict=True)
+    for i, (kind, motion, point) in enumerate(
+        zip(chain.joint_types, chain.motions, chain.points, strict=True)
     ):
         centres[i] = X[:3, :3] @ point + X[:3, 3]
         if kind == "p":
-            X = X @ pose(p=axis * q[i])
+            X = X @ pose(p=motion * q[i])
         else:
-            R = exp_so3(axis * q[i])
+            R = exp_so3(motion * q[i])
             X = X @ pose(R, point - R @ point)
     return centres
 

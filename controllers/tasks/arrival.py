@@ -49,6 +49,8 @@ Standing = Callable[[Target, ToolPath, Array], tuple[Placement, ToolPath, float]
 ComingNear = Callable[[StateEstimate, Array], Array]
 # [m], [rad] between finds without a covariance; one farther off is of another object, or wrong
 _AGREE = (0.05, 0.1)
+# [-] shares of the usual distance by which the pose of unfolding is moved off, in this order
+_FARTHER = (0.0, 0.5, 1.0, 1.5, 2.0)
 # [-] standard deviations, RMS over the twists that are held, up to which two finds are of one pose
 _SAME = 3.0
 
@@ -362,6 +364,24 @@ def lifted(own: WorkVehicle, X_WB_work: Array, X_WB: Array, lift: float) -> Arra
     return before
 
 
+def unfolding_way(
+    own: WorkVehicle, path_in: HullPath, X_WB_work: Array, X_WB: Array, lift: float
+) -> list[Array]:
+    """Poses (4, 4) of the hull from `X_WB` (4, 4), excluded, to the pose in which the arm unfolds.
+
+    This pose is farther from the work than `lift` [m] if hull and folded arm need it to be clear of
+    the object.
+    """
+    before = lifted(own, X_WB_work, X_WB, lift)
+    for more in _FARTHER:
+        away = lifted(own, X_WB_work, X_WB, (1.0 + more) * lift)
+        if path_in.gap(away) > path_in.gap(before):
+            before = away
+        if path_in.gap(before) >= path_in.clearance:
+            break
+    return path_in.way(X_WB, before)
+
+
 def arrival(
     site: WorkSite,
     limits: ArrivalLimits,
@@ -484,5 +504,8 @@ def _stand(
 
     held.line = ToolLine(path, placement, offset)
     held.depth = depth
-    before = lifted(site.own, placement.X_WB, held.X_WB, lift)
-    held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
+    if site.around is None:
+        held.way = [lifted(site.own, placement.X_WB, held.X_WB, lift)]
+        return
+    path_in = site.around(target)
+    held.way = unfolding_way(site.own, path_in, placement.X_WB, held.X_WB, lift)

@@ -9,12 +9,14 @@ entered here in axes forward, starboard, down.
 Thrusters: six T200 at 16 V (`uuv.models.water.thrusters.t200`), without reaction torque, as for
 BlueROV2 Heavy. The two vertical thrusters are abreast of each other, so no thruster controls pitch.
 Only the hull's hydrostatic stability acts on it.
+
+`with_alpha_5` carries the Reach Alpha 5 where BlueROV2 Heavy does; this is not published.
 """
 
 import mujoco
 import numpy as np
 
-from uuv.models.vehicles import bluerov2_heavy, published_hulls
+from uuv.models.vehicles import bluerov2_heavy, published_hulls, reach_alpha_5
 from uuv.models.vehicles.bluerov2_heavy import LENGTH, WU_2018, slanted_thrusters
 from uuv.models.vehicles.published_hulls import PublishedHull
 
@@ -52,5 +54,17 @@ def build() -> mujoco.MjSpec:
     spec = published_hulls.new_spec("bluerov2")
     bluerov2_heavy.add_hull(spec, GAZEBO, THRUSTERS, width=WIDTH)
     published_hulls.add_keys(spec)
+    published_hulls.ballast(spec)
+    return spec
+
+
+def with_alpha_5() -> mujoco.MjSpec:
+    """The vehicle with the Reach Alpha 5 under its bow, joint 1 pointing down; ballast compensates
+    the arm's weight.
+    """
+    spec = published_hulls.new_spec("bluerov2_alpha5")
+    hull = bluerov2_heavy.add_hull(spec, GAZEBO, THRUSTERS, width=WIDTH)
+    reach_alpha_5.add_arm(spec, hull, [0.19, 0.0, -0.12], [0.0, 1.0, 0.0, 0.0])
+    published_hulls.add_keys(spec, reach_alpha_5.HOME, reach_alpha_5.READY)
     published_hulls.ballast(spec)
     return spec

@@ -84,17 +84,7 @@ def with_arm_7() -> mujoco.MjSpec:
     """The vehicle with its arm and a pad."""
     spec = published_hulls.new_spec("rexrov2_arm7")
     hull = published_hulls.add_hull(spec, HULL)
-    for name, (middle, half) in _PLATES.items():
-        hull.add_geom(
-            name=name,
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=middle,
-            size=half,
-            mass=0.0,
-            contype=1,
-            conaffinity=2,
-            rgba=[0.93, 0.72, 0.13, 1.0],
-        )
+    add_plates(hull)
 
     # Thrusters act along x of their sites.
     turned = (
@@ -123,6 +113,21 @@ def with_arm_7() -> mujoco.MjSpec:
     published_hulls.ballast(spec)
     attachment.attach(spec, TOOLS.load("pad"))
     return spec
+
+
+def add_plates(hull: mujoco.MjsBody) -> None:
+    """Add the plates of the frame, which RexROV has too."""
+    for name, (middle, half) in _PLATES.items():
+        hull.add_geom(
+            name=name,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=middle,
+            size=half,
+            mass=0.0,
+            contype=1,
+            conaffinity=2,
+            rgba=[0.93, 0.72, 0.13, 1.0],
+        )
 
 
 def _add_arm(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:

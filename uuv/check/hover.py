@@ -1,4 +1,4 @@
-"""Ten seconds of station keeping in the check, with the truth as the estimate."""
+"""Station keeping in the check, ten seconds or until rest, with the truth as the estimate."""
 
 from dataclasses import dataclass
 
@@ -25,6 +25,8 @@ SECONDS = 10.0  # simulated
 _PERIOD = 0.02  # [s] period of station keeping
 _LATE = 0.5  # share of the time after which a vehicle should be at rest
 _HERE = np.eye(4)  # X_WB to hold
+_WINDOW = 5.0  # [s] after which a hull that does not rest yet must turn more slowly than before,
+_SLOWER = 0.95  # by this factor
 _LOST = 50.0  # [m] from the pose to hold, at which the simulation ends
 
 
@@ -45,13 +47,18 @@ class HoverFigures:
 
 
 def hover(
-    model: mujoco.MjModel, current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    model: mujoco.MjModel,
+    current_W: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    until_rest: float = 0.0,
 ) -> HoverFigures:
     """Keep station at the origin, with the arm held at home by its drives.
 
     Args:
         model: Compiled by `uuv.sim.hydrodynamics.compile`, with thrusters that span all directions.
         current_W: (3,) [m/s] steady current.
+        until_rest: [s] for how long to wait for rest after SECONDS, as long as the hull calms down:
+            without thrust about an axis, only its drag damps it.
 
     Raises:
         UuvError: The vehicle cannot be controlled at all.
@@ -70,11 +77,13 @@ def hover(
     state = control.init()
     ticks = max(1, round(_PERIOD / plant.timestep))
 
-    watch = _Watch(plant, q)
+    watch = _Watch(plant, q, ticks * plant.timestep)
     thrusters = np.zeros(len(vehicle.thruster_names))
 
     try:
-        for tick in range(round(SECONDS / plant.timestep)):
+        for tick in range(round(max(SECONDS, until_rest) / plant.timestep)):
+            if true.time >= SECONDS and watch.ends(true.time):
+                break
             if tick % ticks == 0:
                 estimate = true_estimate(true)
                 thrusters = control.step(
@@ -86,29 +95,34 @@ def hover(
                 Command(time=true.time, joint_torque=torque, thrusters=thrusters, scan=False)
             )
             plant.observe()
-            watch.see(true)
-            if not watch.away < _LOST:
-                return watch.broken_off("it drifted away", watch.away)
+            if (tick + 1) % ticks == 0:
+                watch.see(true)
+                if not watch.away < _LOST:
+                    return watch.broken_off("it drifted away", watch.away)
     except HydrodynamicsError as error:
         return watch.broken_off(str(error), np.inf)
     return watch.figures()
 
 
 class _Watch:
-    """Figures of station keeping, taken at every step."""
+    """Figures of station keeping, taken in every period of control."""
 
-    def __init__(self, plant: Plant, q: Array) -> None:
-        """Take the plant, and the posture (n,) that its arm is to hold."""
+    def __init__(self, plant: Plant, q: Array, period: float) -> None:
+        """Take the plant, the posture (n,) that its arm is to hold, and the period [s]."""
         self._plant = plant
+        self._period = period
         self._q = q
         self._radius = _radius(plant)
         self._limits = RestLimits()
         self._steps = self._saturated = 0
         self._drift = self._tilt = self._turn = self._rest = self._quiet = self._swing = 0.0
         self.away = 0.0  # [m] of the hull from its place
+        # [rad/s] largest rate of the hull in the present window, and in the one before
+        self._rates = [0.0, np.inf]
+        self._window = SECONDS  # [s] end of the present window
 
     def see(self, true: Truth) -> None:
-        """Record one step."""
+        """Record one period."""
         self._steps += 1
         self._saturated += bool(true.saturated)
         self.away = float(np.linalg.norm(true.p_WB))
@@ -123,15 +137,27 @@ class _Watch:
         rate = float(np.linalg.norm(true.w_WB_B))
         still = float(np.linalg.norm(true.v_WB_W)) <= limits.speed and rate <= limits.turn
         near = self.away <= limits.error
-        self._quiet = self._quiet + self._plant.timestep if still and near else 0.0
+        self._quiet = self._quiet + self._period if still and near else 0.0
         self._rest = max(self._rest, self._quiet)
 
+        self._rates[0] = max(self._rates[0], rate)
         # Figures of the end only, when the start has died out.
         if true.time > _LATE * SECONDS:
             tilt = float(np.arccos(np.clip(true.R_WB[2, 2], -1.0, 1.0)))
             self._turn = max(self._turn, rate)
             self._drift = max(self._drift, self.away)
             self._tilt = max(self._tilt, tilt)
+
+    def ends(self, time: float) -> bool:
+        """True after SECONDS once the hull has rested, or no longer calms down."""
+        if self._rest >= self._limits.time:
+            return True
+        if time < self._window:
+            return False
+        calms = self._rates[0] < _SLOWER * self._rates[1]
+        self._rates = [0.0, self._rates[0]]
+        self._window = time + _WINDOW
+        return not calms
 
     def figures(self) -> HoverFigures:
         """Figures of the complete simulation."""
@@ -141,7 +167,7 @@ class _Watch:
             saturated=self._saturated / self._steps,
             rest=self._rest,
             turn=self._turn,
-            power=_mean_power(self._plant),
+            power=_mean_power(self._plant, self._steps * self._period),
             swing=self._swing,
         )
 
@@ -160,10 +186,10 @@ def _radius(plant: Plant) -> float:
     return float(away.max(initial=0.0))
 
 
-def _mean_power(plant: Plant) -> float | None:
+def _mean_power(plant: Plant, seconds: float) -> float | None:
     """Mean electrical power [W] of the thrusters over the check; None if it was not measured."""
     joules = float(plant.supply.state[ENERGY])
-    return None if np.isnan(joules) else joules / SECONDS
+    return None if np.isnan(joules) else joules / seconds
 
 
 def rigid(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.MjModel:

@@ -48,10 +48,12 @@ def listed(name: str, listing: Listing) -> JobVerdict:
     return refused(name, "list", reason, float(np.degrees(listing.angle)))
 
 
-def _hovering(model: mujoco.MjModel, current: Current) -> HoverFigures | JobVerdict:
+def _hovering(
+    model: mujoco.MjModel, current: Current, until_rest: float = 0.0
+) -> HoverFigures | JobVerdict:
     """Figures of station keeping, or a refusal if the vehicle cannot be controlled."""
     try:
-        return hover(model, current)
+        return hover(model, current, until_rest=until_rest)
     except UuvError as error:
         return JobVerdict(job="hover", promised=False, code="thrust", said=str(error))
 
@@ -93,7 +95,8 @@ class RestVerdict:
 
 def rest_of(name: str, model: mujoco.MjModel, current: Current) -> RestVerdict:
     """Verdict on a vehicle's station keeping in a job's current."""
-    hovered = _hovering(model, current)
+    limits = RestLimits()
+    hovered = _hovering(model, current, limits.within)
     speed = float(np.linalg.norm(current))
     if isinstance(hovered, JobVerdict):
         return RestVerdict(refusal=_unsteady(name, speed, hovered))
@@ -102,7 +105,6 @@ def rest_of(name: str, model: mujoco.MjModel, current: Current) -> RestVerdict:
     if not verdict.promised:
         return RestVerdict(refusal=_unsteady(name, speed, verdict), swing=hovered.swing)
 
-    limits = RestLimits()
     if hovered.rest >= limits.time:
         return RestVerdict(swing=hovered.swing)
     message = (

@@ -21,10 +21,11 @@ from uuv.check.hovering import RestVerdict, listed, refused, rest_of
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera, push_of
 from uuv.check.remedies import Change, changes_for
 from uuv.check.statics import Listing, listing_of, tip_force
+from uuv.check.way_in import met_on_the_way
 from uuv.controllers.hull.allocation import MOST_LIST, undriven_axes
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.placement import Placement
-from uuv.controllers.tasks.arrival import around, lifted
+from uuv.controllers.tasks.arrival import around, unfolding_way
 from uuv.controllers.tasks.grasping.collecting import straight_down
 from uuv.controllers.tasks.insertion import axis_path
 from uuv.models.completing.postures import PostureSearch
@@ -47,7 +48,7 @@ from uuv.tasks.start_place import RunStreams, clearance, folded_at, start_pose, 
 from uuv.tasks.surface_work import PlacedSurfaceWork
 
 PROMISED = 0.95  # share of the drawn poses from which on a job is promised
-FEW = 5  # poses that decide where none of them passes, and at which another option is tried
+FEW = 5  # poses that a refusal takes at least, and at which another option is tried
 SHORT_MARGIN = 0.5  # least margin of an arm of fewer than six joints
 FRICTION = 0.6  # friction of the tool on a surface, as a share of the set force
 HIDDEN = 0.1  # share of the ground about a target that may be hidden from the sonar
@@ -163,13 +164,14 @@ class ArmJobs:
         return judged
 
     def _judged(self, name: str, place: "Callable[[int], JobVerdict]") -> list[JobVerdict]:
-        """Verdicts at the poses, only at the first few if none of these passes."""
+        """Verdicts at the poses, until too many are refused for a promise, at FEW at least."""
         verdicts: list[JobVerdict] = []
+        spare = int((1.0 - PROMISED) * self.conditions.poses + 1e-9)
         for pose in range(self.conditions.poses):
             verdicts.append(place(pose))
             if self._watch is not None:
                 self._watch(name, len(verdicts), self.conditions.poses)
-            if len(verdicts) == FEW and not any(verdict.promised for verdict in verdicts):
+            if len(verdicts) >= FEW and sum(not v.promised for v in verdicts) > spare:
                 break
         return verdicts
 
@@ -287,7 +289,7 @@ def _planned(
     speed = float(np.linalg.norm(current))
 
     try:
-        placement, share, gap = _stand(placed, current)
+        placement, share, way = _stand(placed, current)
     except StrongCurrentError as error:
         return refused(name, "current", str(error), speed)
     except ReachError as error:
@@ -303,6 +305,9 @@ def _planned(
     if (refusal := _at_placement(name, placed, believed, placement.margin)) is not None:
         return refusal
 
+    if way and (met := met_on_the_way(scene, Vehicle.of(scene), way, placement)) is not None:
+        return refused(name, "way", *met)
+
     listing = _worst_list(spec, believed.vehicle, placement.q_start, push_of(scenario))
     if listing is not None and not listing.angle <= MOST_LIST:
         return listed(name, listing)
@@ -315,13 +320,7 @@ def _planned(
         said=f"margin {placement.margin:.2f} (1 is ample, 0 at a limit) at "
         f"{push_of(scenario):.0f} N in {speed:.2f} m/s{part}"
         + _touching(believed, placement.q_start)
-        + ("" if listing is None else f"; {listing.in_words()}")
-        + (
-            f"; during close-in the folded arm or the hull penetrates the convex hull of the "
-            f"object by {-gap:.2f} m"
-            if gap < 0.0
-            else ""
-        ),
+        + ("" if listing is None else f"; {listing.in_words()}"),
         figure=placement.margin,
     )
 
@@ -430,12 +429,11 @@ def _short(message: str) -> str:
     return f"at best {share}% of the path is within reach{why}" if marker else message
 
 
-def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]:
-    """Best hull pose, share of the path worked from it, and least clearance [m] of close-in.
-
-    The clearance is between hull or folded arm and the convex hull of the object.
+def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[Array]]:
+    """Best hull pose, share of the path worked from it, and the hull's way to the pose at which the
+    arm unfolds: poses (4, 4) from the scan on; empty without an object.
     """
-    gap = np.inf
+    way: list[Array] = []
     if isinstance(placed, PlacedSurfaceWork):
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
@@ -443,9 +441,9 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
         stand = placed.standing(target, path, current)
         believed = placed.own.at_work()
 
-        before = lifted(believed, stand[0].X_WB, placed.X_WB, placed.job().arrival.lift)
         path_in = around(believed, placed.target)(target)
-        gap = path_in.least_gap([placed.X_WB, *path_in.way(placed.X_WB, before)])
+        lift = placed.job().arrival.lift
+        way = [placed.X_WB, *unfolding_way(believed, path_in, stand[0].X_WB, placed.X_WB, lift)]
     elif isinstance(placed, PlacedInsertion):
         path = axis_path(placed.X_WT, placed.bore, placed.task.depth)
         stand = placed.planner().stand(_target(placed.X_WT, path), path, current)
@@ -464,7 +462,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, float]
     else:
         raise ConfigurationError(f"the check has no rule for tasks of {type(placed).__name__}")
 
-    return stand[0], float(stand[2]), gap
+    return stand[0], float(stand[2]), way
 
 
 def _points(placed: PlacedSampling, B: Array) -> Array:

@@ -39,7 +39,7 @@ def start_pose(placed: PlacedTask, rng: np.random.Generator) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clearance:
-    """Distance of a vehicle, its arm at home, to the nearest thing that is not part of it."""
+    """Distance of a vehicle to the nearest thing that is not part of it."""
 
     distance: float  # [m]; negative: so deep in it; inf: nothing within 0.5 m
     between: str = ""  # the thing and the part of the vehicle
@@ -51,31 +51,43 @@ class Clearance:
         return f"{self.distance:.2f} m clear of {self.between}"
 
 
-def folded_at(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> mujoco.MjData:
-    """State of a model, kinematics computed, with the hull at X_WB (4, 4) and the arm at home."""
+def folded_at(
+    model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array, q: Array | None = None
+) -> mujoco.MjData:
+    """State of a model, kinematics computed, with the hull at X_WB (4, 4) and the arm at `q` (n,);
+    None: at home.
+    """
     data = mujoco.MjData(model)
     data.qpos[vehicle.hull_qpos : vehicle.hull_qpos + 3] = X_WB[:3, 3]
     data.qpos[vehicle.hull_qpos + 3 : vehicle.hull_qpos + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
-    data.qpos[vehicle.qpos] = vehicle.q_home
+    data.qpos[vehicle.qpos] = vehicle.q_home if q is None else q
     mujoco.mj_kinematics(model, data)
     return data
 
 
-def clearance(model: mujoco.MjModel, vehicle: Vehicle, X_WB: Array) -> Clearance:
+def clearance(
+    model: mujoco.MjModel,
+    vehicle: Vehicle,
+    X_WB: Array,
+    q: Array | None = None,
+    within: float = _WITHIN,
+) -> Clearance:
     """Clearance of a vehicle at a pose of its hull.
 
     Args:
         model: Of the scene, with the vehicle; its margins of contact are put back.
         vehicle: The vehicle in it.
         X_WB: (4, 4) pose of the hull.
+        q: (n,) joint angles; None: at home.
+        within: [m] within which the nearest part is looked for; beyond, the clearance is infinite.
     """
     root = np.asarray(model.body_rootid)[np.asarray(model.geom_bodyid)]
     ours = root == model.body_rootid[vehicle.hull]
 
     # Contacts count from a margin on, which is widened for the vehicle's own geoms.
-    data = folded_at(model, vehicle, X_WB)
+    data = folded_at(model, vehicle, X_WB, q)
     margin = model.geom_margin.copy()
-    model.geom_margin[ours] = _WITHIN
+    model.geom_margin[ours] = within
     try:
         mujoco.mj_collision(model, data)
     finally:

@@ -97,6 +97,17 @@ def test_goes_around_what_the_folded_arm_would_strike(passing, site, seed):
         assert nearest(site, [X_from, *way]) > NEAREST, seed
 
 
+@pytest.mark.parametrize("far", [1.9, 2.4])
+def test_the_other_side_is_reached_around_the_object(passing, site, far):
+    """Half a turn about the pile: straight it would be met."""
+    X_from, X_to = beside(0.3, 0.3 + np.pi, far), beside(0.3 + np.pi - 0.1, 0.2, far)
+    assert passing.least_gap([X_from, X_to]) < 0.0
+    way = passing.way(X_from, X_to)
+    assert np.array_equal(way[-1], X_to)
+    assert passing.least_gap([X_from, *way]) > CLEARANCE - 1e-9
+    assert nearest(site, [X_from, *way]) > NEAREST
+
+
 def test_a_clearance_is_kept_where_the_gap_is_as_large(passing, rng):
     """The sooner answer is that of the gap, to its last bit."""
     answers = set()

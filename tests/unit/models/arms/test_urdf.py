@@ -95,6 +95,67 @@ def test_a_robot_from_urdf_is_solved(method: Method) -> None:
     np.testing.assert_allclose(solution.q, q_goal, atol=5e-3)
 
 
+# A mast of three stages: the second follows the first, the third follows the second at half speed
+# and aslant; then a wrist of three hinges.
+MAST = """<robot name="mast"><link name="pad"/><link name="m1"/><link name="m2"/><link name="m3"/>
+<link name="w1"/><link name="w2"/><link name="hand"/>
+<joint name="lift" type="prismatic"><parent link="pad"/><child link="m1"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="0.3"/></joint>
+<joint name="lift2" type="prismatic"><parent link="m1"/><child link="m2"/>
+<origin xyz="0 0 0.1"/><axis xyz="0 0 1"/><limit lower="0" upper="0.25"/>
+<mimic joint="lift" offset="0.02"/></joint>
+<joint name="lift3" type="prismatic"><parent link="m2"/><child link="m3"/>
+<origin xyz="0 0 0.1"/><axis xyz="0.6 0 0.8"/><limit lower="-1" upper="1"/>
+<mimic joint="lift2" multiplier="{ratio}"/></joint>
+<joint name="a" type="revolute"><parent link="m3"/><child link="w1"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2"/></joint>
+<joint name="b" type="revolute"><parent link="w1"/><child link="w2"/><origin xyz="0.2 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="2"/></joint>
+<joint name="c" type="revolute"><parent link="w2"/><child link="hand"/><origin xyz="0.2 0 0"/>
+<axis xyz="1 0 0"/><limit lower="-2" upper="2"/></joint></robot>"""
+
+
+def mast_tip(lift: float, a: float, b: float, c: float) -> np.ndarray:
+    """Pose of the hand, by hand."""
+    second = lift + 0.02
+    third = 0.5 * second
+    foot = pose(None, [0.6 * third, 0.0, lift + 0.1 + second + 0.1 + 0.8 * third])
+    turns = [exp_so3([0.0, 0.0, a]), exp_so3([0.0, b, 0.0]), exp_so3([c, 0.0, 0.0])]
+    step = pose(None, [0.2, 0.0, 0.0])
+    return foot @ pose(turns[0]) @ step @ pose(turns[1]) @ step @ pose(turns[2])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_slides_that_mimic_a_slide_are_one(method: Method, within) -> None:
+    chain = Chain.from_urdf(MAST.format(ratio=0.5), "pad", "hand")
+    assert (chain.names, chain.joint_types) == (("lift", "a", "b", "c"), "prrr")
+    # the second stage ends at 0.25 m, 0.02 m ahead of the first
+    np.testing.assert_allclose(chain.limits[0], [0.0, 0.23], atol=1e-12)
+
+    rng = np.random.default_rng(5)
+    small = 1e-6
+    for q in rng.uniform(chain.limits[:, 0], chain.limits[:, 1], (5, 4)):
+        X, J = chain.kinematics(q)
+        within("hand [m, 1]", X - mast_tip(*q), 1e-14)  # measured 1e-15
+        moved = mast_tip(q[0] + small, *q[1:])[:3, 3] - mast_tip(q[0] - small, *q[1:])[:3, 3]
+        within("column of the mast", J[:3, 0] - moved / (2.0 * small), 1e-8)  # measured 1e-10
+
+    q = np.array([0.15, 0.4, 0.5, -0.7])
+    solution = solve(chain, mast_tip(*q), q + 0.05, method=method)
+    assert solution.converged
+    np.testing.assert_allclose(chain.forward(solution.q), mast_tip(*q), atol=2e-3)
+
+
+def test_a_telescope_that_stands_still_is_refused() -> None:
+    text = MAST.format(ratio=0).replace(
+        '<axis xyz="0 0 1"/><limit lower="0" upper="0.25"/>',
+        '<axis xyz="0 0 -1"/><limit lower="0" upper="0.25"/>',
+    )
+    text = text.replace('<mimic joint="lift2" multiplier="0"/>', "")
+    with pytest.raises(ConfigurationError, match="'lift': its followers cancel its motion"):
+        Chain.from_urdf(text, "pad", "hand")
+
+
 @pytest.mark.parametrize(
     ("urdf", "base", "tip", "names"),
     [

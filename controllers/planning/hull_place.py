@@ -9,8 +9,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, pose
 
 @dataclass(frozen=True, kw_only=True)
 class HullPlace:
-    """Hull pose at work, in level axes at the object's origin: x along the object's most level axis
-    of x_T and y_T, z up.
+    """Hull pose at work, in level axes at the object's origin: z up, x along x_T, or along y_T of an
+    object whose x_T is nearer to vertical than to horizontal.
     """
 
     x: float  # [m] of the hull's origin
@@ -25,7 +25,7 @@ class HullPlace:
 
     def in_world(self, X_WT: Array) -> Array:
         """Hull pose X_WB (4, 4) beside an object at X_WT (4, 4)."""
-        axis = min((0, 1), key=lambda i: abs(X_WT[2, i]))
+        axis = int(abs(X_WT[2, 0]) > np.sqrt(0.5))
         turn = np.arctan2(X_WT[1, axis], X_WT[0, axis]) - 0.5 * np.pi * axis
         R = exp_so3([0.0, 0.0, turn])
         return pose(

@@ -92,20 +92,31 @@ class ChosenPlace:
 
         assert best is not None
         passage, roll = best
+        q_start = self._above(passage.q[0], roll)
+        assert q_start is not None  # of all postures that are tried
         if checked and passage.worst > 1.0:
             raise ReachError(self._refusal(passage))
         return Placement(
             X_WB=self.X_WB,
             travel_W=np.zeros(3),
             roll=roll,
-            q_start=self._above(passage.q[0], roll),
+            q_start=q_start,
             margin=self._margin(passage.q, roll),
             reached=1.0,
+            note=self._note(passage),
+        )
+
+    def _note(self, passage: Passage) -> str:
+        if passage.near >= NEAR:
+            return ""
+        return (
+            f"the arm passes a singular posture at {passage.at:.2f} m of the path: the tool may "
+            f"leave the path by {_off(passage)}"
         )
 
     def _refusal(self, passage: Passage) -> str:
         limits = self.limits
-        off = f"{1e3 * passage.deviation:.1f} mm and {np.degrees(passage.tilt):.1f} deg"
+        off = _off(passage)
         allowed = f"{1e3 * limits.deviation:.0f} mm and {np.degrees(limits.tilt):.0f} deg"
         if passage.near < NEAR:
             return (
@@ -134,7 +145,9 @@ class ChosenPlace:
             yield self._motion(X_WB, motion.q[0], roll)
 
     def _postures(self, roll: float) -> list[Array]:
-        """Joint values (n,) at the beginning of the path, with the most room to the limits."""
+        """Joint values (n,) at the beginning of the path, with the most room to the limits, of
+        postures from which the tool reaches its stand-off.
+        """
         chain = self.arm.chain
         X_AG = self._tool(self.X_WB, 0.0, roll)
         lower, upper = self.arm.vehicle.q_limits.T
@@ -148,8 +161,9 @@ class ChosenPlace:
                 np.abs(result.q - q).max() < _ALIKE for _, q in found
             ):
                 continue
-            room = float(np.minimum(result.q - lower, upper - result.q).min())
-            found.append((room, result.q))
+            if self._above(result.q, roll) is not None:
+                room = float(np.minimum(result.q - lower, upper - result.q).min())
+                found.append((room, result.q))
         found.sort(key=lambda entry: -entry[0])
         return [q for _, q in found[:_POSTURES]]
 
@@ -189,14 +203,16 @@ class ChosenPlace:
             worst=float(shares[k]),
         )
 
-    def _above(self, q: Array, roll: float) -> Array:
-        """Joint values (n,) at the stand-off before the path's beginning, on the branch of `q`."""
+    def _above(self, q: Array, roll: float) -> Array | None:
+        """Joint values (n,) at the stand-off before the path's beginning, on the branch of `q`; None
+        if it is out of reach.
+        """
         X_AG = self._tool(self.X_WB, 0.0, roll)
         for step in self.standoff * np.arange(1, STANDOFF_STEPS + 1) / STANDOFF_STEPS:
             back = pose(X_AG[:3, :3], X_AG[:3, 3] - step * X_AG[:3, 2])
             result = solve(self.arm.chain, back, q, 1e-4, 1e-3, branch="keep")
             if not result.converged:
-                raise ReachError("the stand-off before the path is out of reach from this place")
+                return None
             q = result.q
         return q
 
@@ -235,6 +251,10 @@ class ChosenPlace:
             room = float(np.minimum(q[i] - lower, upper - q[i]).min())
             margin = min(margin, 2.0 * room, *limits.values())
         return margin
+
+
+def _off(passage: Passage) -> str:
+    return f"{1e3 * passage.deviation:.1f} mm and {np.degrees(passage.tilt):.1f} deg"
 
 
 def _between(a: Array, b: Array) -> float:

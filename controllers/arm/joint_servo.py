@@ -18,9 +18,8 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-
-# Damping of J J^T, in units of m^2 and rad^2: everywhere, and most beside a singular posture, where a
-# pivot of its factor is below the last number
+# Damping of J J^T, in units of m^2 and rad^2: everywhere, and most beside a singular posture, where
+# a pivot of its factor is below the last number
 DAMPED = 1e-6
 MOST_DAMPED = 1e-3
 SINGULAR = 1e-3

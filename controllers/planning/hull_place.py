@@ -9,8 +9,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, finite_number, pose
 
 @dataclass(frozen=True, kw_only=True)
 class HullPlace:
-    """Hull pose at work, in level axes at the object's origin: z up, x along x_T, or along y_T of an
-    object whose x_T is nearer to vertical than to horizontal.
+    """Hull pose at work, in level axes at the object's origin: z up, x along x_T, or along y_T of
+    an object whose x_T is nearer to vertical than to horizontal.
     """
 
     x: float  # [m] of the hull's origin
@@ -20,7 +20,9 @@ class HullPlace:
 
     def __post_init__(self) -> None:
         for axis in ("x", "y", "z"):
-            finite_number(getattr(self, axis), f"task.hull_place.{axis} [m]", least=-100.0, most=100.0)
+            finite_number(
+                getattr(self, axis), f"task.hull_place.{axis} [m]", least=-100.0, most=100.0
+            )
         finite_number(self.heading, "task.hull_place.heading [rad]", least=-np.pi, most=np.pi)
 
     def in_world(self, X_WT: Array) -> Array:

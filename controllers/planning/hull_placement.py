@@ -390,16 +390,14 @@ class PathStanding:
         search = self.search or PlacementSearch.of_size(size(self.chain))
         if self.chain.n < FULL:
             raise ReachError(
-                f"task.hull_place: an arm of {self.chain.n} joints is carried along by its hull, which "
-                "needs no place"
+                f"task.hull_place: an arm of {self.chain.n} joints is carried along by its hull, "
+                "which needs no place"
             )
 
         hull = ConvexHull(obstacle)
         skin = skin_of(obstacle, hull)
         height = X_WB[2, 3] + self.hull_box[0, 2] - self.floor
-        if height < search.clearance or not hull_keeps(
-            X_WB, self.hull_box, skin, search.clearance
-        ):
+        if height < search.clearance or not hull_keeps(X_WB, self.hull_box, skin, search.clearance):
             raise ReachError(
                 f"the chosen place leaves the hull less than {search.clearance:.2f} m to the "
                 "object or the seabed"

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv.controllers.ik.tracking import NEAR
-from uuv.controllers.mkps import Chain, Tracker, solve
+from uuv.controllers.mkps import Tracker, solve
 from uuv.controllers.planning.arm_margins import ArmMargins
 from uuv.controllers.planning.hull_path import arm_gap
 from uuv.controllers.planning.path_poses import STANDOFF_STEPS, tool_pose
@@ -157,9 +157,7 @@ class ChosenPlace:
         found: list[tuple[float, Array]] = []
         for q0 in starts:
             result = solve(chain, X_AG, q0, 1e-5, 1e-4)
-            if not result.converged or any(
-                np.abs(result.q - q).max() < _ALIKE for _, q in found
-            ):
+            if not result.converged or any(np.abs(result.q - q).max() < _ALIKE for _, q in found):
                 continue
             if self._above(result.q, roll) is not None:
                 room = float(np.minimum(result.q - lower, upper - result.q).min())
@@ -204,8 +202,8 @@ class ChosenPlace:
         )
 
     def _above(self, q: Array, roll: float) -> Array | None:
-        """Joint values (n,) at the stand-off before the path's beginning, on the branch of `q`; None
-        if it is out of reach.
+        """Joint values (n,) at the stand-off before the path's beginning, on the branch of `q`;
+        None if it is out of reach.
         """
         X_AG = self._tool(self.X_WB, 0.0, roll)
         for step in self.standoff * np.arange(1, STANDOFF_STEPS + 1) / STANDOFF_STEPS:

@@ -264,9 +264,7 @@ class ToolControl:
         return ToolControlState(
             force=self.force_law.init(),
             compliance=self.compliance.init(),
-            motion=ToolMotion.start(
-                estimate.q, self._chain.memory(), passing_memory(self._chain)
-            ),
+            motion=ToolMotion.start(estimate.q, self._chain.memory(), passing_memory(self._chain)),
         )
 
     @property

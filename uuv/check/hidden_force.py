@@ -15,8 +15,8 @@ from uuv.controllers.estimation.force_from_torques import PRIOR
 from uuv.controllers.tuning import ArmTuning
 from uuv.own_vehicle import OwnVehicle
 
-# [-] standard deviation of the friction of a joint at rest over stiction, by which the load observer
-# weighs its torques (`uuv.controllers.arm.believed_friction.dry_friction_sigma`)
+# [-] standard deviation of the friction of a joint at rest over stiction, by which the load
+# observer weighs its torques (`uuv.controllers.arm.believed_friction.dry_friction_sigma`)
 _AT_REST = 0.6
 
 
@@ -57,7 +57,7 @@ class HiddenForce:
         if self.rms <= rms and self.most <= most:
             return ""
         return (
-            f"control.force_from motors: dry friction of the gears hides up to {self.most:.0f} N of "
-            f"the force where joints rest or reverse, mostly {self.by} (allowed {most:.1f} N), and "
+            "control.force_from motors: dry friction of the gears hides up to "
+            f"{self.most:.0f} N of the force where joints rest or reverse, mostly {self.by} (allowed {most:.1f} N), and "
             f"{self.rms:.1f} N RMS while they slide (allowed {rms:.1f} N)"
         )

@@ -69,12 +69,7 @@ class PublishedIkRow:
 def ik_published(case: PublishedIkCase) -> PublishedIkRow:
     """Solves all poses by both methods."""
     drawn = targets_of(
-        case.arm,
-        degrees=case.degrees,
-        start=COLD,
-        bar=case.bar,
-        count=case.targets,
-        seed=case.seed,
+        case.arm, degrees=case.degrees, start=COLD, bar=case.bar, count=case.targets, seed=case.seed
     )
 
     outcomes = race(drawn, _solvers(drawn), repeats=1)

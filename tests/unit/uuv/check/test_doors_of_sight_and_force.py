@@ -17,7 +17,9 @@ def test_motors_that_friction_blinds_are_refused() -> None:
     """And run unchecked with the same line; an arm without dry friction hides nothing."""
     puma = OwnVehicle.of(vehicle_spec("uuv_puma", tool="pad"))
     job = clean_barrel(force_from="motors")
-    said = r"force_from motors: dry friction .* hides up to \d+ N .* mostly joint2 \(allowed 9.0 N\)"
+    said = (
+        r"force_from motors: dry friction .* hides up to \d+ N .* mostly joint2 \(allowed 9.0 N\)"
+    )
     with pytest.raises(ConfigurationError, match=said):
         preflight(job, puma)
 
@@ -47,7 +49,8 @@ def test_hidden_force_is_the_worst_of_all_frictions() -> None:
 def test_a_scan_from_too_far_is_refused() -> None:
     puma = OwnVehicle.of(vehicle_spec("uuv_puma", tool="pad"))
     with pytest.raises(
-        ConfigurationError, match=r"task.range: at 4 m .* \(allowed 5.0 mm\): scan it from at most 3"
+        ConfigurationError,
+        match=r"task.range: at 4 m .* \(allowed 5.0 mm\): scan it from at most 3",
     ):
         preflight(clean_barrel(range=4.0), puma)
     assert not preflight(clean_barrel(range=3.0), puma).refused

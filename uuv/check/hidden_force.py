@@ -58,6 +58,7 @@ class HiddenForce:
             return ""
         return (
             "control.force_from motors: dry friction of the gears hides up to "
-            f"{self.most:.0f} N of the force where joints rest or reverse, mostly {self.by} (allowed {most:.1f} N), and "
+            f"{self.most:.0f} N of the force where joints rest or reverse, mostly {self.by} "
+            f"(allowed {most:.1f} N), and "
             f"{self.rms:.1f} N RMS while they slide (allowed {rms:.1f} N)"
         )

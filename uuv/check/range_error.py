@@ -3,9 +3,9 @@
 The depth of n independent readings has a standard deviation z^2 sigma_d / (f b sqrt(n)) in their
 mean, where n is the projected area of the object in the image over the square of the noise's
 length: it grows with the cube of the range. The mean projected area of a convex body is a quarter
-of its surface (Cauchy's formula). The attitude's bias turns the object about the hull. Further frames from
-the same place are not counted: at 4 m the mean of six was off by 3.7 mm RMS in eight runs, and a
-single frame by 3.7 mm in five scenes.
+of its surface (Cauchy's formula). The attitude's bias turns the object about the hull. Further
+frames from the same place are not counted: at 4 m the mean of six was off by 3.7 mm RMS in eight
+runs, and a single frame by 3.7 mm in five scenes.
 """
 
 from dataclasses import dataclass
@@ -54,8 +54,8 @@ class RangeError:
             nearer -= _STEP
         return (
             f"task.range: at {range_m:g} m the object would be found to "
-            f"{1e3 * self.at(range_m):.1f} mm by the noise of the camera (allowed {1e3 * allowed:.1f} mm): scan it from at most "
-            f"{nearer:.2f} m"
+            f"{1e3 * self.at(range_m):.1f} mm by the noise of the camera (allowed "
+            f"{1e3 * allowed:.1f} mm): scan it from at most {nearer:.2f} m"
         )
 
 

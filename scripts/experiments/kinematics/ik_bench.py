@@ -59,8 +59,13 @@ class IkTargets:
 class SolverTimes:
     """What a solver does with all targets."""
 
-    solved: int
+    good: np.ndarray  # (N,) bool: solved
     call: Array  # (N,) [s]
+
+    @property
+    def solved(self) -> int:
+        """Number of targets solved."""
+        return int(np.count_nonzero(self.good))
 
 
 def dh_forward(arm: SerialArm, q: Array) -> Array:
@@ -211,10 +216,7 @@ def race(drawn: IkTargets, solvers: Mapping[str, Solver], repeats: int) -> dict[
                 lane[i] = 1e-9 * (clock() - begin)
 
     return {
-        name: SolverTimes(
-            solved=int(np.count_nonzero(reached(drawn, answers[name]))),
-            call=np.median(times[name], axis=0),
-        )
+        name: SolverTimes(good=reached(drawn, answers[name]), call=np.median(times[name], axis=0))
         for name in solvers
     }
 

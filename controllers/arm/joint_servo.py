@@ -18,11 +18,9 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
-# Damping of J J^T, in units of m^2 and rad^2: everywhere, and most beside a singular posture, where
-# a pivot of its factor is below the last number
-DAMPED = 1e-6
-MOST_DAMPED = 1e-3
-SINGULAR = 1e-3
+DAMPED = 1e-6  # damping of J J^T everywhere, in units of m^2 and rad^2
+MOST_DAMPED = 1e-3  # the same added beside a singular posture, at most
+SINGULAR = 1e-3  # pivot of its Cholesky factor, below which a posture is singular
 
 
 class FrictionTracking(NamedTuple):

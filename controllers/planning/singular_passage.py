@@ -86,12 +86,16 @@ class ChosenPlace:
         # With the hull off its place, from the best ones on
         best: tuple[Passage, float] | None = None
         for motion, roll in motions[:_TRIED]:
-            worst = max((motion, *self._with_drift(motion, roll)), key=lambda each: each.worst)
+            worst = max(
+                (motion, *self._with_drift(motion, roll)), key=lambda passage: passage.worst
+            )
             if best is None or worst.worst < best[0].worst:
                 best = worst._replace(q=motion.q), roll
 
         assert best is not None
         passage, roll = best
+
+        # Refused, or begun at the stand-off
         q_start = self._above(passage.q[0], roll)
         assert q_start is not None  # of all postures that are tried
         if checked and passage.worst > 1.0:
@@ -154,16 +158,19 @@ class ChosenPlace:
         rng = np.random.default_rng(0)
         starts = [self.arm.vehicle.q_ready, *rng.uniform(lower, upper, (_STARTS, chain.n))]
 
-        found: list[tuple[float, Array]] = []
+        postures: list[tuple[float, Array]] = []
+        # Different ones, from which the tool reaches its stand-off
         for q0 in starts:
             result = solve(chain, X_AG, q0, 1e-5, 1e-4)
-            if not result.converged or any(np.abs(result.q - q).max() < _ALIKE for _, q in found):
+            if not result.converged or any(
+                np.abs(result.q - q).max() < _ALIKE for _, q in postures
+            ):
                 continue
             if self._above(result.q, roll) is not None:
                 room = float(np.minimum(result.q - lower, upper - result.q).min())
-                found.append((room, result.q))
-        found.sort(key=lambda entry: -entry[0])
-        return [q for _, q in found[:_POSTURES]]
+                postures.append((room, result.q))
+        postures.sort(key=lambda entry: -entry[0])
+        return [q for _, q in postures[:_POSTURES]]
 
     def _tool(self, X_WB: Array, s: float, roll: float) -> Array:
         """Tool pose (4, 4) in the arm's base at arc length `s` [m] of the path."""
@@ -178,6 +185,7 @@ class ChosenPlace:
         tracker = Tracker(chain, _PERIOD, speed_limits=self.limits.joint_speed)
         state = tracker.init(first.q)
 
+        # Errors of the tool at each pose
         q = np.empty((len(at), chain.n))
         off = np.empty((len(at), 2))  # [m], [rad]
         near = np.empty(len(at))
@@ -188,8 +196,10 @@ class ChosenPlace:
             aside = reached[:3, 3] - X_AG[:3, 3]
             aside -= (aside @ X_AG[:3, 2]) * X_AG[:3, 2]
             off[i] = np.linalg.norm(aside), _between(reached[:3, 2], X_AG[:3, 2])
-            q[i], near[i] = step.q, step.nearness
+            q[i] = step.q
+            near[i] = step.nearness
 
+        # Where they are largest over their limits
         shares = (off / [self.limits.deviation, self.limits.tilt]).max(axis=1)
         k = int(np.argmax(shares))
         return Passage(
@@ -229,6 +239,8 @@ class ChosenPlace:
             s = float(self.path.s[-1]) * i / (len(q) - 1)
             X_AG, J = arm.chain.kinematics(q[i])
             load = J[:3].T @ (X_AG[:3, 2] * arm.force) / arm.vehicle.torque_limits
+
+            # Left of each limit, as a share
             limits = {
                 "a joint cannot bear the set force": 3.0 * (1.0 - float(np.abs(load).max())),
                 "the arm comes too close to the object": arm_gap(
@@ -243,6 +255,7 @@ class ChosenPlace:
                 used = arm.holding.used(q[i], self.X_WB[:3, :3], push)
                 limits["the thrusters cannot bear set force and friction"] = 1.0 - used
 
+            # Margin
             for reason, left in limits.items():
                 if left <= 0.0:
                     raise ReachError(f"from the chosen place, at {s:.2f} m of the path, {reason}")

@@ -18,6 +18,10 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.spatial import Array
 
+DAMPED = 1e-6  # damping of J J^T everywhere, in units of m^2 and rad^2
+MOST_DAMPED = 1e-3  # the same added beside a singular posture, at most
+SINGULAR = 1e-3  # pivot of its Cholesky factor, below which a posture is singular
+
 
 class FrictionTracking(NamedTuple):
     """Gears and filter of `track_gear_friction`."""
@@ -349,15 +353,12 @@ def resolve_tool_motion(X_AB, X_WB, tool, hull, tip, drift, joints, out):
 @kernel
 def _all_at_once(J_B, wanted, qd, qdd, yielding):
     """Joint speeds, accelerations and motion along the tool axis for `wanted` (3, 6), damped."""
-    # J^T (J J^T + damping)^-1 by Cholesky in place: a call of LAPACK costs more than these sums.
     A = J_B @ J_B.T.copy()
-    for i in range(6):
-        A[i, i] += 1e-6
-        for j in range(i + 1):
-            total = A[i, j]
-            for k in range(j):
-                total -= A[i, k] * A[j, k]
-            A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
+    L = np.empty((6, 6))
+    least = _factor(A, DAMPED, L)
+    if least < SINGULAR:  # else the joints would spin for what a singular posture does not allow
+        _factor(A, DAMPED + MOST_DAMPED * (1.0 - least / SINGULAR) ** 2, L)
+    A = L
 
     for row in wanted:
         for i in range(6):
@@ -375,3 +376,21 @@ def _all_at_once(J_B, wanted, qd, qdd, yielding):
             qd[j] += J_B[i, j] * wanted[0, i]
             qdd[j] += J_B[i, j] * wanted[1, i]
             yielding[1, j] += J_B[i, j] * wanted[2, i]
+
+
+@kernel
+def _factor(A, damping, L):
+    """Cholesky factor `L` (6, 6) of `A` (6, 6) with `damping` on its diagonal; its least pivot."""
+    # In place of LAPACK, a call of which costs more than these sums.
+    least = np.inf
+    for i in range(6):
+        for j in range(i + 1):
+            total = A[i, j] + damping if i == j else A[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i == j:
+                least = min(least, total)
+                L[i, i] = np.sqrt(total)
+            else:
+                L[i, j] = total / L[j, j]
+    return least

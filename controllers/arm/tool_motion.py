@@ -3,7 +3,9 @@ high rate.
 
 One step extrapolates the tool pose, displaces it, and resolves it into the arm's base. MKPS solves
 the inverse kinematics on the branch of the last angles, from where joints to spare have moved the
-arm off singular postures and limits. The jump where the arm began to follow a tool pose is blended
+arm off singular postures and limits. Where six joints would spin beside a singular posture, they
+turn at their speed limit, and the tool leaves its path by the least amount that this allows, as in
+`uuv.controllers.ik.tracking`. The jump where the arm began to follow a tool pose is blended
 out.
 """
 
@@ -12,10 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from uuv.controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
-from uuv.controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings, partition
+from uuv.controllers.ik.chain_kernels import (
+    BAD_TARGET,
+    HEAD,
+    HYBRID,
+    LOWER,
+    UPPER,
+    Settings,
+    partition,
+)
 from uuv.controllers.ik.damped_descent import solve_keep
 from uuv.controllers.ik.method import tracking_method
 from uuv.controllers.ik.spare_joints import spare_motion
+from uuv.controllers.ik.tracking import NEAR
 from uuv.controllers.ik.tracking_solvers import solve_at, solver_address
 from uuv.controllers.tuning import ArmTuning
 from uuv.sim.interfaces.kernels import kernel
@@ -24,6 +35,7 @@ from uuv.sim.interfaces.spatial import Array
 _POSITION = 1e-6  # [m] tolerance of the inverse kinematics
 _ORIENTATION = 1e-5  # [rad] tolerance of the inverse kinematics
 _STEPS = 4000  # [-] most iterations of the inverse kinematics
+_PASSING_STEPS = 400  # [-] the same where a singular posture is passed
 _NEEDED = 6  # joints that a tool pose needs; those beyond are to spare
 
 
@@ -42,11 +54,15 @@ class ToolMotion(NamedTuple):
     holding: np.ndarray
     # kernel memory of the arm's chain, which the inverse kinematics uses as working memory too
     chain: Array
+    # the same where the tool must leave its path (`uuv.controllers.ik.tracking.passing_memory`)
+    passing_chain: Array
+    # (1,) bool: a singular posture is being passed
+    passing: np.ndarray
 
     @classmethod
-    def start(cls, q: Array, chain: Array) -> "ToolMotion":
-        """The arm held at `q` (n,) [rad]; `chain` is a separate copy of the chain's kernel
-        memory.
+    def start(cls, q: Array, chain: Array, passing_chain: Array) -> "ToolMotion":
+        """The arm held at `q` (n,) [rad]; `chain` and `passing_chain` are separate copies of the
+        chain's kernel memories.
         """
         n = len(q)
         zeros = (np.zeros(n), np.zeros(n), np.zeros((2, n)), np.zeros(n), np.zeros(n))
@@ -56,6 +72,8 @@ class ToolMotion(NamedTuple):
             ik_error=np.full(2, np.nan),
             holding=np.ones(1, dtype=np.bool_),
             chain=chain,
+            passing_chain=passing_chain,
+            passing=np.zeros(1, dtype=np.bool_),
         )
 
 
@@ -71,16 +89,18 @@ class ToolTracking(NamedTuple):
     # method
     solver: int
     spare_speed: float  # [rad/s] at which joints to spare move the arm; 0: it has none
+    length: float  # [m] of the arm, by which nearness to singular postures is measured
 
     @classmethod
     def of(
-        cls, X_AB: Array, joints: int, tuning: ArmTuning, *, follows_hull: bool
+        cls, X_AB: Array, joints: int, length: float, tuning: ArmTuning, *, follows_hull: bool
     ) -> "ToolTracking":
         """Record for an arm.
 
         Args:
             X_AB: (4, 4) hull pose in the arm's base.
             joints: number of joints.
+            length: [m] of the arm.
             tuning: gains of the arm.
             follows_hull: as the field.
         """
@@ -93,6 +113,7 @@ class ToolTracking(NamedTuple):
             tuning.task_period,
             solver,
             tuning.spare_joint_speed if joints > _NEEDED else 0.0,
+            length,
         )
 
 
@@ -201,6 +222,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
             out.offset[j] = out.q[j] - q[j]
             out.offset_rate[j] = out.qd[j] - resolved.qd[j]
         out.holding[0] = False
+    elif n == _NEEDED and not track.solver:
+        error_p, error_r = _pass_singular(track, out, resolved, tip[1], (error_p, error_r), q)
 
     out.q[:], out.qd[:], out.offset[:], out.offset_rate[:] = bumpless(
         q,
@@ -215,6 +238,87 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
     out.ik_error[0] = error_p
     out.ik_error[1] = error_r
     return True, resolved.X_AG
+
+
+@kernel
+def _pass_singular(track, out, resolved, J_B, errors, q):
+    """Keep the speed limit beside a singular posture, the tool off its path by the least amount.
+
+    Args:
+        track: `ToolTracking`.
+        out: `ToolMotion` of the last step; its `passing` is updated.
+        resolved: `ResolvedMotion`; its `qd` is replaced where the posture is passed.
+        J_B: (6, n) Jacobian of the tip as it is.
+        errors: [m], [rad] of `q`.
+        q: (n,) [rad] joint angles at the tool pose; replaced likewise.
+
+    Returns:
+        The errors [m], [rad] of the angles.
+    """
+    n = q.shape[0]
+    most = track.speed_limit * track.period
+    last = np.empty(n)
+    fastest = 0.0
+    for j in range(n):
+        last[j] = out.q[j] - out.offset[j]
+        fastest = max(fastest, abs(q[j] - last[j]))
+
+    if fastest <= most:
+        out.passing[0] = False
+        return errors
+    if not out.passing[0] and not _is_near(J_B, track.length):
+        return errors
+    out.passing[0] = True
+
+    # Limits of this step
+    limits = partition(out.chain, n).table
+    steps = partition(out.passing_chain, n).table
+    for j in range(n):
+        lower = limits[HEAD + j, LOWER]
+        upper = limits[HEAD + j, UPPER]
+        last[j] = min(max(last[j], lower), upper)
+        steps[HEAD + j, LOWER] = max(lower, last[j] - most)
+        steps[HEAD + j, UPPER] = min(upper, last[j] + most)
+
+    # The pose that leaves the path least, and the speeds that lead there
+    trail = out.chain[:0].reshape(0, 1)
+    settings = Settings(
+        HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _PASSING_STEPS, 0, True, False
+    )
+    beside = np.empty(n)
+    code, _, _, error_p, error_r = solve_keep(
+        out.passing_chain, resolved.X_AG, last, settings, None, trail, beside
+    )
+    if code >= BAD_TARGET:
+        return errors
+    for j in range(n):
+        q[j] = beside[j]
+        resolved.qd[j] = (beside[j] - last[j]) / track.period
+    return error_p, error_r
+
+
+@kernel
+def _is_near(J, length):
+    """True if a posture is near a singular one: the least singular value of its Jacobian (6, n),
+    lengths over `length` [m], is under NEAR.
+    """
+    # it is above if the Gram matrix less its square has a Cholesky factor
+    L = np.empty((6, 6))
+    for a in range(6):
+        for b in range(a + 1):
+            total = -NEAR * NEAR if a == b else 0.0
+            units = (1.0 / length if a < 3 else 1.0) * (1.0 / length if b < 3 else 1.0)
+            for m in range(J.shape[1]):
+                total += J[a, m] * J[b, m] * units
+            for m in range(b):
+                total -= L[a, m] * L[b, m]
+            if a == b:
+                if not total > 0.0:
+                    return True
+                L[a, a] = np.sqrt(total)
+            else:
+                L[a, b] = total / L[b, b]
+    return False
 
 
 @kernel

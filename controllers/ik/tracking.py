@@ -56,7 +56,13 @@ _LONGEST_HOLD = 2.0
 _STEPS = 400  # largest number of solver steps per pose
 _SPARE_SHARE = 0.5  # of the speed limits, up to which joints to spare move the arm
 _SPARE_SPEED = 0.3  # [rad/s] largest speed of a joint that is used for this
+NEAR = 0.1  # nearness under which passing may begin
 _LEAD = 8.0  # factor of position against orientation errors where the tool must leave its path
+
+
+def passing_memory(chain: Chain) -> Array:
+    """Kernel memory of a chain for a tool that must leave its path: positions count more."""
+    return memory_of(chain, _LEAD * chain._scale)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,7 +117,7 @@ class Tracker:
         *,
         speed_limits: ArrayLike = 1.0,
         passing: Passing = "limit",
-        near: float = 0.1,
+        near: float = NEAR,
         position_tolerance: float = 1e-6,
         orientation_tolerance: float = 1e-5,
         method: Method = "hybrid",
@@ -177,7 +183,7 @@ class Tracker:
             kinds.get(method, kernels.HYBRID), tol_p, tol_r, axis, axis, _STEPS, 0, True, False
         )
 
-        self._memory = memory_of(chain, _LEAD * chain._scale)
+        self._memory = passing_memory(chain)
         # The entry of usual calls leaves tolerances that differ very much to another one.
         self._usual = method == "hybrid" and count_alike(_LEAD * chain._scale, tol_p, tol_r)
         self._entry = entry(

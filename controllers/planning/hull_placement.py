@@ -32,6 +32,7 @@ from uuv.controllers.planning.arm_margins import ArmMargins, Dropped, ToolTrack,
 from uuv.controllers.planning.arm_size import FULL, base_axis, reach, size
 from uuv.controllers.planning.carried_arm import CarriedArm
 from uuv.controllers.planning.hull_path import hull_keeps, skin_of
+from uuv.controllers.planning.hull_place import HullPlace
 from uuv.controllers.planning.path_poses import (
     STANDOFF_STEPS,
     from_moving_hull,
@@ -47,6 +48,7 @@ from uuv.controllers.planning.placement import (
     out_of_reach,
 )
 from uuv.controllers.planning.promise import MOST_THRUST
+from uuv.controllers.planning.singular_passage import ChosenPlace
 from uuv.models.objects.targets import TargetModel
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ReachError, StrongCurrentError
@@ -302,6 +304,10 @@ class StandingLimits:
     # share of full thrust for set force and steady current, up to which the hull is not turned
     spared: float = 0.7
     thrust: float = MOST_THRUST  # largest share that they may take
+    place: HullPlace | None = None  # chosen by hand; None: searched for
+    speed: float = 0.02  # [m/s] of the tool along the path
+    # True: from a chosen place also where the tool would leave its path at a singular posture
+    unchecked: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -338,6 +344,9 @@ class PathStanding:
             StrongCurrentError: the thrusters can hold no placement in the current.
         """
         obstacle = transform_points(target.X_WT, self.model.vertices)
+        if self.limits.place is not None:
+            X_WB = self.limits.place.in_world(target.X_WT)
+            return self._chosen(obstacle, whole, X_WB), whole, 1.0
 
         try:
             chosen = self._best(obstacle, whole, self.holding)
@@ -374,6 +383,43 @@ class PathStanding:
             f"set force a thruster needs {used:.0%} of its thrust, but at most "
             f"{self.limits.thrust:.0%} is allowed"
         )
+
+    def _chosen(self, obstacle: Array, path: ToolPath, X_WB: Array) -> Placement:
+        """Placement at a hull pose (4, 4) that was chosen, or ReachError."""
+        limits = self.limits
+        search = self.search or PlacementSearch.of_size(size(self.chain))
+        if self.chain.n < FULL:
+            raise ReachError(
+                f"task.hull_place: an arm of {self.chain.n} joints is carried along by its hull, "
+                "which needs no place"
+            )
+
+        hull = ConvexHull(obstacle)
+        skin = skin_of(obstacle, hull)
+        height = X_WB[2, 3] + self.hull_box[0, 2] - self.floor
+        if height < search.clearance or not hull_keeps(X_WB, self.hull_box, skin, search.clearance):
+            raise ReachError(
+                f"the chosen place leaves the hull less than {search.clearance:.2f} m to the "
+                "object or the seabed"
+            )
+
+        arm = ArmMargins(
+            vehicle=self.vehicle,
+            chain=self.chain,
+            planes=hull.equations,
+            force=limits.force,
+            clearance=search.arm_clearance,
+            holding=self.holding,
+        )
+        chosen = ChosenPlace(
+            arm=arm,
+            path=path,
+            X_WB=X_WB,
+            speed=limits.speed,
+            standoff=limits.standoff,
+            rolls=search.rolls,
+        )
+        return chosen.placement(checked=not limits.unchecked)
 
     def used(self, placement: Placement, path: ToolPath, holding: ThrustMargin) -> float:
         """Largest share of full thrust that a thruster uses along a path from a placement.

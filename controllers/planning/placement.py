@@ -29,6 +29,7 @@ class Placement:
     # Displacement (3) [m] in W and turn [rad] of a hull that carries its arm along the path, over
     # the completed share of the path; None: a straight line without turning, by `travel_W`.
     way: "CubicSpline | None" = None
+    note: str = ""  # message for the user
 
     def hull_at(self, share: float) -> Array:
         """Hull pose (4, 4) when the tool has completed `share` [-] of the path."""

@@ -499,6 +499,8 @@ def _stand(
         held.note = f"the arm reaches {worked:.0%} of the path; only that part is worked"
     elif path.note:
         held.note = path.note
+    elif placement.note:
+        held.note = placement.note
     if not placement.held:
         held.note = "the thrusters may not hold the hull against friction at the set force"
 

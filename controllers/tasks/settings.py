@@ -6,6 +6,7 @@ Nothing here brings compiled kernels, as the planners do.
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from uuv.controllers.planning.hull_place import HullPlace
 from uuv.controllers.planning.promise import PromiseLimits
 from uuv.controllers.planning.trajectories import FASTEST, SLOWEST
 from uuv.controllers.tasks.approach_limits import ApproachLimits
@@ -39,6 +40,8 @@ class SurfaceSettings:
         "ends, and reported.",
         group="object",
     )
+    # place of the hull at work; None: it is searched for, away from singular postures of the arm
+    hull_place: HullPlace | None = None
     approach: ApproachLimits = field(default_factory=ApproachLimits)
     promise: PromiseLimits = field(default_factory=PromiseLimits)
 

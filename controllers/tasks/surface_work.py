@@ -99,6 +99,7 @@ class ContactLimits:
 class SurfaceTaskConfig(SurfaceSettings):
     """Settings of surface work, and the limits of its phases."""
 
+    unchecked: bool = False  # True: also where the tool would leave its path at a singular posture
     force_control: bool = True  # False: work begins after `press.within` at any force (ablation)
     arrival: ArrivalLimits = field(default_factory=ArrivalLimits)
     press: PressLimits = field(default_factory=PressLimits)
@@ -251,6 +252,9 @@ class SurfaceWork(TaskPlanner):
                 standoff=job.approach.standoff,
                 least_share=job.least,
                 thrust=job.promise.most_thrust,
+                place=job.hull_place,
+                speed=job.speed,
+                unchecked=job.unchecked,
             ),
             floor=floor,
             search=search,

@@ -20,6 +20,7 @@ from uuv.controllers.arm.position_force import ANSWER, CLOSED, INWARDS, WHOLE, F
 from uuv.controllers.arm.tool_motion import ToolMotion, ToolTracking
 from uuv.controllers.estimation.tip_force_estimator import ContactState
 from uuv.controllers.estimation.tip_force_kernels import SensedArm
+from uuv.controllers.ik.tracking import passing_memory
 from uuv.controllers.mkps import Chain, solve
 from uuv.controllers.tuning import ArmTuning
 from uuv.controllers.whole_body.tool_tick import (
@@ -249,7 +250,11 @@ class ToolControl:
 
         X_AB = inverse(np.array(vehicle.X_BA))
         self.tracking = ToolTracking.of(
-            X_AB, vehicle.joints.size, tuning, follows_hull=self.drift.follows_hull
+            X_AB,
+            vehicle.joints.size,
+            1.0 / self._chain._scale,
+            tuning,
+            follows_hull=self.drift.follows_hull,
         )
         self._armature = np.array(vehicle.armature)
         self.compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))
@@ -259,7 +264,7 @@ class ToolControl:
         return ToolControlState(
             force=self.force_law.init(),
             compliance=self.compliance.init(),
-            motion=ToolMotion.start(estimate.q, self._chain.memory()),
+            motion=ToolMotion.start(estimate.q, self._chain.memory(), passing_memory(self._chain)),
         )
 
     @property

@@ -83,7 +83,11 @@ NAMELESS = """
             "--least-chance (task.promise.least), a probability",
             id="no chance",
         ),
-        pytest.param(["--range", "12"], None, "not identified", id="camera sees nothing"),
+        pytest.param(
+            ["--range", "12", "--unchecked"], None, "not identified", id="camera sees nothing"
+        ),
+        pytest.param(["--range", "4"], None, "scan it from at most 3", id="too far for its noise"),
+        pytest.param(["--force-from", "motors"], None, "hides up to", id="friction hides force"),
         pytest.param(
             [*KNOWN, "--forces", "60"],
             short_armed,

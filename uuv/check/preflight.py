@@ -7,6 +7,8 @@ import mujoco
 import numpy as np
 
 from uuv.check import doubts
+from uuv.check.hidden_force import HiddenForce
+from uuv.check.range_error import RangeError
 from uuv.check.ready_force import BEYOND, VIEW, ReadyForce, looks_by_camera
 from uuv.check.statics import AXES, authority, strongest_current, trim_of, weight_of
 from uuv.models.completing.postures import PostureSearch
@@ -15,9 +17,11 @@ from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import Scenario
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.site import Workpiece
+from uuv.tasks.approach import object_of
 from uuv.tasks.insertion import InsertionTask
 from uuv.tasks.seabed_sampling import SeabedSamplingTask
-from uuv.tasks.surface_work import SurfaceWorkTask
+from uuv.tasks.surface_work import SurfaceWorkTask, work_bounds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,6 +100,18 @@ def _refusals(scenario: Scenario, believed: OwnVehicle, ready: ReadyForce) -> It
 
     if (weak := ready.refusal(BEYOND)) is not None:
         yield weak[1]
+
+    if scenario.control.force_from == "motors":
+        bounds = work_bounds(believed)
+        hidden = HiddenForce.of(believed)
+        if message := hidden.refusal(bounds.force_error_rms, bounds.force_error_max):
+            yield message
+
+    if isinstance(scenario.task, SurfaceWorkTask) and looks_by_camera(scenario):
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        errors = RangeError.of(workpiece.target(scenario.task.path)[0])
+        if message := errors.refusal(scenario.task.range, work_bounds(believed)):
+            yield message
 
     blocked, body = PostureSearch(model).view_hits(vehicle.q_home, doubts.HALF_VIEW)
     if looks_by_camera(scenario) and blocked > VIEW:

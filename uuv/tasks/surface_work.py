@@ -284,6 +284,7 @@ class PlacedSurfaceWork(PlacedTask):
         }
         return SurfaceTaskConfig(
             **(settings_of(SurfaceSettings, task) | scaled),
+            unchecked=self.scenario.vehicle.unchecked,
             force_control="force-control" not in self.scenario.control.without,
             arrival=ArrivalLimits.of_size(size),
             escape=EscapeLimits.of_size(size),

@@ -116,7 +116,7 @@ class IkRow:
         "arm": published_arms.available(),
         "limits": LIMITS,
         "start": (COLD, WARM),
-        "bar": tuple(BARS),
+        "bar": ("A", "B"),
     },
     quick={"arm": ("puma560",), "limits": LIMITS[:1], "bar": ("A",)},
 )

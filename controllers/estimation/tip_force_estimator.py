@@ -85,6 +85,7 @@ class ContactState:
             force_W=self.record.f_W.copy(),
             normal=float(self.record.felt[0]),
             sigma_G=self.record.sigma_G.copy(),
+            torques=self.sensed.tau_e - self.bias,
         )
 
     @estimate.setter

@@ -13,6 +13,7 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.jaw_drive import TrueJaws
 from uuv.sim.plant.readout import FORCE
 from uuv.sim.plant.thrusters import Drive
+from uuv.sim.plant.true_handle import TrueHandle
 
 
 class Truth:
@@ -36,6 +37,7 @@ class Truth:
         "contact_most",
         "contact_normal",
         "current_W",
+        "handle",
         "jaws",
         "joint_damping",
         "p_WB",
@@ -78,6 +80,7 @@ class Truth:
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
     jaws: TrueJaws  # of a gripper
+    handle: TrueHandle  # of a valve at the site
     # (6,) [N, N m] wrench of the arm on the hull, at the hull's origin; NaN if the plant does not
     # measure it
     arm_wrench_B: Array
@@ -141,6 +144,7 @@ class Truth:
 
         truth.current_W = np.zeros(3)
         truth.jaws = TrueJaws.of(data)
+        truth.handle = TrueHandle.of(data)
         truth.arm_wrench_B = np.full(6, np.nan)
 
         # Tool; without an arm, the hull takes its place.

@@ -1,0 +1,46 @@
+"""True angle of a valve's handle, and the moment of the tool on it."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from uuv.models.naming import HANDLE
+from uuv.sim.interfaces.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueHandle:
+    """True state of a handle as live views, each of one number, or empty without a handle.
+
+    The moment is that of all contacts, less that which accelerates the handle. MuJoCo's sensor of
+    torque leaves out what friction, damping and stops of the hinge itself bear.
+    """
+
+    angle: Array  # (1,) [rad] from the start
+    speed: Array  # (1,) [rad/s]
+    moment: Array  # (1,) [N m] about the hinge's axis, positive: it turns the handle on
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Self:
+        """The views of one simulation."""
+        model = data.model
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, HANDLE)
+        if joint < 0:
+            nothing = np.zeros(0)
+            return cls(angle=nothing, speed=nothing, moment=nothing)
+
+        at = int(model.jnt_qposadr[joint])
+        dof = int(model.jnt_dofadr[joint])
+        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, HANDLE)
+        about_z = int(model.sensor_adr[sensor]) + 2
+        return cls(
+            angle=data.qpos[at : at + 1],
+            speed=data.qvel[dof : dof + 1],
+            moment=data.sensordata[about_z : about_z + 1],
+        )
+
+    def row(self) -> Array:
+        """Angle [rad] and moment [N m] (2,), or (0,) without a handle, for a recording."""
+        return np.concatenate([self.angle, self.moment])

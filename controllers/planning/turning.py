@@ -20,7 +20,8 @@ from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, readonly
 SHORTEST = 0.1  # [m] of the path for 1 rad, where the handle has no lever
 _STEP = 0.03  # [rad] between samples of the path
 _SAMPLES = 9  # poses at which the moment is computed
-_WORKED = 0.9  # share of a joint's torque, and of a thruster's thrust, that the work may take
+_TORQUE = 0.95  # share of a joint's torque that the work may take
+_THRUST = 0.9  # share of a thruster's thrust
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,7 +127,7 @@ class TurningStatics:
         """Bound of the joint torques, which are linear in the moment."""
         rest = self.holding.torques(q, R_WB, np.zeros(6))
         rise = self.holding.torques(q, R_WB, per_moment) - rest
-        limits = _WORKED * self.vehicle.torque_limits
+        limits = _TORQUE * self.vehicle.torque_limits
         with np.errstate(divide="ignore"):
             rooms = (limits - np.sign(rise) * rest) / np.abs(rise)
         j = int(np.argmin(rooms))
@@ -136,10 +137,10 @@ class TurningStatics:
         """Bound of the thrusters below `most` [N m], by halving."""
         low, high = 0.0, most
         by = "the thrusters"
-        if self.holding.used(q, R_WB, high * per_moment) <= _WORKED:
+        if self.holding.used(q, R_WB, high * per_moment) <= _THRUST:
             return MomentBound(moment=most, by=by)
         for _ in range(12):
             middle = 0.5 * (low + high)
-            fits = self.holding.used(q, R_WB, middle * per_moment) <= _WORKED
+            fits = self.holding.used(q, R_WB, middle * per_moment) <= _THRUST
             low, high = (middle, high) if fits else (low, middle)
         return MomentBound(moment=low, by=by)

@@ -20,7 +20,7 @@ class TrueHandle:
 
     angle: Array  # (1,) [rad] from the start
     speed: Array  # (1,) [rad/s]
-    moment: Array  # (1,) [N m] about the hinge's axis, positive: it turns the handle on
+    borne: Array  # (1,) [N m] of the hinge on the handle about its axis, which opposes the tool
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Self:
@@ -29,7 +29,7 @@ class TrueHandle:
         joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, HANDLE)
         if joint < 0:
             nothing = np.zeros(0)
-            return cls(angle=nothing, speed=nothing, moment=nothing)
+            return cls(angle=nothing, speed=nothing, borne=nothing)
 
         at = int(model.jnt_qposadr[joint])
         dof = int(model.jnt_dofadr[joint])
@@ -38,8 +38,13 @@ class TrueHandle:
         return cls(
             angle=data.qpos[at : at + 1],
             speed=data.qvel[dof : dof + 1],
-            moment=data.sensordata[about_z : about_z + 1],
+            borne=data.sensordata[about_z : about_z + 1],
         )
+
+    @property
+    def moment(self) -> Array:
+        """Moment (1,) [N m] of the tool about the hinge's axis, or (0,)."""
+        return -self.borne
 
     def row(self) -> Array:
         """Angle [rad] and moment [N m] (2,), or (0,) without a handle, for a recording."""

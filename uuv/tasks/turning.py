@@ -9,7 +9,7 @@ from uuv.controllers.tasks.settings import TurnSettings, settings_of
 from uuv.models.naming import HULL_BODY
 from uuv.models.objects.turned_valve import BAR, QUARTER, TurnedValve
 from uuv.models.site import valve_site
-from uuv.outcome import RunResult
+from uuv.outcome import Pictures, RunResult
 from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.handling.turn_metrics import FeltHandle, TrueTurn, assess_turn
@@ -181,10 +181,22 @@ class PlacedTurn(PlacedTask):
             play=play,
         )
 
+    @property
+    def truth(self) -> TrueTurn:
+        """What is asked for."""
+        return TrueTurn(angle=QUARTER, moment=self.task.moment, stuck=self.site.stuck)
+
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Assessment against the true handle."""
-        truth = TrueTurn(angle=QUARTER, moment=self.task.moment, stuck=self.site.stuck)
-        return assess_turn(ran.recording, truth, self.watch.felt(), seed=seed, wall_s=ran.wall_s)
+        felt = self.watch.felt()
+        return assess_turn(ran.recording, self.truth, felt, seed=seed, wall_s=ran.wall_s)
+
+    def pictures(self, ran: RunResult) -> Pictures:
+        """Moment and angle over time."""
+        from uuv.sim.reporting.turn_figures import turn_figures
+
+        del ran
+        return turn_figures(self.watch.felt(), self.truth)
 
     def observers(self) -> tuple[Observer, ...]:
         """The reader of the handle."""

@@ -57,7 +57,6 @@ class TurnPlan:
     moment: float  # [N m] set
     speed: float  # [rad/s] set
     x_start: Array  # (3,) x axis of the tool at the path's start
-    before: float  # [rad] angle of the path's start
     felt: float = 0.0  # [N m] of the tool about the axis, filtered
     angle: float = 0.0  # [rad] of the tool about the axis
     met: float = math.nan  # [rad] at which it met the handle

@@ -225,7 +225,6 @@ class ValveTurning(TaskPlanner):
             moment=self._job.moment,
             speed=self._job.speed,
             x_start=held.line.path.x[0],
-            before=0.0,
         )
 
 

@@ -11,11 +11,12 @@ from uuv.assembly import assemble
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.turning import TurningAxis, TurningStatics
+from uuv.controllers.tasks.arrival import TareSensors
 from uuv.controllers.tasks.axial_phases import AxialLimits
 from uuv.controllers.tasks.grasping.turn_phases import TurnPlan
 from uuv.controllers.tasks.grasping.turning import TurnJob, check_moment, rows_at_handle
-from uuv.controllers.tasks.phase import ToolLine
-from uuv.controllers.tasks.task import TaskPlanner, TaskState
+from uuv.controllers.tasks.phase import PhaseEvent, ToolLine
+from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState
 from uuv.models.objects.turned_valve import QUARTER, TurnedValve
 from uuv.sim.evaluation.handling.turn_metrics import assess_turn
 from uuv.sim.evaluation.metrics import Assessment
@@ -42,8 +43,10 @@ class AtHandle(TaskPlanner):
     def __init__(
         self, placed: PlacedTurn, job: TurnJob, placement: Placement, path: ToolPath, plan: TurnPlan
     ) -> None:
+        tare = TareSensors(after=0.3, seconds=0.3)
+        first = "tare", TaskRow(tare, WorkState.TARE, {PhaseEvent.DONE: "approach"})
         rows = rows_at_handle(job, placed.own.at_work())
-        super().__init__(rows, (), X_WB=placement.X_WB, q=placement.q_start)
+        super().__init__((first, *rows), (), X_WB=placement.X_WB, q=placement.q_start)
         self.line = ToolLine(path, placement, 0.0)
         self.depth = -job.axial.standoff
         self.plan = plan

@@ -165,7 +165,7 @@ class ValveTurning(TaskPlanner):
             blind_time=limits.blind_time,
             too_long="the handle was not reached",
         )
-        rows = turn_rows(site, limits, job, self._take)
+        rows = turn_rows(site, limits, job, self._take, lever=valve.lever > 0.0)
         super().__init__(rows, monitors, X_WB=X_WB_scan, q=vehicle.q_home, period=period)
 
     def axis(self, X_WT: Array) -> TurningAxis:
@@ -229,7 +229,12 @@ class ValveTurning(TaskPlanner):
 
 
 def turn_rows(
-    site: WorkSite, limits: ArrivalLimits, job: TurnJob, take: Callable[[Held, Context], None]
+    site: WorkSite,
+    limits: ArrivalLimits,
+    job: TurnJob,
+    take: Callable[[Held, Context], None],
+    *,
+    lever: bool,
 ) -> Iterable[tuple[str, TaskRow]]:
     """Table of a turn.
 
@@ -238,6 +243,7 @@ def turn_rows(
         limits: of the way to the stand-off.
         job: moment, speed and limits.
         take: keeps axis and moment in `Held.plan`.
+        lever: the handle is a lever, not a bar.
 
     Returns:
         Names and rows.
@@ -247,16 +253,21 @@ def turn_rows(
     )
     decide = Decide(take, AbortCode.OUT_OF_REACH)
     yield "take", TaskRow(decide, WorkState.TARE, {_ENDS: "approach"}, PARK)
-    yield from rows_at_handle(job, site.own)
+    yield from rows_at_handle(job, site.own, lever=lever)
 
 
-def rows_at_handle(job: TurnJob, own: WorkVehicle) -> Iterable[tuple[str, TaskRow]]:
-    """Rows from the stand-off over the handle on; "approach" is to be entered."""
+def rows_at_handle(job: TurnJob, own: WorkVehicle, *, lever: bool) -> Iterable[tuple[str, TaskRow]]:
+    """Rows from the stand-off over the handle on; "approach" is to be entered.
+
+    On a bar, without `lever`, the tool yields to forces across its axis, which is beside the
+    valve's by the error of its pose.
+    """
     axial = job.axial
     states = WorkState
     free = Push(force=job.push, beyond=-job.early)
     over = replace(free, compliant_beyond=-job.depth - job.early)
-    loaded = replace(free, beyond=-math.inf)
+    yields = math.inf if lever else -math.inf
+    loaded = replace(free, beyond=-math.inf, compliant_beyond=yields)
     met = AxialContact(
         touch=job.touch,
         touch_time=job.touch_time,

@@ -45,7 +45,7 @@ class AtHandle(TaskPlanner):
     ) -> None:
         tare = TareSensors(after=0.3, seconds=0.3)
         first = "tare", TaskRow(tare, WorkState.TARE, {PhaseEvent.DONE: "approach"})
-        rows = rows_at_handle(job, placed.own.at_work())
+        rows = rows_at_handle(job, placed.own.at_work(), lever=placed.valve.lever > 0.0)
         super().__init__((first, *rows), (), X_WB=placement.X_WB, q=placement.q_start)
         self.line = ToolLine(path, placement, 0.0)
         self.depth = -job.axial.standoff

@@ -1,7 +1,8 @@
 """Turns of valves by a lever and by a T-bar: angle, moment and the hull, over random valves.
 
 A case draws the moment at which the valve breaks away, and the lever's radius; the set moment is
-a half more. A third of the cases of `stuck` are valves that do not turn.
+a half more. Each valve is also turned where it is stuck. Of what should turn, the angle is judged;
+of what is stuck, the time in which it is named after it stands against the set moment.
 """
 
 from uuv.start import run_scenario  # isort: skip

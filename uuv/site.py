@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from uuv.models.objects.manifold import Manifold as ManifoldBlock
     from uuv.models.objects.target_model import ModelPath
     from uuv.models.objects.targets import TargetModel
-    from uuv.models.objects.turned_valve import TurnedValve
     from uuv.models.site.seabed import Seabed
+    from uuv.models.site.turned_valve import TurnedValve
     from uuv.models.site.valve_site import HingeFriction
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
@@ -335,7 +335,7 @@ class HandValve(SiteObject):
 
     def shape(self) -> "TurnedValve":
         """The valve's shape, as the vehicle knows it."""
-        from uuv.models.objects.turned_valve import TurnedValve
+        from uuv.models.site.turned_valve import TurnedValve
 
         return TurnedValve(handle=self.handle, radius=self.radius)
 

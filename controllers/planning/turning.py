@@ -45,8 +45,9 @@ class TurningAxis:
             X_WG: pose of the tool.
             x_start: (3,) its x axis at the start, used where there is no lever.
         """
-        ahead, now = (self.ahead, X_WG[:3, 3] - self.p) if self.lever else (x_start, X_WG[:3, 0])
-        return float(np.arctan2(now @ np.cross(self.a, ahead), now @ ahead))
+        start = self.ahead if self.lever else x_start
+        present = X_WG[:3, 3] - self.p if self.lever else X_WG[:3, 0]
+        return float(np.arctan2(present @ np.cross(self.a, start), present @ start))
 
     def moment(self, p: Array, wrench: Array) -> float:
         """Moment [N m] about the axis of a wrench (6,) [N, N m] that acts at `p` (3,) [m], W."""
@@ -60,6 +61,8 @@ class TurningAxis:
         count = max(8, 1 + round((last - first) / _STEP))
         angles = np.linspace(first, last, count)
         turns = np.stack([exp_so3(angle * self.a) for angle in angles])
+
+        # The axis of the tool stays, and its x turns.
         ones = np.ones((count, 1))
         return ToolPath(
             s=readonly(self.pace * (angles - first)),
@@ -105,11 +108,12 @@ class TurningStatics:
             X_WG = tool_pose(path, s, placement.roll)[0]
             q = posture_for(self.chain, X_AW @ X_WG, q).q
             per_moment = self._load(axis, X_WG)
-            for found in (
-                self._by_joints(q, X_WB[:3, :3], per_moment),
-                self._by_thrust(q, X_WB[:3, :3], per_moment, least.moment),
-            ):
-                least = min(least, found, key=lambda bound: bound.moment)
+
+            # The least of joints and thrusters.
+            by_joints = self._by_joints(q, X_WB[:3, :3], per_moment)
+            least = min(least, by_joints, key=lambda bound: bound.moment)
+            by_thrust = self._by_thrust(q, X_WB[:3, :3], per_moment, least.moment)
+            least = min(least, by_thrust, key=lambda bound: bound.moment)
         return least
 
     def _load(self, axis: TurningAxis, X_WG: Array) -> Array:
@@ -127,6 +131,7 @@ class TurningStatics:
         """Bound of the joint torques, which are linear in the moment."""
         rest = self.holding.torques(q, R_WB, np.zeros(6))
         rise = self.holding.torques(q, R_WB, per_moment) - rest
+
         limits = _TORQUE * self.vehicle.torque_limits
         with np.errstate(divide="ignore"):
             rooms = (limits - np.sign(rise) * rest) / np.abs(rise)
@@ -135,12 +140,15 @@ class TurningStatics:
 
     def _by_thrust(self, q: Array, R_WB: Array, per_moment: Array, most: float) -> MomentBound:
         """Bound of the thrusters below `most` [N m], by halving."""
-        low, high = 0.0, most
         by = "the thrusters"
-        if self.holding.used(q, R_WB, high * per_moment) <= _THRUST:
+        if self.holding.used(q, R_WB, most * per_moment) <= _THRUST:
             return MomentBound(moment=most, by=by)
-        for _ in range(12):
-            middle = 0.5 * (low + high)
-            fits = self.holding.used(q, R_WB, middle * per_moment) <= _THRUST
-            low, high = (middle, high) if fits else (low, middle)
+
+        low = 0.0
+        step = 0.5 * most
+        while step > 1e-3 * most:
+            if self.holding.used(q, R_WB, (low + step) * per_moment) <= _THRUST:
+                low += step
+            step *= 0.5
+
         return MomentBound(moment=low, by=by)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uuv.models.naming import HANDLE
-from uuv.models.objects.turned_valve import QUARTER, TurnedValve
 from uuv.models.site.scenes import seabed_height
 from uuv.models.site.sliding_contact import TARGET_BODY
+from uuv.models.site.turned_valve import QUARTER, TurnedValve
 from uuv.sim.interfaces.spatial import Array, finite_number, quat_wxyz_from_rotation
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ import numpy as np
 
 from uuv.models.naming import HANDLE
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.plant.jaw_drive import TrueJaws
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,3 +50,16 @@ class TrueHandle:
     def row(self) -> Array:
         """Angle [rad] and moment [N m] (2,), or (0,) without a handle, for a recording."""
         return np.concatenate([self.angle, self.moment])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mechanisms:
+    """What moves beside hull and arm."""
+
+    jaws: TrueJaws  # of a gripper
+    handle: TrueHandle  # of a valve
+
+    @classmethod
+    def of(cls, data: mujoco.MjData) -> Self:
+        """The views of one simulation."""
+        return cls(jaws=TrueJaws.of(data), handle=TrueHandle.of(data))

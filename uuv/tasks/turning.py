@@ -7,8 +7,8 @@ import numpy as np
 
 from uuv.controllers.tasks.settings import TurnSettings, settings_of
 from uuv.models.naming import HULL_BODY
-from uuv.models.objects.turned_valve import BAR, QUARTER, TurnedValve
 from uuv.models.site import valve_site
+from uuv.models.site.turned_valve import BAR, QUARTER, TurnedValve
 from uuv.outcome import Pictures, RunResult
 from uuv.scenario import PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
@@ -70,7 +70,7 @@ class TurnValveTask(TurnSettings, Task):
         approach_W, orientation_W = coarse_detection(X_WT @ center, rng)
         return PlacedTurn(
             scenario=scenario,
-            own=own,
+            vehicle=own,
             task=self,
             job=job,
             site=site,
@@ -127,7 +127,7 @@ class PlacedTurn(PlacedTask):
 
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.APPROACH,)
     scenario: Scenario
-    own: "OwnVehicle"
+    vehicle: "OwnVehicle"
     task: TurnValveTask
     job: "TurnJob"
     site: HandValve
@@ -145,7 +145,7 @@ class PlacedTurn(PlacedTask):
     @property
     def X_WB(self) -> Array:
         """Scan pose of the hull."""
-        return scan_pose(self.own.X_BC, self.approach_W, self.task.range)
+        return scan_pose(self.vehicle.X_BC, self.approach_W, self.task.range)
 
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the valve and flat seabed."""
@@ -155,7 +155,7 @@ class PlacedTurn(PlacedTask):
         """The depth camera."""
         from uuv.sim.sensors.depth_camera import DepthCamera
 
-        return [DepthCamera(model, HULL_BODY, self.own.X_BC)], None
+        return [DepthCamera(model, HULL_BODY, self.vehicle.X_BC)], None
 
     def finder(self, sensor: "SensorModel | None", seed: int) -> "KnownObjectFinder":
         """Finder of the valve, with its handle at the first stop."""
@@ -173,11 +173,11 @@ class PlacedTurn(PlacedTask):
 
         play = 0.0 if self.valve.lever else 2.0 * HandleSocket().backlash(BAR[0])
         return ValveTurning(
-            self.own.at_work(),
+            self.vehicle.at_work(),
             self.valve,
             self.job,
             X_WB_scan=self.X_WB,
-            holding=ThrustMargin.of(self.own.model),
+            holding=ThrustMargin.of(self.vehicle.model),
             play=play,
         )
 

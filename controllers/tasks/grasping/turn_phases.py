@@ -25,7 +25,7 @@ from uuv.controllers.planning.turning import TurningAxis
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.axial_phases import AxialLimits, AxialPhase, Push
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint, towards
-from uuv.models.objects.turned_valve import QUARTER
+from uuv.models.site.turned_valve import QUARTER
 from uuv.sim.interfaces.messages import AbortCode, HandleReading
 from uuv.sim.interfaces.spatial import Array
 
@@ -98,10 +98,12 @@ class TurnState:
 class TurnPhase(AxialPhase):
     """Base of the phases with a handle in the tool."""
 
-    def __init__(self, limits: AxialLimits, push: Push, own: WorkVehicle, turn: TurnLimits) -> None:
-        """Set up the phase for the vehicle `own`, whose arm feels the handle."""
+    def __init__(
+        self, limits: AxialLimits, push: Push, vehicle: WorkVehicle, turn: TurnLimits
+    ) -> None:
+        """Set up the phase for the `vehicle` whose arm feels the handle."""
         super().__init__(limits, push)
-        self._own = own
+        self._vehicle = vehicle
         self._turn = turn
 
     def enter(self, held: Held, context: Context) -> TurnState:
@@ -117,9 +119,9 @@ class TurnPhase(AxialPhase):
             return plan
 
         # Pose of the tool, and the wrench of the world on it.
-        own = self._own
-        X_WA = context.estimate.X_WB @ own.vehicle.X_BA
-        X_AG, J_A = own.chain.kinematics(context.estimate.q)
+        arm = self._vehicle
+        X_WA = context.estimate.X_WB @ arm.vehicle.X_BA
+        X_AG, J_A = arm.chain.kinematics(context.estimate.q)
         tau = context.estimate.tau
         sigma = _FLOOR + _SHARE * np.abs(tau)
         on_tip = tip_wrench(last.contact.torques, J_A, sigma).wrench
@@ -190,11 +192,11 @@ class TurnHandle(TurnPhase):
 
         # The law: a set speed, or less where the moment is near to the set one.
         left = QUARTER - plan.turned if met else math.inf
-        wanted = min(plan.speed, max(limits.slowest, limits.slow * left))
-        wanted = wanted if met else min(plan.speed, limits.meet_speed)
+        near_stop = max(limits.slowest, limits.slow * left)
+        fastest = min(plan.speed, near_stop if met else limits.meet_speed)
         spare = plan.admittance(limits) * (plan.moment - plan.felt)
-        slowed = limits.yielding if spare < wanted else limits.acceleration
-        self.turn_on(held, context, min(wanted, max(spare, -wanted)), slowed)
+        slowed = limits.yielding if spare < fastest else limits.acceleration
+        self.turn_on(held, context, min(fastest, max(spare, -fastest)), slowed)
         return self._ended(state, held, context, plan)
 
     def _ended(self, state: TurnState, held: Held, context: Context, plan: TurnPlan) -> Outcome:

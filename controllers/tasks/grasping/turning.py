@@ -40,7 +40,7 @@ from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import TurnSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
-from uuv.models.objects.turned_valve import QUARTER, TurnedValve
+from uuv.models.site.turned_valve import QUARTER, TurnedValve
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, readonly, transform_points
@@ -92,6 +92,7 @@ def check_moment(job: TurnJob, valve: TurnedValve, wrist: float) -> None:
     else:
         most = _WRIST * wrist
         by = f"{_WRIST:.0%} of the last joint's {wrist:g} N m"
+
     if job.moment > most:
         raise ConfigurationError(
             f"task.moment [N m]: at most {most:.1f} here, {by}, got {job.moment:g}"
@@ -103,7 +104,7 @@ class ValveTurning(TaskPlanner):
 
     def __init__(
         self,
-        own: WorkVehicle,
+        worker: WorkVehicle,
         valve: TurnedValve,
         job: TurnJob,
         *,
@@ -115,7 +116,7 @@ class ValveTurning(TaskPlanner):
         """Set up the planner.
 
         Args:
-            own: the vehicle.
+            worker: the vehicle.
             valve: model of the valve.
             job: moment, speed and limits.
             X_WB_scan: (4, 4) hull pose in W from which the valve is scanned.
@@ -126,38 +127,43 @@ class ValveTurning(TaskPlanner):
         Raises:
             ConfigurationError: the moment is too large, or the arm has fewer than six joints.
         """
-        vehicle = own.vehicle
-        if own.chain.n < FULL:
+        vehicle = worker.vehicle
+
+        # What cannot be done in any posture.
+        if worker.chain.n < FULL:
             raise ConfigurationError(
                 "turn-valve: the handle fixes the tool's axes, which an arm of "
-                f"{own.chain.n} joints cannot hold; at least {FULL} are needed"
+                f"{worker.chain.n} joints cannot hold; at least {FULL} are needed"
             )
         check_moment(job, valve, float(vehicle.torque_limits[-1]))
+
         self._valve = valve
         self._job = job
         self._play = play
         self._statics = TurningStatics(
-            vehicle=vehicle, chain=own.chain, holding=holding.without_friction()
+            vehicle=vehicle, chain=worker.chain, holding=holding.without_friction()
         )
 
         # Along a lever the force is across the tool, like a friction.
         across = job.moment / valve.lever / job.push if valve.lever else 0.0
         self._standing = PathStanding(
             vehicle=vehicle,
-            chain=own.chain,
+            chain=worker.chain,
             model=valve.target,
-            hull_box=own.hull_box,
+            hull_box=worker.hull_box,
             limits=StandingLimits(force=job.push, standoff=job.axial.standoff, roomy=0.0),
             holding=holding.with_friction(across),
         )
         self.stand = self._stand
 
         site = WorkSite(
-            own=own,
+            own=worker,
             X_WB_scan=np.array(X_WB_scan),
             stand=self._stand,
-            around=around(own, valve.target),
+            around=around(worker, valve.target),
         )
+
+        # Rows and monitors.
         limits = ArrivalLimits()
         monitors = axial_monitors(
             job.axial,
@@ -196,6 +202,8 @@ class ValveTurning(TaskPlanner):
             ReachError: there is none; the message has the bound.
         """
         failure: ReachError | None = None
+
+        # The slot may be put over the handle either way.
         for turned in (path, replace(path, x=readonly(-path.x))):
             try:
                 placement, worked, share = self._standing(target, turned, current_W)
@@ -256,7 +264,9 @@ def turn_rows(
     yield from rows_at_handle(job, site.own, lever=lever)
 
 
-def rows_at_handle(job: TurnJob, own: WorkVehicle, *, lever: bool) -> Iterable[tuple[str, TaskRow]]:
+def rows_at_handle(
+    job: TurnJob, worker: WorkVehicle, *, lever: bool
+) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the stand-off over the handle on; "approach" is to be entered.
 
     On a bar, without `lever`, the tool yields to forces across its axis, which is beside the
@@ -276,14 +286,16 @@ def rows_at_handle(job: TurnJob, own: WorkVehicle, *, lever: bool) -> Iterable[t
         yields=True,
     )
 
+    # Over the handle.
     slow = (-job.guard, job.touch_speed)
     approach = AxialApproach(axial, over, met, slow=slow, to=0.0)
     arrived = {_ENDS: "turn", PhaseEvent.TOUCHED: "turn"}
     yield "approach", TaskRow(approach, states.APPROACH, arrived, WITHDRAW)
 
+    # With it, and off it.
     loosen = {**WITHDRAW, Reaction.RETREAT: "let go", Reaction.RISE: "let go"}
-    turn = TurnHandle(axial, loaded, own, job.turn)
+    turn = TurnHandle(axial, loaded, worker, job.turn)
     yield "turn", TaskRow(turn, states.WORK, {_ENDS: "let go"}, loosen, feels=True)
-    go = LetGo(axial, loaded, own, job.turn)
+    go = LetGo(axial, loaded, worker, job.turn)
     yield "let go", TaskRow(go, states.RETREAT, {_ENDS: "withdraw"}, WITHDRAW)
     yield from axial_end(Withdraw(axial, free, math.inf))

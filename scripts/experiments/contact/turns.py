@@ -8,7 +8,7 @@ of what is stuck, the time in which it is named after it stands against the set 
 from uuv.start import run_scenario  # isort: skip
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import degrees
 
 from uuv import jobs
@@ -19,7 +19,6 @@ from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import one_of
 from uuv.sim.interfaces.streams import Streams
-from uuv.site import HandValve
 
 LEVER = (7.0, 20.0)  # [N m] at which a valve with a lever breaks away
 RADIUS = (0.25, 0.4)  # [m] of the lever
@@ -48,13 +47,13 @@ class TurnRow:
     ended: str = column("ended")
     note: str = column("note")
     moment: float = column("set moment", "N m", digits=1)
-    mean: float | None = column("mean moment", "N m", digits=1)
-    peak: float | None = column("peak", "N m", digits=1)
-    share: float | None = column("peak over the set moment", digits=2)
-    error: float | None = column("moment, RMS error", "%", digits=1, factor=100.0)
-    angle: float | None = column("angle error", "deg", digits=2, factor=degrees(1.0))
-    excursion: float | None = column("hull moved", "mm", digits=1, factor=1e3)
-    named: float | None = column("stuck, named after", "s", digits=2)
+    mean: float | None = column("mean moment", "N m", digits=1, default=None)
+    peak: float | None = column("peak", "N m", digits=1, default=None)
+    share: float | None = column("peak over the set moment", digits=2, default=None)
+    error: float | None = column("moment, RMS error", "%", digits=1, factor=100.0, default=None)
+    angle: float | None = column("angle error", "deg", digits=2, factor=degrees(1.0), default=None)
+    excursion: float | None = column("hull moved", "mm", digits=1, factor=1e3, default=None)
+    named: float | None = column("stuck, named after", "s", digits=2, default=None)
 
 
 def cases(case: TurnCase) -> Iterator[TurnCase]:
@@ -65,44 +64,46 @@ def cases(case: TurnCase) -> Iterator[TurnCase]:
 @experiment("turns", seeds=25, vary={"kind": KINDS}, paired=True, quick={"runs": 1})
 def turns(case: TurnCase) -> TurnRow:
     """Turns one valve."""
+    # The valve.
     streams = Streams(case.seed, 71)
     handle = case.kind.split()[-1]
     lever = handle == "lever"
     torque = float(streams["torque"].uniform(*(LEVER if lever else BAR)))
     radius = float(streams["radius"].uniform(*RADIUS))
-    scenario = jobs.turn_valve(
-        handle=handle, torque=torque, moment=OVER * torque, seed=case.seed, stuck=len(case.kind) > 5
-    )
-    valve = scenario.site.object
-    assert isinstance(valve, HandValve)
-    site = replace(scenario.site, object=replace(valve, radius=radius))
+    moment = OVER * torque
 
+    # The turn.
+    scenario = jobs.turn_valve(
+        handle=handle,
+        torque=torque,
+        moment=moment,
+        radius=radius,
+        seed=case.seed,
+        stuck=case.kind.startswith("stuck"),
+    )
     try:
-        done = run(assemble(replace(scenario, site=site)))
+        done = run(assemble(scenario))
     except UuvError as error:
-        return TurnRow(
-            ended="refused",
-            note=str(error),
-            moment=OVER * torque,
-            **dict.fromkeys(
-                ("mean", "peak", "share", "error", "angle", "excursion", "named"), None
-            ),
-        )
+        return TurnRow(ended="refused", note=str(error), moment=moment)
+
+    # How it ended.
     metrics = done.assessment.metrics
+    figures = metrics["moment"]
     final = done.recording.final
-    moment = metrics["moment"]
-    peak = moment["max_n_m"]
+    peak = figures["max_n_m"]
+    named = metrics["named_s"]
+
     return TurnRow(
         ended="done" if final.state is WorkState.DONE else str(final.abort or "late"),
         note=final.note,
-        moment=OVER * torque,
-        mean=moment["mean_n_m"],
+        moment=moment,
+        mean=figures["mean_n_m"],
         peak=peak,
-        share=None if peak is None else peak / (OVER * torque),
-        error=moment["error_rms"],
-        angle=None if metrics["named_s"] is not None else metrics["angle"]["error_rad"],
+        share=None if peak is None else peak / moment,
+        error=figures["error_rms"],
+        angle=metrics["angle"]["error_rad"] if named is None else None,
         excursion=metrics["hull"]["excursion_max_m"],
-        named=metrics["named_s"],
+        named=named,
     )
 
 

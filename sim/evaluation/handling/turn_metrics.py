@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 DEGREES = float(np.degrees(1.0))
 _MM = 1e3  # [mm/m]
-_PERCENT = 100.0
+_PERCENT = 100.0  # for a share of 1
 _STANDS = 0.85  # share of the set moment from which on a stuck handle resists
 _STILL = 1e-3  # [rad] by which a stuck handle turns at most
 
@@ -78,7 +78,7 @@ class MomentMetrics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HullMetrics:
+class TurningHullMetrics:
     """The hull while the tool turns the handle."""
 
     excursion_max_m: float | None = metric("From its reference.", minimum=0)
@@ -91,7 +91,7 @@ class TurnMetrics:
 
     angle: AngleMetrics
     moment: MomentMetrics
-    hull: HullMetrics
+    hull: TurningHullMetrics
     named_s: float | None = metric(
         "Time for which a stuck handle stood against the set moment before it was named."
     )
@@ -177,14 +177,14 @@ def _moment(truth: TrueTurn, felt: FeltHandle) -> MomentMetrics:
     )
 
 
-def _hull(recording: "Recording") -> HullMetrics:
+def _hull(recording: "Recording") -> TurningHullMetrics:
     work = recording.within(WorkState.WORK)
     if not work.any():
-        return HullMetrics(excursion_max_m=None, force_max_n=None)
+        return TurningHullMetrics(excursion_max_m=None, force_max_n=None)
 
     off = recording["p_WB"].value[work] - recording["p_WB_reference"].value[work]
     force = np.linalg.norm(recording["felt_force"].value[work], axis=1)
-    return HullMetrics(
+    return TurningHullMetrics(
         excursion_max_m=float(np.linalg.norm(off, axis=1).max()),
         force_max_n=float(np.nanmax(force)),
     )

@@ -17,7 +17,7 @@ from uuv.controllers.tasks.grasping.turn_phases import TurnPlan
 from uuv.controllers.tasks.grasping.turning import TurnJob, check_moment, rows_at_handle
 from uuv.controllers.tasks.phase import PhaseEvent, ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState
-from uuv.models.objects.turned_valve import QUARTER, TurnedValve
+from uuv.models.site.turned_valve import QUARTER, TurnedValve
 from uuv.sim.evaluation.handling.turn_metrics import assess_turn
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
@@ -45,7 +45,7 @@ class AtHandle(TaskPlanner):
     ) -> None:
         tare = TareSensors(after=0.3, seconds=0.3)
         first = "tare", TaskRow(tare, WorkState.TARE, {PhaseEvent.DONE: "approach"})
-        rows = rows_at_handle(job, placed.own.at_work(), lever=placed.valve.lever > 0.0)
+        rows = rows_at_handle(job, placed.vehicle.at_work(), lever=placed.valve.lever > 0.0)
         super().__init__((first, *rows), (), X_WB=placement.X_WB, q=placement.q_start)
         self.line = ToolLine(path, placement, 0.0)
         self.depth = -job.axial.standoff
@@ -196,13 +196,13 @@ def test_the_bound_falls_with_the_joint_that_bears_the_moment_and_the_job_is_ref
     assert whole.moment >= placed.task.moment
 
     # Half of the torque of the joint that bounds it, half of the moment, but for the arm's weight.
-    vehicle = placed.own.vehicle
+    vehicle = placed.vehicle.vehicle
     limits = vehicle.torque_limits.copy()
     limits[vehicle.joint_names.index(whole.by)] *= 0.5
     weak = TurningStatics(
         vehicle=replace(vehicle, torque_limits=limits),
-        chain=placed.own.chain(),
-        holding=ThrustMargin.of(placed.own.model, drag=0.0),
+        chain=placed.vehicle.chain(),
+        holding=ThrustMargin.of(placed.vehicle.model, drag=0.0),
     )
     half = weak.bound(planner.axis(placed.X_WT), path, placement)
     assert half.by == whole.by

@@ -74,6 +74,8 @@ class TurnedValve:
         """
         shells = [*self._shells(), box(*self._bar())]
         vertices, triangles = joined(shells)
+
+        # A bar looks the same after half a turn.
         turns = [np.eye(3)] if self.lever else [np.eye(3), exp_so3([0.0, 0.0, np.pi])]
         return TargetModel(
             name=f"valve_with_{self.handle}",
@@ -91,6 +93,7 @@ class TurnedValve:
         along = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
         away = 0.5 * (long - thick)
         pipe = Solid(name="valve_pipe", kind="cylinder", size=(r, 0.5 * long), X_TS=pose(along))
+
         flanges = [
             Solid(
                 name=f"valve_flange_{end}",
@@ -100,6 +103,7 @@ class TurnedValve:
             )
             for end, x in (("aft", -away), ("fore", away))
         ]
+
         bonnet = Solid(
             name="valve_bonnet",
             kind="cylinder",
@@ -112,6 +116,8 @@ class TurnedValve:
     def turned(self) -> tuple[Solid, ...]:
         """Collision shapes of the handle, with its stem."""
         size, middle = self._bar()
+
+        # The stem, from the bonnet to the bar.
         stem = 0.5 * (TOP - BAR[1] - BONNET[1])
         return (
             Solid(
@@ -142,6 +148,7 @@ class TurnedValve:
         profile = [(-half, 0.0), (-half, wide), (thick - half, wide), (thick - half, r)]
         profile += [(-x, radius) for x, radius in reversed(profile)]
 
+        # Bonnet and stem, up to the middle of the bar.
         high = TOP - 0.5 * BAR[1]
         upper = [(0.0, 0.0), (0.0, BONNET[0]), (BONNET[1], BONNET[0]), (BONNET[1], STEM[0])]
         upper += [(high, STEM[0]), (high, 0.0)]

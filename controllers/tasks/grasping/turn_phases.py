@@ -51,7 +51,7 @@ class TurnLimits:
     near: float = math.radians(4.0)  # before it, within which resistance is the stop
     firm: float = 0.85  # share of the set moment that counts as standing against it
     gain: float = math.radians(0.2)  # by which a handle that is not stuck turns
-    stall: float = 0.7  # [s] in which it does
+    stall: float = 0.6  # [s] in which it does
     longest: float = 90.0  # [s] of the turning
     loose: float = 0.06  # share of the set moment at which the handle is let go
     letting_go: float = 2.0  # [s] at most, of turning back
@@ -212,7 +212,7 @@ class TurnHandle(TurnPhase):
             state.best = plan.angle
             state.gained = context.time
         firm = plan.felt >= limits.firm * plan.moment
-        state.firm_for = state.firm_for + context.period if firm else 0.0
+        state.firm_for = max(0.0, state.firm_for + (context.period if firm else -context.period))
         still = min(state.firm_for, context.time - state.gained) > limits.stall
         if still and plan.turned >= QUARTER - limits.near:
             return self._done(held, plan)

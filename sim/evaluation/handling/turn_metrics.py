@@ -93,7 +93,7 @@ class TurnMetrics:
     moment: MomentMetrics
     hull: TurningHullMetrics
     named_s: float | None = metric(
-        "Time for which a stuck handle stood against the set moment before it was named."
+        "Time from the first 85 % of the set moment on a stuck handle until it was named."
     )
 
 
@@ -196,10 +196,10 @@ def _named(recording: "Recording", truth: TrueTurn, felt: FeltHandle) -> float |
     if not aborted or not felt.work.any():
         return None
 
-    end = aborted[0].time
-    before = felt.work & (felt.time <= end)
-    light = before & (felt.true_moment < _STANDS * truth.moment)
+    # The handle stands after its last motion, and resists from the first firm moment on.
+    before = felt.work & (felt.time <= aborted[0].time)
     moves = np.abs(felt.true_angle - felt.true_angle[before][-1]) > _STILL
-    last = np.flatnonzero(light | (before & moves))
-    since = felt.time[before][0] if not len(last) else felt.time[last[-1]]
-    return float(end - since)
+    moved = np.flatnonzero(before & moves)
+    stands = before & (felt.true_moment >= _STANDS * truth.moment)
+    stands[: moved[-1] + 1 if len(moved) else 0] = False
+    return float(aborted[0].time - felt.time[stands][0]) if stands.any() else None

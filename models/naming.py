@@ -28,6 +28,7 @@ TOOL_FACE_SITE = "pad_face"  # of a tool on a slide; without this site the tip i
 READY_KEY = "ready"  # arm bent; initial posture of inverse kinematics
 # contacts of this geom count as work, all others as collisions
 TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"
+HANDLE = "handle"  # hinge of a valve's handle, and the sensor of the moment on it
 GRIPPER = "gripper"  # motor of driven jaws, and the tendon of their opening
 # Suffixes of the tool's name, for geoms of a gripper or socket whose contacts count as work too.
 OTHER_PAD = "_right"

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from uuv.models.objects.target_model import ModelPath
     from uuv.models.objects.targets import TargetModel
     from uuv.models.site.seabed import Seabed
+    from uuv.models.site.turned_valve import TurnedValve
+    from uuv.models.site.valve_site import HingeFriction
 
 ALTITUDE = 2.5  # [m] height of the hull above the seabed during the scan
 HALF = 3.0  # [m] half the side of the terrain
@@ -318,6 +320,34 @@ class HoleManifold(SiteObject):
 
 
 @dataclass(frozen=True, kw_only=True)
+class HandValve(SiteObject):
+    """Quarter-turn valve with a handle that turns: a lever, or a T-bar."""
+
+    handle: Literal["lever", "bar"] = "lever"
+    radius: float = option(0.285, "Distance from the stem to where a lever is turned [m].")
+    torque: float = option(20.0, "Moment at which the valve breaks away [N m].")
+    viscous: float = option(20.0, "Viscous friction of the valve [N m s/rad].")
+    stuck: bool = option(False, "The valve does not turn at all.")
+
+    def __post_init__(self) -> None:
+        self.friction()
+        self.shape()
+
+    def shape(self) -> "TurnedValve":
+        """The valve's shape, as the vehicle knows it."""
+        from uuv.models.site.turned_valve import TurnedValve
+
+        return TurnedValve(handle=self.handle, radius=self.radius)
+
+    def friction(self) -> "HingeFriction":
+        """Resistance of its hinge."""
+        from uuv.models.site.valve_site import SEIZED, HingeFriction
+
+        resists = HingeFriction(stiction=self.torque, viscous=self.viscous)
+        return replace(resists, stiction=SEIZED) if self.stuck else resists
+
+
+@dataclass(frozen=True, kw_only=True)
 class Ground(SiteObject):
     """Terrain of the seabed, drawn from the seed, and its soil."""
 
@@ -343,6 +373,7 @@ SITE_OBJECTS: Registry[SiteObject] = Registry(
         "Pile": Pile,
         "KnownObject": KnownObject,
         "Manifold": HoleManifold,
+        "HandValve": HandValve,
         "Ground": Ground,
         "OpenWater": OpenWater,
     },

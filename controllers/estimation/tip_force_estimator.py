@@ -89,6 +89,7 @@ class ContactState:
             normal=float(self.record.felt[0]),
             sigma_G=self.record.sigma_G.copy(),
             load=self.load,
+            torques=self.sensed.tau_e - self.bias,
         )
 
     @estimate.setter

@@ -100,9 +100,15 @@ class ThrustMargin:
 
     def without_friction(self) -> Self:
         """Copy of this margin without surface friction."""
-        free = copy(self)
-        free.drag = 0.0
-        return free
+        return self.with_friction(0.0)
+
+    def with_friction(self, drag: float) -> Self:
+        """Copy of this margin with another force against the motion, as a share of the set
+        force.
+        """
+        other = copy(self)
+        other.drag = drag
+        return other
 
     def in_current(self, current_W: ArrayLike) -> Self:
         """Copy of this margin in a steady current (3,) [m/s], W."""
@@ -110,24 +116,18 @@ class ThrustMargin:
         moved._current_W = checked(current_W, (3,), "current").copy()
         return moved
 
-    def used(self, q: Array, R_WB: Array, f_tip_G: ArrayLike) -> float:
+    def used(self, q: Array, R_WB: Array, tip_G: ArrayLike) -> float:
         """Largest share of full thrust used by any thruster.
 
         Args:
             q: (n,) [rad] joint angles of the arm, at rest.
             R_WB: (3, 3) attitude of the hull.
-            f_tip_G: (3,) [N] force of the world on the tip, tool axes.
+            tip_G: (3,) [N] force of the world on the tip, tool axes; or (6,) [N, N m] with moment.
 
         Returns:
             The share [-]; above 1 the thrusters cannot hold the hull.
         """
-        # the hull is at rest, so only its attitude matters
-        hull, wrench = np.zeros(24), np.zeros(6)
-        hull[:9], hull[21:], wrench[:3] = R_WB.ravel(), self._current_W, f_tip_G
-
-        # Load of the arm, at rest.
-        joints = (np.array(q, dtype=np.float64), self._still, self._still)
-        load_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1] + self._static
+        load_B = self._loads(q, R_WB, tip_G)[1] + self._static
 
         # Drag of the hull, and the thrust that each thruster loses by inflow at full speed ahead.
         taken: Array | float = 0.0
@@ -141,6 +141,21 @@ class ThrustMargin:
         most = np.where(thrust > 0.0, self._forward - taken, self._reverse + taken)
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.where(thrust == 0.0, 0.0, np.abs(thrust) / np.maximum(most, 0.0)).max())
+
+    def torques(self, q: Array, R_WB: Array, tip_G: ArrayLike) -> Array:
+        """Joint torques (n,) [N m] at rest, for a load on the tip; arguments as of `used`."""
+        return self._loads(q, R_WB, tip_G)[0]
+
+    def _loads(self, q: Array, R_WB: Array, tip_G: ArrayLike) -> tuple[Array, Array]:
+        """Joint torques, and wrench (6,) of the arm on the hull, at rest."""
+        # the hull is at rest, so only its attitude matters
+        hull, wrench = np.zeros(24), np.zeros(6)
+        hull[:9], hull[21:] = R_WB.ravel(), self._current_W
+        load = np.asarray(tip_G, dtype=np.float64)
+        wrench[: len(load)] = load
+
+        joints = (np.array(q, dtype=np.float64), self._still, self._still)
+        return inverse_dynamics(self._parameters, joints, hull, wrench)
 
     def _drag(self, past_B: Array) -> Array:
         """Wrench (6,) [N, N m] of the water on a hull that moves relative to it at `past_B` (3,)

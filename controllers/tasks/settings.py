@@ -95,6 +95,20 @@ class CollectSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class TurnSettings:
+    """Settings of a turn of a valve."""
+
+    moment: float = option(
+        30.0, "Set moment about the valve's axis [N m], at which the tool stands.", group="work"
+    )
+    speed: float = option(0.1, "Speed of the handle [rad/s] far below that moment.", group="work")
+
+    def __post_init__(self) -> None:
+        finite_number(self.moment, "task.moment [N m]", above=0.0, most=_MOST_FORCE)
+        finite_number(self.speed, "task.speed [rad/s]", least=0.01, most=0.5)
+
+
+@dataclass(frozen=True, kw_only=True)
 class InspectionSettings:
     """Settings of an inspection flight."""
 

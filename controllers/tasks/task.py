@@ -1,7 +1,7 @@
 """A task: a table of phases with their successors, and monitors; run by `TaskPlanner`."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from uuv.controllers.tasks.monitors import Bounded, BoundsOfPeriod, Monitor, Reaction, watch
-from uuv.controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
+from uuv.controllers.tasks.phase import (
+    NO_ESTIMATE,
+    Abort,
+    Context,
+    Held,
+    Phase,
+    PhaseEvent,
+    Setpoint,
+)
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels.foresight import EstimateBounds, Foresight, is_plain
 from uuv.sim.interfaces.kernels.slots import gives_kernel
@@ -22,6 +30,7 @@ from uuv.sim.interfaces.messages import (
     Reference,
     StateEstimate,
     Target,
+    TurnReference,
     WorkState,
 )
 from uuv.sim.interfaces.spatial import Array
@@ -293,8 +302,7 @@ class TaskPlanner:
         held = state.held
         abort = state.abort
         setpoint = row.phase.setpoint(state.phase, held, context)
-        jaws = setpoint.jaws
-        kind = Reference if jaws is None else partial(JawReference, jaws=jaws)
+        kind = _kind(setpoint)
 
         return kind(
             time=context.time,
@@ -324,3 +332,12 @@ class TaskPlanner:
             promise=held.promise,
             at_rest=setpoint.at_rest,
         )
+
+
+def _kind(setpoint: Setpoint) -> Callable[..., Reference]:
+    """What makes the reference of a set point: that of a gripper, or of a handle, where asked."""
+    if setpoint.jaws is not None:
+        return partial(JawReference, jaws=setpoint.jaws)
+    if setpoint.handle is not None:
+        return partial(TurnReference, handle=setpoint.handle)
+    return Reference

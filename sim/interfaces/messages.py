@@ -81,6 +81,7 @@ class AbortCode(StrEnum):
     NOT_GRIPPED = "not gripped"  # the jaws closed on nothing
     TOO_HEAVY = "too heavy"  # the object that was lifted
     DROPPED = "dropped"  # the object has slipped out of the jaws
+    VALVE_STUCK = "valve stuck"  # the handle does not turn at the set moment
     TIME_LIMIT = "time limit"  # a phase took too long
     VISION = "vision lost"  # no position from vision for longer than the work may wait
     # two or more torque sensors; with one wrong sensor the work goes on
@@ -577,6 +578,21 @@ class JawReference(Reference):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HandleReading:
+    """Handle of a valve as the vehicle feels it through the tool."""
+
+    angle: float  # [rad] turned since the tool met it; NaN: it has not
+    moment: float  # [N m] of the tool about the valve's axis
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TurnReference(Reference):
+    """Set points while a handle is turned, with what is felt of it."""
+
+    handle: HandleReading
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactEstimate:
     """Force of the world on the tip as estimated on board. The default is an unknown force."""
 
@@ -586,6 +602,8 @@ class ContactEstimate:
     # (3,) [N] standard deviation, tool axes
     sigma_G: Array = field(default_factory=lambda: _UNBOUNDED)
     load: HeldLoad | None = None  # what the jaws hold, while it is being identified
+    # (n,) [N m] torque of the world on each joint, without tare and filter; None: not reported
+    torques: Array | None = None
 
     @property
     def known(self) -> bool:

@@ -47,10 +47,16 @@ JAWS: Columns = {
     "jaw_opening": ((), "m"),  # true, between the pads
     "jaw_force": ((), "N"),  # of the motor on each finger, positive: it closes
 }
+HANDLE: Columns = {
+    "handle_angle": ((), "rad"),  # true, from its angle at the start
+    "handle_moment": ((), "N m"),  # true, of the tool about the valve's axis
+}
 
 
-def slow_columns(vehicle: Vehicle, *, jaws: bool = False) -> Columns:
-    """Columns of the series that are logged at a lower rate, with `jaws` also of a gripper."""
+def slow_columns(vehicle: Vehicle, *, jaws: bool = False, handle: bool = False) -> Columns:
+    """Columns of the series that are logged at a lower rate, with `jaws` also of a gripper, with
+    `handle` of a valve.
+    """
     columns: Columns = {
         "q": (vehicle.joint_names, "rad"),
         "qd": (vehicle.joint_names, "rad/s"),
@@ -64,4 +70,4 @@ def slow_columns(vehicle: Vehicle, *, jaws: bool = False) -> Columns:
         # standard deviation of the estimated hull position, as the estimator states it
         "position_sigma": (_XYZ, "m"),
     }
-    return {**columns, **JAWS} if jaws else columns
+    return {**columns, **(JAWS if jaws else {}), **(HANDLE if handle else {})}

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uuv.models.naming import body_label, has_gripper, of_geom
+from uuv.models.naming import HANDLE, body_label, has_gripper, of_geom
 from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -275,7 +275,8 @@ class Recorder:
 
         self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
         self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")
-        self._slow_columns = slow_columns(vehicle, jaws=has_gripper(model))
+        handle = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, HANDLE) >= 0
+        self._slow_columns = slow_columns(vehicle, jaws=has_gripper(model), handle=handle)
         self._written = np.zeros(1, dtype=np.int64)
 
         # Tables of the slower rates.
@@ -519,6 +520,7 @@ class Recorder:
                 quat_wxyz_from_rotation(estimate.X_WB[:3, :3]),
                 estimate.position_sigma,
                 truth.jaws.row(),
+                truth.handle.row(),
             ),
             out=row[1:],
         )

@@ -13,6 +13,7 @@ from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.jaw_drive import TrueJaws
 from uuv.sim.plant.readout import FORCE
 from uuv.sim.plant.thrusters import Drive
+from uuv.sim.plant.true_handle import Mechanisms, TrueHandle
 
 
 class Truth:
@@ -36,8 +37,8 @@ class Truth:
         "contact_most",
         "contact_normal",
         "current_W",
-        "jaws",
         "joint_damping",
+        "mechanisms",
         "p_WB",
         "p_WG",
         "p_pad",
@@ -77,7 +78,7 @@ class Truth:
     thrust: Array  # (m,) [N] in the last physics step
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
-    jaws: TrueJaws  # of a gripper
+    mechanisms: Mechanisms  # jaws of a gripper, and handle of a valve at the site
     # (6,) [N, N m] wrench of the arm on the hull, at the hull's origin; NaN if the plant does not
     # measure it
     arm_wrench_B: Array
@@ -92,6 +93,16 @@ class Truth:
     # (3,) first such geoms of vehicle and world, and the time [s]; negative if there were none
     collided: Array
     vehicle: Vehicle
+
+    @property
+    def jaws(self) -> TrueJaws:
+        """Jaws of a gripper."""
+        return self.mechanisms.jaws
+
+    @property
+    def handle(self) -> TrueHandle:
+        """Handle of a valve at the site."""
+        return self.mechanisms.handle
 
     @property
     def armature(self) -> Array:
@@ -140,7 +151,7 @@ class Truth:
         truth.thrust = drive.thrust
 
         truth.current_W = np.zeros(3)
-        truth.jaws = TrueJaws.of(data)
+        truth.mechanisms = Mechanisms.of(data)
         truth.arm_wrench_B = np.full(6, np.nan)
 
         # Tool; without an arm, the hull takes its place.

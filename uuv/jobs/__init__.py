@@ -190,6 +190,37 @@ def collect(*, quick: bool = False) -> "Scenario":
 
 
 @job
+def turn_valve(
+    *,
+    handle: Literal["lever", "bar"] = "lever",
+    moment: float | None = None,
+    torque: float | None = None,
+    quick: bool = False,
+) -> "Scenario":
+    """Turn a valve by a quarter, by its lever or its T-bar.
+
+    Args:
+        handle: lever: the tool is carried along on an arc; bar: it turns about its own axis.
+        moment: Set moment about the valve's axis [N m], default 30, on a bar 9.
+        torque: Moment at which the valve breaks away [N m], default 20, on a bar 6.
+        quick: A faster turn.
+    """
+    from uuv.scenario import Scenario
+    from uuv.site import HandValve, Site
+    from uuv.tasks.turning import TurnValveTask
+
+    usual = (30.0, 20.0) if handle == "lever" else (9.0, 6.0)
+    most = usual[0] if moment is None else moment
+    breaks = usual[1] if torque is None else torque
+    viscous = 20.0 if handle == "lever" else 3.0
+    return Scenario(
+        name="turn_valve",
+        site=Site(object=HandValve(handle=handle, torque=breaks, viscous=viscous)),
+        task=TurnValveTask(moment=most, speed=0.2 if quick else TurnValveTask.speed),
+    )
+
+
+@job
 def inspect_object(*, quick: bool = False) -> "Scenario":
     """Fly around a known object, once or until it is covered.
 

@@ -101,6 +101,13 @@ FILMED = (
             "hull excursion after the lift",
         ),
     ),
+    FilmedJob(
+        name="turn_valve",
+        about="a valve by its lever, a quarter turn",
+        command="turn-valve --quick",
+        figures=("handle angle, error", "moment, mean", "moment, RMS error", "hull excursion"),
+        begin=WorkState.APPROACH,
+    ),
     # Without contact.
     FilmedJob(
         name="inspect_object",

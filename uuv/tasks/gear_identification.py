@@ -126,7 +126,7 @@ class FrictionCase(PlacedTask):
     believed: "Vehicle"
     samples: FrictionSamples = field(default_factory=FrictionSamples)
     model: "mujoco.MjModel | None" = None  # of the plant; `sensors` sets it
-    found: "IdentifiedFriction | None" = None  # `assess` sets it
+    identification: "IdentifiedFriction | None" = None  # `assess` sets it
 
     @property
     def title(self) -> str:
@@ -177,25 +177,25 @@ class FrictionCase(PlacedTask):
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Identifies the friction and compares it with the true one."""
         try:
-            self.found = identified(self)
+            self.identification = identified(self)
         except ConfigurationError:
             if not ran.recording.interrupted:
                 raise
-        return assessed(self, self.found, ran)
+        return assessed(self, self.identification, ran)
 
     def tables(self) -> "Iterator[Table]":
         """Friction joint by joint."""
-        if self.found is not None:
-            yield joint_table(self, self.found)
+        if self.identification is not None:
+            yield joint_table(self, self.identification)
 
     def pictures(self, ran: RunResult) -> Iterator[tuple[str, str, "Figure"]]:
         """Torque lost over speed."""
-        if self.found is not None:
+        if self.identification is not None:
             caption = (
                 "Torque lost in each gear over its speed: samples, the identified curve, the true "
                 "one, and belief."
             )
-            yield "Friction", caption, curves(self, self.found)
+            yield "Friction", caption, curves(self, self.identification)
 
     def story(self, recorder: "Recorder", log: Any) -> FrictionSamples:
         """Observer that takes the samples."""

@@ -15,6 +15,7 @@ def registry() -> Registry[Task]:
         "Insertion": "uuv.tasks.insertion:InsertionTask",
         "Inspection": "uuv.tasks.inspection:InspectionTask",
         "Collect": "uuv.tasks.collecting:CollectTask",
+        "TurnValve": "uuv.tasks.turning:TurnValveTask",
         "SeabedSampling": "uuv.tasks.seabed_sampling:SeabedSamplingTask",
         "GearIdentification": "uuv.tasks.gear_identification:GearIdentificationTask",
         "StationKeeping": "uuv.tasks.station_keeping:StationKeepingTask",

@@ -15,7 +15,13 @@ import numpy as np
 
 from uuv.sim.interfaces.kernels.slots import gives_kernel
 from uuv.sim.interfaces.kernels.stored import kernel
-from uuv.sim.interfaces.messages import JawReference, Reference, StateEstimate, Target
+from uuv.sim.interfaces.messages import (
+    JawReference,
+    Reference,
+    StateEstimate,
+    Target,
+    TurnReference,
+)
 from uuv.sim.interfaces.records import FOLLOWS, ReferenceRecord, reference_record, take_reference
 from uuv.sim.interfaces.spatial import Array
 
@@ -221,6 +227,6 @@ def is_plain(reference: Reference) -> bool:
     """True if set points fit into a row: they request nothing from sensors, navigation, jaws and
     observers.
     """
-    if reference.scan or isinstance(reference, JawReference):
+    if reference.scan or isinstance(reference, JawReference | TurnReference):
         return False
     return reference.at_rest is None and reference.touch is None

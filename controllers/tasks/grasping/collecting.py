@@ -141,8 +141,8 @@ def check_grip(job: CollectJob, jaws: JawShape) -> None:
     least = jaws.loss + 0.5 * jaws.damping * 2.0 * job.jaws.still
     if job.grip < least:
         raise ConfigurationError(
-            f"task.grip [N]: at least {least:.1f}, or the jaws close too slowly for their stop to be "
-            f"detected, got {job.grip:g}"
+            f"task.grip [N]: at least {least:.1f}, or the jaws close too slowly for their "
+            f"stop to be detected, got {job.grip:g}"
         )
 
     held = 2.0 * jaws.friction * job.grip

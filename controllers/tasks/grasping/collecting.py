@@ -89,7 +89,8 @@ class CollectJob(CollectSettings):
 
     push: float = 20.0  # [N] axial force at which the advance stops
     touch: float = 6.0  # [N] axial force that counts as contact
-    touch_time: float = 0.04  # [s] for which it must last
+    touch_time: float = 0.04  # [s] for which it must last,
+    loaded_touch_time: float = 0.2  # [s] or with a load, whose own motion is felt
     early: float = 0.05  # [m] contact farther than this above the grasp is an obstacle
     guard: float = 0.04  # [m] height above the grasp at which the slower speed begins
     touch_speed: float = 0.012  # [m/s] from there on
@@ -422,6 +423,7 @@ def rows_at_object(
     again = {PhaseEvent.REFUSED: "open above"}
     weigh = Weigh(*gripped, job.weighing)
     carry = Carry(*gripped, CarrySpeed(speed=job.carry_speed, ramp=job.carry_ramp))
+    way["contact"] = replace(met, touch_time=job.loaded_touch_time)
     lower = AxialApproach(axial, loaded, **way)
     yield "lift", TaskRow(Lift(*gripped), states.WORK, {ENDS: "weigh", **again}, OFF_GROUND)
     yield "weigh", TaskRow(weigh, states.WORK, {ENDS: "carry", **again}, OFF_GROUND)

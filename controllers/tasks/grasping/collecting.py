@@ -89,7 +89,8 @@ class CollectJob(CollectSettings):
 
     push: float = 20.0  # [N] axial force at which the advance stops
     touch: float = 6.0  # [N] axial force that counts as contact
-    touch_time: float = 0.04  # [s] for which it must last
+    touch_time: float = 0.04  # [s] for which it must last,
+    loaded_touch_time: float = 0.2  # [s] or with a load, whose own motion is felt
     early: float = 0.05  # [m] contact farther than this above the grasp is an obstacle
     guard: float = 0.04  # [m] height above the grasp at which the slower speed begins
     touch_speed: float = 0.012  # [m/s] from there on
@@ -419,7 +420,12 @@ def rows_at_object(
         obstacle="obstacle {} mm above the grasp",
         yields=True,
     )
-    landed = replace(met, obstacle="the object meets something {} mm above its place")
+    # What hangs in the jaws swings: contact under a load lasts longer than at an empty tool.
+    landed = replace(
+        met,
+        touch_time=job.loaded_touch_time,
+        obstacle="the object meets something {} mm above its place",
+    )
     way = {"slow": (-job.guard, job.touch_speed), "to": 0.0}
     jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip if motor is None else motor)
 

@@ -1,11 +1,11 @@
 """Faults of a collection by the job: what is found, what is kept, and that nothing is crushed."""
 
 from dataclasses import replace
+from typing import Any, cast
 
 import pytest
 
-from uuv import jobs, run
-from uuv.outcome import RunResult
+from uuv import Run, jobs, run
 from uuv.perturbations.jaws import JawFailure
 from uuv.perturbations.loop import SensorFailure, ThrusterFailure
 from uuv.perturbations.perturbation import Perturbation
@@ -20,7 +20,7 @@ long = pytest.mark.long(
 )
 
 
-def collected(*perturbations: Perturbation, **options: float) -> RunResult:
+def collected(*perturbations: Perturbation, **options: float) -> Run:
     """A run of the job with failures."""
     scenario = jobs.collect(quick=True, seed=1, **options)
     return run(replace(scenario, perturbations=perturbations))
@@ -39,13 +39,13 @@ def blind(joint: int, state: WorkState, after: float) -> SensorFailure:
     )
 
 
-def risen(ran: RunResult) -> float:
+def risen(ran: Run) -> float:
     """Height [m] of the object at the end over its first place."""
     height = ran.recording["p_WT"].value[:, 2]
     return float(height[-1] - height[0])
 
 
-def safe(ran: RunResult, code: AbortCode) -> None:
+def safe(ran: Run, code: AbortCode) -> None:
     """The cause is named, nothing is crushed, and nothing is hit."""
     assert ran.recording.final.abort is code, ran.recording.final.note
     assert ran.recording["contact_most"].scalar.max() < CRUSHED * 40.0
@@ -109,7 +109,10 @@ def test_an_object_that_drops_on_its_way_ends_the_work() -> None:
 @pytest.mark.parametrize(
     ("failure", "message"),
     [
-        (lambda: JawFailure(state="press", effect="limp"), "effect: allowed stuck, dead"),
+        (
+            lambda: JawFailure(state="press", effect=cast(Any, "limp")),
+            "effect: allowed stuck, dead",
+        ),
         (lambda: JawFailure(), "must have either `at`"),
     ],
 )

@@ -50,7 +50,8 @@ def chain_fields(
     types = [_LETTERS[int(model.jnt_type[j])] for j in joints]
     moves = np.array(data.xaxis[joints])  # of what each joint carries, per joint value
     for follower, (leader, constant, ratio) in followers.items():
-        i, k = joints.index(leader), joints.index(follower)
+        i = joints.index(leader)
+        k = joints.index(follower)
         if types[i] == "p":
             moves[i] += ratio * data.xaxis[follower]
         else:
@@ -169,7 +170,8 @@ def _resolved(
     leader, constant, ratio = followers[follower]
     while leader in followers:  # always a joint before it
         leader, more, factor = followers[leader]
-        constant, ratio = constant + ratio * more, ratio * factor
+        constant += ratio * more
+        ratio *= factor
     return leader, constant, ratio
 
 

@@ -155,7 +155,8 @@ def with_arm_4() -> mujoco.MjSpec:
     thrusters.attach(spec, dict.fromkeys(names, thruster))
 
     # Camera, looking ahead and down.
-    s, c = math.sin(_DOWN), math.cos(_DOWN)
+    s = math.sin(_DOWN)
+    c = math.cos(_DOWN)
     R_BC = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
     hull.add_site(
         name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(R_BC), group=4, size=[0.01] * 3

@@ -89,7 +89,8 @@ def add_links(
 
 def _drawn(link: JointedLink) -> tuple[Array, Array]:
     """Ends of a capsule as long as the cylinder, its round ends included."""
-    start, end = np.array(link.start), np.array(link.end)
+    start = np.array(link.start)
+    end = np.array(link.end)
     length = float(np.linalg.norm(end - start))
     inset = min(link.radius, 0.45 * length) * (end - start) / length
     return start + inset, end - inset

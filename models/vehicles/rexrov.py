@@ -43,7 +43,8 @@ THRUSTERS = (
 _THRUST = 1500.0  # [N] in each direction
 _LAG = 0.05  # [s]
 _BASE = (1.3, -0.5, -0.615)  # [m]
-_BASE_MASS, _BASE_CENTER = 9.674677, (-0.101581, -0.001371, -0.009781)
+_BASE_MASS = 9.674677  # [kg]
+_BASE_CENTER = (-0.101581, -0.001371, -0.009781)  # [m]
 _BASE_INERTIA = np.diag([0.051173, 0.083677, 0.095803])
 _DENSITY = 2.0  # of the links, over that of water
 _CAMERA = (1.35, 0.0, 0.4)  # [m]
@@ -176,7 +177,8 @@ def with_oberon_7() -> mujoco.MjSpec:
     thrusters.attach(spec, dict.fromkeys(names, thruster))
 
     # Camera, looking ahead and down.
-    s, c = math.sin(_DOWN), math.cos(_DOWN)
+    s = math.sin(_DOWN)
+    c = math.cos(_DOWN)
     R_BC = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
     hull.add_site(
         name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(R_BC), group=4, size=[0.01] * 3

@@ -31,6 +31,7 @@ _RC_OUT = "std_msgs/Header header\nuint16[] channels\n"  # of a package that is 
 _LARGEST_RECORD = 1 << 28  # [bytes]
 _MOST_NOTES = 10  # on what is not read
 _MOST_RANK = 99  # of a topic among those of its kind
+_UNIT = 1e-2  # by which the norm of a quaternion may differ from 1
 _SECOND = 1e-9  # [s] of a nanosecond
 
 
@@ -90,6 +91,11 @@ def _read(reader: Any, gathered: Gathered) -> None:
         gathered.count()
         rank = order.index(connection.topic)
         _TYPES[connection.msgtype](gathered, time, message, connection.topic, rank)
+
+    # A recorder states how many there are; 0 where it did not.
+    missing = sum(connection.msgcount for connection in connections) - gathered.messages
+    if missing > 0:
+        gathered.note(f"{missing} messages are missing, by the counts of the recorder")
 
 
 def _mcap_files(path: Path) -> list[Path]:
@@ -180,12 +186,13 @@ def _xyz(vector: Any) -> Array:
     return np.array([vector.x, vector.y, vector.z])
 
 
-def _xyzw(quaternion: Any) -> Array:
-    return np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
-
-
-def _is_rotation(xyzw: Array) -> bool:
-    return abs(float(np.linalg.norm(xyzw)) - 1.0) < 1e-2
+def _add_attitude(to: Gathered, time: float, quaternion: Any, source: str, rank: int) -> None:
+    """Add an attitude, if the quaternion is a rotation."""
+    xyzw = np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
+    if not abs(float(np.linalg.norm(xyzw)) - 1.0) < _UNIT:
+        to.leave_out(f"{source}: the orientation is no unit quaternion")
+        return
+    to.add(ATTITUDE, time, xyzw, source, rank=rank)
 
 
 def _imu(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
@@ -197,25 +204,20 @@ def _imu(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
     if m.linear_acceleration_covariance[0] != _NOT_MEASURED:
         to.add(FORCE, time, _xyz(m.linear_acceleration), source, rank=rank)
 
-    attitude = _xyzw(m.orientation)
-    if m.orientation_covariance[0] != _NOT_MEASURED and _is_rotation(attitude):
-        to.add(ATTITUDE, time, attitude, source, rank=rank)
+    if m.orientation_covariance[0] != _NOT_MEASURED:
+        _add_attitude(to, time, m.orientation, source, rank)
 
 
 def _odometry(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
     source = f"{topic}: nav_msgs/Odometry"
     to.add(POSITION, time, _xyz(m.pose.pose.position), source, rank=rank)
-    attitude = _xyzw(m.pose.pose.orientation)
-    if _is_rotation(attitude):
-        to.add(ATTITUDE, time, attitude, source, rank=100 + rank)  # an IMU's own comes first
+    _add_attitude(to, time, m.pose.pose.orientation, source, 100 + rank)  # an IMU's comes first
 
 
 def _pose(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:
     source = f"{topic}: geometry_msgs/PoseStamped"
     to.add(POSITION, time, _xyz(m.pose.position), source, rank=200 + rank)
-    attitude = _xyzw(m.pose.orientation)
-    if _is_rotation(attitude):
-        to.add(ATTITUDE, time, attitude, source, rank=200 + rank)
+    _add_attitude(to, time, m.pose.orientation, source, 200 + rank)
 
 
 def _twist(to: Gathered, time: float, m: Any, topic: str, rank: int) -> None:

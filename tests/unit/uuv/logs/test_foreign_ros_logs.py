@@ -1,6 +1,8 @@
 """Logs of ROS by other recorders: other profiles, encodings and compressions, whole and damaged."""
 
+import contextlib
 import json
+import sqlite3
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -13,10 +15,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from uuv.logs.readers import read_vehicle_log
-from uuv.logs.vehicle_log import DEPTH
+from uuv.logs.vehicle_log import ATTITUDE, DEPTH
 from uuv.sim.interfaces.errors import ConfigurationError
 
 KIND = "sensor_msgs/msg/FluidPressure"
+IMU = "sensor_msgs/msg/Imu"
 N = 60
 
 
@@ -100,6 +103,35 @@ def write_bag(folder: Path) -> Path:
         for row, message in enumerate(pressures(ROS2)):
             writer.write(topic, (100 + row) * 10**9, bytes(ROS2.serialize_cdr(message, KIND)))
     return next(folder.glob("*.db3"))
+
+
+def test_messages_that_the_recorder_counted_and_are_not_there_are_noted(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "bag")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("DELETE FROM messages WHERE id IN (SELECT id FROM messages LIMIT 2)")
+        database.commit()
+    log = read_vehicle_log(file.parent)
+    assert len(log.streams[DEPTH].time) == N - 2
+    assert log.notes == ("2 messages are missing, by the counts of the recorder",)
+
+
+def test_an_orientation_that_is_no_rotation_is_noted(tmp_path: Path) -> None:
+    kinds = ROS2.types
+    nothing = kinds["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)
+    zero = kinds["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 0.0)  # as an IMU without one sends
+    empty = np.zeros(9)
+    folder = tmp_path / "bag"
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/imu", IMU, typestore=ROS2)
+        for row in range(3):
+            stamp = kinds["builtin_interfaces/msg/Time"](100 + row, 0)
+            header = kinds["std_msgs/msg/Header"](stamp, "base_link")
+            imu = kinds[IMU](header, zero, empty, nothing, empty, nothing, empty)
+            writer.write(topic, (100 + row) * 10**9, bytes(ROS2.serialize_cdr(imu, IMU)))
+    log = read_vehicle_log(folder)
+    assert ATTITUDE not in log.streams
+    note = "3 samples left out: /imu: sensor_msgs/Imu: the orientation is no unit quaternion"
+    assert log.notes == (note,)
 
 
 @pytest.mark.parametrize("kind", ["zstd", "lz4", "sqlite"])

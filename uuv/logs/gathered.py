@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-import struct
 from array import array
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,11 +14,6 @@ from uuv.sim.interfaces.errors import ConfigurationError, one_line
 from uuv.sim.interfaces.spatial import Array
 
 MOST = 5_000_000  # messages of a log that are read
-# What libraries raise at a file that is cut or forged.
-BROKEN = (
-    *(ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError, OSError),
-    *(OverflowError, RuntimeError, AssertionError, struct.error, ZeroDivisionError, MemoryError),
-)
 Key = tuple[str, int, str]  # quantity, rank and description of a source
 
 

@@ -86,7 +86,10 @@ def read_vehicle_log(file: str | Path) -> VehicleLog:
 def _check_file(path: Path, what: str) -> None:
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
-            raise ConfigurationError(f"{what}: a folder without metadata.yaml is no ROS bag")
+            raise ConfigurationError(
+                f"{what}: a folder without metadata.yaml is no ROS bag; a .mcap or .db3 file in it "
+                "can be given"
+            )
     elif not path.is_file():
         raise ConfigurationError(f"{what}: there is no such file")
     elif path.suffix.lower() not in ENDINGS:

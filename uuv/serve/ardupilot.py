@@ -24,7 +24,7 @@ from uuv.serve.served_vehicle import DiveSite, ServedVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 
 _COUNTS = 1 << 32  # the frame count begins anew after as many
-_FEW = 1 << 16  # packets; by fewer a count rises in a gap, or falls in one that came late
+_FEW = 1 << 16  # packets; by fewer a count falls in one that came late
 _FIRST = 1  # a count up to this one is that of a start
 _DOWN = 1  # number of the range finder that looks down
 _TO_FRD = np.array([1.0, -1.0, -1.0])  # from forward, port, up; also from our world to NED
@@ -129,7 +129,7 @@ class ArduPilotDoor:
         if ahead == 0:
             traffic.repeated += 1
             return False
-        if ahead < _FEW:  # the count may have begun anew after the last
+        if ahead < _COUNTS // 2:  # the count may have begun anew after the last
             traffic.lost += ahead - 1
             return True
 

@@ -181,6 +181,15 @@ def test_the_count_may_begin_anew_after_its_last():
     assert not door.traffic.restarts
 
 
+def test_a_count_far_ahead_is_a_gap_after_which_the_packets_are_stepped():
+    door = ArduPilotDoor("vectored")
+    door.reply(packet(0))
+    for count in (1_000_000, 1_000_001):  # of an autopilot that was silent meanwhile
+        state = motion(door.reply(packet(count)))
+    assert state["timestamp"] == pytest.approx(3 / RATE)
+    assert (door.traffic.lost, door.traffic.late, door.traffic.restarts) == (999_999, 0, 0)
+
+
 def test_thirty_two_channels():
     assert len(servo_packet(packet(3, channels=32)).pulses) == 32
     door = ArduPilotDoor("vectored")

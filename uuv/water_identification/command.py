@@ -18,7 +18,7 @@ from uuv.calib.water.estimator import WaterFit
 from uuv.calib.water.findings import Finding, findings, together
 from uuv.calib.water.logs import ATTITUDE, POSITION, RATE, WaterLog, write_log
 from uuv.calib.water.named_fit import values_of
-from uuv.calib.water.planning import Planned
+from uuv.calib.water.planning import Planned, planned
 from uuv.calib.water.results import write_fit, write_vehicle
 from uuv.models import hydrodynamics
 from uuv.own_vehicle import vehicle_spec
@@ -31,7 +31,7 @@ from uuv.sim.runs.saving import write_json
 from uuv.water_identification.log_residuals import WaterResiduals, identify
 from uuv.water_identification.manoeuvres import simulated, survey
 from uuv.water_identification.next_manoeuvre import next_manoeuvres
-from uuv.water_identification.options import COMMAND, WaterOptions, logs_of, settings_of
+from uuv.water_identification.options import COMMAND, WaterOptions, check_aim, logs_of, settings_of
 from uuv.water_identification.replayed_parts import ranges_of
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
@@ -78,9 +78,11 @@ def run(options: WaterOptions, console: Console) -> int:
         UuvError: Options, vehicle or logs are wrong.
     """
     settings = settings_of(options)
+    check_aim(options)
     finite_number(options.seconds, "--seconds [s]", least=10.0, most=3600.0)
     spec, replay = vehicle_of(options)
     n = len(replay.water.parameters)
+    planned(np.eye(n), {}, replay.water.parameters, options.aim)  # the vehicle has such a group
     logs = logs_of(options, replay.vehicle, replay.names, ranges_of(replay.vehicle))
 
     if not logs and options.plan:

@@ -91,8 +91,8 @@ class LogBeside:
         # A window whose simulation runs away has no numbers; it stays where it began, uncounted.
         parts = np.split(rows, cut.script.first[1:])
         stayed = np.array([bool(np.isfinite(part).all()) for part in parts])
-        for window in np.flatnonzero(~stayed):
-            parts[window][:] = cut.starts[window]  # a view of the rows
+        for wild in np.flatnonzero(~stayed).tolist():
+            parts[wild][:] = cut.starts[wild]  # a view of the rows
 
         diverged = int((~stayed).sum())
         if not stayed.any():

@@ -411,7 +411,7 @@ def test_a_bag_that_fails_midway_leaves_nothing_and_may_be_tried_again(tmp_path)
         return types.vector(np.zeros(3))
 
     kind = "geometry_msgs/msg/Vector3"
-    topic = Topic("/place", kind, 0.1 * np.arange(5), faulty)
+    topic = Topic("/place", kind, np.linspace(0.0, 0.4, 5), faulty)
     with pytest.raises(ConfigurationError, match="fourth message"):
         write_bag(tmp_path / "dive", [topic], types)
     assert not list(tmp_path.iterdir())

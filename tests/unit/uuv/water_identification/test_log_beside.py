@@ -112,7 +112,7 @@ def test_a_window_that_runs_away_is_left_out_and_counted(
 
 
 def test_accelerations_alone_leave_nothing_to_compare(log: Path, tmp_path: Path) -> None:
-    force = Channel(time=np.arange(161) * 0.05, values=np.tile([0.0, 0.0, 9.81], (161, 1)))
+    force = Channel(time=np.linspace(0.0, 8.0, 161), values=np.tile([0.0, 0.0, 9.81], (161, 1)))
     file = changed(log, tmp_path, channels={FORCE: force})
     with pytest.raises(ConfigurationError, match="must have one of qx qy qz qw, depth, vx vy vz"):
         main("replay", ["--log", str(file), "--vehicle", ROV, "--window", "4"])

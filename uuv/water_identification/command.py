@@ -47,6 +47,7 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
     Raises:
         UuvError: There is no such vehicle, or it has no hydrodynamics.
     """
+    check_aim(options)
     spec = vehicle_spec(options.vehicle)
     if options.water_density is not None:
         density = finite_number(
@@ -56,6 +57,7 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
 
     replay = ReplayVehicle(spec)
     names = [parameter.name for parameter in replay.water.parameters]
+    planned(np.eye(len(names)), {}, replay.water.parameters, options.aim)  # it has such a group
     for name, sigma in options.prior:
         one_of(name, names, "--prior")
         finite_number(sigma, f"--prior {name}", above=0.0)
@@ -78,11 +80,9 @@ def run(options: WaterOptions, console: Console) -> int:
         UuvError: Options, vehicle or logs are wrong.
     """
     settings = settings_of(options)
-    check_aim(options)
     finite_number(options.seconds, "--seconds [s]", least=10.0, most=3600.0)
     spec, replay = vehicle_of(options)
     n = len(replay.water.parameters)
-    planned(np.eye(n), {}, replay.water.parameters, options.aim)  # the vehicle has such a group
     logs = logs_of(options, replay.vehicle, replay.names, ranges_of(replay.vehicle))
 
     if not logs and options.plan:

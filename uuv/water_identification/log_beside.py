@@ -102,8 +102,8 @@ class LogBeside:
             )
         compared = tuple(_compared(cut, rows, values, stayed))
         if not compared:
-            wanted = ", ".join(" ".join(CHANNELS[kind]) for kind in _COMPARED)
-            raise ConfigurationError(f"{log.name}: must have one of {wanted} to compare with")
+            channels = ", ".join(" ".join(CHANNELS[kind]) for kind in _COMPARED)
+            raise ConfigurationError(f"{log.name}: must have one of {channels} to compare with")
         return cls(name=log.name, windows=len(cut.windows), diverged=diverged, quantities=compared)
 
     def write_picture(self, file: Path) -> None:

@@ -45,6 +45,8 @@ CHANNELS = {  # number of columns of each
     VELOCITY: ("vx", "vy", "vz"),
     DEPTH: ("depth",),
 }
+# of their columns; the attitude is a quaternion
+UNITS = {POSITION: "m", RATE: "rad/s", FORCE: "m/s^2", VELOCITY: "m/s", DEPTH: "m"}
 KINDS = "CSV, Parquet, or the folder of a recorded run"
 THRUSTER, THRUST, JOINT = "thruster.", "thrust.", "joint."
 SHORTEST = 4.0  # [s] least length of a log

@@ -87,7 +87,7 @@ def _drive(spec: mujoco.MjSpec, joints: Mapping[str, float | None], name: str) -
 
     for joint_name in joints:
         if joint_name not in movable:
-            raise _missing(name, "joint", joint_name, list(movable))
+            raise part_missing(name, "joint", joint_name, list(movable))
 
     # The mapping must list all joints of the arm, in order.
     chain = joints_between(spec)
@@ -333,7 +333,7 @@ def _add_thruster(
     # An actuator of the model.
     if mapped.actuator is not None:
         if mapped.actuator not in actuators:
-            raise _missing(name, "actuator", mapped.actuator, list(actuators))
+            raise part_missing(name, "actuator", mapped.actuator, list(actuators))
         _make_plain(actuators[mapped.actuator])
         thrusters.attach(spec, {mapped.actuator: mapped.thruster})
         return
@@ -345,12 +345,12 @@ def _add_thruster(
         carrier = renamed.get(mapped.place.body, mapped.place.body) or HULL_BODY
         bodies = {body.name: body for body in spec.bodies if body.name != "world"}
         if carrier not in bodies:
-            raise _missing(name, "body", carrier, list(bodies))
+            raise part_missing(name, "body", carrier, list(bodies))
         bodies[carrier].add_site(
             name=site, pos=mapped.place.pos, quat=_along_x(mapped.place.z), group=4
         )
     elif site not in {present.name for present in spec.sites}:
-        raise _missing(name, "site", str(site), [present.name for present in spec.sites])
+        raise part_missing(name, "site", str(site), [present.name for present in spec.sites])
 
     actuator = spec.add_actuator(
         name=f"thruster_{mapped.name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site
@@ -381,7 +381,8 @@ def _along_x(direction: Array) -> Array:
     return quat_wxyz_from_rotation(R[:, [2, 0, 1]])
 
 
-def _missing(name: str, kind: str, part: str, present: list[str]) -> ConfigurationError:
+def part_missing(name: str, kind: str, part: str, present: list[str]) -> ConfigurationError:
+    """Error about a part of a kind that a model does not have; `name` begins its message."""
     return ConfigurationError(
         f"{name}: the model has no {kind} {part!r}; it has "
         f"{', '.join(filter(None, present)) or 'none with a name'}{did_you_mean(part, present)}"

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from uuv.models import hydrodynamics
-from uuv.models.completing.actuators import actuate
+from uuv.models.completing.actuators import actuate, part_missing
 from uuv.models.completing.axes import UP, turn_hull
 from uuv.models.completing.hull_box import hull_box
 from uuv.models.completing.masses import give_masses
@@ -22,7 +22,7 @@ from uuv.models.files.notes import keep_entries, note
 from uuv.models.files.parts_file import PartPlace, PartsMap
 from uuv.models.files.vehicle_file import VehicleFile
 from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM
-from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
 BARE_ARM = "it looks like a bare arm"
@@ -202,13 +202,6 @@ def _check_root(spec: mujoco.MjSpec, hull: mujoco.MjsBody, before: str | None, n
         )
 
 
-def _missing(name: str, kind: str, sought: str, names: list[str]) -> ConfigurationError:
-    return ConfigurationError(
-        f"{name}: the model has no {kind} {sought!r}; it has "
-        f"{', '.join(filter(None, names)) or 'none with a name'}{did_you_mean(sought, names)}"
-    )
-
-
 def _body(spec: mujoco.MjSpec, sought: str, name: str, hull: str | None = None) -> mujoco.MjsBody:
     bodies = [body for body in spec.bodies if body.name != "world"]
     if hull is not None and sought == hull:
@@ -220,7 +213,7 @@ def _body(spec: mujoco.MjSpec, sought: str, name: str, hull: str | None = None) 
         if body.name == sought:
             return body
 
-    raise _missing(name, "body", sought, [body.name for body in bodies])
+    raise part_missing(name, "body", sought, [body.name for body in bodies])
 
 
 def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
@@ -259,7 +252,7 @@ def _rename_body(spec: mujoco.MjSpec, body: mujoco.MjsBody, to: str) -> None:
 def _rename_geom(spec: mujoco.MjSpec, sought: str, name: str) -> None:
     geom = next((geom for geom in spec.geoms if geom.name == sought), None)
     if geom is None:
-        raise _missing(name, "geom", sought, [geom.name for geom in spec.geoms])
+        raise part_missing(name, "geom", sought, [geom.name for geom in spec.geoms])
     geom.name = TOOL_GEOM
 
     for pair in spec.pairs:
@@ -297,7 +290,7 @@ def _add_site(
                     f"{{body: NAME, pos: [x, y, z]}}"
                 )
 
-            raise ConfigurationError(f"{_missing(name, 'site', where, list(sites))}{hint}")
+            raise ConfigurationError(f"{part_missing(name, 'site', where, list(sites))}{hint}")
 
         original = sites[where]
         added = original.parent.add_site(name=usual, pos=original.pos, quat=original.quat, group=4)

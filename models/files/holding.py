@@ -30,7 +30,7 @@ def hold(
 
     Args:
         spec: model; actuators of the joints and constraints on them are deleted too.
-        joints: names of hinges and slides of the model.
+        joints: hinges and slides of the model.
         why: reason of the holding, for the returned lines.
         stated: values [rad] or [m] at which to hold some of them, by name.
 

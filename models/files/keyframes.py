@@ -70,7 +70,8 @@ class _State:
         for joint in range(model.njnt):
             name = model.joint(joint).name or model.body(model.jnt_bodyid[joint]).name
             wide, free = _WIDTHS.get(mujoco.mjtJoint(model.jnt_type[joint]), (1, 1))
-            first, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+            first = int(model.jnt_qposadr[joint])
+            dof = int(model.jnt_dofadr[joint])
             parts["qpos", name] = qpos[first : first + wide]
             parts["qvel", name] = qvel[dof : dof + free]
 

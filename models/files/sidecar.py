@@ -23,6 +23,7 @@ The name of a custom element is the path of one number, or of one row of numbers
 """
 
 import math
+import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
@@ -288,8 +289,16 @@ def write_sidecar(spec: mujoco.MjSpec, file: str | Path) -> Path:
         ConfigurationError: as `tree_of` does, or the file cannot be written.
     """
     path = Path(file)
+    text = yaml_text(tree_of(spec), width=120)
+
+    # A disk that is full midway leaves the old file as it was.
+    part = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        path.write_text(yaml_text(tree_of(spec), width=120), encoding="utf-8")
+        try:
+            part.write_text(text, encoding="utf-8")
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as error:
         raise ConfigurationError(
             f"water file {shown(str(path))}: cannot be written ({error.strerror})"

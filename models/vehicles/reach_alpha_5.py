@@ -22,10 +22,11 @@ import mujoco
 import numpy as np
 
 from uuv.models import hydrodynamics
+from uuv.models.files.urdf_places import rotation_from_rpy
 from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, cylinder
 from uuv.models.naming import ARM_BASE_BODY, HOME_KEY, READY_KEY, TIP_SITE
 from uuv.models.vehicles import published_hulls
-from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
+from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
 RADIUS = 0.020  # [m] radius of every link
 _GREY = (0.3, 0.3, 0.33, 1.0)
@@ -177,7 +178,7 @@ def add_arm(
     body = base
     for i, link in enumerate(LINKS, start=1):
         body = body.add_body(
-            name=link.name, pos=link.p, quat=quat_wxyz_from_rotation(_rotation(link.rpy))
+            name=link.name, pos=link.p, quat=quat_wxyz_from_rotation(rotation_from_rpy(link.rpy))
         )
         published_hulls.set_inertial(body, link.mass, link.center, _inertia(link.inertia))
         body.add_joint(
@@ -221,9 +222,3 @@ def _water(link: _Link) -> BodyHydrodynamics:
 def _inertia(figures: tuple[float, ...]) -> Array:
     xx, yy, zz, xy, xz, yz = figures
     return 1e-6 * np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _rotation(rpy: tuple[float, float, float]) -> Array:
-    """Rotation (3, 3) of a URDF's roll, pitch, yaw [rad]: about fixed x, then y, then z."""
-    roll, pitch, yaw = rpy
-    return exp_so3([0.0, 0.0, yaw]) @ exp_so3([0.0, pitch, 0.0]) @ exp_so3([roll, 0.0, 0.0])

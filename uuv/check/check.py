@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from uuv.check import doubts
-from uuv.check.checked_jobs import ARM_JOBS, HOVERING, JOBS, check_jobs
+from uuv.check.checked_jobs import ARM_JOBS, HOVERING, JOBS, check_jobs, check_options
 from uuv.check.conditions import Conditions
 from uuv.check.findings import (
     JobVerdict,
@@ -79,11 +79,12 @@ def check_vehicle(
         The check. A spec that cannot be compiled has one finding of level "fault".
 
     Raises:
-        ConfigurationError: There is no such vehicle, tool or job, or a file cannot be read or
-            compiled.
+        ConfigurationError: There is no such vehicle, tool or job, no job takes an option of the
+            conditions, or a file cannot be read or compiled.
     """
     check_jobs(jobs)
     under = Conditions() if conditions is None else conditions
+    check_options(jobs, under)
     file = None if parts_file is None else str(parts_file)
     if isinstance(vehicle, str | Path):
         name = str(vehicle)

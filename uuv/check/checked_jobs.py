@@ -114,6 +114,9 @@ def check_options(jobs: Collection[str], conditions: Conditions) -> None:
                 f"--{word}: must be an option of one of the jobs {', '.join(jobs)}"
             )
 
+    if conditions.flow is not None and not of_arm:  # no option, but a part of a job's site
+        raise ConfigurationError(f"--flow: must be an option of one of the jobs {', '.join(jobs)}")
+
     for name in of_arm:
         job = ARM_JOBS[name]
         scenario = job(**{w: v for w, v in conditions.options.items() if job.takes(w)})

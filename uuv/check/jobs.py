@@ -377,14 +377,19 @@ def _worst_list(
     if not undriven_axes(vehicle.thruster_wrench):
         return None
     model = hydrodynamics.compile(spec.copy())
-    drag = FRICTION * push
-    forces = [np.array([x, y, -push]) for x in (-drag, drag) for y in (-drag, drag)]
-    lists = [listing_of(model, vehicle, q_start, force) for force in forces]
+    lists = [listing_of(model, vehicle, q_start, force) for force in pushes_with_friction(push)]
     lists.append(listing_of(model, vehicle, np.array(vehicle.q_ready)))
 
     # A hull that turns over has no angle.
     listed = [listing for listing in lists if listing is not None]
     return max(listed, key=lambda listing: np.nan_to_num(listing.angle, nan=np.inf))
+
+
+def pushes_with_friction(push: float) -> Array:
+    """Forces (8, 3) [N] on the tip, tool axes: a push [N], with friction in all directions."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    drag = FRICTION * push * np.array([np.cos(angles), np.sin(angles)])
+    return np.column_stack([*drag, np.full(len(angles), -push)])
 
 
 def _touching(believed: OwnVehicle, q: Array) -> str:

@@ -134,7 +134,7 @@ class DrivenWork(PlacedTask):
         # A drive without force control has no bounds.
         pressed = figures.pressed_s is not None
         checks = [
-            Requirement("time in contact", figures.pressed_s, None, "s"),
+            Requirement("time under force control", figures.pressed_s, None, "s"),
             Requirement(
                 "force error, RMS",
                 figures.force_error_rms_n,

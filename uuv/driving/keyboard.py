@@ -18,7 +18,7 @@ from uuv.sim.loop.rollout import Moment
 from uuv.sim.plant.plant import Plant
 
 _PERIOD = 0.04  # [s] wall time between two images, at least
-_CLOSING = 5.0  # [s] wall time between two images, at most
+_CLOSING = 5.0  # [s] wall time that the viewer's threads have to end, at most
 _NO_SCREEN = (
     "drive: keyboard control needs MuJoCo's viewer and a screen (DISPLAY); without them give "
     "--inputs FILE"

@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -79,25 +80,30 @@ def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:
     check_bag(folder)
     latched = parse_qos(QOS)
 
+    # A bag's file has the name of its folder: it is written in a folder beside, under its name.
     count = 0
-    bag = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-    bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    with bag as writer:
-        connections = [
-            writer.add_connection(
-                topic.name,
-                topic.kind,
-                typestore=types.store,
-                offered_qos_profiles=latched if is_latched(topic) else (),
-            )
-            for topic in topics
-        ]
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as beside:
+        part = Path(beside) / folder.name
+        bag = Writer(part, version=9, storage_plugin=StoragePlugin.MCAP)
+        bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with bag as writer:
+            connections = [
+                writer.add_connection(
+                    topic.name,
+                    topic.kind,
+                    typestore=types.store,
+                    offered_qos_profiles=latched if is_latched(topic) else (),
+                )
+                for topic in topics
+            ]
 
-        for time, number, index in ordered(topics):
-            topic = topics[number]
-            data = types.encoded(topic.kind, topic.message(index))
-            writer.write(connections[number], nanoseconds(time), data)
-            count += 1
+            for time, number, index in ordered(topics):
+                topic = topics[number]
+                data = types.encoded(topic.kind, topic.message(index))
+                writer.write(connections[number], nanoseconds(time), data)
+                count += 1
+        part.rename(folder)
     return count
 
 

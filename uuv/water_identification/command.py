@@ -18,7 +18,7 @@ from uuv.calib.water.estimator import WaterFit
 from uuv.calib.water.findings import Finding, findings, together
 from uuv.calib.water.logs import ATTITUDE, POSITION, RATE, WaterLog, write_log
 from uuv.calib.water.named_fit import values_of
-from uuv.calib.water.planning import Planned
+from uuv.calib.water.planning import Planned, planned
 from uuv.calib.water.results import write_fit, write_vehicle
 from uuv.models import hydrodynamics
 from uuv.own_vehicle import vehicle_spec
@@ -31,7 +31,7 @@ from uuv.sim.runs.saving import write_json
 from uuv.water_identification.log_residuals import WaterResiduals, identify
 from uuv.water_identification.manoeuvres import simulated, survey
 from uuv.water_identification.next_manoeuvre import next_manoeuvres
-from uuv.water_identification.options import COMMAND, WaterOptions, logs_of, settings_of
+from uuv.water_identification.options import COMMAND, WaterOptions, check_aim, logs_of, settings_of
 from uuv.water_identification.replayed_parts import ranges_of
 from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
@@ -47,6 +47,7 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
     Raises:
         UuvError: There is no such vehicle, or it has no hydrodynamics.
     """
+    check_aim(options)
     spec = vehicle_spec(options.vehicle)
     if options.water_density is not None:
         density = finite_number(
@@ -56,6 +57,7 @@ def vehicle_of(options: WaterOptions) -> tuple[mujoco.MjSpec, ReplayVehicle]:
 
     replay = ReplayVehicle(spec)
     names = [parameter.name for parameter in replay.water.parameters]
+    planned(np.eye(len(names)), {}, replay.water.parameters, options.aim)  # it has such a group
     for name, sigma in options.prior:
         one_of(name, names, "--prior")
         finite_number(sigma, f"--prior {name}", above=0.0)

@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 
-from uuv.calib.water.logs import ATTITUDE, CHANNELS, DEPTH, POSITION, RATE, VELOCITY
+from uuv.calib.water.logs import ATTITUDE, CHANNELS, DEPTH, POSITION, RATE, UNITS, VELOCITY
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 from uuv.water_identification.log_residuals import LogReplay
 from uuv.water_identification.options import log_at
@@ -22,7 +23,7 @@ from uuv.water_identification.settings import FitSettings
 from uuv.water_identification.vehicle_replay import ReplayVehicle
 
 WINDOW = 10.0  # [s]
-_UNITS = {POSITION: "m", VELOCITY: "m/s", DEPTH: "m", RATE: "rad/s", ATTITUDE: "deg"}
+_COMPARED = (ATTITUDE, DEPTH, VELOCITY, RATE, POSITION)
 _ANGLES = ("roll", "pitch", "yaw")
 _SIZE = (9.0, 2.1)  # [inch] of a panel
 _DOTS = 110  # per inch
@@ -62,6 +63,7 @@ class LogBeside:
 
     name: str
     windows: int
+    diverged: int  # windows whose simulation ran away; they are left out
     quantities: tuple[SideBySide, ...]
 
     @classmethod
@@ -74,8 +76,8 @@ class LogBeside:
             window: [s] after which the simulation begins anew.
 
         Raises:
-            ConfigurationError: The log cannot be read or does not fit the vehicle, or has no
-                motion.
+            ConfigurationError: The log cannot be read or does not fit the vehicle, has nothing to
+                compare, or its simulation runs away in all windows.
             MissingLibraryError: The extra `bridge` is not installed.
         """
         replay = ReplayVehicle(spec)
@@ -85,8 +87,24 @@ class LogBeside:
         cut = LogReplay(replay, log, FitSettings(window=window))
         values = {parameter.name: parameter.nominal for parameter in replay.water.parameters}
         rows = replay.run(values, cut.script, cut.starts, np.zeros((cut.script.rows, 3)))
-        compared = tuple(_compared(cut, rows, values))
-        return cls(name=log.name, windows=len(cut.windows), quantities=compared)
+
+        # A window whose simulation runs away has no numbers; it stays where it began, uncounted.
+        parts = np.split(rows, cut.script.first[1:])
+        stayed = np.array([bool(np.isfinite(part).all()) for part in parts])
+        for wild in np.flatnonzero(~stayed).tolist():
+            parts[wild][:] = cut.starts[wild]  # a view of the rows
+
+        diverged = int((~stayed).sum())
+        if not stayed.any():
+            raise ConfigurationError(
+                f"{log.name}: the simulation runs away in all {diverged} windows; the thrusts or "
+                "the vehicle's water are wrong, or the windows are too long"
+            )
+        compared = tuple(_compared(cut, rows, values, stayed))
+        if not compared:
+            channels = ", ".join(" ".join(CHANNELS[kind]) for kind in _COMPARED)
+            raise ConfigurationError(f"{log.name}: must have one of {channels} to compare with")
+        return cls(name=log.name, windows=len(cut.windows), diverged=diverged, quantities=compared)
 
     def write_picture(self, file: Path) -> None:
         """Write a PNG: a panel for each quantity, measured and simulated."""
@@ -114,21 +132,26 @@ class LogBeside:
         figure.savefig(file, dpi=_DOTS)
 
 
-def _compared(cut: LogReplay, rows: Array, values: dict[str, float]) -> Iterator[SideBySide]:
-    """Comparison of attitude, depth, velocity and other quantities, axis by axis."""
-    for kind in (ATTITUDE, DEPTH, VELOCITY, RATE, POSITION):
+def _compared(
+    cut: LogReplay, rows: Array, values: dict[str, float], stayed: np.ndarray
+) -> Iterator[SideBySide]:
+    """Comparison of attitude, depth, velocity and other quantities, axis by axis, in the windows
+    (W,) that `stayed` marks.
+    """
+    for kind in _COMPARED:
         if kind not in cut.kinds:
             continue
         time, measured, simulated, window = cut.replayed(rows, kind, values)
         scale = float(np.degrees(1.0)) if kind == ATTITUDE else 1.0
         labels = _ANGLES if kind == ATTITUDE else CHANNELS[kind]
 
+        kept = stayed[window]
         for i, label in enumerate(labels):
             yield SideBySide(
                 name=label,
-                unit=_UNITS[kind],
-                time=time,
-                measured=scale * measured[:, i],
-                simulated=scale * simulated[:, i],
-                window=window,
+                unit=UNITS.get(kind, "deg"),
+                time=time[kept],
+                measured=scale * measured[kept, i],
+                simulated=scale * simulated[kept, i],
+                window=window[kept],
             )

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from uuv.calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
+from uuv.calib.water.parameters import GROUPS
+from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
 from uuv.sim.runs.command_line import ResultOptions
 from uuv.water_identification.settings import NOISE, FitSettings
@@ -83,6 +85,7 @@ def check_inputs(options: WaterOptions) -> None:
     from uuv.water_identification.replayed_parts import pushed_parts, ranges_of
 
     settings_of(options)
+    check_aim(options)
 
     for path in options.log:
         if not path.is_dir() and not is_vehicle_log(path):
@@ -91,6 +94,18 @@ def check_inputs(options: WaterOptions) -> None:
     model = inputs.check_vehicle(VehicleSetup(vehicle=options.vehicle)).compile()
     vehicle = Vehicle.of(model)
     logs_of(options, vehicle, tuple(pushed_parts(model, vehicle).values()), ranges_of(vehicle))
+
+
+def check_aim(options: WaterOptions) -> None:
+    """Refuse groups of a plan that is not wanted, and unknown ones.
+
+    Raises:
+        ConfigurationError: Which group, and what is allowed.
+    """
+    if options.aim and not options.plan:
+        raise ConfigurationError(f"--aim {' '.join(options.aim)}: needs --plan")
+    for group in options.aim:
+        one_of(group, GROUPS, "--aim")
 
 
 def settings_of(options: WaterOptions) -> FitSettings:

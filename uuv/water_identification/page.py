@@ -9,20 +9,13 @@ from matplotlib.figure import Figure
 
 from uuv.calib.water.estimator import WaterFit
 from uuv.calib.water.findings import Finding
-from uuv.calib.water.logs import ATTITUDE, CHANNELS
+from uuv.calib.water.logs import ATTITUDE, CHANNELS, UNITS
 from uuv.sim.interfaces import page
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.runs.provenance import provenance_rows
 from uuv.sim.runs.saving import write_whole
 from uuv.water_identification.log_residuals import LogReplay, WaterResiduals
 
-_UNITS = {
-    "position": "m",
-    "rate": "rad/s",
-    "specific force": "m/s^2",
-    "velocity": "m/s",
-    "depth": "m",
-}
 _ANGLES = ("roll [rad]", "pitch [rad]", "yaw [rad]")
 
 
@@ -85,7 +78,7 @@ def _pictures(
     for kind in log.kinds:
         time, measured, replayed, window = log.replayed(rows, kind, values)
         labels = (
-            _ANGLES if kind == ATTITUDE else [f"{word} [{_UNITS[kind]}]" for word in CHANNELS[kind]]
+            _ANGLES if kind == ATTITUDE else [f"{word} [{UNITS[kind]}]" for word in CHANNELS[kind]]
         )
         figure = Figure(figsize=(3.3 * len(labels), 4.0), layout="constrained")
 

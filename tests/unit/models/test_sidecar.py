@@ -2,6 +2,7 @@
 ways; their refusals.
 """
 
+import errno
 import re
 import warnings
 from pathlib import Path
@@ -500,3 +501,22 @@ def test_whatever_is_spoilt_is_refused_or_read(rng: np.random.Generator) -> None
         ]
         assert all(np.all(np.isfinite(row)) for row in rows)
     assert 75 < refused < 150
+
+
+def test_a_water_file_that_cannot_be_written_whole_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = models.load("bluerov2_heavy")
+    file = sidecar.write_sidecar(spec, tmp_path / "rov.water.yaml")
+    before = file.read_text()
+    write = Path.write_text
+
+    def full(path: Path, text: str, **more: Any) -> int:
+        write(path, text[: len(text) // 2], **more)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(ConfigurationError, match=r"cannot be written \(No space left"):
+        sidecar.write_sidecar(spec, file)
+    assert file.read_text() == before
+    assert [path.name for path in tmp_path.iterdir()] == [file.name]

@@ -68,6 +68,7 @@ def _content(beside: "LogBeside") -> dict[str, object]:
     return {
         "log": beside.name,
         "windows": beside.windows,
+        "diverged": beside.diverged,
         "quantities": {
             quantity.name: {
                 "unit": quantity.unit,
@@ -100,3 +101,5 @@ def _print(beside: "LogBeside", vehicle: str) -> None:
             *(f"{figure:.3g}" for figure in figures),
         )
     out.print(table)
+    if beside.diverged:
+        out.print(f"left out: {beside.diverged} windows in which the simulation runs away")

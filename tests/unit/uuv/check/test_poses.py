@@ -9,10 +9,11 @@ import pytest
 
 from uuv.assembly import assemble
 from uuv.check.check import check_vehicle
+from uuv.check.checked_jobs import check_options
 from uuv.check.conditions import Conditions
 from uuv.check.findings import JobVerdict
 from uuv.check.hover import hover
-from uuv.check.jobs import of_poses
+from uuv.check.jobs import of_poses, pushes_with_friction
 from uuv.check.preflight import preflight
 from uuv.check.remedies import Change, changes_for
 from uuv.cli.vehicles import check_vehicle as command
@@ -22,6 +23,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.water.cylinder_wake import wake_behind
 from uuv.tasks.start_place import clearance
 
 
@@ -166,3 +168,18 @@ def test_what_the_check_refuses_runs_unchecked_and_the_metrics_say_so() -> None:
     before = preflight(clean_barrel(unchecked=True), model)
     (line,) = before.lines
     assert re.match(r"not checked: \d+% of the camera's view is blocked", line)
+
+
+def test_friction_is_the_same_share_of_the_push_in_all_directions() -> None:
+    forces = pushes_with_friction(50.0)
+    assert forces[:, 2] == pytest.approx(np.full(len(forces), -50.0))
+    assert np.linalg.norm(forces[:, :2], axis=1) == pytest.approx(np.full(len(forces), 30.0))
+    assert np.ptp(forces, axis=0) == pytest.approx([60.0, 60.0, 0.0])
+
+
+def test_conditions_that_no_job_takes_are_refused_from_python_too() -> None:
+    flow = wake_behind(np.array([0.2, 0.0, 0.0]), np.eye(4), np.array([[-0.5] * 3, [0.5] * 3]))
+    for conditions, word in ((Conditions(speed=0.1), "speed"), (Conditions(flow=flow), "flow")):
+        with pytest.raises(ConfigurationError, match=f"{word}: must be an option of one of the"):
+            check_vehicle("uuv_puma", jobs=("hover",), conditions=conditions)
+    check_options(("hover", "pile"), Conditions(flow=flow))

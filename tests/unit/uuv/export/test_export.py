@@ -23,8 +23,9 @@ from uuv.assembly import assemble
 from uuv.cli import logs
 from uuv.cli.main import main
 from uuv.export import live_log
+from uuv.export.files import write_bag
 from uuv.export.robot_description import robot_description
-from uuv.export.topics import RosTypes, RunTopics, twists_of
+from uuv.export.topics import RosTypes, RunTopics, Topic, twists_of
 from uuv.jobs import clean_barrel
 from uuv.models.naming import body_label
 from uuv.models.vehicle import Vehicle
@@ -399,3 +400,23 @@ def test_parts_without_names_are_told_apart_by_their_numbers():
     labels = [body_label(model, body) for body in range(model.nbody)]
     assert len(set(labels)) == model.nbody
     assert {element.get("name") for element in root.findall("link")} >= set(labels[2:])
+
+
+def test_a_bag_that_fails_midway_leaves_nothing_and_may_be_tried_again(tmp_path):
+    types = RosTypes()
+
+    def faulty(row):
+        if row == 3:
+            raise ConfigurationError("the fourth message is broken")
+        return types.vector(np.zeros(3))
+
+    kind = "geometry_msgs/msg/Vector3"
+    topic = Topic("/place", kind, np.linspace(0.0, 0.4, 5), faulty)
+    with pytest.raises(ConfigurationError, match="fourth message"):
+        write_bag(tmp_path / "dive", [topic], types)
+    assert not list(tmp_path.iterdir())
+
+    whole = Topic("/place", kind, topic.time[:3], faulty)
+    assert write_bag(tmp_path / "dive", [whole], types) == 3
+    assert [path.name for path in tmp_path.iterdir()] == ["dive"]
+    assert len(messages_by_topic(tmp_path / "dive")["/place"]) == 3

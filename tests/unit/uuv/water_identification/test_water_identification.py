@@ -188,6 +188,8 @@ def test_the_door_of_the_command(dive, tmp_path):
     refused(tmp_path, "--noise", log=(dive,), noise=(("speed", 1.0),))
     refused(tmp_path, "--prior", log=(dive,), prior=(("mass", 1.0),))
     refused(tmp_path, "--water-density", log=(dive,), water_density=-1.0)
+    refused(tmp_path, "--aim trim: needs --plan", log=(dive,), aim=("trim",))
+    refused(tmp_path, "--aim: allowed added mass", log=(dive,), plan=True, aim=("speed",))
     text = dive.read_text().splitlines()
     (tmp_path / "short.csv").write_text("\n".join(text[:20]))
     refused(tmp_path, "must last at least 4 s", log=(tmp_path / "short.csv",))

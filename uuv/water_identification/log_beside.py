@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uuv.calib.water.logs import ATTITUDE, CHANNELS, DEPTH, POSITION, RATE, VELOCITY
+from uuv.logs.picture_file import save_figure
 from uuv.sim.interfaces.spatial import Array
 from uuv.water_identification.log_residuals import LogReplay
 from uuv.water_identification.options import log_at
@@ -111,7 +112,7 @@ class LogBeside:
 
         axes[0].legend(fontsize=7, ncols=2)
         axes[-1].set_xlabel("time [s]")
-        figure.savefig(file, dpi=_DOTS)
+        save_figure(figure, file, _DOTS)
 
 
 def _compared(cut: LogReplay, rows: Array, values: dict[str, float]) -> Iterator[SideBySide]:

@@ -74,10 +74,11 @@ def main(verb: str, args: Sequence[str]) -> int:
     for name in ("at", "begin", "end"):
         if (time := getattr(options, name)) is not None:
             finite_number(time, f"{name} [s]", least=0.0, most=past.simulated_s)
-    if None not in (options.begin, options.end) and options.begin > options.end:
-        raise ConfigurationError(f"begin [s] is after end: {options.begin:g} and {options.end:g}")
+    begin, end = options.begin, options.end
+    if begin is not None and end is not None and begin > end:
+        raise ConfigurationError(f"begin [s] is after end: {begin:g} and {end:g}")
 
-    with scene_of_past(past, scenario, style, (options.begin, options.end)) as scene:
+    with scene_of_past(past, scenario, style, (begin, end)) as scene:
         for file in write_pictures(scene, files):
             print(file.resolve())
     return 0

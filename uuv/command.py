@@ -20,7 +20,7 @@ from uuv.controllers.tuning import table
 from uuv.kinds import SURVEY, TRUST
 from uuv.models.meshes import ray_casting
 from uuv.outcome import RunResult
-from uuv.pace import WallClock
+from uuv.pace import WallClock, check_pace
 from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
@@ -74,6 +74,7 @@ def command(
         Interrupted: A signal ended the run; raised after all results are written. A second signal
             ends the command at once.
     """
+    check_pace(options.pace)
     console = PlainConsole()
     draws = _draws(options, console)
 
@@ -205,7 +206,12 @@ def show(run: Run, folder: str | Path) -> None:
     _say(run.assessment, PlainConsole())
     write_series(run.recording, folder)
     if run.assembly.full and not absent(LOG):
-        _report(run, folder, run.assembly.placed.title)
+        report_in(run, folder)
+
+
+def report_in(run: Run, folder: Path) -> None:
+    """Writes the report alone of a run in full to its folder; it needs the extra LOG."""
+    _report(run, folder, run.assembly.placed.title)
 
 
 def _report(run: Run, folder: Path, title: str) -> None:
@@ -236,10 +242,8 @@ def _stills(run: Run) -> list[tuple[str, bytes]]:
     from uuv.sim.reporting.scene.run_scene import PictureStyle, RunScene
 
     width, height = _STILLS
-    bounds = run.assembly.placed.bounds
     style = PictureStyle(width=width, height=height, gl="off")
-    if bounds is not None:
-        style = replace(style, error_scale=bounds.force_error_rms)
+    style = style.judged_by(run.assembly.placed.bounds)
     try:
         with RunScene(run.assembly.plant.model, run.recording, style) as scene:
             return [

@@ -20,6 +20,14 @@ FASTEST = 100.0  # largest factor of real time
 _PAUSE = 0.05  # [s] wall time of a pause, at least
 
 
+def check_pace(factor: float | None) -> None:
+    """Refuse a factor of real time that is out of range; None: as fast as possible."""
+    if factor is not None and not SLOWEST <= factor <= FASTEST:
+        raise ConfigurationError(
+            f"pace: must be {SLOWEST} to {FASTEST} times real time, got {factor}"
+        )
+
+
 @dataclass(slots=True)
 class WallClock:
     """Real-time pacing of a run; an observer of `uuv.sim.loop.rollout`."""
@@ -34,10 +42,7 @@ class WallClock:
     _state: WorkState | None = None
 
     def __post_init__(self) -> None:
-        if not SLOWEST <= self.factor <= FASTEST:
-            raise ConfigurationError(
-                f"pace: must be {SLOWEST} to {FASTEST} times real time, got {self.factor}"
-            )
+        check_pace(self.factor)
 
     def observe(self, moment: Moment) -> None:
         """Wait until the time of the moment."""

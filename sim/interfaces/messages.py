@@ -43,6 +43,12 @@ class WorkState(StrEnum):
     ABORT = "abort"  # tool withdrawn before the path was finished
 
 
+# States in which the tool works, in which a force may be set, and in which it may touch.
+WORKING = (WorkState.WORK, WorkState.INSERT, WorkState.WITHDRAW)
+TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.SEARCH, *WORKING)
+CONTACT = (*TOUCHING, WorkState.RETREAT)
+
+
 class AbortCode(StrEnum):
     """Cause of an abort; `Reference.note` states it in a sentence, with figures."""
 

@@ -7,10 +7,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.messages import CONTACT
 from uuv.sim.interfaces.palette import FAINT, INK, SKY, WIDTH, plain_axes
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import RecordedSeries
-from uuv.sim.reporting.timelines import CONTACT, Panel, panels, thinned
+from uuv.sim.reporting.timelines import Panel, panels, thinned
 
 TITLES = ("normal force [N]", "tip path error [mm]", "hull position error [mm]")
 _HEIGHT = 2.0  # [in] of a panel
@@ -62,7 +63,7 @@ def plot_of(recorded: RecordedSeries, *, whole: bool = False) -> RunFigure:
 def _draw(axes: Any, panel: Panel) -> None:
     """Lines of a panel, with gaps where the run recorded nothing."""
     for line in panel.lines:
-        time, value = thinned(*_with_gaps(line.time, line.value))
+        time, value = _with_gaps(line.time, line.value)
         axes.plot(time, value, color=line.colour, linewidth=1.0, label=line.name)
 
     axes.set_ylabel(panel.title)
@@ -71,12 +72,20 @@ def _draw(axes: Any, panel: Panel) -> None:
 
 
 def _with_gaps(time: Array, value: Array) -> tuple[Array, Array]:
-    """The line with NaN after each time step that is ten times as long as the median."""
+    """The thinned line, with NaN after each time step that is ten times as long as the median."""
     steps = np.diff(time)
     if not len(steps):
         return time, value
     gaps = np.flatnonzero(steps > 10.0 * np.median(steps)) + 1
-    return np.insert(time, gaps, time[gaps - 1]), np.insert(value, gaps, np.nan)
+
+    # Each part is thinned by itself, since a bin across a gap would close it.
+    times: list[Array] = []
+    values: list[Array] = []
+    for part in zip(np.split(time, gaps), np.split(value, gaps), strict=True):
+        few_times, few_values = thinned(*part)
+        times += [few_times, few_times[-1:]]
+        values += [few_values, np.array([np.nan])]
+    return np.concatenate(times[:-1]), np.concatenate(values[:-1])
 
 
 def _ends(recorded: RecordedSeries) -> list[float]:

@@ -339,9 +339,10 @@ class PastRun:
 
     def _check_layout(self, series: "Mapping[str, Series]") -> None:
         """Refuse a series of every step whose number of columns is wrong, or of rows differs from
-        `state`.
+        `state`, and a state that there is not.
         """
         from uuv.sim.loop.logged_columns import WIDTHS
+        from uuv.sim.loop.recording import STATES as LOGGED_STATES
 
         if "state" not in series:
             raise ConfigurationError(
@@ -353,6 +354,15 @@ class PastRun:
                 raise ConfigurationError(
                     f"{self.folder}: the series {name!r} must have {width} columns of loop's rate"
                 )
+
+        states = series["state"].scalar
+        allowed = range(len(LOGGED_STATES))
+        if not np.isin(states, allowed).all():
+            wrong = states[~np.isin(states, allowed)][0]
+            raise ConfigurationError(
+                f"{self.folder}: the series 'state' must be whole numbers in 0..{allowed[-1]}, got "
+                f"{wrong:g}"
+            )
 
         for name in ("arm_wrench", "believed.arm_wrench_B"):
             if name in series and series[name].value.shape[1] != 6:

@@ -13,13 +13,12 @@ from plotly.subplots import make_subplots
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import ForceSteps, force_peak, tangential
 from uuv.sim.evaluation.metrics import hull_motion, path_error
-from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.messages import CONTACT, WorkState
 from uuv.sim.interfaces.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import RecordedSeries
 
 ELEMENT = "timelines"  # id in the page
-CONTACT = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)
 BINS = 1000  # of a line; in each its extremes are kept
 _ROOM = 1.3  # span of a panel over the largest value that is judged
 _ROW, _MARGIN = 210, 60  # [px] height of a panel, and what is above and below all
@@ -185,7 +184,7 @@ def panels(recorded: RecordedSeries, bounds: Bounds | None = None) -> Iterator[P
                         label.replace("_", " "),
                         series.time,
                         scale * series.value[:, i],
-                        CYCLE[i % len(_COLOURS)],
+                        CYCLE[i % len(CYCLE)],
                     )
                     for i, label in enumerate(series.labels)
                 ],

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.files import folder_given, folder_name
+from uuv.sim.interfaces.files import folder_given, folder_name, regular
 from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.saving import write_whole
 
 RUNS = Path("runs")  # in the working directory
 BEGUN = "run.json"  # file in a run's folder from the start, with command and time
 LATEST = "latest"
+_LONGEST_NAME = 255  # [bytes] of a folder
 # format number of the files in a run's folder; files of the first format have no such entry
 FORMAT = 2
 FORMAT_KEY = "format"  # key of that number in scenario.toml and metrics.json
@@ -176,6 +177,21 @@ def point_to(latest: Path, name: str) -> None:
     except (OSError, NotImplementedError):
         part.unlink(missing_ok=True)
         write_whole(latest, name + "\n")
+
+
+def pointed_to(latest: Path) -> Path:
+    """Folder that a link or a file by `point_to` refers to; any other path as it is."""
+    if latest.is_symlink():
+        return latest.parent / latest.readlink()
+    if latest.name != LATEST or not latest.is_file():
+        return latest
+    with regular(latest, LATEST) as file:
+        name = file.read(_LONGEST_NAME).decode(errors="replace").strip()
+    if Path(name).name != name:
+        raise ConfigurationError(
+            f"{latest}: must have the name of a run beside it, got {shown(name)}"
+        )
+    return latest.parent / name
 
 
 @contextmanager

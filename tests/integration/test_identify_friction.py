@@ -31,6 +31,11 @@ def test_gears_that_differ_from_belief_are_found(verb, tmp_path):
     assert len(gears) == 6
     assert max(abs(gear["believed"] / gear["true"] - 1.0) for gear in gears) > 5.0 * BOUNDS.coulomb
 
+    # `uuv.run`, by which it is repeated, takes the samples as well.
+    replayed = verb("replay", tmp_path)
+    assert replayed.returncode == 0, replayed.stdout + replayed.stderr
+    assert replayed.stdout.startswith("the same to the bit")
+
 
 @pytest.mark.parametrize(
     ("options", "said"),

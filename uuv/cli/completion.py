@@ -25,7 +25,7 @@ _MARK = getattr(Positional[str], "__metadata__")[0]  # noqa: B009  mark of an ar
 _SCRIPT = """_uuv() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} words=""
     case "$COMP_CWORD ${{COMP_WORDS[1]}} ${{COMP_WORDS[2]}}" in
-    1*) words="{verbs}" ;;
+    "1 "*) words="{verbs}" ;;
 {groups}
     "2 run "*) words="{jobs}" ;;
     "2 new "*) words="{skeletons}" ;;

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, arg
 
 from uuv.cli.json_output import print_json
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.logs.picture_file import check_picture
 from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.command_line import parse
 
@@ -36,8 +36,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     """Prints the content of the log; returns the exit code."""
     del verb
     options = parse(LogsOptions, args)
-    if options.picture is not None and not options.picture.parent.is_dir():
-        raise ConfigurationError(f"--picture: there is no folder {str(options.picture.parent)!r}")
+    if options.picture is not None:
+        check_picture(options.picture)
 
     from uuv.logs.readers import read_vehicle_log
 

@@ -5,8 +5,10 @@
 
 import keyword
 import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -16,6 +18,7 @@ from uuv.catalogue import CHECKOUT
 from uuv.cli.vehicles.new_mapping import new_mapping
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.runs.command_line import parse
+from uuv.sim.runs.saving import write_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -481,6 +484,7 @@ def main(verb: str, args: Sequence[str]) -> int:
             f"NAME: must be a module's name in lower case, such as my_{kind}, got {name!r}"
         )
 
+    _refuse_taken(name)
     written = write(kind, name, Path())
     use = SKELETONS[kind].use.replace("NAME", name)
     by = _wrapper()
@@ -489,6 +493,21 @@ def main(verb: str, args: Sequence[str]) -> int:
         f"pytest {written[1]}"
     )
     return 0
+
+
+def _refuse_taken(name: str) -> None:
+    """Refuse the name of an installed module, which the new one would hide."""
+    if name not in sys.stdlib_module_names and (Path(f"{name}.py").exists() or not _known(name)):
+        return  # a file here is refused where it would be written
+    raise ConfigurationError(f"NAME: must not be that of an installed module, got {name!r}")
+
+
+def _known(name: str) -> bool:
+    """True if there is a module of that name."""
+    try:
+        return find_spec(name) is not None
+    except ValueError:  # one that is loaded without a spec
+        return True
 
 
 def _wrapper() -> str:
@@ -503,7 +522,7 @@ def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
     """Writes part and test to `folder`, and returns their paths.
 
     Raises:
-        ConfigurationError: One of the files exists already.
+        ConfigurationError: One of the files exists already, or cannot be written.
     """
     skeleton = SKELETONS[kind]
     files = (folder / f"{name}.py", folder / f"test_{name}.py")
@@ -513,5 +532,5 @@ def write(kind: str, name: str, folder: Path) -> tuple[Path, Path]:
             raise ConfigurationError(f"{file} exists already; choose another name")
 
     for file, text in zip(files, (skeleton.part, skeleton.test), strict=True):
-        file.write_text(text.replace("NAME", name), encoding="utf-8")
+        write_whole(file, text.replace("NAME", name))
     return files

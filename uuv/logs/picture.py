@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from uuv.logs.picture_file import save_figure
 from uuv.logs.vehicle_log import ATTITUDE, DEPTH, PULSES, THRUSTS, VehicleLog
 from uuv.sim.interfaces.extras import wanted
 
@@ -44,7 +45,7 @@ def write_picture(file: Path, log: VehicleLog) -> None:
         axis.set_title(name, fontsize=9, loc="left")
 
     axes[-1].set_xlabel("time [s]")
-    figure.savefig(file, dpi=_DOTS)
+    save_figure(figure, file, _DOTS)
 
 
 def _pulses(axis: Any, log: VehicleLog) -> None:

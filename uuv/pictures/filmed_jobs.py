@@ -26,7 +26,6 @@ class FilmedJob:
         from uuv.assembly import assemble
         from uuv.jobs.command_line import parsed
         from uuv.pictures.run_pictures import PictureFiles, scene_of_run, write_pictures
-        from uuv.sim.loop.recording import Recorder
         from uuv.sim.reporting.results_table import figures_of
         from uuv.sim.reporting.scene.run_scene import PictureStyle
 
@@ -35,10 +34,7 @@ class FilmedJob:
         job = jobs.named(name)
         values, _ = parsed(job, options)
         assembly = assemble(job.scenario(values), full=True)
-        plant = assembly.plant
-        recorder = Recorder(plant.model, timestep=plant.timestep)
-        story = assembly.placed.story(recorder, None)  # some tasks judge by what it saw
-        ended = run(assembly, recorder=recorder, observers=[story])
+        ended = run(assembly)
 
         # Its clip, by rays, which are the same anywhere.
         width, height = self.size

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from uuv.scenario import Scenario
     from uuv.sim.reporting.series_tables import PastRun
 
-MOST_FRAMES = 600  # of a clip
+FRAMES, MOST_FRAMES = 150, 600  # of a clip
 RATE = 15.0  # [1/s] frames shown in a second
 
 
@@ -26,7 +26,7 @@ class PictureFiles:
     still: Path | None = None
     clip: Path | None = None
     at: float | None = None  # [s] time of the still; None: in the middle of the work
-    frames: int = 150  # of the clip, at even times
+    frames: int = FRAMES  # of the clip, at even times
     rate: float = RATE  # [1/s]
 
     def __post_init__(self) -> None:
@@ -52,6 +52,7 @@ def scene_of_run(
         ConfigurationError: The run was not recorded in full.
         MissingLibraryError: What draws is not installed.
     """
+    style = (style or PictureStyle()).judged_by(run.assembly.placed.bounds)
     return RunScene(run.assembly.plant.model, run.recording, style, span)
 
 
@@ -72,9 +73,10 @@ def scene_of_past(
 
     recorded = past.recorded
     first_start.build()
-    model = assemble(scenario).plant.model
+    assembly = assemble(scenario)
+    style = (style or PictureStyle()).judged_by(assembly.placed.bounds)
     try:
-        return RunScene(model, recorded, style, span)
+        return RunScene(assembly.plant.model, recorded, style, span)
     except ConfigurationError as error:
         raise ConfigurationError(f"{past.folder}: {error}") from error
 

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.sim.evaluation.metrics import Assessment
-    from uuv.sim.loop.recording import Recorder
 
 SHORTEST, LONGEST = 10.0, 300.0  # [s] of swings
 DEPTH = 2.0  # [m] of the hull
@@ -81,6 +80,14 @@ class FrictionSamples:
         if self._motor is not None and moment.reference.state is WorkState.WORK:
             self._rows.append((moment.estimate.qd.copy(), moment.estimate.tau.copy(), self._motor))
         self._motor = moment.command.joint_torque.copy()
+
+    def save(self) -> tuple[list[tuple[Array, Array, Array]], Array | None]:
+        """Rows so far, and the last motor torques."""
+        return self._rows, self._motor
+
+    def resume(self, saved: tuple[list[tuple[Array, Array, Array]], Array | None]) -> None:
+        """Continue from a result of `save`."""
+        self._rows, self._motor = saved
 
     def columns(self) -> tuple[Array, Array, Array]:
         """Speeds [rad/s], torques at the gear outputs and motor torques [N m], each (N, n).
@@ -197,9 +204,9 @@ class FrictionCase(PlacedTask):
             )
             yield "Friction", caption, curves(self, self.identification)
 
-    def story(self, recorder: "Recorder", log: Any) -> FrictionSamples:
-        """Observer that takes the samples."""
-        return self.samples
+    def observers(self) -> tuple[FrictionSamples, ...]:
+        """The samples of the swings."""
+        return (self.samples,)
 
 
 def identified(case: FrictionCase) -> "IdentifiedFriction":

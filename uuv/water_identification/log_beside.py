@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uuv.calib.water.logs import ATTITUDE, CHANNELS, DEPTH, POSITION, RATE, UNITS, VELOCITY
+from uuv.logs.picture_file import save_figure
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 from uuv.water_identification.log_residuals import LogReplay
@@ -129,7 +130,7 @@ class LogBeside:
 
         axes[0].legend(fontsize=7, ncols=2)
         axes[-1].set_xlabel("time [s]")
-        figure.savefig(file, dpi=_DOTS)
+        save_figure(figure, file, _DOTS)
 
 
 def _compared(

@@ -14,7 +14,7 @@ from uuv.sim.runs.saving import write_whole
 
 MOST_BYTES = 1_500_000  # of a clip
 QUALITIES = (75, 55, 36, 20)  # tried until the clip is small enough
-MOST_RATE = 60.0  # [1/s] pictures shown in a second
+LEAST_RATE, MOST_RATE = 0.1, 60.0  # [1/s] pictures shown in a second
 _KINDS = {".png": "png", ".webp": "webp", ".jpg": "jpeg"}  # as Pillow names them
 ENDINGS = {"still": (*_KINDS,), "clip": (".webp",)}
 
@@ -31,7 +31,7 @@ def check_file(file: Path, what: str) -> None:
 
 def check_rate(rate: float) -> None:
     """Refuses a rate of a clip [1/s]."""
-    finite_number(rate, "rate of a clip [1/s]", above=0.0, most=MOST_RATE)
+    finite_number(rate, "rate of a clip [1/s]", least=LEAST_RATE, most=MOST_RATE)
 
 
 def write_still(file: Path, picture: np.ndarray) -> None:

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import mujoco
@@ -40,13 +40,21 @@ class PictureStyle:
     height: int = 720  # [px]
     gl: Gl = "auto"  # "off": by ray casting; "auto": likewise where there is no OpenGL
     title: str = ""
-    error_scale: float = Bounds().force_error_rms  # [N] error of the force drawn in the last colour
+    # [N] error of the force drawn in the last colour; None: the run's bound, else the usual one
+    error_scale: float | None = None
 
     def __post_init__(self) -> None:
         for name, pixels in (("width", self.width), ("height", self.height)):
             whole_number(pixels, f"{name} of a picture [px]", least=LEAST_SIZE, most=MOST_SIZE)
         one_of(self.gl, ("auto", "on", "off"), "gl")
-        finite_number(self.error_scale, "error_scale [N]", above=0.0)
+        if self.error_scale is not None:
+            finite_number(self.error_scale, "error_scale [N]", above=0.0)
+
+    def judged_by(self, bounds: Bounds | None) -> "PictureStyle":
+        """The style with the scale of a run's bounds, where it has none."""
+        if self.error_scale is not None or bounds is None:
+            return self
+        return replace(self, error_scale=bounds.force_error_rms)
 
 
 class RunScene:
@@ -65,7 +73,7 @@ class RunScene:
             model: The plant's.
             recorded: The run, in full: from memory, or `PastRun.recorded`.
             style: Size and renderer; None: the usual ones.
-            span: [s] first and last time to be seen; None: of the run.
+            span: [s] first and last time of a clip; None: of the run.
 
         Raises:
             ConfigurationError: The run has no poses of this model, or `span` is not within it.
@@ -73,9 +81,12 @@ class RunScene:
                 missing.
         """
         self.style = style = style or PictureStyle()
+        self.error_scale = style.judged_by(Bounds()).error_scale or 0.0
         self.work = Work.of(recorded)
         self.events = recorded.events
         self._poses = Poses(model, recorded)
+        self._whole = float(self._poses.time[0]), float(self._poses.time[-1])  # [s] with poses
+        self._duration = max(recorded.duration, self._whole[1])
         self.span = self._checked(span)
 
         self._captions = Captions(
@@ -83,7 +94,7 @@ class RunScene:
             style.width,
             style.title,
             most_force=self.work.most_force,
-            error_scale=style.error_scale if self.work.judged else None,
+            error_scale=self.error_scale if self.work.judged else None,
         )
 
         # What draws, and from where.
@@ -115,10 +126,11 @@ class RunScene:
             time: [s]
 
         Raises:
-            ConfigurationError: It is not within the span.
+            ConfigurationError: It is not within the run.
         """
-        begin, end = self.span
-        finite_number(time, "time of a picture [s]", least=begin, most=end)
+        first, last = self._whole
+        finite_number(time, "time of a picture [s]", least=first, most=self._duration)
+        time = min(time, last)
 
         view = self.view(time)
         self._poses.put(self._poses.row(time))
@@ -126,7 +138,7 @@ class RunScene:
         work = self.work
 
         # The scene with its marks.
-        path = work.path(time, self.style.error_scale)
+        path = work.path(time, self.error_scale)
         marks = [*path, *work.forces(time, view), *work.current(time, view)]
         drawn = self._drawer.render(data, view, self._sea, marks)
 
@@ -160,10 +172,10 @@ class RunScene:
         return np.linspace(*self.span, count)
 
     def telling(self) -> float:
-        """Time [s] in the middle of the work or, without work, of the span."""
+        """Time [s] in the middle of the work or, without work, of the run."""
         time = self.work.time
-        at = float(time[int(_INTO_WORK * (len(time) - 1))]) if len(time) else sum(self.span) / 2.0
-        return float(np.clip(at, *self.span))
+        at = float(time[int(_INTO_WORK * (len(time) - 1))]) if len(time) else sum(self._whole) / 2.0
+        return float(np.clip(at, *self._whole))
 
     def moments(self) -> list[float]:
         """Four times [s] of a run: during scan, approach and work, and at the end."""
@@ -178,13 +190,12 @@ class RunScene:
 
     def _checked(self, span: Span) -> tuple[float, float]:
         """The span, within the recorded times."""
-        first = float(self._poses.time[0])
-        last = float(self._poses.time[-1])
-
+        first, last = self._whole
         begin = first if span[0] is None else span[0]
         end = last if span[1] is None else span[1]
         finite_number(begin, "begin [s]", least=first, most=last)
-        finite_number(end, "end [s]", least=first, most=last)
+        finite_number(end, "end [s]", least=first, most=self._duration)
+        end = min(end, last)  # the last poses are recorded before the last step
         if begin > end:
             raise ConfigurationError(f"begin [s] is after end: {begin:g} and {end:g}")
         return begin, end

@@ -6,16 +6,13 @@ from typing import Self
 import numpy as np
 
 from uuv.sim.evaluation.force_levels import ForceSteps
-from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.messages import TOUCHING, WORKING, WorkState
 from uuv.sim.interfaces.palette import rgb
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.recording import STATES, RecordedSeries
 from uuv.sim.reporting.scene.captions import CURRENT, FELT, SET, PictureText, error_colours
 from uuv.sim.reporting.scene.marks import Mark, line
 from uuv.sim.reporting.scene.view import CameraView
-
-WORKING = (WorkState.WORK, WorkState.INSERT, WorkState.WITHDRAW)
-TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.SEARCH, *WORKING)
 
 _SPACING = 0.01  # [m] between the points of a drawn path
 _PART = 60  # points of a path that are seen from near together

@@ -38,12 +38,15 @@ def main(verb: str, args: Sequence[str]) -> int:
 
     from uuv.driving.keyboard import refuse_without_screen
     from uuv.inputs import check_inputs
+    from uuv.pace import check_pace
 
+    paced = options if options.pace is not None else replace(options, pace=1.0)
+    check_pace(paced.pace)
     refuse_without_screen()
     check_inputs(scenario, options.longest, keyboard=True)
     from uuv.cli.live.keyboard_run import run_by_keyboard
 
     def work() -> int:
-        return run_by_keyboard(scenario, replace(options, pace=options.pace or 1.0), started)
+        return run_by_keyboard(scenario, paced, started)
 
     return file_alone(work, METRICS) if options.json else work()

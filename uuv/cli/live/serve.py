@@ -82,9 +82,10 @@ def _serve_udp(args: Sequence[str]) -> int:
     from uuv.serve.served_job import run_remote
 
     with listening(options.port, options.listen) as endpoint:
+        ready = f"{scenario.name} on UDP port {endpoint.port} of {options.listen}"
+        print(ready, file=sys.stderr if options.json else sys.stdout, flush=True)
 
         def work() -> int:
-            print(f"{scenario.name} on UDP port {endpoint.port} of {options.listen}", flush=True)
             return run_remote(scenario, options, endpoint, started, rate=options.rate)
 
         return file_alone(work, METRICS) if options.json else work()

@@ -19,6 +19,7 @@ from uuv.sim.runs.saving import write_whole
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from uuv.sim.evaluation.bounds import Bounds
     from uuv.sim.reporting.series_tables import PastRun
 
 _LEFT_OUT = (FORMAT_KEY, "provenance", "timings", "start", "schema")
@@ -83,7 +84,9 @@ def main(verb: str, args: Sequence[str]) -> int:
     else:
         try:
             console.print(
-                f"written to {write_page(runs, rows_by_title)}", highlight=False, soft_wrap=True
+                f"written to {write_page(runs, rows_by_title, trust=options.trust)}",
+                highlight=False,
+                soft_wrap=True,
             )
         except ConfigurationError as error:
             console.print(f"no page of the time series: {error}", highlight=False, soft_wrap=True)
@@ -111,15 +114,28 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
     }
 
 
-def write_page(runs: "Sequence[PastRun]", rows_by_title: Mapping[str, Rows]) -> Path:
+def _bounds(runs: "Sequence[PastRun]", *, trust: bool) -> "Bounds | None":
+    """Bounds by which all runs were judged; None if they differ."""
+    from uuv import first_start
+    from uuv.assembly import assemble
+
+    first_start.build()
+    placed = [assemble(scenario_of(run.folder, trust=trust)).placed for run in runs]
+    bounds = placed[0].bounds
+    return bounds if all(other.bounds == bounds for other in placed) else None
+
+
+def write_page(
+    runs: "Sequence[PastRun]", rows_by_title: Mapping[str, Rows], *, trust: bool = False
+) -> Path:
     """Page with the tables and the series of the first two runs, in the folder of the first."""
-    from uuv.sim.evaluation.bounds import Bounds
     from uuv.sim.interfaces import page
     from uuv.sim.reporting.timelines import timelines
 
     names = _short([run.folder for run in runs])
     both = runs[:2]
-    bounds = Bounds() if all("tool" in run.metrics for run in both) else None
+    worked = all("tool" in run.metrics for run in both)
+    bounds = _bounds(both, trust=trust) if worked else None
     drawn = timelines({name: run.recorded for name, run in zip(names, both, strict=False)}, bounds)
     title = " against ".join(names)
 

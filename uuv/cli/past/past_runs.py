@@ -16,9 +16,10 @@ from uuv.sim.interfaces.extras import LOG, absent, to_install
 from uuv.sim.interfaces.files import regular
 from uuv.sim.interfaces.spatial import shown
 from uuv.sim.runs.command_line import parse
-from uuv.sim.runs.run_folder import LATEST, RUNS
+from uuv.sim.runs.run_folder import LATEST, RUNS, pointed_to
 
 if TYPE_CHECKING:
+    from uuv.runner import Run as EndedRun
     from uuv.scenario import Scenario
 
 Run = Annotated[
@@ -53,7 +54,7 @@ class ReplayOptions:
 
 @dataclass(kw_only=True)
 class ReportOptions:
-    """Print the path of report.html; if there is none, the run is repeated to write it."""
+    """Print the path of report.html; if there is none, the run is repeated to write it alone."""
 
     run: Run
     trust: Trust = False
@@ -73,6 +74,7 @@ def main(verb: str, args: Sequence[str]) -> int:
             options = parse(ReplayOptions, args)
             if options.log is not None:
                 return _beside(options, options.log)
+            _refuse_of_a_log(options)
             return replay(run_folder(options.run), trust=options.trust, as_json=options.json)
         case "report":
             options = parse(ReportOptions, args)
@@ -85,9 +87,19 @@ def _beside(options: ReplayOptions, log: Path) -> int:
     """Compares a log with its simulation; returns the exit code."""
     if options.run:
         raise ConfigurationError(f"replay: RUN {options.run!r} and --log: give only one of the two")
+    if options.trust:
+        raise ConfigurationError("replay: --trust is of a RUN; a log names no code")
     from uuv.cli.past.real_log import replay_log
 
     return replay_log(log, options.vehicle, options.window, options.picture, as_json=options.json)
+
+
+def _refuse_of_a_log(options: ReplayOptions) -> None:
+    """Refuse options that only a log has."""
+    usual = ReplayOptions()
+    for name in ("vehicle", "window", "picture"):
+        if getattr(options, name) != getattr(usual, name):
+            raise ConfigurationError(f"replay: --{name} needs --log, and has no use for a RUN")
 
 
 def run_folder(name: str) -> Path:
@@ -100,9 +112,10 @@ def run_folder(name: str) -> Path:
         raise ConfigurationError("RUN: missing (--help lists the options)")
     try:
         for folder in (Path(name), RUNS / name / LATEST, RUNS / name.replace("-", "_") / LATEST):
-            if (folder / "metrics.json").exists():
-                # the present target of `latest`, since later runs change that link
-                return folder.parent / folder.readlink() if folder.is_symlink() else folder
+            # the present target of `latest`, since later runs change that link
+            target = pointed_to(folder)
+            if (target / "metrics.json").exists():
+                return target
 
         names = (
             sorted(path.name for path in RUNS.iterdir() if path.is_dir()) if RUNS.is_dir() else []
@@ -141,15 +154,7 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
     Raises:
         UuvError: The record cannot be read, or its scenario cannot be run.
     """
-    from uuv.inputs import check_inputs
-    from uuv.sim.reporting.series_tables import PastRun
-
-    recorded = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
-    scenario = scenario_of(folder, trust=trust)
-    check_inputs(scenario)
-    from uuv.runner import run  # imported, and compiled, after all checks
-
-    ran = run(scenario)
+    ran, recorded = _repeated(folder, trust=trust)
     got = ran.recording.digest()
     same = got == recorded
     if as_json:
@@ -161,12 +166,30 @@ def replay(folder: Path, *, trust: bool = False, as_json: bool = False) -> int:
         print(f"the same to the bit: {ran.recording.duration:.1f} s, trajectory {got[:12]}")
         return 0
 
-    print(
-        f"different trajectory: {got[:12]}, recorded {str(recorded)[:12]}. The record was made by "
-        "other code or libraries, on another machine, or by a run that was interrupted (see "
-        "provenance in metrics.json)."
-    )
+    print(f"{_different(ran, recorded)}.")
     return 1
+
+
+def _repeated(folder: Path, *, trust: bool) -> "tuple[EndedRun, str | None]":
+    """The repeated run of a folder, and the digest of the recorded trajectory."""
+    from uuv.inputs import check_inputs
+    from uuv.sim.reporting.series_tables import PastRun
+
+    recorded = PastRun.of(folder).metrics["run"]["trajectory_sha256"]
+    scenario = scenario_of(folder, trust=trust)
+    check_inputs(scenario)
+    from uuv.runner import run  # imported, and compiled, after all checks
+
+    return run(scenario), recorded
+
+
+def _different(ran: "EndedRun", recorded: str | None) -> str:
+    """Text on a repeated run whose trajectory is not the recorded one."""
+    return (
+        f"different trajectory: {ran.recording.digest()[:12]}, recorded {str(recorded)[:12]}. The "
+        "record was made by other code or libraries, on another machine, or by a run that was "
+        "interrupted (see provenance in metrics.json)"
+    )
 
 
 def report(folder: Path, *, trust: bool = False) -> int:
@@ -177,14 +200,14 @@ def report(folder: Path, *, trust: bool = False) -> int:
     if not file.exists():
         if absent(LOG):
             raise MissingLibraryError(f"report: needs {', '.join(absent(LOG))}: {to_install(LOG)}")
-        from uuv.inputs import check_inputs
+        ran, recorded = _repeated(folder, trust=trust)
+        if ran.recording.digest() != recorded:
+            raise ConfigurationError(
+                f"report: {folder} has no report.html, and {_different(ran, recorded)}"
+            )
+        from uuv.command import report_in
 
-        scenario = scenario_of(folder, trust=trust)
-        check_inputs(scenario)
-        from uuv.command import show
-        from uuv.runner import run
-
-        show(run(scenario), folder)
+        report_in(ran, folder)
     print(file.resolve())
     return 0
 

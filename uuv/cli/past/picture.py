@@ -37,8 +37,8 @@ class PictureOptions:
     """First time of the clip [s]; default: of the run."""
     end: float | None = None
     """Last time of the clip [s]; default: of the run."""
-    frames: int = 150
-    """Frames of the clip, at even times of the run; fifteen are shown in a second."""
+    frames: int | None = None
+    """Frames of the clip, at even times of the run, 15 a second; default: 150."""
     gl: Literal["auto", "on", "off"] = "auto"
     """Draw by OpenGL (on), by ray casting (off), or by rays where there is no OpenGL (auto)."""
     trust: Trust = False
@@ -52,7 +52,7 @@ def main(verb: str, args: Sequence[str]) -> int:
     width, height = size_of(options.size)
 
     from uuv.inputs import check_inputs
-    from uuv.pictures.run_pictures import PictureFiles, scene_of_past, write_pictures
+    from uuv.pictures.run_pictures import FRAMES, PictureFiles, scene_of_past, write_pictures
     from uuv.sim.reporting.scene.run_scene import PictureStyle
     from uuv.sim.reporting.series_tables import SLOW, PastRun
 
@@ -61,11 +61,12 @@ def main(verb: str, args: Sequence[str]) -> int:
     scenario = scenario_of(folder, trust=options.trust)
     past.units(SLOW)
     chosen = options.still is not None or options.clip is not None
+    _refuse_idle(options, chosen=chosen)
     files = PictureFiles(
         still=options.still if chosen else folder / STILL,
         clip=options.clip if chosen else folder / CLIP,
         at=options.at,
-        frames=options.frames,
+        frames=FRAMES if options.frames is None else options.frames,
     )
     title = f"{scenario.name.replace('_', '-')}, {scenario.vehicle.vehicle}"
     style = PictureStyle(width=width, height=height, gl=options.gl, title=title)
@@ -73,11 +74,23 @@ def main(verb: str, args: Sequence[str]) -> int:
     for name in ("at", "begin", "end"):
         if (time := getattr(options, name)) is not None:
             finite_number(time, f"{name} [s]", least=0.0, most=past.simulated_s)
+    begin, end = options.begin, options.end
+    if begin is not None and end is not None and begin > end:
+        raise ConfigurationError(f"begin [s] is after end: {begin:g} and {end:g}")
 
-    with scene_of_past(past, scenario, style, (options.begin, options.end)) as scene:
+    with scene_of_past(past, scenario, style, (begin, end)) as scene:
         for file in write_pictures(scene, files):
             print(file.resolve())
     return 0
+
+
+def _refuse_idle(options: PictureOptions, *, chosen: bool) -> None:
+    """Refuse options of a still or a clip that is not written."""
+    if chosen and options.still is None and options.at is not None:
+        raise ConfigurationError("at: is the time of a still; --clip alone writes none")
+    for name in ("begin", "end", "frames"):
+        if chosen and options.clip is None and getattr(options, name) is not None:
+            raise ConfigurationError(f"{name}: is of a clip; --still alone writes none")
 
 
 def size_of(text: str) -> tuple[int, int]:

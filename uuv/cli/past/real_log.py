@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uuv.cli.json_output import print_json
+from uuv.logs.picture_file import check_picture
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
 
@@ -31,8 +32,8 @@ def replay_log(
     finite_number(window, "window [s]", least=_WINDOW[0], most=_WINDOW[1])
     if not file.exists():
         raise ConfigurationError(f"--log {file}: there is no such file")
-    if picture is not None and not picture.parent.is_dir():
-        raise ConfigurationError(f"--picture: there is no folder {str(picture.parent)!r}")
+    if picture is not None:
+        check_picture(picture)
 
     name = vehicle or _usual_vehicle(file)
     from uuv.own_vehicle import vehicle_spec

@@ -10,7 +10,7 @@ from recorded_work import TIME, recorded
 from uuv import PastRun
 from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from uuv.sim.interfaces.messages import WorkState
-from uuv.sim.loop.recording import Event
+from uuv.sim.loop.recording import STATES, Event
 from uuv.sim.reporting.run_plot import TITLES, plot_of
 from uuv.sim.reporting.series_tables import write_series
 
@@ -37,6 +37,17 @@ def test_the_whole_run_begins_at_its_start():
     figure = plot_of(replace(recorded(), events=EVENTS), whole=True)
     assert [text.get_text() for text in figure.axes[0].texts] == ["scan", "approach", "work"]
     assert figure.axes[-1].get_xlim() == pytest.approx((0.0, 10.0))
+
+
+def test_a_line_has_a_gap_where_the_tool_was_away():
+    away = (TIME > 4.0) & (TIME < 6.0)
+    states = np.where(away, STATES.index(WorkState.SETTLE), STATES.index(WorkState.WORK))
+    figure = plot_of(replace(recorded(state=states[:, None]), events=EVENTS), whole=True)
+    for line in figure.axes[0].lines[:3]:
+        time, force = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+        assert np.isnan(force).sum() == 1
+        assert time[np.isnan(force)] == pytest.approx(4.0, abs=0.01)  # a bin of five rows
+        assert not ((time > 4.003) & (time < 5.997)).any()
 
 
 def test_a_run_that_never_worked_says_so():

@@ -8,6 +8,7 @@ import pytest
 
 from recorded_work import STEPS, TIME, TRUTH, recorded
 from uuv.sim.evaluation.bounds import Bounds
+from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 from uuv.sim.loop.recording import Recording, Series
 from uuv.sim.reporting.timelines import panels, timelines
@@ -72,6 +73,20 @@ def test_the_force_error_spans_what_is_judged():
     assert np.nanmax(left_out.value) == pytest.approx(20.0)
     page = timelines({"run": worked})
     assert '"range":[-3.9' in page
+
+
+@pytest.mark.parametrize("state", [WorkState.SEARCH, WorkState.INSERT, WorkState.WITHDRAW])
+def test_the_force_of_an_insertion_is_drawn(state):
+    assert drawn(recorded(during=state))["normal force [N]"]["true"] == 60.0
+
+
+def test_neighbouring_joints_differ_in_colour():
+    names = tuple(f"joint{i}" for i in range(9))
+    joints = Series(time=TIME, value=np.zeros((STEPS, 9)), unit="rad", labels=names)
+    whole = recorded()
+    run = replace(whole, series=MappingProxyType({**whole.series, "q": joints}))
+    (panel,) = (panel for panel in panels(run) if panel.title == "joint angle [deg]")
+    assert len({line.colour for line in panel.lines[:8]}) == 8
 
 
 def test_slower_series_keep_their_columns_and_units():

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from uuv.cli.past.past_runs import run_folder
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.runs.run_folder import alone_in, give_back, new_folder, point_to
 from uuv.sim.runs.saving import write_json, write_whole
@@ -55,6 +56,18 @@ def test_latest_is_a_file_where_there_are_no_links(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "symlink_to", none)
     point_to(tmp_path / "latest", "20260101-120000-3")
     assert (tmp_path / "latest").read_text() == "20260101-120000-3\n"
+
+    # A verb finds the run by it.
+    home = tmp_path / "runs" / "open_water"
+    folder = home / "20260101-120000-3"
+    folder.mkdir(parents=True)
+    (folder / "metrics.json").write_text("{}")
+    point_to(home / "latest", folder.name)
+    monkeypatch.chdir(tmp_path)
+    assert run_folder("open-water").resolve() == folder
+    (home / "latest").write_text("../../elsewhere\n")
+    with pytest.raises(ConfigurationError, match="latest"):
+        run_folder("open-water")
 
 
 @pytest.mark.parametrize("name", ["new", "new/er", "Prüfstand 3 – Süd"])

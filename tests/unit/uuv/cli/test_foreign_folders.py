@@ -128,6 +128,11 @@ def _cut(name: str) -> Callable[[Path], None]:
     return cut
 
 
+def _with_state(state: float) -> Callable[[Path], None]:
+    times = Column("time", np.zeros(3), "s")
+    return _replaced("series_loop", [times, Column("state", np.full(3, state), "", "state")])
+
+
 WORDS = [
     Column("time", np.array([0.0]), "s"),
     Column("note", np.array([""])),
@@ -152,6 +157,8 @@ SERIES: dict[str, tuple[Callable[[Path], None], str]] = {
         _replaced("events", [*WORDS, Column("state", np.array(["flying"]))]),
         "state of an event: allowed",
     ),
+    "foreign state": (_with_state(99.0), r"the series 'state' must be whole numbers .* got 99"),
+    "state not a number": (_with_state(np.nan), r"the series 'state' must be .* got nan"),
     "no events": (_replaced("events", WORDS), "'events' has no column 'state' of texts"),
 }
 

@@ -123,6 +123,18 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
         (["check", "no_module:hull"], "vehicle 'no_module:hull': cannot be imported"),
         (["new", "boat", "mine"], "KIND: must be one of "),
         (["new", "object", "My-Thing"], "a module's name in lower case"),
+        (["new", "job", "statistics"], "NAME: must not be that of an installed module"),
+        (["new", "job", "numpy"], "NAME: must not be that of an installed module"),
+        (
+            ["logs", "dive.BIN", "--picture", "x.foo"],
+            "--picture: must be a file *.png, got 'x.foo'",
+        ),
+        (
+            ["replay", "--log", "dive.BIN", "--trust"],
+            "replay: --trust is of a RUN; a log names no code",
+        ),
+        (["replay", "clean-barrel", "--picture", "x.png"], "replay: --picture needs --log"),
+        (["drive", "clean-barrel", "--pace", "0"], "pace: must be 0.01 to 100.0 times real time"),
     ],
 )
 def test_a_mistake_is_one_line(args: list[str], said: str, uuv, tmp_path: Path):
@@ -222,6 +234,7 @@ def test_an_earlier_spelling_and_a_missing_object_are_told(words: list[str], sai
         (["uuv", "run", "clean-b"], {"clean-barrel"}),
         (["uuv", "run", "clean-barrel", "--az"], {"--azimuth"}),
         (["uuv", "run", "clean-barrel", "--no-r"], {"--no-record"}),
+        (["uuv", "run", "clean-barrel", *(7 * ["--quick"]), "--az"], {"--azimuth"}),  # the tenth
         (["uuv", "new", "ta"], {"task"}),
         (["uuv", "identify", "wa"], {"water"}),
         (["uuv", "identify", "water", "--wi"], {"--window"}),
@@ -312,6 +325,26 @@ def test_a_run_is_compared_and_read_back(uuv, tmp_path: Path):
         past.table("fast")
 
 
+def test_a_missing_report_is_written_alone_and_of_the_same_trajectory_only(uuv, tmp_path: Path):
+    folder = tmp_path / "a"
+    uuv("run", "open-water", "--quick", "--no-record", "--out", "a")
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    uuv("report", "a")
+    after = {file.name: file.read_bytes() for file in folder.iterdir()}
+    assert after.pop("report.html")
+    assert after == before
+
+    # A record of other code.
+    (folder / "report.html").unlink()
+    metrics = json.loads(before["metrics.json"])
+    metrics["run"]["trajectory_sha256"] = "0" * 64
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    altered = {file.name: file.read_bytes() for file in folder.iterdir()}
+    said = uuv("report", "a", code=2)
+    assert "a has no report.html, and different trajectory: " in said
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == altered
+
+
 @pytest.mark.long
 def test_still_and_clip_of_a_run(uuv, tmp_path: Path):
     folder = tmp_path / "first"
@@ -340,6 +373,14 @@ def test_check_says_what_a_vehicle_has_and_lacks(uuv):
     assert "refused: parts" in lacking
     assert "lacks geom 'pad' (may be in contact)" in lacking
     assert "-129 to 129 N" in lacking
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(uuv, monkeypatch: pytest.MonkeyPatch):
+    def refused(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("uuv.sim.runs.saving._not_through_a_link", refused)
+    assert "my_part.py: cannot be written" in uuv("new", "job", "my_part", code=2)
 
 
 SKELETON = pytest.mark.long(

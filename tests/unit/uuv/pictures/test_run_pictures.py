@@ -50,10 +50,26 @@ def test_times_beyond_the_run_are_refused_before_it_is_assembled(folder, option,
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (("--begin", "5", "--end", "4"), r"begin \[s\] is after end: 5 and 4"),
+        (("--clip", "a.webp", "--at", "3"), "at: is the time of a still; --clip alone writes none"),
+        (("--still", "a.png", "--frames", "9"), "frames: is of a clip; --still alone writes none"),
+        (("--still", "a.png", "--begin", "9"), "begin: is of a clip; --still alone writes none"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_before_assembly(folder, options, message, monkeypatch):
+    monkeypatch.setattr(PastRun, "units", lambda *_: {})
+    with pytest.raises(ConfigurationError, match=message):
+        picture.main("picture", [str(folder), *options])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         ({"clip": Path("clip.mp4")}, r"clip: must be a file \*.webp, got 'clip.mp4'"),
         ({"still": Path("nowhere/a.png")}, "still: there is no folder 'nowhere'"),
         ({"frames": 1}, "frames: must be a whole number in 2..600, got 1"),
         ({"rate": 0.0}, r"rate of a clip \[1/s\]"),
+        ({"rate": 1e-7}, r"rate of a clip \[1/s\]: must be finite, >= 0.1, <= 60, got 1e-07"),
     ],
 )
 def test_files_that_cannot_be_written_are_refused(options, message):

@@ -42,6 +42,15 @@ def test_a_frame_comes_back_to_the_bit(kind, sizes):
     assert len(data) <= client.LARGEST
 
 
+def test_the_port_is_printed_also_where_the_output_is_json(verb):
+    ran = verb("serve", "udp", "clean-barrel", "--port", 0, "--rate", 1, "--json")
+    assert ran.returncode == 2
+    ready, refused = ran.stderr.strip().splitlines()
+    assert ready.startswith("clean_barrel on UDP port ")
+    assert refused.startswith("error: --rate [Hz]: must be 100 to 500")
+    assert not ran.stdout
+
+
 def test_fields_are_read_by_their_names():
     frame = drawn(client.MEASURED, np.random.default_rng(4))
     assert unpack(pack(frame)).q == frame.values["q"]

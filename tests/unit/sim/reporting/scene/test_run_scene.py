@@ -13,6 +13,7 @@ from recorded_work import TIME, TRUTH, recorded
 from uuv import models
 from uuv.models.site import scenes
 from uuv.models.vehicle import Vehicle
+from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from uuv.sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
 from uuv.sim.loop.recording import Recording, Series
@@ -125,6 +126,17 @@ def test_the_path_is_coloured_by_the_error_and_thin_where_it_is_still_to_be_work
     assert green > 2.0 * red
 
 
+def test_the_colours_are_of_the_bounds_of_the_run():
+    assert STYLE.judged_by(Bounds(force_error_rms=0.5)).error_scale == 0.5
+    assert STYLE.judged_by(None) == STYLE
+    with (
+        RunScene(model(), run(), STYLE) as usual,
+        RunScene(model(), run(), STYLE.judged_by(Bounds(force_error_rms=60.0))) as wide,
+    ):
+        assert usual.error_scale == Bounds().force_error_rms
+        assert not np.array_equal(usual.picture(9.0), wide.picture(9.0))
+
+
 def test_arrows_are_as_long_as_forces_and_current_are_large():
     scene_view = run_scene.CameraView(np.zeros(3), 5.0, 40.0, -20.0)
     work = Work.of(run())
@@ -162,7 +174,16 @@ def test_times_outside_the_run_are_refused():
         RunScene(model(), run(), STYLE, (1.0, 2.0)) as scene,
         pytest.raises(ConfigurationError, match=r"time of a picture \[s\]"),
     ):
-        scene.picture(3.0)
+        scene.picture(10.5)
+
+
+def test_the_end_of_a_clip_may_be_that_of_the_run_and_a_still_lie_outside():
+    with RunScene(model(), run(), STYLE, (1.0, 10.0)) as scene:  # the last poses are of 9.5 s
+        assert scene.span == (1.0, 9.5)
+        assert np.array_equal(scene.picture(10.0), scene.picture(9.5))
+        assert scene.picture(0.5).shape == (108, 192, 3)
+    with RunScene(model(), run(), STYLE, (8.0, 9.0)) as scene:
+        assert scene.telling() == pytest.approx(5.0, abs=0.2)
 
 
 def test_poses_that_lack_or_are_of_another_model_are_refused():

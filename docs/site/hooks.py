@@ -191,4 +191,6 @@ def _texts(module: str) -> list[str]:
 
 def _mathml(found: re.Match[str]) -> str:
     display = "block" if found[1] == "div" else "inline"
-    return convert(html.unescape(found[2]).strip(), display=display)
+    equation = convert(html.unescape(found[2]).strip(), display=display)
+    # a long one scrolls by itself on a narrow screen
+    return f'<div class="equation">{equation}</div>' if display == "block" else equation

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from uuv.scenario import Scenario
     from uuv.sim.reporting.series_tables import PastRun
 
-FRAMES, MOST_FRAMES = 150, 600  # of a clip
+FRAMES = 150  # of a clip
+MOST_FRAMES = 600  # likewise
 RATE = 15.0  # [1/s] frames shown in a second
 
 

@@ -14,7 +14,8 @@ from uuv.sim.runs.saving import write_whole
 
 MOST_BYTES = 1_500_000  # of a clip
 QUALITIES = (75, 55, 36, 20)  # tried until the clip is small enough
-LEAST_RATE, MOST_RATE = 0.1, 60.0  # [1/s] pictures shown in a second
+LEAST_RATE = 0.1  # [1/s] pictures shown in a second
+MOST_RATE = 60.0  # [1/s] likewise
 _KINDS = {".png": "png", ".webp": "webp", ".jpg": "jpeg"}  # as Pillow names them
 ENDINGS = {"still": (*_KINDS,), "clip": (".webp",)}
 

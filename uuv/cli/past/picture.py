@@ -74,7 +74,8 @@ def main(verb: str, args: Sequence[str]) -> int:
     for name in ("at", "begin", "end"):
         if (time := getattr(options, name)) is not None:
             finite_number(time, f"{name} [s]", least=0.0, most=past.simulated_s)
-    begin, end = options.begin, options.end
+    begin = options.begin
+    end = options.end
     if begin is not None and end is not None and begin > end:
         raise ConfigurationError(f"begin [s] is after end: {begin:g} and {end:g}")
 

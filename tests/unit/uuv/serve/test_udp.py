@@ -47,7 +47,7 @@ def test_the_port_is_printed_also_where_the_output_is_json(verb):
     assert ran.returncode == 2
     ready, refused = ran.stderr.strip().splitlines()
     assert ready.startswith("clean_barrel on UDP port ")
-    assert refused.startswith("error: --rate [Hz]: must be 100 to 500")
+    assert refused.startswith("error: rate [Hz]: must be 100 to 500")
     assert not ran.stdout
 
 

@@ -328,7 +328,7 @@ def _shade(figure: go.Figure, recorded: RecordedSeries, start: float) -> None:
                 showarrow=False,
                 font={"size": 10},
                 xanchor="center",
-                yshift=14,
+                yshift=26,  # [px] above the legend
             )
 
 

@@ -84,8 +84,11 @@ def _serve_udp(args: Sequence[str]) -> int:
     with listening(options.port, options.listen) as endpoint:
 
         def work() -> int:
-            print(f"{scenario.name} on UDP port {endpoint.port} of {options.listen}", flush=True)
-            return run_remote(scenario, options, endpoint, started, rate=options.rate)
+            # Standard output is then the figures alone.
+            to = sys.stderr if options.json else sys.stdout
+            ready = f"{scenario.name} on UDP port {endpoint.port} of {options.listen}"
+            print(ready, file=to, flush=True)
+            return run_remote(scenario, options, endpoint, started, rate=options.rate, counts=to)
 
         return file_alone(work, METRICS) if options.json else work()
 

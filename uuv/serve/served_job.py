@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import TextIO
 
 from uuv.assembly import Assembly
 from uuv.command import command
@@ -24,6 +25,7 @@ def run_remote(
     started: float,
     *,
     rate: float = FASTEST,
+    counts: TextIO | None = None,
 ) -> int:
     """Run a scenario with progress on screen, its controller behind a socket; the exit code.
 
@@ -33,6 +35,8 @@ def run_remote(
         endpoint: Bound socket.
         started: [s] time.perf_counter() at the start of the command.
         rate: [Hz] of the commands, in simulated time.
+        counts: Where the counts of frames and the lateness are printed at the end; None: standard
+            output.
 
     Raises:
         UuvError: The rate is out of bounds, no client came, or the work could not begin.
@@ -62,6 +66,6 @@ def run_remote(
     finally:
         for remote in remotes:
             remote.close()
-            print(f"frames: {remote.traffic.summary()}")
+            print(f"frames: {remote.traffic.summary()}", file=counts)
         if pace is not None:
-            print(pace.summary())
+            print(pace.summary(), file=counts)

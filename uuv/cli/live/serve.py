@@ -82,11 +82,13 @@ def _serve_udp(args: Sequence[str]) -> int:
     from uuv.serve.served_job import run_remote
 
     with listening(options.port, options.listen) as endpoint:
+        # With --json, standard output is the figures alone.
+        to = sys.stderr if options.json else sys.stdout
         ready = f"{scenario.name} on UDP port {endpoint.port} of {options.listen}"
-        print(ready, file=sys.stderr if options.json else sys.stdout, flush=True)
+        print(ready, file=to, flush=True)
 
         def work() -> int:
-            return run_remote(scenario, options, endpoint, started, rate=options.rate)
+            return run_remote(scenario, options, endpoint, started, rate=options.rate, counts=to)
 
         return file_alone(work, METRICS) if options.json else work()
 

@@ -12,6 +12,7 @@ import pytest
 
 from uuv import jobs
 from uuv.assembly import assemble
+from uuv.cli.live import serve
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.pace import WallClock
 from uuv.runner import run
@@ -172,6 +173,21 @@ def test_the_projects_own_controller_gives_the_built_in_trajectory_to_the_bit():
         threading.Thread(target=own_controller.main, args=arguments, daemon=True).start()
         outcome, _ = served(endpoint, scenario=scenario, period=0.002)
     assert outcome.recording.digest() == built_in.recording.digest()
+
+
+def test_with_json_the_counts_of_frames_are_on_the_error_stream(tmp_path, capfd):
+    with datagrams.listening(0) as endpoint:
+        port = endpoint.port
+    holding = Holding(port)
+    holding.start()
+    options = ["--json", "--no-record", "--rate", "100", "--set", "task.seconds=1"]
+    places = ["--longest", "1", "--port", str(port), "--out", str(tmp_path / "run")]
+    with pytest.raises(ConfigurationError, match="did not begin within 1 s"):
+        serve.main("serve udp", ["open-water", *options, *places])
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert f"open_water on UDP port {port} of 127.0.0.1" in printed.err
+    assert "frames: 101 sent, 0 again, 101 taken" in printed.err
 
 
 def test_the_age_of_a_command_is_the_measurements_whatever_the_client_says():

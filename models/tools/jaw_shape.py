@@ -56,6 +56,6 @@ def _has_pads(model: "mujoco.MjModel") -> bool:
     """Whether the fingers and pads are those that `uuv.models.tools.gripper` makes."""
     import mujoco
 
-    joint, geom = mujoco.mjtObj.mjOBJ_JOINT, mujoco.mjtObj.mjOBJ_GEOM
-    named = [(joint, name) for name in FINGERS] + [(geom, name) for name in PADS]
-    return all(mujoco.mj_name2id(model, kind, name) >= 0 for kind, name in named)
+    parts = [(mujoco.mjtObj.mjOBJ_JOINT, name) for name in FINGERS]
+    parts += [(mujoco.mjtObj.mjOBJ_GEOM, name) for name in PADS]
+    return all(mujoco.mj_name2id(model, kind, name) >= 0 for kind, name in parts)

@@ -126,8 +126,8 @@ class JawDrive:
 
     def act(self) -> None:
         """Set the motor's force for one step of the plant."""
-        total, target, most, fastest, given = self.memory.tolist()
-        if not given:
+        total, target, most, fastest, is_set = self.memory.tolist()
+        if not is_set:
             return
 
         # Where the jaws are to be, the friction of the spindle holds them.

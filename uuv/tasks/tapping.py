@@ -31,10 +31,10 @@ class TappingTask(SurfaceWorkTask):
     def check_inputs(self, scenario: Scenario) -> None:
         """Refuses what tapping does not use, and a path that is shorter than its points."""
         for name in ("contactless", "least"):
-            given, default = getattr(self, name), getattr(type(self), name)
-            if given != default:
+            value = getattr(self, name)
+            if value != getattr(type(self), name):
                 raise ConfigurationError(
-                    f"task.{name}: tapping presses at each of its points, got {given:g}"
+                    f"task.{name}: tapping presses at each of its points, got {value:g}"
                 )
 
         super().check_inputs(scenario)

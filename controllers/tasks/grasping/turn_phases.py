@@ -240,7 +240,7 @@ class TurnHandle(TurnPhase):
         return PhaseEvent.DONE
 
 
-class LetGo(TurnPhase):
+class Release(TurnPhase):
     """Turn the tool back until nothing is felt of the handle."""
 
     def step(self, state: TurnState, held: Held, context: Context) -> Outcome:

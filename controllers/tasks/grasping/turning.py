@@ -35,7 +35,7 @@ from uuv.controllers.tasks.axial_phases import (
     axial_end,
     axial_monitors,
 )
-from uuv.controllers.tasks.grasping.turn_phases import LetGo, TurnHandle, TurnLimits, TurnPlan
+from uuv.controllers.tasks.grasping.turn_phases import Release, TurnHandle, TurnLimits, TurnPlan
 from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import TurnSettings
@@ -296,6 +296,6 @@ def rows_at_handle(
     loosen = {**WITHDRAW, Reaction.RETREAT: "let go", Reaction.RISE: "let go"}
     turn = TurnHandle(axial, loaded, worker, job.turn)
     yield "turn", TaskRow(turn, states.WORK, {_ENDS: "let go"}, loosen, feels=True)
-    go = LetGo(axial, loaded, worker, job.turn)
+    go = Release(axial, loaded, worker, job.turn)
     yield "let go", TaskRow(go, states.RETREAT, {_ENDS: "withdraw"}, WITHDRAW)
     yield from axial_end(Withdraw(axial, free, math.inf))

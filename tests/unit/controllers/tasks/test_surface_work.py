@@ -186,10 +186,10 @@ class Script(Told):
         return self
 
     def _contact(self, felt: float) -> ContactEstimate:
-        known = (
-            {} if self.friction is None else {"force_W": felt * np.array([self.friction, 0.0, 1.0])}
-        )
-        return ContactEstimate(normal=felt, sigma_G=np.array([1.0, 1.0, self.sigma]), **known)
+        estimate = ContactEstimate(normal=felt, sigma_G=np.array([1.0, 1.0, self.sigma]))
+        if self.friction is None:
+            return estimate
+        return replace(estimate, force_W=felt * np.array([self.friction, 0.0, 1.0]))
 
     def _moved(self, X_WB: Array, wanted: Array) -> Array:
         way = wanted[:3, 3] - X_WB[:3, 3]

@@ -129,7 +129,8 @@ class ArduPilotDoor:
         if ahead == 0:
             traffic.repeated += 1
             return False
-        if ahead < _COUNTS // 2:  # the count may have begun anew after the last
+        leaps = count - self._count >= _COUNTS  # by more than a count of 16 bits can, ahead
+        if ahead < _COUNTS // 2 and not leaps:  # the count may have begun anew after the last
             traffic.lost += ahead - 1
             return True
 

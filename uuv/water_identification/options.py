@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from uuv.calib.water.logs import CHANNELS, WaterLog, check_log, log_of, read_log
-from uuv.calib.water.parameters import GROUPS
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number, one_of, whole_number
 from uuv.sim.runs.command_line import ResultOptions
@@ -102,6 +101,8 @@ def check_aim(options: WaterOptions) -> None:
     Raises:
         ConfigurationError: Which group, and what is allowed.
     """
+    from uuv.calib.water.parameters import GROUPS  # imports MuJoCo, which a help text needs not
+
     if options.aim and not options.plan:
         raise ConfigurationError(f"--aim {' '.join(options.aim)}: needs --plan")
     for group in options.aim:

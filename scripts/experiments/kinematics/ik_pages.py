@@ -128,7 +128,7 @@ def ratios_picture(rows: list[Row]) -> tuple[str, str, Figure]:
 
     for k, (start, color) in enumerate(zip(STARTS, (BLUE, ORANGE), strict=True)):
         ratios = [mean_ratio(shown_rows(rows, start), name) for name in names]
-        quotients = np.array([ratio or (np.nan,) * 3 for ratio in ratios])
+        quotients = np.array([ratio or (np.nan,) * 3 for ratio in ratios]).reshape(-1, 3)
         places = np.arange(len(names)) + 0.38 * (k - 0.5)
 
         bars = _bars(quotients)

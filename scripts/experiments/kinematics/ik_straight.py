@@ -69,12 +69,13 @@ def ik_straight(case: StraightCase) -> StraightRow:
         "jacobian_free": lambda X, q0: solve(chain, X, q0, method="jacobian_free").q,
     }
 
+    start = np.resize(HOME, chain.n)
     solved = {}
     spent = {}
     for name, solver in (solvers | peers(task)).items():
-        solver(targets[0], HOME[:6])  # loads its code
+        solver(targets[0], start)  # loads its code
         began = time.perf_counter()
-        q = np.array([solver(X, HOME[:6]) for X in targets])
+        q = np.array([solver(X, start) for X in targets])
         spent[name] = (time.perf_counter() - began) / case.targets
 
         answered = np.asarray(np.isfinite(q).all(axis=1))
@@ -102,7 +103,7 @@ def straight_targets(chain: Chain, count: int, rng: np.random.Generator) -> Arra
 
 
 ik_straight.page = Page().table(
-    "Nearly straight targets of a UR10e",
+    "Nearly straight targets",
     by="solver",
     columns=[stat("share", "solved", among="targets"), "spent"],
 )

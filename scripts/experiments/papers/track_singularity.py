@@ -112,6 +112,11 @@ def passed_lock(case: TrackCase) -> tuple[Array, Track]:
 
     # The path along y0, the lock in its middle.
     steps = 2 * round(case.reach / (case.speed * case.period))
+    if steps < 2:
+        raise ConfigurationError(
+            f"--reach: must be at least --speed times --period, "
+            f"{case.speed * case.period:g} m, got {case.reach:g}"
+        )
     y = np.linspace(-case.reach, case.reach, steps + 1)
     path = np.array([pose(X_lock[:3, :3], X_lock[:3, 3] + [0.0, s, 0.0]) for s in y])
 
@@ -180,6 +185,10 @@ def picture(rows: list[Row]) -> "Figure":
     names = [entry.name for entry in fields(TrackCase)]
     methods, recipes = DRAWN
     drawn = [row for row in rows if row["method"] in methods and row["recipe"] in recipes]
+    if not drawn:
+        figure = Figure(figsize=(6, 1))
+        figure.text(0.5, 0.5, f"drawn: {', '.join(methods)} by {', '.join(recipes)}", ha="center")
+        return figure
     cases = [TrackCase(**{name: row[name] for name in names}) for row in drawn]
     runs = [passed_lock(case)[1] for case in cases]
 

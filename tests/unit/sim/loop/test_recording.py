@@ -21,6 +21,7 @@ from uuv.sim.loop.logged_columns import EVERY_STEP
 from uuv.sim.loop.recording import Recorder, Recording, write_row
 from uuv.sim.loop.rollout import Moment
 from uuv.sim.plant.jaw_drive import TrueJaws
+from uuv.sim.plant.true_handle import TrueHandle
 
 MODEL = models.load("uuv_puma").compile()
 DT = float(MODEL.opt.timestep)
@@ -54,6 +55,7 @@ class Run:
             current_W=np.zeros(3),
             jaws=TrueJaws(opening=np.zeros(0), speed=np.zeros(0), force=np.zeros(0)),
             arm_wrench_B=np.zeros(6),
+            handle=TrueHandle(angle=np.zeros(0), speed=np.zeros(0), borne=np.zeros(0)),
             supply=np.zeros(0),
         )
         self.target: Target | None = None

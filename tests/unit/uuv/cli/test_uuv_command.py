@@ -63,7 +63,7 @@ def test_list_names_everything_that_the_registries_do_without_importing_them(uuv
     ):
         assert sorted(listed[kind]) == list(known.names())
     assert {*listed["vehicle"]} <= {*models.available()}
-    assert len(listed["vehicle"]) == 11
+    assert len(listed["vehicle"]) == 14
     assert all(
         listing
         for kind in ("job", "experiment", "vehicle", "perturbation")

@@ -137,8 +137,8 @@ def _described(case: BenchmarkCase) -> dict[str, Any]:
         del described["vehicle"]["unchecked"]
     if scenario.vehicle.battery is None:
         del described["vehicle"]["battery"]
-    if scenario.task.hull_place is None:
-        del described["task"]["hull_place"]
+    if described["task"].get("hull_place") is None:
+        described["task"].pop("hull_place", None)
     if scenario.control.operator is None:
         del described["control"]["operator"]
     if scenario.control.force_from == Control.force_from:

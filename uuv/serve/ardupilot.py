@@ -129,8 +129,7 @@ class ArduPilotDoor:
         if ahead == 0:
             traffic.repeated += 1
             return False
-        leaps = count - self._count >= _COUNTS  # by more than a count of 16 bits can, ahead
-        if ahead < _COUNTS // 2 and not leaps:  # the count may have begun anew after the last
+        if ahead < _COUNTS // 2:  # the count may have begun anew after the last
             traffic.lost += ahead - 1
             return True
 

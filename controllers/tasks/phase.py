@@ -209,7 +209,7 @@ class Setpoint:
     touch: int | None = None
     at_rest: ToolAtRest | None = None
     jaws: JawSetpoint | None = None  # for a gripper; None: its drive goes on with the last one
-    handle: HandleReading | None = None  # what is felt of a handle that is turned
+    handle: HandleReading | None = None  # estimated, of the handle that is turned
 
 
 Outcome = PhaseEvent | Abort | None  # of a period; None: the phase goes on

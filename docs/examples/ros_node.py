@@ -33,6 +33,8 @@ def header(make: Any, seconds: float, frame: str) -> Any:
 def quaternion(R: tuple[float, ...]) -> tuple[float, float, float, float]:
     """x, y, z, w of a rotation matrix by rows, from its largest component."""
     xx, xy, xz, yx, yy, yz, zx, zy, zz = R
+
+    # Four times the square of each component; the largest is divided by.
     squares = (1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz)
     largest = max(range(4), key=lambda i: squares[i])
     rows = (
@@ -41,6 +43,7 @@ def quaternion(R: tuple[float, ...]) -> tuple[float, float, float, float]:
         (xz + zx, yz + zy, squares[2], yx - xy),
         (zy - yz, xz - zx, yx - xy, squares[3]),
     )
+
     scale = 2.0 * math.sqrt(squares[largest])
     x, y, z, w = (entry / scale for entry in rows[largest])
     return x, y, z, w
@@ -70,14 +73,17 @@ def joint_states(make: Any, frame: Any) -> Any:
 
 def odometry(make: Any, frame: Any) -> Any:
     """Estimated pose of the hull in the world, and its twist in hull axes."""
+    # Pose of the hull, and its standard deviations.
     x, y, z, w = quaternion(frame.R_WB)
     orientation = make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
     position = vector(make, "Point", frame.p_WB)
     pose = make("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+
     covariance = [0.0] * 36
     for axis, sigma in enumerate((*frame.position_sigma, *(3 * (frame.attitude_sigma,)))):
         covariance[7 * axis] = sigma**2
 
+    # Twist in hull axes, of which the deviations are not sent.
     twist = make(
         "geometry_msgs/msg/Twist",
         linear=vector(make, "Vector3", frame.v_WB_B),
@@ -95,6 +101,7 @@ def odometry(make: Any, frame: Any) -> Any:
 def set_wrench(make: Any, frame: Any) -> Any:
     """Force that the task sets, of the tool on the object, along the set tool axis, world axes."""
     axis = frame.R_WG_set[2::3]
+
     force = tuple(0.0 if math.isnan(part) else frame.set_force * part for part in axis)
     wrench = make(
         "geometry_msgs/msg/Wrench",
@@ -127,9 +134,12 @@ class Commands:
     def of(self, topic: str, frame: Any) -> tuple[list[float], str]:
         """Values for a measurement, zeros without a command; and why one was left out, or ''."""
         count = getattr(frame, TAKEN[topic])
+
+        # The newest one, if it is not too old.
         heard, values = self._newest.get(topic, (-math.inf, []))
         if time.monotonic() - heard > LATEST:
             return [0.0] * count, ""
+
         if len(values) != count or not all(map(math.isfinite, values)):
             return [0.0] * count, f"{topic}: needs {count} finite numbers, got {values}"
         return values, ""
@@ -155,6 +165,7 @@ def main() -> None:
     parser.add_argument("--port", type=int, default=9010)
     options = parser.parse_args(remove_ros_args()[1:])
 
+    # Topics out and in.
     rclpy.init()
     node = rclpy.create_node("uuv")
     commands = Commands()
@@ -162,6 +173,7 @@ def main() -> None:
         topic: node.create_publisher(type(ros_message(kind)), topic, 10)
         for topic, (kind, _) in PUBLISHED.items()
     }
+
     for topic in TAKEN:
         node.create_subscription(
             Float64MultiArray, topic, lambda m, topic=topic: commands.take(topic, m.data), 10
@@ -174,8 +186,11 @@ def main() -> None:
             for frame in vehicle:
                 for topic, (_, message) in PUBLISHED.items():
                     publishers[topic].publish(message(ros_message, frame))
+
+                # The answer: the newest commands.
                 effort, wrong = commands.of("/effort_command", frame)
                 thrust, also = commands.of("/thruster_command", frame)
+
                 for reason in filter(None, (wrong, also)):
                     node.get_logger().warning(reason, throttle_duration_sec=1.0)
                 vehicle.send(frame, joint_torque=effort, thrusters=thrust)

@@ -26,9 +26,8 @@ _PROMISED_NAMES = frozenset(name for group in _GROUPS for name in group.lines)
 _NAME = re.compile(r"^\| `(uuv\.[\w.]+)` \|", flags=re.MULTILINE)
 
 
-_building = {
-    "execute": True
-}  # whether notebooks are run: not by `serve`, which builds at each change
+# whether notebooks are run: not by `serve`, which builds at each change
+_building = {"execute": True}
 
 
 def on_startup(command: str, **_: Any) -> None:
@@ -41,9 +40,12 @@ def on_config(config: Any) -> Any:
     promised = [{group.title: f"api/{group.page}.md"} for group in _GROUPS]
     internals = [{package: f"api/internals/{package}.md"} for package in _packages()]
     (api,) = (entry["API"] for entry in config.nav if "API" in entry)
+
     api += [*promised, {"Internals": internals}]
 
     (measured,) = (entry["Measured"] for entry in config.nav if "Measured" in entry)
+
+    # A page for each experiment with rows.
     pages = sorted(path.name for path in (_ROOT / "docs" / "results").glob("*.md"))
     experiments = [f"results/{name}" for name in pages if name != "physics.md"]
     if experiments:
@@ -55,11 +57,13 @@ def on_files(files: Files, config: Any) -> Files:
     """Adds api/GROUP.md for each group of promised names, api/internals/PACKAGE.md for each
     package, and notebooks/NAME.md.
     """
+    # Promised names, by group.
     for group in _GROUPS:
         entries = "\n".join(map(_entry, group.lines))
         text = f"# {group.title}\n\n[Example, and all names in a list](../api.md).\n\n{entries}"
         files.append(File.generated(config, f"api/{group.page}.md", content=text))
 
+    # All modules, by package.
     for package, modules in _packages().items():
         entries = "\n".join(map(_module_entry, modules))
         text = (
@@ -104,14 +108,17 @@ def _packages() -> dict[str, list[str]]:
         for file in sorted(
             (_ROOT / room).rglob("*.py"), key=lambda path: path.as_posix().replace("__init__", "")
         ):
+            # Its dotted name.
             parts = list(file.relative_to(_ROOT).with_suffix("").parts)
             # a link of the checkout; the room comes by itself
             if parts[0] == "uuv" and parts[1] in _ROOMS:
                 continue
             parts = parts if room == "uuv" else ["uuv", *parts]
+
             is_package = parts[-1] == "__init__"
             parts = parts[:-1] if is_package else parts
             package = ".".join(parts if is_package else parts[:-1])
+
             # a promised function may bear the name of its module, whose entry would be a second one
             if not parts[-1].startswith("__") and ".".join(parts) not in _PROMISED_NAMES:
                 found.setdefault(package, []).append(".".join(parts))

@@ -20,12 +20,11 @@ import numpy as np
 
 from uuv.models import hydrodynamics
 from uuv.models.hydrodynamics import cylinder
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE
+from uuv.models.naming import ARM_BASE_BODY
 from uuv.models.vehicles import published_hulls
-from uuv.models.vehicles.jointed_links import JointedLink, add_links, rotation
+from uuv.models.vehicles.jointed_links import JointedLink, add_links, add_tip
 from uuv.models.vehicles.published_hulls import PublishedHull
 from uuv.models.water import thrusters
-from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation
 
 _MASS = 98.0  # [kg]
 _RADIUS = 0.286  # [m] of the sphere that displaces the hull's water
@@ -154,26 +153,14 @@ def with_arm_4() -> mujoco.MjSpec:
     )
     thrusters.attach(spec, dict.fromkeys(names, thruster))
 
-    # Camera, looking ahead and down.
-    s = math.sin(_DOWN)
-    c = math.cos(_DOWN)
-    R_BC = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
-    hull.add_site(
-        name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(R_BC), group=4, size=[0.01] * 3
-    )
+    published_hulls.add_camera(hull, _CAMERA, _DOWN)
 
-    # The arm, and the frame of its tip: z along the last joint.
+    # The arm.
     base = hull.add_body(name=ARM_BASE_BODY, pos=_BASE)
     published_hulls.set_inertial(base, 2.0, [0.0, 0.0, 0.03], 0.01 * np.eye(3))
     hydrodynamics.attach(spec, {ARM_BASE_BODY: cylinder(0.06, (0.0, 0.0, 0.0), (0.0, 0.0, 0.08))})
     last = add_links(spec, base, _LINKS)
-    last.add_site(
-        name=TIP_SITE,
-        pos=[_TIP, 0.0, 0.0],
-        quat=quat_wxyz_from_rotation(rotation((0.0, 0.5 * math.pi, 0.0))),
-        group=4,
-        size=[0.01, 0.01, 0.01],
-    )
+    add_tip(last, _TIP)
 
     published_hulls.add_keys(spec, HOME, READY)
     published_hulls.ballast(spec)

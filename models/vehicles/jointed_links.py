@@ -11,6 +11,7 @@ import numpy as np
 
 from uuv.models import hydrodynamics
 from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
+from uuv.models.naming import TIP_SITE
 from uuv.models.vehicles import published_hulls
 from uuv.sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 
@@ -85,6 +86,17 @@ def add_links(
 
     hydrodynamics.attach(spec, water)
     return body
+
+
+def add_tip(last: mujoco.MjsBody, away: float) -> None:
+    """Add the tip `away` [m] along x of the last link, its z axis along x."""
+    last.add_site(
+        name=TIP_SITE,
+        pos=[away, 0.0, 0.0],
+        quat=quat_wxyz_from_rotation(rotation((0.0, 0.5 * np.pi, 0.0))),
+        group=4,
+        size=[0.01, 0.01, 0.01],
+    )
 
 
 def _drawn(link: JointedLink) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from uuv.models import hydrodynamics
 from uuv.models.hydrodynamics import SEA_WATER, BodyHydrodynamics
-from uuv.models.naming import HOME_KEY, HULL_BODY, READY_KEY
+from uuv.models.naming import CAMERA_SITE, HOME_KEY, HULL_BODY, READY_KEY
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z, skew
 
@@ -166,6 +166,16 @@ def add_thruster(
     actuator = spec.add_actuator(name=full_name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=full_name)
     actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     return full_name
+
+
+def add_camera(hull: mujoco.MjsBody, p: ArrayLike, down: float) -> None:
+    """Add the camera at `p` (3,) [m], looking ahead and `down` [rad] from the level."""
+    s = np.sin(down)
+    c = np.cos(down)
+    R_BC = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
+    hull.add_site(
+        name=CAMERA_SITE, pos=p, quat=quat_wxyz_from_rotation(R_BC), group=4, size=[0.01] * 3
+    )
 
 
 def add_wrench(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:

@@ -21,13 +21,12 @@ import numpy as np
 
 from uuv.models import hydrodynamics
 from uuv.models.hydrodynamics import SEA_WATER, sphere
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE
+from uuv.models.naming import ARM_BASE_BODY
 from uuv.models.tools import attachment
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicles import published_hulls, rexrov2
-from uuv.models.vehicles.jointed_links import JointedLink, add_links, rotation
+from uuv.models.vehicles.jointed_links import JointedLink, add_links, add_tip, rotation
 from uuv.models.water import thrusters
-from uuv.sim.interfaces.spatial import quat_wxyz_from_rotation
 
 # Forward, port, up: position [m]; turn about y, then about z [deg], of a thrust along x.
 THRUSTERS = (
@@ -176,13 +175,7 @@ def with_oberon_7() -> mujoco.MjSpec:
     )
     thrusters.attach(spec, dict.fromkeys(names, thruster))
 
-    # Camera, looking ahead and down.
-    s = math.sin(_DOWN)
-    c = math.cos(_DOWN)
-    R_BC = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
-    hull.add_site(
-        name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(R_BC), group=4, size=[0.01] * 3
-    )
+    published_hulls.add_camera(hull, _CAMERA, _DOWN)
 
     base = hull.add_body(name=ARM_BASE_BODY, pos=_BASE)
     published_hulls.set_inertial(base, _BASE_MASS, _BASE_CENTER, _BASE_INERTIA)
@@ -191,13 +184,7 @@ def with_oberon_7() -> mujoco.MjSpec:
     hydrodynamics.attach(spec, {ARM_BASE_BODY: sphere(radius, center=_BASE_CENTER)})
 
     last = add_links(spec, base, LINKS)
-    last.add_site(
-        name=TIP_SITE,
-        pos=[_TIP, 0.0, 0.0],
-        quat=quat_wxyz_from_rotation(rotation((0.0, _QUARTER, 0.0))),
-        group=4,
-        size=[0.01, 0.01, 0.01],
-    )
+    add_tip(last, _TIP)
 
     published_hulls.add_keys(spec, HOME, READY)
     published_hulls.ballast(spec)

@@ -24,7 +24,7 @@ import numpy as np
 from uuv.models import hydrodynamics
 from uuv.models.arms import published_arms
 from uuv.models.hydrodynamics import BodyHydrodynamics, cylinder
-from uuv.models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE
+from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.tools import attachment
 from uuv.models.tools.tools import TOOLS
 from uuv.models.vehicles import published_hulls
@@ -100,13 +100,7 @@ def with_arm_7() -> mujoco.MjSpec:
     )
     thrusters.attach(spec, dict.fromkeys(names, thruster))
 
-    # Camera, looking ahead and down.
-    s = math.sin(_DOWN)
-    c = math.cos(_DOWN)
-    R_BC = np.array([[0.0, -s, c], [-1.0, 0.0, 0.0], [0.0, -c, -s]])
-    hull.add_site(
-        name=CAMERA_SITE, pos=_CAMERA, quat=quat_wxyz_from_rotation(R_BC), group=4, size=[0.01] * 3
-    )
+    published_hulls.add_camera(hull, _CAMERA, _DOWN)
 
     _add_arm(spec, hull)
     published_hulls.add_keys(spec, HOME, READY)

@@ -593,7 +593,7 @@ class HandleReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TurnReference(Reference):
-    """Set points while a handle is turned, with what is felt of it."""
+    """Set points while a handle is turned, and its estimated angle and moment."""
 
     handle: HandleReading
 

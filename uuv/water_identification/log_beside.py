@@ -89,7 +89,7 @@ class LogBeside:
         values = {parameter.name: parameter.nominal for parameter in replay.water.parameters}
         rows = replay.run(values, cut.script, cut.starts, np.zeros((cut.script.rows, 3)))
 
-        # A window whose simulation runs away has no numbers; it stays where it began, uncounted.
+        # Windows whose simulation diverges are not compared; their rows are held at the start.
         parts = np.split(rows, cut.script.first[1:])
         stayed = np.array([bool(np.isfinite(part).all()) for part in parts])
         for wild in np.flatnonzero(~stayed).tolist():

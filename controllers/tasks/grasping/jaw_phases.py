@@ -8,6 +8,7 @@ what hangs free (`keep_what_is_free`). A slip in the lift or at rest above is gr
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -113,7 +114,7 @@ class JawPhaseState:
     known_at: float = math.nan  # [s] when it was
 
 
-class JawPhase(AxialPhase):
+class JawPhase(AxialPhase, ABC):
     """Base of the phases with jaws, which hold on to what they have."""
 
     def __init__(self, limits: AxialLimits, push: Push, jaws: JawLimits, force: float) -> None:
@@ -135,11 +136,11 @@ class JawPhase(AxialPhase):
         jaws = reading(context, self._jaws)
         return jaws if isinstance(jaws, Abort) else self.go_on(state, held, context, jaws)
 
+    @abstractmethod
     def go_on(
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
     ) -> Outcome:
-        """One period, as of `Phase.step`."""
-        raise NotImplementedError
+        """One period, as of `Phase.step`, with the newest reading of the jaws."""
 
     def setpoint(self, state: JawPhaseState, held: Held, context: Context) -> Setpoint:
         """The tool on its axis, and the jaws."""

@@ -1,15 +1,18 @@
 """Recipes to pass a singular configuration: those of [Danilov 2021, ch. 4], and of this project."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from uuv.controllers.ik.tracking import Passing
 from uuv.controllers.mkps import Chain, Method, Track, track
 from uuv.models.arms.published_arms import PublishedArm
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, rotation_angle
 
 NARROW = np.deg2rad(80.0)
+OFF = 1e-4  # [m] and
+TURNED = 1e-3  # [rad] from which on the tool counts as off its path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +45,26 @@ class RecipePath:
     q0: Array  # (n,) [rad] one period before the first
     period: float  # [s]
     speed_limit: float  # [rad/s]
+
+
+class TipErrors(NamedTuple):
+    """Errors of the tip along a path, by the arm's own kinematics, independent of the solver."""
+
+    position: Array  # (N,) [m]
+    orientation: Array  # (N,) [rad]
+
+    @property
+    def share_off(self) -> float:
+        """Share of the poses at which the tool is off its path."""
+        return float(np.mean((self.position > OFF) | (self.orientation > TURNED)))
+
+
+def tip_errors(arm: PublishedArm, run: Track, path: Array) -> TipErrors:
+    """Errors of a run along the poses `path` (N, 4, 4)."""
+    tips = np.array([arm.joint_frames(q)[-1] for q in run.q])
+    turned = [rotation_angle(a[:3, :3], b[:3, :3]) for a, b in zip(tips, path, strict=True)]
+    off = np.linalg.norm(tips[:, :3, 3] - path[:, :3, 3], axis=1)
+    return TipErrors(position=off, orientation=np.array(turned))
 
 
 def tracked(arm: PublishedArm, path: RecipePath, name: str, method: Method) -> Track:

@@ -21,7 +21,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT, RecipePath, tracked
+from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT, RecipePath, tip_errors, tracked
 from experiments.papers.track_singularity import lock
 from uuv.controllers.mkps import Chain, track
 from uuv.experiment import Page, Row, column, experiment, stat
@@ -46,7 +46,7 @@ PATHS: dict[str, tuple[str, float]] = {  # arm, and how far beside the singulari
     for beside in distances
 }
 REACH_ERA, SLOW_ERA = 1.0, 0.4  # [m] of its path; [rad/s] speed limit on the way back to its begin
-NEAR, OFF, TURNED = 0.02, 1e-4, 1e-3  # [rad] beside the singularity; [m], [rad] off the path
+NEAR = 0.02  # [rad] beside the singularity
 BACK = 0.01  # [s] between poses on the way back
 
 
@@ -106,12 +106,12 @@ def singular_crossings(case: CrossingCase) -> CrossingRow:
         poses=crossing.path, q0=crossing.q0, period=case.period, speed_limit=case.speed_limit
     )
     run = tracked(crossing.arm, path, case.recipe, "hybrid")
-    off = (run.position_error > OFF) | (run.orientation_error > TURNED)
+    errors = tip_errors(crossing.arm, run, crossing.path)
     return CrossingRow(
         arm=PATHS[case.path][0],
-        position_error=float(run.position_error.max()),
-        orientation_error=float(run.orientation_error.max()),
-        share_off=float(off.mean()),
+        position_error=float(errors.position.max()),
+        orientation_error=float(errors.orientation.max()),
+        share_off=errors.share_off,
         joint_speed=float(np.abs(run.qd).max()),
     )
 

@@ -21,14 +21,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.papers.recipes import DEFAULT, NARROWED, RECIPES, WITHOUT, RecipePath, tracked
+from experiments.papers.recipes import (
+    DEFAULT,
+    NARROWED,
+    RECIPES,
+    WITHOUT,
+    RecipePath,
+    tip_errors,
+    tracked,
+)
 from uuv.controllers.mkps import Chain, Method, Track, track
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.models.arms import published_arms
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from uuv.sim.interfaces.spatial import Array, finite_number, one_of, pose, rotation_angle
+from uuv.sim.interfaces.spatial import Array, finite_number, one_of, pose
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -86,18 +94,13 @@ def track_singularity(case: TrackCase) -> TrackRow:
     """Tracks the path through the lock."""
     path, run = passed_lock(case)
     arm = published_arms.load(ARM)
-
-    # By the arm's own forward kinematics, independent of the solver.
-    tips = np.array([arm.joint_frames(q)[-1] for q in run.q])
-    off = np.linalg.norm(tips[:, :3, 3] - path[:, :3, 3], axis=1)
-    turned = [rotation_angle(a[:3, :3], b[:3, :3]) for a, b in zip(tips, path, strict=True)]
-
+    errors = tip_errors(arm, run, path)
     return TrackRow(
         joint_speed=float(np.abs(run.qd).max()),
-        position_error=float(off.max()),
-        orientation_error=float(max(turned)),
-        end_error=float(run.position_error[-1]),
-        share_off=float(np.mean(~run.converged)),
+        position_error=float(errors.position.max()),
+        orientation_error=float(errors.orientation.max()),
+        end_error=float(errors.position[-1]),
+        share_off=errors.share_off,
         passed=float(case.period * sum(way != "none" for way in run.way)),
         nearness=float(run.nearness.min()),
     )

@@ -146,7 +146,7 @@ def worst_of_ten(root: Path) -> str:
         r"^\| (?:longitudinal|transverse) \| \d \| ([\d.]+),", page, flags=re.MULTILINE
     )
     assert len(rows) == 10
-    return f"{max(map(float, rows)):.2f} N in the [worst of ten runs]"
+    return f"{max(map(float, rows)):.2f} N in the [worst of ten earlier runs]"
 
 
 def added_mass_of_shapes() -> str:

@@ -7,7 +7,6 @@ of what is stuck, the time in which it is named after it stands against the set 
 
 from uuv.start import run_scenario  # isort: skip
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from math import degrees
 
@@ -56,16 +55,11 @@ class TurnRow:
     named: float | None = column("stuck, named after", "s", digits=2, default=None)
 
 
-def cases(case: TurnCase) -> Iterator[TurnCase]:
-    """The case; every kind sees the same valves."""
-    yield case
-
-
 @experiment("turns", seeds=25, vary={"kind": KINDS}, paired=True, quick={"runs": 1})
 def turns(case: TurnCase) -> TurnRow:
     """Turns one valve."""
     # The valve.
-    streams = Streams(case.seed, 71)
+    streams = Streams(case.seed)
     handle = case.kind.split()[-1]
     lever = handle == "lever"
     torque = float(streams["torque"].uniform(*(LEVER if lever else BAR)))

@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from uuv.cli.json_output import print_json
 from uuv.cli.past.past_runs import Run, Trust, run_folder, scenario_of
-from uuv.sim.interfaces.errors import ConfigurationError, one_line
+from uuv.sim.interfaces.errors import ConfigurationError, UuvError, one_line
 from uuv.sim.interfaces.extras import LOG, absent, to_install
 from uuv.sim.runs.command_line import parse
 from uuv.sim.runs.run_folder import FORMAT_KEY
@@ -115,12 +115,17 @@ def tables(runs: "Sequence[PastRun]", *, every: bool, trust: bool = False) -> di
 
 
 def _bounds(runs: "Sequence[PastRun]", *, trust: bool) -> "Bounds | None":
-    """Bounds by which all runs were judged; None if they differ."""
+    """Bounds by which all runs were judged; None if they differ, or if the vehicle or the object of
+    a run is not here.
+    """
     from uuv import first_start
     from uuv.assembly import assemble
 
     first_start.build()
-    placed = [assemble(scenario_of(run.folder, trust=trust)).placed for run in runs]
+    try:
+        placed = [assemble(scenario_of(run.folder, trust=trust)).placed for run in runs]
+    except UuvError:
+        return None
     bounds = placed[0].bounds
     return bounds if all(other.bounds == bounds for other in placed) else None
 

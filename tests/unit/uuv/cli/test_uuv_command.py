@@ -300,6 +300,14 @@ def test_a_run_is_compared_and_read_back(uuv, tmp_path: Path):
     assert "solid: first; dotted: third" in (tmp_path / "first" / "compare_third.html").read_text(
         encoding="utf-8"
     )
+
+    # Of a vehicle that is not here the bounds are not known; the series are drawn all the same.
+    kept = tmp_path / "third" / "scenario.toml"
+    text = kept.read_text(encoding="utf-8")
+    assert 'vehicle = "uuv_puma"' in text
+    kept.write_text(text.replace('vehicle = "uuv_puma"', 'vehicle = "gone.xml"'), encoding="utf-8")
+    assert "written to first/compare_third.html" in uuv("compare", "first", "third")
+
     assert uuv("report", "first").strip() == str((tmp_path / "first" / "report.html").resolve())
     page = Path(__file__).resolve().parents[4] / "docs" / "runs.md"
     (read_back,) = re.findall(

@@ -10,7 +10,7 @@ from uuv.models.naming import HULL_BODY
 from uuv.models.site import valve_site
 from uuv.models.site.turned_valve import BAR, QUARTER, TurnedValve
 from uuv.outcome import Pictures, RunResult
-from uuv.scenario import PlacedTask, Scenario, Task
+from uuv.scenario import LONGEST, PlacedTask, Scenario, Task
 from uuv.sensors.coarse_detection import coarse_detection
 from uuv.sim.evaluation.handling.turn_metrics import FeltHandle, TrueTurn, assess_turn
 from uuv.sim.interfaces.messages import TurnReference, WorkState
@@ -141,6 +141,12 @@ class PlacedTurn(PlacedTask):
     def title(self) -> str:
         """Title of log and report."""
         return f"A quarter of the valve by its {self.valve.handle}, seed {self.scenario.seed}"
+
+    @property
+    def longest(self) -> float:
+        """Limit [s] of the simulated time; a light valve on a long lever turns slowly."""
+        turn = self.job.turn
+        return LONGEST + turn.time(self.valve.lever, self.job.moment) - turn.longest
 
     @property
     def X_WB(self) -> Array:

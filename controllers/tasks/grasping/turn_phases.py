@@ -52,9 +52,18 @@ class TurnLimits:
     firm: float = 0.85  # share of the set moment that counts as standing against it
     gain: float = math.radians(0.2)  # by which a handle that is not stuck turns
     stall: float = 0.6  # [s] in which it does
-    longest: float = 90.0  # [s] of the turning
+    longest: float = 90.0  # [s] of the turning, or longer where the law makes it slow:
+    spare: float = 0.2  # share of the set moment that turns the valve, at least
     loose: float = 0.06  # share of the set moment at which the handle is let go
     letting_go: float = 2.0  # [s] at most, of turning back
+
+    def admittance(self, lever: float) -> float:
+        """Speed [rad/s] for 1 N m below the set moment, on a lever [m]; 0: a bar."""
+        return self.crossover / (self.side * lever**2 + self.twist)
+
+    def time(self, lever: float, moment: float) -> float:
+        """Limit [s] of a quarter with a set moment [N m], most of which the valve may need."""
+        return max(self.longest, QUARTER / (self.admittance(lever) * self.spare * moment))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,10 +78,6 @@ class TurnPlan:
     angle: float = 0.0  # [rad] of the tool about the axis
     met: float = math.nan  # [rad] at which it met the handle
     rate: float = 0.0  # [rad/s] of the set point
-
-    def admittance(self, limits: TurnLimits) -> float:
-        """Speed [rad/s] for 1 N m below the set moment."""
-        return limits.crossover / (limits.side * self.axis.lever**2 + limits.twist)
 
     @property
     def turned(self) -> float:
@@ -194,7 +199,7 @@ class TurnHandle(TurnPhase):
         left = QUARTER - plan.turned if met else math.inf
         near_stop = max(limits.slowest, limits.slow * left)
         fastest = min(plan.speed, near_stop if met else limits.meet_speed)
-        spare = plan.admittance(limits) * (plan.moment - plan.felt)
+        spare = limits.admittance(plan.axis.lever) * (plan.moment - plan.felt)
         slowed = limits.yielding if spare < fastest else limits.acceleration
         self.turn_on(held, context, min(fastest, max(spare, -fastest)), slowed)
         return self._ended(state, held, context, plan)
@@ -224,7 +229,7 @@ class TurnHandle(TurnPhase):
             )
 
         # The end of the way, or of the time.
-        late = context.time - state.since > limits.longest
+        late = context.time - state.since > limits.time(plan.axis.lever, plan.moment)
         if not (at_end or late):
             return None
         if math.isnan(plan.met):

@@ -13,7 +13,7 @@ from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.turning import TurningAxis, TurningStatics
 from uuv.controllers.tasks.arrival import TareSensors
 from uuv.controllers.tasks.axial_phases import AxialLimits
-from uuv.controllers.tasks.grasping.turn_phases import TurnPlan
+from uuv.controllers.tasks.grasping.turn_phases import TurnLimits, TurnPlan
 from uuv.controllers.tasks.grasping.turning import TurnJob, check_moment, rows_at_handle
 from uuv.controllers.tasks.phase import PhaseEvent, ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState
@@ -211,3 +211,13 @@ def test_the_bound_falls_with_the_joint_that_bears_the_moment_and_the_job_is_ref
     planner._statics = weak
     with pytest.raises(ReachError, match=r"30.0 N m is above the bound of \d+.\d N m here, by"):
         planner.stand(target, target.path, np.zeros(3))
+
+
+def test_a_light_valve_on_a_long_lever_has_the_time_that_the_law_takes() -> None:
+    limits = TurnLimits()
+    for lever, moment in ((0.4, 12.0), (0.6, 20.0), (0.0, 5.0)):
+        # The servoed tool moves by the moment over its stiffness, ten times a second.
+        stiffness = 2.4e4 * lever**2 + 100.0
+        rate = 10.0 * (moment - 0.8 * moment) / stiffness
+        assert rate * limits.time(lever, moment) >= QUARTER - 1e-9
+    assert limits.time(0.0, 5.0) == limits.longest

@@ -1,5 +1,6 @@
 """Turn of a valve: by its lever, or by a T-bar about the tool's axis."""
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
@@ -144,9 +145,10 @@ class PlacedTurn(PlacedTask):
 
     @property
     def longest(self) -> float:
-        """Limit [s] of the simulated time; a light valve on a long lever turns slowly."""
+        """Limit [s] of the simulated time, whole; a light valve on a long lever turns slowly."""
         turn = self.job.turn
-        return LONGEST + turn.time(self.valve.lever, self.job.moment) - turn.longest
+        more = turn.time(self.valve.lever, self.job.moment) - turn.longest
+        return LONGEST + math.ceil(more)
 
     @property
     def X_WB(self) -> Array:

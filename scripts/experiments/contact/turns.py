@@ -106,12 +106,18 @@ def _ended_as_it_should(row: Row) -> bool:
     return row["ended"] == ("valve stuck" if row["kind"].startswith("stuck") else "done")
 
 
+def _is_refused(row: Row) -> bool:
+    """True if the set moment is beyond what tool, arm or thrusters can give."""
+    return row["ended"] == "refused"
+
+
 turns.page = Page().table(
     "Turns",
     by="kind",
     columns=[
         stat("count", "kind", "valves"),
         stat("count", _ended_as_it_should, "turned, or named as stuck"),
+        stat("count", _is_refused, "refused at the door"),
         stat("largest", "angle"),
         stat("largest", "error"),
         stat("largest", "share"),

@@ -18,6 +18,7 @@ from uuv.controllers.tasks.grasping.turning import TurnJob, check_moment, rows_a
 from uuv.controllers.tasks.phase import PhaseEvent, ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState
 from uuv.models.site.turned_valve import QUARTER, TurnedValve
+from uuv.scenario import LONGEST
 from uuv.sim.evaluation.handling.turn_metrics import assess_turn
 from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
@@ -221,3 +222,9 @@ def test_a_light_valve_on_a_long_lever_has_the_time_that_the_law_takes() -> None
         rate = 10.0 * (moment - 0.8 * moment) / stiffness
         assert rate * limits.time(lever, moment) >= QUARTER - 1e-9
     assert limits.time(0.0, 5.0) == limits.longest
+
+    # The run has it too, in whole seconds, of which a run consists of whole steps.
+    job = jobs.turn_valve(torque=5.0, moment=9.3, radius=0.37)
+    longest = cast(PlacedTurn, assemble(job).placed).longest
+    assert longest > LONGEST
+    assert longest == int(longest)

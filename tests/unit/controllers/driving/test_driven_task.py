@@ -1,14 +1,13 @@
 """A driven vehicle under scripted inputs: a hull that is where it should be, and a floor."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from driving_rows import Steps, rows_of
-from told import Told
+from scripted_world import UNTOUCHED, ScriptedWorld
 from uuv import models
 from uuv.controllers.driving.drive_phase import OUT_OF_REACH
 from uuv.controllers.driving.driven_task import driven_task
@@ -19,7 +18,6 @@ from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.messages import (
     AbortCode,
-    Command,
     ContactEstimate,
     Reference,
     StateEstimate,
@@ -40,13 +38,14 @@ def tip(reference: Reference) -> Array:
 
 
 @dataclass
-class Ride(Told):
+class Ride(ScriptedWorld):
     """Drives a planner by inputs; every reference that it gives is kept."""
 
     steps: Steps = ()
     delay: float = 0.0
     felt: Callable[[Reference, float], float] | None = None  # [N] by reference and height of floor
     ready: float = field(default=np.inf, init=False)  # [s] when the inputs began
+    floor: float = field(default=-np.inf, init=False)  # [m] its height
 
     def run(self) -> "Ride":
         model = models.load("uuv_puma").compile()
@@ -56,33 +55,18 @@ class Ride(Told):
         inputs = OperatorInputs(rows_of(self.steps))
         planner = driven_task(own, inputs, self.delay, X_WB=START)
         planner.period = PERIOD
-        floor = -np.inf
+        return self.drive(planner, START, 12_000 * PERIOD)
 
-        X_WB = START
-        state = command = reference = None
-        zero = np.zeros(3)
-        joints = np.zeros(6)
-        motion = dict.fromkeys(("v_WB_B", "w_WB_B", "a_WB_B"), zero)
-        for tick in range(12_000):
-            clock: dict[str, Any] = {"time": tick * PERIOD}
-            arm = dict.fromkeys(("q", "qd", "tau"), joints)
-            if reference is not None:
-                arm["q"] = reference.q
-            estimate = StateEstimate(X_WB=X_WB, **motion, **arm, **clock)
-            state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, None, command)
-            self.references.append(reference)
-            X_WB = reference.X_WB
+    def estimated(self, estimate: StateEstimate, reference: Reference | None) -> StateEstimate:
+        return estimate if reference is None else replace(estimate, q=reference.q)
 
-            if state.row == "free" and not np.isfinite(self.ready):
-                self.ready = clock["time"]
-                floor = float(tip(reference)[2]) - DOWN
-            felt = 0.0 if reference.X_WG is None else (self.felt or _floor)(reference, floor)
-            sent = {"joint_torque": joints, "thrusters": joints, "scan": False}
-            command = Command(contact=ContactEstimate(normal=felt), **sent, **clock)
-            if reference.state in (WorkState.DONE, WorkState.ABORT):
-                break
-        return self
+    def feel(self, reference: Reference, time: float) -> ContactEstimate:
+        if self.state.row == "free" and not np.isfinite(self.ready):
+            self.ready = time
+            self.floor = float(tip(reference)[2]) - DOWN
+        if reference.X_WG is None:
+            return UNTOUCHED
+        return ContactEstimate(normal=(self.felt or _floor)(reference, self.floor))
 
     def at(self, time: float) -> Reference:
         """Reference at a time [s] of the inputs."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from told import Told
+from scripted_world import UNTOUCHED, ScriptedWorld
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning import hull_placement
 from uuv.controllers.planning.placement import Placement
@@ -27,7 +27,7 @@ from uuv.sim.interfaces.messages import (
     ContactEstimate,
     Fault,
     FaultKind,
-    StateEstimate,
+    Reference,
     Target,
     WorkState,
 )
@@ -71,7 +71,7 @@ def wall_at(depth: float, radius: float = np.inf) -> World:
 
 
 @dataclass
-class Script(Told):
+class Script(ScriptedWorld):
     """Drives a planner through a world that answers with forces; every reference that it gives is
     kept.
     """
@@ -88,49 +88,28 @@ class Script(Told):
         planner = HoleInsertion(
             own, BLOCK.target, HOLE, self.job, X_WB_scan=SCAN_POSE, period=self.period
         )
-        X_WB, state, command, seen, scanning, zero = SCAN_POSE, None, None, None, False, np.zeros(3)
-        for tick in range(round(seconds / self.period)):
-            time = tick * self.period
-            estimate = StateEstimate(
-                time=time,
-                X_WB=X_WB,
-                v_WB_B=zero,
-                w_WB_B=zero,
-                a_WB_B=zero,
-                q=vehicle.q_home,
-                qd=np.zeros(6),
-                tau=np.zeros(6),
-            )
-            state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, seen, command)
-            self.references.append(reference)
-            X_WB = reference.X_WB
-            if reference.scan and not scanning:
-                seen = Target(
-                    time=time,
-                    X_WT=X_WT,
-                    accepted=self.found,
-                    check_m=0.001,
-                    range_m=1.2,
-                    reason="" if self.found else "too few points",
-                    path=axis_path(X_WT, HOLE, 0.03) if self.found else None,
-                )
-            scanning = reference.scan
-            f_tip_W = zero
-            if reference.X_WG is not None:
-                f_tip_W = X_WH[:3, :3] @ self.world((inverse(X_WH) @ reference.X_WG)[:3, 3], time)
-            normal = 0.0 if reference.X_WG is None else -float(f_tip_W @ reference.X_WG[:3, 2])
-            command = Command(
-                time=time,
-                joint_torque=np.zeros(6),
-                thrusters=np.zeros(6),
-                scan=reference.scan,
-                contact=ContactEstimate(force_W=f_tip_W, normal=normal),
-                faults=(LOST,) if reference.state is self.dead_in else (),
-            )
-            if reference.state in (WorkState.DONE, WorkState.ABORT):
-                break
-        return self
+        return self.drive(planner, SCAN_POSE, seconds, vehicle.q_home)
+
+    def look(self, time: float) -> Target:
+        return Target(
+            time=time,
+            X_WT=X_WT,
+            accepted=self.found,
+            check_m=0.001,
+            range_m=1.2,
+            reason="" if self.found else "too few points",
+            path=axis_path(X_WT, HOLE, 0.03) if self.found else None,
+        )
+
+    def feel(self, reference: Reference, time: float) -> ContactEstimate:
+        if reference.X_WG is None:
+            return UNTOUCHED
+        f_tip_W = X_WH[:3, :3] @ self.world((inverse(X_WH) @ reference.X_WG)[:3, 3], time)
+        return ContactEstimate(force_W=f_tip_W, normal=-float(f_tip_W @ reference.X_WG[:3, 2]))
+
+    def faults(self, reference: Reference, time: float) -> tuple[Fault, ...]:
+        del time
+        return (LOST,) if reference.state is self.dead_in else ()
 
     def tips(self, *states: WorkState) -> Array:
         """(N, 3) [m] tip references in the hole's frame, in `states`."""

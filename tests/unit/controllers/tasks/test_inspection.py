@@ -2,14 +2,14 @@
 flies it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
 from mujoco_visibility import MujocoVisibility
-from told import Told
+from scripted_world import ScriptedWorld
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.hull_path import HullPath
 from uuv.controllers.planning.outline import offset_outline
@@ -31,7 +31,7 @@ from uuv.models.objects.targets import TargetModel
 from uuv.models.vehicle import Vehicle
 from uuv.models.vehicles import uuv_puma
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import StateEstimate, Target, WorkState
+from uuv.sim.interfaces.messages import Reference, Target, WorkState
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 OWN = uuv_puma.build().compile()
@@ -150,12 +150,13 @@ def test_motion_is_bounded(name):
 
 
 @dataclass
-class Script(Told):
+class Script(ScriptedWorld):
     """A world whose hull is where it should be, less `lag` [m], and a finder that always finds."""
 
     job: InspectionJob = JOB
     floor: float = -10.0
     refusal: str = ""
+    lag: float = field(default=0.0, init=False)
 
     def run(self, lag: float = 0.0) -> "Script":
         target = targets.named("barrel")
@@ -165,38 +166,23 @@ class Script(Told):
         planner = Inspection(
             work_vehicle, target, self.job, X_WB_scan=X_WB_scan, floor=self.floor, period=0.05
         )
-        X_WB = X_WB_scan
-        state = None
-        target_seen = None
-        for tick in range(8000):
-            estimate = StateEstimate(
-                time=0.05 * tick,
-                X_WB=X_WB,
-                v_WB_B=ZERO,
-                w_WB_B=ZERO,
-                a_WB_B=ZERO,
-                q=VEHICLE.q_home,
-                qd=np.zeros(6),
-                tau=np.zeros(6),
-            )
-            state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, target_seen, None)
-            self.references.append(reference)
-            X_WB = np.array(reference.X_WB)
-            X_WB[0, 3] -= lag
-            if reference.scan:
-                target_seen = Target(
-                    time=0.05 * tick,
-                    X_WT=X_WT,
-                    accepted=not self.refusal,
-                    check_m=0.001,
-                    range_m=1.4,
-                    reason=self.refusal,
-                    path=None,
-                )
-            if reference.state in (WorkState.DONE, WorkState.ABORT):
-                break
-        return self
+        self.lag = lag
+        return self.drive(planner, X_WB_scan, 400.0, VEHICLE.q_home)
+
+    def hull_at(self, X_WB: Array, reference: Reference) -> Array:
+        del X_WB
+        return pose(reference.X_WB[:3, :3], reference.X_WB[:3, 3] - [self.lag, 0.0, 0.0])
+
+    def look(self, time: float) -> Target:
+        return Target(
+            time=time,
+            X_WT=X_WT,
+            accepted=not self.refusal,
+            check_m=0.001,
+            range_m=1.4,
+            reason=self.refusal,
+            path=None,
+        )
 
 
 def test_it_flies_once_around_and_ends_where_it_began(within):

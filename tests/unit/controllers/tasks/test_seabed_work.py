@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from led_tool import LedTool
-from told import Told
+from scripted_world import UNTOUCHED, ScriptedWorld
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.seabed_height import WorkHeight
@@ -20,14 +20,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.models.vehicles import uuv_puma
 from uuv.perception.seabed.terrain_path import core_path
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
-from uuv.sim.interfaces.messages import (
-    Command,
-    ContactEstimate,
-    StateEstimate,
-    Target,
-    ToolPath,
-    WorkState,
-)
+from uuv.sim.interfaces.messages import ContactEstimate, Reference, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, pose, readonly
 
 PERIOD = 0.01  # [s]
@@ -71,7 +64,7 @@ def profile() -> ToolPath:
 
 
 @dataclass
-class Script(Told):
+class Script(ScriptedWorld):
     """A world whose tool is where it is asked to be, and a hull that is where it should be."""
 
     job: SeabedJob
@@ -80,69 +73,45 @@ class Script(Told):
     refusal: str = ""
     drift: float = 0.0  # [m] of the hull once it works
     forces: list[float] = field(default_factory=list)
+    pressed_in: float = field(default=0.0, init=False)  # [m] by the force control
 
     def run(self, seconds: float = 150.0) -> "Script":
         work_vehicle = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=np.zeros((2, 3)))
         planner = SeabedWork(work_vehicle, self.job, X_WB_scan=SCAN_POSE, period=PERIOD)
-        X_WB = SCAN_POSE
-        state = None
-        command = None
-        target = None
-        scanning = False
-        zero = np.zeros(3)
-        k = 0.0
-        for tick in range(round(seconds / PERIOD)):
-            time = tick * PERIOD
-            estimate = StateEstimate(
-                time=time,
-                X_WB=X_WB,
-                v_WB_B=zero,
-                w_WB_B=zero,
-                a_WB_B=zero,
-                q=VEHICLE.q_home,
-                qd=np.zeros(6),
-                tau=np.zeros(6),
-            )
-            state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, target, command)
-            self.references.append(reference)
-            X_WB = np.array(reference.X_WB)
-            if reference.state is WorkState.INSERT:
-                X_WB[0, 3] += self.drift
-            if reference.scan and not scanning:
-                target = Target(
-                    time=time,
-                    X_WT=np.eye(4),
-                    accepted=not self.refusal,
-                    check_m=0.001,
-                    range_m=2.5,
-                    reason=self.refusal,
-                    path=None if self.refusal else self.path,
-                    ground=np.zeros((4, 3)),
-                )
-            scanning = reference.scan
-            f_W = zero
-            normal = 0.0
-            if reference.X_WG is not None:
-                z = reference.X_WG[:3, 2]
-                f_W = self.world.step(reference.X_WG[:3, 3] + k * z, z).copy()
-                normal = -float(f_W @ z)
-                k = (
-                    k + 2e-4 * PERIOD * (reference.set_force - normal)
-                    if reference.force_control
-                    else 0.0
-                )
-            self.forces.append(normal)
-            command = Command(
-                time=time,
-                joint_torque=np.zeros(6),
-                thrusters=np.zeros(6),
-                scan=reference.scan,
-                contact=ContactEstimate(force_W=f_W, normal=normal),
-            )
-            if reference.state in (WorkState.DONE, WorkState.ABORT):
-                break
-        return self
+        return self.drive(planner, SCAN_POSE, seconds, VEHICLE.q_home)
+
+    def hull_at(self, X_WB: Array, reference: Reference) -> Array:
+        del X_WB
+        aside = self.drift if reference.state is WorkState.INSERT else 0.0
+        return pose(reference.X_WB[:3, :3], reference.X_WB[:3, 3] + [aside, 0.0, 0.0])
+
+    def look(self, time: float) -> Target:
+        return Target(
+            time=time,
+            X_WT=np.eye(4),
+            accepted=not self.refusal,
+            check_m=0.001,
+            range_m=2.5,
+            reason=self.refusal,
+            path=None if self.refusal else self.path,
+            ground=np.zeros((4, 3)),
+        )
+
+    def feel(self, reference: Reference, time: float) -> ContactEstimate:
+        del time
+        if reference.X_WG is None:
+            self.forces.append(0.0)
+            return UNTOUCHED
+
+        z = reference.X_WG[:3, 2]
+        f_W = self.world.step(reference.X_WG[:3, 3] + self.pressed_in * z, z).copy()
+        normal = -float(f_W @ z)
+        if reference.force_control:
+            self.pressed_in += 2e-4 * PERIOD * (reference.set_force - normal)
+        else:
+            self.pressed_in = 0.0
+        self.forces.append(normal)
+        return ContactEstimate(force_W=f_W, normal=normal)
 
     def tips(self, *states: WorkState) -> Array:
         """(N, 3) [m] tip references in `states`."""

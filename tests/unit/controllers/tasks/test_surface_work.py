@@ -2,7 +2,7 @@
 that is told.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import cycle
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from told import Told
+from scripted_world import ScriptedWorld
 from uuv import models
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.mkps import Chain
@@ -28,12 +28,10 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError
 from uuv.sim.interfaces.messages import (
     AbortCode,
-    Command,
     ContactEstimate,
     Fault,
     FaultKind,
     Reference,
-    StateEstimate,
     Target,
     ToolPath,
     WorkState,
@@ -96,7 +94,7 @@ def obedient(reference: Reference) -> float:
 
 
 @dataclass
-class Script(Told):
+class Script(ScriptedWorld):
     """Drives a supervisor; every reference that it gives is kept."""
 
     job: SurfaceTaskConfig = field(
@@ -118,6 +116,9 @@ class Script(Told):
     friction: float | None = None
     hollow: tuple[float, float] | None = None  # [m] part of the path on which the tool does not fit
     period: float = PERIOD  # [s] of the planner
+    looking: Iterator[bool] = field(init=False)
+    offsets: Iterator[float] = field(init=False)
+    known: tuple[Fault, ...] = field(default=(), init=False)
 
     def run(self, seconds: float = 180.0) -> "Script":
         model = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
@@ -131,72 +132,47 @@ class Script(Told):
             period=self.period,
             holding=self.holding,
         )
-        X_WB = SCAN_POSE
-        state = None
-        command = None
-        target_seen = None
-        scanning = False
-        looks = iter(self.looks)
-        offsets = iter(self.finds)
-        faults = ()
-        for tick in range(round(seconds / self.period)):
-            time = tick * self.period
-            zero = np.zeros(3)
-            estimate = StateEstimate(
-                time=time,
-                X_WB=X_WB,
-                v_WB_B=zero,
-                w_WB_B=zero,
-                a_WB_B=zero,
-                q=vehicle.q_home,
-                qd=np.zeros(6),
-                tau=np.zeros(6),
-            )
-            state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, target_seen, command)
-            self.references.append(reference)
-            X_WB = self._moved(X_WB, reference.X_WB)
-            if reference.scan and not scanning and (accepted := next(looks, None)) is not None:
-                target_seen = target(time, accepted, next(offsets) if accepted else self.doubted)
-                if self.hollow is not None and target_seen.path is not None:
-                    s, (first, last) = target_seen.path.s, self.hollow
-                    target_seen = replace(
-                        target_seen,
-                        path=replace(
-                            target_seen.path, fits=(s < first) | (s > last), note="a hollow"
-                        ),
-                    )
-            scanning = reference.scan
-            if self.dead is not None and not faults and self.dead_from(reference):
-                faults = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
-                self.fastest = min(self.fastest, self.fastest_after)
-            command = Command(
-                time=time,
-                joint_torque=np.zeros(6),
-                thrusters=np.zeros(6),
-                scan=reference.scan,
-                contact=self._contact(self.felt(reference)),
-                faults=faults,
-            )
-            if (
-                reference.state in (WorkState.DONE, WorkState.ABORT)
-                and len(self.of(reference.state)) > 20
-            ):
-                break
-        return self
+        self.looking, self.offsets = iter(self.looks), iter(self.finds)
+        return self.drive(planner, SCAN_POSE, seconds, vehicle.q_home)
+
+    def look(self, time: float) -> Target | None:
+        accepted = next(self.looking, None)
+        if accepted is None:
+            return None
+
+        seen = target(time, accepted, next(self.offsets) if accepted else self.doubted)
+        if self.hollow is None or seen.path is None:
+            return seen
+        s, (first, last) = seen.path.s, self.hollow
+        fits = (s < first) | (s > last)
+        return replace(seen, path=replace(seen.path, fits=fits, note="a hollow"))
+
+    def feel(self, reference: Reference, time: float) -> ContactEstimate:
+        del time
+        return self._contact(self.felt(reference))
+
+    def faults(self, reference: Reference, time: float) -> tuple[Fault, ...]:
+        if self.dead is not None and not self.known and self.dead_from(reference):
+            self.known = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
+            self.fastest = min(self.fastest, self.fastest_after)
+        return self.known
+
+    def over(self, reference: Reference) -> bool:
+        return super().over(reference) and len(self.of(reference.state)) > 20
+
+    def hull_at(self, X_WB: Array, reference: Reference) -> Array:
+        way = reference.X_WB[:3, 3] - X_WB[:3, 3]
+        length = float(np.linalg.norm(way))
+        if length <= self.fastest * self.period:
+            return reference.X_WB
+        share = self.fastest * self.period / length
+        return pose(reference.X_WB[:3, :3], X_WB[:3, 3] + way * share)
 
     def _contact(self, felt: float) -> ContactEstimate:
         estimate = ContactEstimate(normal=felt, sigma_G=np.array([1.0, 1.0, self.sigma]))
         if self.friction is None:
             return estimate
         return replace(estimate, force_W=felt * np.array([self.friction, 0.0, 1.0]))
-
-    def _moved(self, X_WB: Array, wanted: Array) -> Array:
-        way = wanted[:3, 3] - X_WB[:3, 3]
-        length = float(np.linalg.norm(way))
-        if length <= self.fastest * self.period:
-            return wanted
-        return pose(wanted[:3, :3], X_WB[:3, 3] + way * (self.fastest * self.period / length))
 
 
 @pytest.fixture(autouse=True)

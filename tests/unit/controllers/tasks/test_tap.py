@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from told import Told
+from scripted_world import ScriptedWorld
 from uuv import models
 from uuv.controllers.mkps import Chain
 from uuv.controllers.planning.placement import Placement
@@ -14,18 +14,10 @@ from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import WorkSite
 from uuv.controllers.tasks.surface_work import SurfaceTaskConfig
 from uuv.controllers.tasks.tap import tap
-from uuv.controllers.tasks.task import TaskState
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import (
-    Command,
-    ContactEstimate,
-    StateEstimate,
-    Target,
-    ToolPath,
-    WorkState,
-)
+from uuv.sim.interfaces.messages import ContactEstimate, Reference, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, pose
 
 PERIOD, STIFFNESS = 0.01, 3e4  # [s], [N/m]
@@ -49,11 +41,11 @@ def target(time: float) -> Target:
     )
 
 
-class World(Told):
+class World(ScriptedWorld):
     """A hull that is where it should be, and a surface whose height differs from point to point."""
 
-    state: TaskState
     tip: Array
+    fails_at: float
 
     def run(self, fails_at: float = np.inf, travel: Array | None = None) -> "World":
         model = models.load("uuv_puma").compile()
@@ -74,41 +66,22 @@ class World(Told):
             stand=lambda _, path, _current: (placement, path, 1.0),
         )
         planner = tap(site, JOB, tuple(HEIGHTS), lambda _: self.tip, hold=2.0)
-        X_WB = site.X_WB_scan
-        target_seen = None
-        command = None
-        state = None
-        zero = np.zeros(3)
-        joints = np.zeros(6)
-        for tick in range(20_000):
-            clock: dict[str, Any] = {"time": tick * PERIOD}
-            still = {
-                "v_WB_B": zero,
-                "w_WB_B": zero,
-                "a_WB_B": zero,
-                "q": joints,
-                "qd": joints,
-                "tau": joints,
-            }
-            estimate = StateEstimate(X_WB=X_WB, **still, **clock)
-            state = state or planner.init(estimate)
-            state, reference = planner.step(state, estimate, target_seen, command)
-            self.references.append(reference)
-            self.state = state
-            X_WB = reference.X_WB
-            felt = 0.0
-            target_seen = target(clock["time"]) if reference.scan else target_seen
-            if reference.X_WG is not None:
-                self.tip = reference.X_WG[:3, 3]
-                nearest = min(HEIGHTS, key=lambda s: abs(s - float(self.tip[0])))
-                felt = STIFFNESS * max(0.0, HEIGHTS[nearest] - float(self.tip[2]))
-            if reference.force_control:
-                felt = reference.set_force if self.tip[0] < fails_at else 170.0
-            fields_of = {"joint_torque": joints, "thrusters": joints, "scan": reference.scan}
-            command = Command(contact=ContactEstimate(normal=felt), **fields_of, **clock)
-            if reference.state in (WorkState.DONE, WorkState.ABORT):
-                break
-        return self
+        self.fails_at = fails_at
+        return self.drive(planner, site.X_WB_scan, 20_000 * PERIOD)
+
+    def look(self, time: float) -> Target:
+        return target(time)
+
+    def feel(self, reference: Reference, time: float) -> ContactEstimate:
+        del time
+        felt = 0.0
+        if reference.X_WG is not None:
+            self.tip = reference.X_WG[:3, 3]
+            nearest = min(HEIGHTS, key=lambda s: abs(s - float(self.tip[0])))
+            felt = STIFFNESS * max(0.0, HEIGHTS[nearest] - float(self.tip[2]))
+        if reference.force_control:
+            felt = reference.set_force if self.tip[0] < self.fails_at else 170.0
+        return ContactEstimate(normal=felt)
 
 
 def test_every_point_is_touched_with_its_force_for_its_time_and_its_place_noted(within):

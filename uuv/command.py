@@ -24,7 +24,7 @@ from uuv.pace import WallClock, check_pace
 from uuv.runner import Run, SignalStop, assessed, rehearse, run_through, to_rehearse
 from uuv.scenario import Scenario
 from uuv.scenario_file import SCENARIO_FILE, as_dict, flat, names_of_code, write_scenario
-from uuv.sim.evaluation.metrics import Assessment
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError, MissingLibraryError
 from uuv.sim.interfaces.extras import LOG, absent, to_install
 from uuv.sim.interfaces.messages import WorkState

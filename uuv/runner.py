@@ -13,7 +13,7 @@ from uuv.inputs import check_inputs
 from uuv.outcome import RunResult
 from uuv.saved_run import SavedRun, check_observers, checked_phase, snapshot_of
 from uuv.scenario import Scenario
-from uuv.sim.evaluation.metrics import Assessment
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.spatial import readonly

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
     from uuv.sim.loop.recording import Recorder
 
 P = TypeVar("P", bound=Perturbation)
@@ -373,7 +373,7 @@ class PlacedTask(ABC):
         """Assessment of a run by the truth; by default, that the run ended in DONE without
         collision.
         """
-        from uuv.sim.evaluation.metrics import Assessment
+        from uuv.sim.evaluation.assessment import Assessment
 
         return Assessment.of(ran.recording, NoFigures(), [], seed=seed, wall_s=ran.wall_s)
 

@@ -38,7 +38,7 @@ from uuv.sim.interfaces.spatial import (
 PATH_SPACING = 0.0015  # [m] spacing of the samples of the tool path
 # [rad] attitude error of the hull: bias of an inertial unit with fibre-optic gyros
 ATTITUDE_SIGMA = 3e-4
-LOOSE = 0.005  # [m] accepted error of an identification (`uuv.sim.evaluation.metrics.Bounds`)
+LOOSE = 0.005  # [m] accepted error of an identification (`uuv.sim.evaluation.bounds.Bounds`)
 _ASIDE = 0.15  # [m] distance of hull positions, below which they give the same view
 _SEEN = 0.4  # [-] share of the frames in which a pixel must have depth
 # [-] ratio of the standard deviation of a median of normal errors to that of their mean

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from uuv.models.meshes.visibility import SurfaceSamples, View
 from uuv.models.objects.targets import TargetModel
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.assessment import Assessment
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.evaluation.schemas import metric, unmeasured
 from uuv.sim.interfaces.errors import ConfigurationError

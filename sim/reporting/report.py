@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.force_levels import SETTLING
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.interfaces import page
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.page import Html

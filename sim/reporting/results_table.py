@@ -3,7 +3,8 @@
 from rich.table import Table
 from rich.text import Text
 
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.assessment import Assessment
+from uuv.sim.evaluation.requirement import Requirement
 
 
 def results_table(assessment: Assessment, title: str = "") -> Table:

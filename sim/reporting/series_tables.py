@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # the figures of a run are read without the kernels of what r
     import pandas as pd
     import pyarrow as pa
 
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
     from uuv.sim.loop.recording import Event, RecordedSeries, Recording, Series
     from uuv.sim.reporting.run_plot import RunFigure
 

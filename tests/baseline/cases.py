@@ -40,7 +40,7 @@ from uuv.models.arms import published_arms
 from uuv.perception import identify
 from uuv.runner import Run, run
 from uuv.scenario import Scenario
-from uuv.sim.evaluation.metrics import Assessment
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import spread_directions, transform_points
 from uuv.tasks.surface_work import SurfaceWorkTask

@@ -223,7 +223,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from uuv.outcome import NoFigures
 from uuv.scenario import PlacedTask, Task
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.assessment import Assessment
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.interfaces.messages import Reference, WorkState
 from uuv.sim.interfaces.options import option
 from uuv.sim.interfaces.spatial import pose

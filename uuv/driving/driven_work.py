@@ -11,8 +11,9 @@ from uuv.controllers.driving.key_inputs import KeyInputs
 from uuv.controllers.driving.operator_inputs import LONGEST, OperatorInputs
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import INPUTS_FILE, KEYBOARD, Operator, PlacedTask, Scenario
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.force_levels import ForceSteps, is_lost
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.schemas import unmeasured
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.target_finder import KnownObjectFinder
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
 
 STONE = 2600.0  # [kg/m^3]
 GAP = 0.12  # [m] between the object's sphere and the basket's wall, or more

@@ -16,7 +16,7 @@ from uuv.sim.evaluation.friction_metrics import (
     FrictionRunMetrics,
     JointFriction,
 )
-from uuv.sim.evaluation.metrics import Requirement
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import option
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from uuv.models.vehicle import Vehicle
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
 
 SHORTEST, LONGEST = 10.0, 300.0  # [s] of swings
 DEPTH = 2.0  # [m] of the hull
@@ -260,7 +260,7 @@ def assessed(
         fitted: The identified friction; None: the run was interrupted before.
         ran: The run.
     """
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
 
     bounds = FrictionBounds()
     figures: dict[str, Any] = dict.fromkeys(

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.target_finder import KnownObjectFinder
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
     from uuv.sim.loop.recording import Recorder, Recording
     from uuv.tasks.surface_survey import SurfaceSurvey
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.seabed.seabed_finder import SeabedFinder
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
     from uuv.sim.loop.recording import Recorder
     from uuv.sim.sensors.sonar import SonarBeams
 

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from uuv.models.naming import CAMERA_SITE, TOOL_GEOM
 from uuv.outcome import NoFigures, RunResult
 from uuv.scenario import PlacedTask, Scenario, Task
-from uuv.sim.evaluation.metrics import Requirement
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.options import DEGREE, option
 from uuv.sim.interfaces.spatial import Array, finite_number, pose
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from uuv.controllers.tasks.task import TaskPlanner
     from uuv.own_vehicle import OwnVehicle
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
 
 LONGEST = 3600.0  # [s] of station keeping
 DEPTH = 2.0  # [m] of the hull
@@ -112,7 +112,7 @@ class PlacedStationKeeping(PlacedTask):
 
     def assess(self, ran: RunResult, seed: int) -> "Assessment":
         """Largest distance from the place and largest tilt of the true hull while it holds."""
-        from uuv.sim.evaluation.metrics import Assessment
+        from uuv.sim.evaluation.assessment import Assessment
 
         work = ran.recording.within(WorkState.WORK)
         p_WB = ran.recording["p_WB"].value[work]

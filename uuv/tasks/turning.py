@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from uuv.own_vehicle import OwnVehicle
     from uuv.perception.clouds.scan import SensorModel
     from uuv.perception.finding.target_finder import KnownObjectFinder
-    from uuv.sim.evaluation.metrics import Assessment
+    from uuv.sim.evaluation.assessment import Assessment
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uuv.sim.evaluation.metrics import Assessment, Requirement
+from uuv.sim.evaluation.assessment import Assessment
+from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.evaluation.schemas import metric, unmeasured
 from uuv.sim.interfaces.messages import HeldLoad, WorkState

@@ -8,8 +8,8 @@ import pytest
 
 import short_recording
 from uuv.outcome import NoFigures
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.energy_metrics import energy_figures
-from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.loop.recording import Recording

@@ -13,18 +13,20 @@ import pytest
 from recorded_work import DT, SPEED, STEPS, TIME, TRUTH, recorded
 from uuv import models
 from uuv.models.objects.targets import BARREL_DIAMETER
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.force_levels import JUDGED, SETTLING, contact_figures, unjudged_levels
 from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
 from uuv.sim.evaluation.metrics import (
     AskedWork,
-    Assessment,
-    TrueObject,
     assess,
     force_estimate_figures,
     hull_figures,
-    path_error,
     reversals,
     schema,
+)
+from uuv.sim.evaluation.tool_errors import (
+    TrueObject,
+    path_error,
     tool_figures,
     tool_twist,
     true_path_deviation,

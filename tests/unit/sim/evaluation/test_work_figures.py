@@ -9,13 +9,12 @@ import pytest
 
 from recorded_work import SPEED, STEPS, TIME, TRUTH, recorded
 from uuv.sim.evaluation.force_levels import unjudged_levels
-from uuv.sim.evaluation.metrics import (
+from uuv.sim.evaluation.metrics import hull_figures, uncertainty_figures
+from uuv.sim.evaluation.tool_errors import (
     gap_figures,
-    hull_figures,
     path_error,
     tool_figures,
     true_path_deviation,
-    uncertainty_figures,
 )
 from uuv.sim.evaluation.tool_speed import speed_figures
 from uuv.sim.interfaces.messages import ToolPath, WorkState

@@ -19,8 +19,8 @@ from uuv.controllers.tasks.phase import PhaseEvent, ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState
 from uuv.models.site.turned_valve import QUARTER, TurnedValve
 from uuv.scenario import LONGEST
+from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.handling.turn_metrics import assess_turn
-from uuv.sim.evaluation.metrics import Assessment
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, exp_so3

@@ -18,10 +18,9 @@ part of the path that is worked.
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import cast
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -114,22 +113,21 @@ def place_hull(
         return carried.place(path)
 
     shares = samples_along(path, search.samples)
-    middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
-    hull = ConvexHull(around.obstacle)
-    skin = skin_of(around.obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
+    hull = ConvexHull(around.obstacle)
 
+    # What the tool asks for at each roll, seen from the travelling hull
     gone = _displacements(path, shares, search.samples)[:, None] * travel_W
     drag = holding.drag if holding else 0.0
-    tracks = [
-        ToolTrack(
+    tracks = {
+        roll: ToolTrack(
             poses=from_moving_hull(tool_poses(path, shares, roll, standoff), gone),
             gone=gone,
             loads=tool_loads(path, shares, roll, force, drag),
         )
         for roll in rolls
-    ]
+    }
     arm = ArmMargins(
         vehicle=vehicle,
         chain=chain,
@@ -138,68 +136,96 @@ def place_hull(
         clearance=search.arm_clearance,
         holding=holding,
     )
+
+    candidates = _Candidates(
+        arm=arm,
+        tracks=tracks,
+        around=around,
+        skin=skin_of(around.obstacle, hull),
+        clearance=search.clearance,
+        travel_W=travel_W,
+    )
+    middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     mounting = _Mounting.of(vehicle.X_BA, base_axis(chain, vehicle.q_ready))
-    ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
-
-    best: Placement | None = None
-    best_yaw = 0.0
-    furthest = cast("Dropped | None", None)
-
-    def too_close(X_WB: Array, away_W: Array) -> bool:
-        """True if the hull, displaced by `away_W` (3,) [m], is too close to the object."""
-        return not hull_keeps(X_WB, around.hull_box, skin, search.clearance, away_W)
-
-    def consider(base: Array, yaw: float) -> bool:
-        """Try all tool rolls at an arm base (3,) [m] and hull yaw [rad]; True if better."""
-        nonlocal best, best_yaw, furthest
-        R_WB = exp_so3([0.0, 0.0, yaw])
-        X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
-        if (
-            X_WB[2, 3] - 0.5 * abs(travel_W[2]) + around.hull_box[0, 2]
-            < around.floor + search.clearance
-        ):
-            return False
-        if any(too_close(X_WB, way * travel_W) for way in ways):
-            return False
-
-        better = False
-        for roll, track in zip(rolls, tracks, strict=True):
-            to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
-            outcome = arm.along(track, X_WB, to_beat)
-            if isinstance(outcome, Dropped):
-                if best is None and (furthest is None or outcome.reached > furthest.reached):
-                    furthest = outcome
-            elif outcome.margin > to_beat:
-                best = Placement(
-                    X_WB=X_WB,
-                    travel_W=travel_W,
-                    roll=roll,
-                    q_start=outcome.q_start,
-                    margin=outcome.margin,
-                    reached=1.0,
-                )
-                best_yaw = yaw
-                better = True
-        return better
-
     for base, yaw in mounting.candidates(path, middle, reach(chain), search):
-        consider(base, yaw)
+        candidates.consider(base, yaw)
 
     # Local search around the best candidate, by decreasing steps
     for step in search.refinements:
-        while best is not None:
-            base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
-            better = [consider(*near) for near in mounting.neighbours(base, best_yaw, middle, step)]
+        while candidates.best is not None:
+            near = mounting.neighbours(candidates.best_base, candidates.best_yaw, middle, step)
+            better = [candidates.consider(*candidate) for candidate in near]
             if not any(better):
                 break
 
+    best = candidates.best
     if best is None:
-        raise out_of_reach(shares, furthest, arm, held=holding is not None)
+        raise out_of_reach(shares, candidates.furthest, arm, held=holding is not None)
 
     # Half of the travel is before mid-path
     start = best.X_WB.copy()
     start[:3, 3] -= 0.5 * travel_W
     return replace(best, X_WB=start)
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Candidates:
+    """Placements that were tried for one path: the best one, or how far one reached."""
+
+    arm: ArmMargins
+    tracks: Mapping[float, ToolTrack]  # by the tool's roll [rad]
+    around: Surroundings
+    skin: Array  # of the object, as `hull_keeps` takes it
+    clearance: float  # [m] of the hull
+    travel_W: Array  # (3,) [m] of the hull along the whole path
+
+    best: Placement | None = None
+    best_base: Array = field(
+        default_factory=lambda: _STILL
+    )  # (3,) [m] of the arm in W, of the best one
+    best_yaw: float = 0.0  # [rad]
+    furthest: Dropped | None = None
+
+    def consider(self, base: Array, yaw: float) -> bool:
+        """Try all tool rolls at an arm base (3,) [m] and hull yaw [rad]; True if better."""
+        R_WB = exp_so3([0.0, 0.0, yaw])
+        X_WB = pose(R_WB, base - R_WB @ self.arm.vehicle.X_BA[:3, 3])
+        if not self._hull_is_clear(X_WB):
+            return False
+
+        better = False
+        for roll, track in self.tracks.items():
+            to_beat = (1.0 + _BETTER) * self.best.margin if self.best else 0.0
+            outcome = self.arm.along(track, X_WB, to_beat)
+            if isinstance(outcome, Dropped):
+                further = self.furthest is None or outcome.reached > self.furthest.reached
+                if self.best is None and further:
+                    self.furthest = outcome
+            elif outcome.margin > to_beat:
+                self.best = Placement(
+                    X_WB=X_WB,
+                    travel_W=self.travel_W,
+                    roll=roll,
+                    q_start=outcome.q_start,
+                    margin=outcome.margin,
+                    reached=1.0,
+                )
+                self.best_base = R_WB @ self.arm.vehicle.X_BA[:3, 3] + X_WB[:3, 3]
+                self.best_yaw = yaw
+                better = True
+        return better
+
+    def _hull_is_clear(self, X_WB: Array) -> bool:
+        """Whether the hull keeps clear of seabed and object along its travel about `X_WB`."""
+        box = self.around.hull_box
+        lowest = X_WB[2, 3] - 0.5 * abs(self.travel_W[2]) + box[0, 2]
+        if lowest < self.around.floor + self.clearance:
+            return False
+
+        parts = (-0.5, 0.0, 0.5) if self.travel_W.any() else (0.0,)
+        return all(
+            hull_keeps(X_WB, box, self.skin, self.clearance, part * self.travel_W) for part in parts
+        )
 
 
 def _displacements(path: ToolPath, shares: Array, samples: int) -> Array:

@@ -6,6 +6,7 @@ height above the site is feasible, positions next to it are tried. If none is fe
 refused with the reason.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,30 +119,20 @@ def choose_height(
         ConfigurationError: `ground` or `X_WB` is invalid.
     """
     search = search or HeightSearch()
-    vehicle = own.vehicle
-    chain = own.chain
-
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
     points = _checked_points(ground)
     if start[2, 2] < np.cos(np.radians(5.0)):
         raise ConfigurationError("X_WB: the hull must be level to descend")
 
-    shares = np.linspace(0.0, float(path.s[-1]), search.samples)
-    rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
-    poses = [tool_poses(path, shares, roll, standoff) for roll in rolls]
-    still = np.zeros((len(poses[0]), 3))
-
-    # `arm_gap` tests the arm, below
-    tree = cKDTree(points)
-    nowhere = np.array([[0.0, 0.0, 0.0, np.inf]])
-    arm = ArmMargins(
-        vehicle=vehicle, chain=chain, planes=nowhere, force=force, clearance=search.arm_clearance
+    highest = float(path.p[:, 2].max()) + reach(own.chain) - own.vehicle.X_BA[2, 3]
+    descents = _Descents(
+        own=own,
+        search=search,
+        points=points,
+        tools=_tools(path, search, standoff),
+        force=force,
+        calm=silt_height(search.jet, search.critical_shear),
     )
-
-    highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
-    calm = silt_height(search.jet, search.critical_shear)
-    best: WorkHeight | None = None
-    obstacles = _Obstacles()
 
     for aside in search.asides:
         for i in range(search.directions if aside else 1):
@@ -149,57 +140,122 @@ def choose_height(
             X = start.copy()
             X[:3, 3] += aside * (start[:3, :3] @ [np.cos(bearing), np.sin(bearing), 0.0])
             X[2, 3] = highest
+            if descents.descend(X, aside):
+                break
 
-            gap, over = _hull_gaps(X, own.hull_box, points, search.clearance)
-            if gap == np.inf:
-                continue  # no ground points below: the descent would be blind
+        if descents.best is not None:
+            return descents.best
+    raise ReachError(f"no feasible working height: {descents.reason}")
 
-            over += search.jets_above
-            obstacles.see(gap - search.clearance, over - calm)
 
-            # Descend until a tool roll has a sufficient margin
-            while gap >= search.clearance and over >= calm:
-                for roll, tool in zip(rolls, poses, strict=True):
-                    to_beat = best.placement.margin if best else search.margin
-                    worked = arm.along(ToolTrack(poses=tool, gone=still), X, to_beat)
-                    reached = worked.reached if isinstance(worked, Dropped) else 1.0
-                    obstacles.furthest = max(obstacles.furthest, reached)
-                    if isinstance(worked, Dropped) or worked.margin < search.margin:
-                        continue
+def _tools(path: ToolPath, search: HeightSearch, standoff: float) -> dict[float, ToolTrack]:
+    """Poses of the tool along the path, by its roll [rad] about its axis."""
+    shares = np.linspace(0.0, float(path.s[-1]), search.samples)
+    rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
+    poses = {roll: tool_poses(path, shares, roll, standoff) for roll in rolls}
+    return {
+        roll: ToolTrack(poses=tool, gone=np.zeros((len(tool), 3))) for roll, tool in poses.items()
+    }
 
-                    if (
-                        arm_gap(chain, X @ vehicle.X_BA, tool, worked.q_start, tree)
-                        < search.arm_clearance
-                    ):
-                        obstacles.hit = True
-                        continue
 
-                    placement = Placement(
-                        X_WB=readonly(X),
-                        travel_W=readonly(np.zeros(3)),
-                        roll=roll,
-                        q_start=worked.q_start,
-                        margin=worked.margin,
-                        reached=1.0,
+class _Descents:
+    """Descents of a level hull towards the ground, each as far as hull and jets allow."""
+
+    def __init__(
+        self,
+        *,
+        own: WorkVehicle,
+        search: HeightSearch,
+        points: Array,
+        tools: Mapping[float, ToolTrack],
+        force: float,
+        calm: float,
+    ) -> None:
+        """Set up, with `points` (V, 3) [m] of the ground and the least height `calm` [m] of the
+        jets.
+        """
+        self.best: WorkHeight | None = None
+        self._own = own
+        self._search = search
+        self._points = points
+        self._tools = tools
+        self._calm = calm
+        self._obstacles = _Obstacles()
+
+        # `arm_gap` tests the arm
+        self._tree = cKDTree(points)
+        self._arm = ArmMargins(
+            vehicle=own.vehicle,
+            chain=own.chain,
+            planes=np.array([[0.0, 0.0, 0.0, np.inf]]),
+            force=force,
+            clearance=search.arm_clearance,
+        )
+
+    @property
+    def reason(self) -> str:
+        """Why no height was feasible."""
+        return self._obstacles.reason(self._search, self._calm)
+
+    def descend(self, X_WB: Array, aside: float) -> bool:
+        """Descend from `X_WB` (4, 4), which is changed, until a tool roll has a roomy margin.
+
+        Args:
+            X_WB: pose of the hull at the highest place of interest.
+            aside: [m] horizontal offset of that place from the requested one.
+
+        Returns:
+            Whether the best margin so far is roomy.
+        """
+        search = self._search
+        gap, over = _hull_gaps(X_WB, self._own.hull_box, self._points, search.clearance)
+        if gap == np.inf:
+            return False  # no ground points below: the descent would be blind
+
+        over += search.jets_above
+        self._obstacles.see(gap - search.clearance, over - self._calm)
+
+        while gap >= search.clearance and over >= self._calm:
+            for roll, tool in self._tools.items():
+                placement = self._better(X_WB, roll, tool)
+                if placement is not None:
+                    shear = jet_shear(search.jet, over)
+                    self.best = WorkHeight(
+                        placement=placement, aside=aside, hull_gap=gap, jet_height=over, shear=shear
                     )
-                    best = WorkHeight(
-                        placement=placement,
-                        aside=aside,
-                        hull_gap=gap,
-                        jet_height=over,
-                        shear=jet_shear(search.jet, over),
-                    )
 
-                if best is not None and best.placement.margin >= search.roomy:
-                    return best
+            if self.best is not None and self.best.placement.margin >= search.roomy:
+                return True
 
-                X[2, 3] -= search.step
-                gap = gap - search.step
-                over = over - search.step
-        if best is not None:
-            return best
+            X_WB[2, 3] -= search.step
+            gap = gap - search.step
+            over = over - search.step
+        return False
 
-    raise ReachError(f"no feasible working height: {obstacles.reason(search, calm)}")
+    def _better(self, X_WB: Array, roll: float, tool: ToolTrack) -> Placement | None:
+        """Placement of a tool roll at `X_WB`; None if it is not feasible, or no better."""
+        search = self._search
+        to_beat = self.best.placement.margin if self.best else search.margin
+        worked = self._arm.along(tool, X_WB, to_beat)
+        reached = worked.reached if isinstance(worked, Dropped) else 1.0
+        self._obstacles.furthest = max(self._obstacles.furthest, reached)
+        if isinstance(worked, Dropped) or worked.margin < search.margin:
+            return None
+
+        X_WA = X_WB @ self._own.vehicle.X_BA
+        gap = arm_gap(self._own.chain, X_WA, tool.poses, worked.q_start, self._tree)
+        if gap < search.arm_clearance:
+            self._obstacles.hit = True
+            return None
+
+        return Placement(
+            X_WB=readonly(X_WB),
+            travel_W=readonly(np.zeros(3)),
+            roll=roll,
+            q_start=worked.q_start,
+            margin=worked.margin,
+            reached=1.0,
+        )
 
 
 @dataclass(slots=True)

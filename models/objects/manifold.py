@@ -105,12 +105,6 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         for name, x in (("a", 0.05), ("b", -0.1))
     }
 
-    pipes = (  # radius, length, axis, middle
-        ("header", 0.045, 0.5, [1.0, 0.0, 0.0], [-0.03, 0.14, 0.07]),
-        ("branch", 0.03, 0.26, [0.0, 1.0, 0.0], [0.2, -0.03, 0.05]),
-        ("valve", 0.04, 0.13, [0.0, 0.0, 1.0], [-0.22, -0.14, 0.06]),
-    )
-
     # The face is divided into cells by these lines; a cell is whole or has a hole.
     columns = sorted(
         {
@@ -129,43 +123,21 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
     for x0, x1 in pairwise(columns):
         for y0, y1 in pairwise(rows):
             middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0])
-            name, hole = next(
-                (
-                    (n, h)
-                    for n, h in holes.items()
-                    if np.allclose(h.p_T, middle, rtol=0.0, atol=1e-9)
-                ),
-                ("", None),
-            )
-            if hole is None:
+            bored = [name for name, hole in holes.items() if np.allclose(hole.p_T, middle, 0, 1e-9)]
+            if bored:
+                mesh.bore(holes[bored[0]])
+                solids += _ring(bored[0], holes[bored[0]])
+            else:
                 mesh.quad([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
                 cell = f"target_face_{len(solids)}"
                 solids.append(_box(cell, middle - [0, 0, 0.5 * depth], [x1 - x0, y1 - y0, depth]))
-            else:
-                mesh.bore(hole)
-                solids += _ring(name, hole)
 
     mesh.sides(columns, rows, height)
     shells = [welded(*mesh.arrays())]
 
-    for name, pipe_radius, pipe_length, axis, middle in pipes:
-        R = rotation_from_z(axis, [0.3, 0.5, 0.7])
-        half = 0.5 * pipe_length
-        solids.append(
-            Solid(
-                name=f"target_{name}",
-                kind="cylinder",
-                size=(pipe_radius, half),
-                X_TS=pose(R, middle),
-            )
-        )
-
-        vertices, triangles = revolve(
-            [(-half, 0.0), (-half, pipe_radius), (half, pipe_radius), (half, 0.0)], _PIPE_SIDES
-        )
-        # the mesh is revolved about x, the solid has its axis along z
-        R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])
-        shells.append((vertices @ R_pipe.T + middle, triangles))
+    for pipe in _PIPES:
+        solids.append(pipe.solid)
+        shells.append(pipe.shell)
 
     x = np.linspace(-0.02, 0.02, 9)
     ones = np.ones((9, 1))
@@ -184,6 +156,47 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         solids=tuple(solids),
     )
     return Manifold(target=target, holes=MappingProxyType(holes))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pipe:
+    """A pipe through the block, a closed cylinder."""
+
+    name: str
+    radius: float  # [m]
+    length: float  # [m]
+    axis: tuple[float, float, float]
+    middle: tuple[float, float, float]  # [m] in T
+
+    @property
+    def _R(self) -> Array:
+        return rotation_from_z(self.axis, [0.3, 0.5, 0.7])
+
+    @property
+    def solid(self) -> Solid:
+        """Its body, with the axis along z."""
+        return Solid(
+            name=f"target_{self.name}",
+            kind="cylinder",
+            size=(self.radius, 0.5 * self.length),
+            X_TS=pose(self._R, self.middle),
+        )
+
+    @property
+    def shell(self) -> tuple[Array, np.ndarray]:
+        """Vertices and triangles of its surface, revolved about x."""
+        half = 0.5 * self.length
+        outline = [(-half, 0.0), (-half, self.radius), (half, self.radius), (half, 0.0)]
+        vertices, triangles = revolve(outline, _PIPE_SIDES)
+        R = self._R @ exp_so3([0.0, -0.5 * np.pi, 0.0])
+        return vertices @ R.T + np.array(self.middle), triangles
+
+
+_PIPES = (
+    _Pipe(name="header", radius=0.045, length=0.5, axis=(1, 0, 0), middle=(-0.03, 0.14, 0.07)),
+    _Pipe(name="branch", radius=0.03, length=0.26, axis=(0, 1, 0), middle=(0.2, -0.03, 0.05)),
+    _Pipe(name="valve", radius=0.04, length=0.13, axis=(0, 0, 1), middle=(-0.22, -0.14, 0.06)),
+)
 
 
 def _box(name: str, middle: ArrayLike, size: ArrayLike, R: Array | None = None) -> Solid:

@@ -3,8 +3,8 @@
 import datetime
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -92,97 +92,100 @@ def run(options: WaterOptions, console: Console) -> int:
 
     # Logs of the user, or of a simulated vehicle that is drawn from the prior.
     truth: Array | None = None
-    folder: Path
     if logs:
-        hashes = {str(path): sha256_of(path) for path in options.log}
         _check(replay, logs, settings)
         folder = new_folder(COMMAND, options.out, options.seed)
+        hashes = {str(path): sha256_of(path) for path in options.log}
     else:
         folder = new_folder(COMMAND, options.out, options.seed)
         truth, log = _simulated_survey(options, replay, settings)
         logs = [log]
-        write_log(folder / "survey.csv", logs[0])
+        write_log(folder / "survey.csv", log)
         hashes = {"survey.csv": sha256_of(folder / "survey.csv")}
-
         console.print(
             "no --log: a vehicle drawn from the prior is simulated; 'true' has its values"
         )
 
     # The fit, on the terminal.
     fit, residuals = identify(replay, logs, settings)
-    identified = findings(fit.named, n, fit.quantile)
-    combined = together(fit.named, n)
-    exact = None if truth is None else values_of(replay.water.parameters, truth)
-    title = (
-        f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, "
-        f"{sum(log.duration for log in logs):.0f} s"
+    outcome = _Identified(
+        title=(
+            f"Water of {options.vehicle}, {len(logs)} log{'s' * (len(logs) > 1)}, "
+            f"{sum(log.duration for log in logs):.0f} s"
+        ),
+        fit=fit,
+        identified=findings(fit.named, n, fit.quantile),
+        combined=together(fit.named, n),
     )
+    exact = None if truth is None else values_of(replay.water.parameters, truth)
+    lines = words(outcome.identified, outcome.combined, fit, logs, replay)
 
-    console.print(Text(title, style="bold"))
-    console.print(table_of(identified, exact))
-    for line in words(identified, combined, fit, logs, replay):
+    console.print(Text(outcome.title, style="bold"))
+    console.print(table_of(outcome.identified, exact))
+    for line in lines:
         console.print(line, highlight=False, soft_wrap=True)
 
-    # Files of the fit, including the fitted vehicle.
-    date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-    written = [
-        write_fit(
-            folder / "fit.yaml",
-            identified,
-            vehicle=options.vehicle,
-            date=date,
-            logs=hashes,
-            widened=fit.widened,
-            combined=combined,
-        )
-    ]
-
+    # Its files, and the next manoeuvre.
+    written = _write_fit(folder, outcome, options, hashes)
     compiled = spec.copy().compile()
     written += write_vehicle(folder, "fitted", spec, compiled, replay.water, fit.named.values)
-    write_json(
-        folder / "metrics.json",
-        {**_metrics(identified, fit), "provenance": provenance(COMMAND, asdict(options))},
-    )
-
-    # The next manoeuvre, planned with the noise of the residuals.
     if options.plan:
-        noise = {
-            kind: settings.noise[kind]
-            * max(f for name, f in fit.widened.items() if name.endswith(f": {kind}"))
-            for kind in residuals.logs[0].kinds
-        }
-        sharp = replace(settings, noise={**settings.noise, **noise})
-
+        noise = _widened(settings, fit, residuals.logs[0].kinds)
         covariance = fit.named.covariance[:n, :n]
-        _plan(
-            options,
-            replay,
-            fit.named.deviations[:n],
-            covariance,
-            sharp,
-            tuple(logs[0].channels),
-            folder,
-            console,
-        )
+        channels = tuple(logs[0].channels)
+        before = fit.named.deviations[:n]
+        _plan(options, replay, before, covariance, noise, channels, folder, console)
 
     if options.record and not absent("log"):
         from uuv.water_identification.page import write_page
 
-        write_page(
-            folder / "report.html",
-            title,
-            identified,
-            words(identified, combined, fit, logs, replay),
-            fit,
-            residuals,
-            asdict(options),
-        )
-        written.append(folder / "report.html")
+        page = folder / "report.html"
+        write_page(page, outcome.title, outcome.identified, lines, fit, residuals, asdict(options))
+        written.append(page)
 
-    console.print(
-        f"written to {folder}/: {', '.join(file.name for file in written)}", highlight=False
-    )
+    names = ", ".join(file.name for file in written)
+    console.print(f"written to {folder}/: {names}", highlight=False)
     return 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Identified:
+    """What a fit says of the parameters."""
+
+    title: str
+    fit: WaterFit
+    identified: Sequence[Finding]
+    combined: Sequence[str]  # sentences on what is observable only together
+
+
+def _write_fit(
+    folder: Path, outcome: _Identified, options: WaterOptions, hashes: Mapping[str, str]
+) -> list[Path]:
+    """Write fit.yaml and metrics.json; `hashes` are those of the logs. Returns what is listed."""
+    date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    fit = write_fit(
+        folder / "fit.yaml",
+        outcome.identified,
+        vehicle=options.vehicle,
+        date=date,
+        logs=hashes,
+        widened=outcome.fit.widened,
+        combined=outcome.combined,
+    )
+    origin = provenance(COMMAND, asdict(options))
+    figures = _metrics(outcome.identified, outcome.fit)
+    write_json(folder / "metrics.json", {**figures, "provenance": origin})
+    return [fit]
+
+
+def _widened(settings: FitSettings, fit: WaterFit, kinds: Iterable[str]) -> FitSettings:
+    """Settings with the noise of the residuals, for the plan of the next manoeuvre."""
+    noise = {
+        kind: settings.noise[kind]
+        * max(f for name, f in fit.widened.items() if name.endswith(f": {kind}"))
+        for kind in kinds
+    }
+    return replace(settings, noise={**settings.noise, **noise})
 
 
 def _simulated_survey(

@@ -83,6 +83,21 @@ def test_every_dependency_is_listed_with_what_brings_it():
     assert {name: brought_by for name, (_, brought_by) in table().items()} == required()
 
 
+def test_every_data_file_has_a_row():
+    rows = PAGE.read_text(encoding="utf-8").partition("## Data")[2]
+    places = re.findall(r"`([\w./-]+)`", rows)
+    assert all((ROOT / place).exists() for place in places if "/" in place)
+
+    kinds = {".csv", ".json", ".npz", ".npy", ".parquet", ".stl", ".pcd", ".ply", ".gz", ".BIN"}
+    folders = (ROOT / name for name in ("docs", "models", "scripts", "sim", "uuv", "calib"))
+    data = [file for folder in folders for file in folder.rglob("*") if file.suffix in kinds]
+    own = re.compile(r"/schemas/|first_start\.json$")
+    for file in data:
+        name = file.relative_to(ROOT).as_posix()
+        assert own.search(name) or any(name.startswith(place) for place in places), name
+    assert len(data) > 20
+
+
 def test_licences_are_those_that_packages_state():
     stated, versions, compared = table(), locked(), 0
     for name in required():

@@ -126,7 +126,7 @@ def choose_height(
 
     highest = float(path.p[:, 2].max()) + reach(own.chain) - own.vehicle.X_BA[2, 3]
     descents = _Descents(
-        own=own,
+        vehicle=own,
         search=search,
         points=points,
         tools=_tools(path, search, standoff),
@@ -164,7 +164,7 @@ class _Descents:
     def __init__(
         self,
         *,
-        own: WorkVehicle,
+        vehicle: WorkVehicle,
         search: HeightSearch,
         points: Array,
         tools: Mapping[float, ToolTrack],
@@ -175,7 +175,7 @@ class _Descents:
         jets.
         """
         self.best: WorkHeight | None = None
-        self._own = own
+        self._vehicle = vehicle
         self._search = search
         self._points = points
         self._tools = tools
@@ -185,8 +185,8 @@ class _Descents:
         # `arm_gap` tests the arm
         self._tree = cKDTree(points)
         self._arm = ArmMargins(
-            vehicle=own.vehicle,
-            chain=own.chain,
+            vehicle=vehicle.vehicle,
+            chain=vehicle.chain,
             planes=np.array([[0.0, 0.0, 0.0, np.inf]]),
             force=force,
             clearance=search.arm_clearance,
@@ -208,7 +208,7 @@ class _Descents:
             Whether the best margin so far is roomy.
         """
         search = self._search
-        gap, over = _hull_gaps(X_WB, self._own.hull_box, self._points, search.clearance)
+        gap, over = _hull_gaps(X_WB, self._vehicle.hull_box, self._points, search.clearance)
         if gap == np.inf:
             return False  # no ground points below: the descent would be blind
 
@@ -242,8 +242,8 @@ class _Descents:
         if isinstance(worked, Dropped) or worked.margin < search.margin:
             return None
 
-        X_WA = X_WB @ self._own.vehicle.X_BA
-        gap = arm_gap(self._own.chain, X_WA, tool.poses, worked.q_start, self._tree)
+        X_WA = X_WB @ self._vehicle.vehicle.X_BA
+        gap = arm_gap(self._vehicle.chain, X_WA, tool.poses, worked.q_start, self._tree)
         if gap < search.arm_clearance:
             self._obstacles.hit = True
             return None

@@ -13,10 +13,17 @@ import numpy as np
 
 from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
 from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.evaluation.schemas import unmeasured
+from uuv.sim.evaluation.surface.force_levels import contact_figures, tangential, unjudged_levels
+from uuv.sim.evaluation.surface.tool_errors import (
+    TrueObject,
+    gap_figures,
+    tool_figures,
+    true_path_deviation,
+)
+from uuv.sim.evaluation.surface.tool_speed import speed_figures
 from uuv.sim.evaluation.surface_metrics import (
     ForceEstimateMetrics,
     HullMetrics,
@@ -29,13 +36,6 @@ from uuv.sim.evaluation.surface_metrics import (
     ThrusterMetrics,
     UncertaintyMetrics,
 )
-from uuv.sim.evaluation.tool_errors import (
-    TrueObject,
-    gap_figures,
-    tool_figures,
-    true_path_deviation,
-)
-from uuv.sim.evaluation.tool_speed import speed_figures
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array
 

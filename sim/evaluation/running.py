@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import is_lost, unsettled
+from uuv.sim.evaluation.surface.force_levels import is_lost, unsettled
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array

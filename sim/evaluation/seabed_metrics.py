@@ -17,7 +17,7 @@ from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.run_metrics import run_schema
 from uuv.sim.evaluation.schemas import metric, unmeasured
-from uuv.sim.evaluation.tool_errors import path_error
+from uuv.sim.evaluation.surface.tool_errors import path_error
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Target, WorkState
 from uuv.sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import SETTLING
 from uuv.sim.evaluation.requirement import Requirement
+from uuv.sim.evaluation.surface.force_levels import SETTLING
 from uuv.sim.interfaces import page
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.page import Html

@@ -7,8 +7,8 @@ from matplotlib import colormaps
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from uuv.sim.evaluation.force_levels import ForceSteps
-from uuv.sim.evaluation.tool_errors import TrueObject
+from uuv.sim.evaluation.surface.force_levels import ForceSteps
+from uuv.sim.evaluation.surface.tool_errors import TrueObject
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.palette import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, WIDTH, plain_axes
 from uuv.sim.interfaces.spatial import Array, inverse, transform_points

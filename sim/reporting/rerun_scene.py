@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from uuv.models.vehicle import Vehicle
-from uuv.sim.evaluation.mesh_surface import Surface
+from uuv.sim.evaluation.surface.mesh_surface import Surface
 from uuv.sim.interfaces import palette
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.palette import rgb

@@ -11,9 +11,9 @@ from plotly.io import to_html
 from plotly.subplots import make_subplots
 
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import ForceSteps, force_peak, tangential
 from uuv.sim.evaluation.metrics import hull_motion
-from uuv.sim.evaluation.tool_errors import path_error
+from uuv.sim.evaluation.surface.force_levels import ForceSteps, force_peak, tangential
+from uuv.sim.evaluation.surface.tool_errors import path_error
 from uuv.sim.interfaces.messages import CONTACT, WorkState
 from uuv.sim.interfaces.palette import BLUE, CYCLE, FAINT, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from uuv.sim.interfaces.spatial import Array

@@ -9,7 +9,7 @@ import pytest
 from uuv import assemble, jobs, run, saved
 from uuv.perturbations.loop import SensorFailure
 from uuv.runner import run_through
-from uuv.sim.evaluation.tool_errors import path_error
+from uuv.sim.evaluation.surface.tool_errors import path_error
 from uuv.sim.interfaces.messages import AbortCode, FaultKind, WorkState
 
 SHORT = "tests/integration/test_gyro_faults.py::test_before_the_contact_a_gyro_is_done_without"

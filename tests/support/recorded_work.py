@@ -7,7 +7,7 @@ import numpy as np
 from uuv import models
 from uuv.models.objects.targets import barrel
 from uuv.models.vehicle import Vehicle
-from uuv.sim.evaluation.tool_errors import TrueObject
+from uuv.sim.evaluation.surface.tool_errors import TrueObject
 from uuv.sim.interfaces.messages import Target, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, pose, transform_points
 from uuv.sim.loop.recording import STATES, Event, Recording, Series

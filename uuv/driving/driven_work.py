@@ -12,9 +12,9 @@ from uuv.controllers.driving.operator_inputs import LONGEST, OperatorInputs
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import INPUTS_FILE, KEYBOARD, Operator, PlacedTask, Scenario
 from uuv.sim.evaluation.assessment import Assessment
-from uuv.sim.evaluation.force_levels import ForceSteps, is_lost
 from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.schemas import unmeasured
+from uuv.sim.evaluation.surface.force_levels import ForceSteps, is_lost
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.runs.saving import write_whole

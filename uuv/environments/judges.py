@@ -15,9 +15,9 @@ import numpy as np
 
 from uuv.environments.ticks import action_ticks as row
 from uuv.sim.evaluation.bounds import TAP_ERROR, Bounds
-from uuv.sim.evaluation.force_levels import force_peak, is_lost, unsettled
 from uuv.sim.evaluation.insertion_metrics import InsertionBounds, TrueHole
 from uuv.sim.evaluation.running import RunningForce, place_on_path, places_on_path
+from uuv.sim.evaluation.surface.force_levels import force_peak, is_lost, unsettled
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.truth import Truth

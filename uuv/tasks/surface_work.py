@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from uuv.perception.finding.target_finder import KnownObjectFinder
     from uuv.sim.evaluation.assessment import Assessment
     from uuv.sim.evaluation.metrics import AskedWork
-    from uuv.sim.evaluation.tool_errors import TrueObject
+    from uuv.sim.evaluation.surface.tool_errors import TrueObject
 
 TAP_FORCE, TAPPED = 40.0, (0.0, 0.06, 0.12)  # [N] to tap with, [m] along a path
 _ARRIVAL = 150.0  # [s] simulated from the start to the contact, and off again, with another look
@@ -140,7 +140,7 @@ class SurfaceWorkTask(SurfaceSettings, Task):
         self, scenario: Scenario, own: "OwnVehicle", rng: np.random.Generator
     ) -> "PlacedSurfaceWork":
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
-        from uuv.sim.evaluation.tool_errors import TrueObject
+        from uuv.sim.evaluation.surface.tool_errors import TrueObject
 
         self._check_stops(scenario)
         workpiece: Workpiece = object_of(scenario, Workpiece)

@@ -8,8 +8,8 @@ import numpy as np
 from uuv.controllers.planning.trajectories import SLOWEST, Progress
 from uuv.controllers.tasks.follow_limits import FollowLimits
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import JUDGED, levels, long_enough, unsettled
-from uuv.sim.evaluation.tool_speed import AT_SPEED
+from uuv.sim.evaluation.surface.force_levels import JUDGED, levels, long_enough, unsettled
+from uuv.sim.evaluation.surface.tool_speed import AT_SPEED
 from uuv.sim.interfaces.errors import ConfigurationError
 
 _FARTHEST = 1e3  # [m] no longer path is proposed

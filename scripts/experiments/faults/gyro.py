@@ -18,7 +18,7 @@ from uuv.jobs import clean_barrel
 from uuv.perturbations.loop import SensorFailure
 from uuv.runner import run, saved
 from uuv.saved_run import SavedRun
-from uuv.sim.evaluation.tool_errors import path_error
+from uuv.sim.evaluation.surface.tool_errors import path_error
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import FaultKind
 from uuv.sim.loop.rollout import Moment

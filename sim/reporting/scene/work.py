@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from uuv.sim.evaluation.force_levels import ForceSteps
+from uuv.sim.evaluation.surface.force_levels import ForceSteps
 from uuv.sim.interfaces.messages import TOUCHING, WORKING, WorkState
 from uuv.sim.interfaces.palette import rgb
 from uuv.sim.interfaces.spatial import Array

@@ -205,4 +205,10 @@ def test_pages_are_short():
 
 def test_the_first_page_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 110
-    assert len((ROOT / "CHANGELOG.md").read_text().splitlines()) <= 60
+
+
+def test_the_changelog_is_short_and_in_short_items():
+    changes = (ROOT / "CHANGELOG.md").read_text()
+    items = changes.split("\n- ")[1:]
+    assert len(changes.split()) <= 1_000
+    assert max(len(item.split("\n\n")[0].split()) for item in items) <= 45

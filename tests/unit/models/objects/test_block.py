@@ -7,7 +7,7 @@ from uuv.models.meshes.closed_shells import open_edges, volume
 from uuv.models.objects.barrel import BARREL_DIAMETER, around_corner
 from uuv.models.objects.block import SIZE, block, over_edge
 from uuv.models.objects.target_model import without_turn
-from uuv.sim.evaluation.mesh_surface import Surface
+from uuv.sim.evaluation.surface.mesh_surface import Surface
 from uuv.sim.interfaces.errors import ConfigurationError
 
 

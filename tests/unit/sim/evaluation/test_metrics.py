@@ -14,8 +14,6 @@ from recorded_work import DT, SPEED, STEPS, TIME, TRUTH, recorded
 from uuv import models
 from uuv.models.objects.targets import BARREL_DIAMETER
 from uuv.sim.evaluation.assessment import Assessment
-from uuv.sim.evaluation.force_levels import JUDGED, SETTLING, contact_figures, unjudged_levels
-from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
 from uuv.sim.evaluation.metrics import (
     AskedWork,
     assess,
@@ -24,14 +22,21 @@ from uuv.sim.evaluation.metrics import (
     reversals,
     schema,
 )
-from uuv.sim.evaluation.tool_errors import (
+from uuv.sim.evaluation.surface.force_levels import (
+    JUDGED,
+    SETTLING,
+    contact_figures,
+    unjudged_levels,
+)
+from uuv.sim.evaluation.surface.mesh_surface import Surface, closest_on_curve
+from uuv.sim.evaluation.surface.tool_errors import (
     TrueObject,
     path_error,
     tool_figures,
     tool_twist,
     true_path_deviation,
 )
-from uuv.sim.evaluation.tool_speed import speed_figures
+from uuv.sim.evaluation.surface.tool_speed import speed_figures
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Target, WorkState
 from uuv.sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, transform_points

@@ -10,9 +10,9 @@ import pytest
 from recorded_work import DT, STEPS, TIME, TRUTH, recorded
 from uuv.perception.toolpath.path_planner import path_on_model
 from uuv.sim.evaluation.bounds import Bounds
-from uuv.sim.evaluation.force_levels import contact_figures
-from uuv.sim.evaluation.mesh_surface import closest_on_curve
 from uuv.sim.evaluation.running import RunningForce, place_on_path
+from uuv.sim.evaluation.surface.force_levels import contact_figures
+from uuv.sim.evaluation.surface.mesh_surface import closest_on_curve
 
 SET = 60.0  # [N]
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from recorded_work import SPEED, STEPS, TIME, TRUTH, recorded
-from uuv.sim.evaluation.force_levels import unjudged_levels
 from uuv.sim.evaluation.metrics import hull_figures, uncertainty_figures
-from uuv.sim.evaluation.tool_errors import (
+from uuv.sim.evaluation.surface.force_levels import unjudged_levels
+from uuv.sim.evaluation.surface.tool_errors import (
     gap_figures,
     path_error,
     tool_figures,
     true_path_deviation,
 )
-from uuv.sim.evaluation.tool_speed import speed_figures
+from uuv.sim.evaluation.surface.tool_speed import speed_figures
 from uuv.sim.interfaces.messages import ToolPath, WorkState
 from uuv.sim.interfaces.pose_covariance import PoseCovariance
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation

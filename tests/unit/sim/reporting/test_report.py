@@ -22,7 +22,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.metrics import assess
 from uuv.sim.evaluation.requirement import Requirement
-from uuv.sim.evaluation.tool_errors import TrueObject
+from uuv.sim.evaluation.surface.tool_errors import TrueObject
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import ObjectMotion, Target, ToolPath, WorkState
 from uuv.sim.interfaces.pose_covariance import PoseCovariance

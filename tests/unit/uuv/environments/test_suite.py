@@ -26,8 +26,8 @@ from uuv.environments.actions import ThrusterSpeeds, ToolTwist
 from uuv.environments.episodes import run_episode
 from uuv.environments.free_tasks import ALIGNED, CLOSE, HoldStation
 from uuv.environments.judges import InsertedTo, KeptFor, PressedAt, SetForce, TappedAt, WipedAlong
-from uuv.sim.evaluation.force_levels import SETTLING
 from uuv.sim.evaluation.insertion_metrics import TrueHole
+from uuv.sim.evaluation.surface.force_levels import SETTLING
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose

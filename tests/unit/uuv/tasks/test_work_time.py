@@ -12,7 +12,7 @@ from uuv import assemble, jobs
 from uuv.controllers.planning.trajectories import Progress
 from uuv.jobs import insert_sampler, sample_seabed
 from uuv.scenario import Scenario
-from uuv.sim.evaluation.force_levels import long_enough
+from uuv.sim.evaluation.surface.force_levels import long_enough
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.site import Barrel, Pile
 from uuv.tasks.insertion import InsertionTask

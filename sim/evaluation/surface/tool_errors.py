@@ -7,10 +7,10 @@ import numpy as np
 
 from uuv.models.objects.axis_steps import Steps
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
-from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
 from uuv.sim.evaluation.schemas import unmeasured
+from uuv.sim.evaluation.surface.mesh_surface import Surface, closest_on_curve
+from uuv.sim.evaluation.surface.tool_speed import STANDSTILL
 from uuv.sim.evaluation.surface_metrics import GapMetrics, ToolMetrics
-from uuv.sim.evaluation.tool_speed import STANDSTILL
 from uuv.sim.interfaces.messages import WorkState
 from uuv.sim.interfaces.spatial import Array, checked, inverse
 
@@ -79,7 +79,8 @@ def path_error(recording: "RecordedSeries") -> PathError | None:
     axis = recording["tool_axis"].value[work]
     axis = axis - np.sum(axis * tangent, axis=1, keepdims=True) * tangent
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    along, normal = np.sum(error * tangent, axis=1), np.sum(error * axis, axis=1)
+    along = np.sum(error * tangent, axis=1)
+    normal = np.sum(error * axis, axis=1)
     lateral = np.sum(error * np.cross(axis, tangent), axis=1)
 
     return PathError(
@@ -187,42 +188,40 @@ def tool_twist(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]
         truth: True object, whose path gives the axis b at the point of the path nearest to the tip.
 
     Returns:
-        Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis; the smallest of
-        those to the points of
-        the path within CORNER of its nearest: in a corner the tool may be turned like either side,
-            or as between them.
+        Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis. An angle is the
+        smallest of those to the path's points within CORNER of the nearest one: in a corner the
+        tool may be turned like either side, or between them.
     """
-    rows, X_WT, path = (
-        _rows_at_work(recording),
-        _path_pose(recording, truth),
-        truth.model.path(truth.path),
-    )
-
-    tip_T, R = _in_object(recording, truth, rows, X_WT)
-    axis, x = (_turned_back(R, recording[name].value[rows]) for name in ("tool_axis", "tool_x"))
-    p, b_at = _finely(path)
     from scipy.spatial import cKDTree
 
+    rows = _rows_at_work(recording)
+    tip_T, R = _in_object(recording, truth, rows, _path_pose(recording, truth))
+    axis_T = _turned_back(R, recording["tool_axis"].value[rows])
+    x_T = _turned_back(R, recording["tool_x"].value[rows])
+
+    # Pairs of a row and a point of the path near the tip's point; `first` of each row.
+    p, b_at = _finely(truth.model.path(truth.path))
     tree = cKDTree(p)
     near = tree.query_ball_point(p[tree.query(tip_T)[1]], CORNER)
-    first = np.cumsum([0, *(len(points) for points in near[:-1])])
-    row, point = (
-        np.repeat(np.arange(len(near)), [len(points) for points in near]),
-        np.concatenate(near).astype(np.int64),
-    )
+    count = [len(points) for points in near]
+    first = np.cumsum([0, *count[:-1]])
+    row = np.repeat(np.arange(len(near)), count)
+    point = np.concatenate(near).astype(np.int64)
 
-    # Angle from the axis b of every point of the path near the tip's point.
-    b, axis, x = b_at[point], axis[row], x[row]
+    # Angle from the axis b of each of these points.
+    b = b_at[point]
+    axis = axis_T[row]
+    x = x_T[row]
     flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
     angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
 
     # The smallest of these angles; 0 if they have both signs.
-    least, most = np.minimum.reduceat(angle, first), np.maximum.reduceat(angle, first)
-    angle = np.where(
-        (least < 0.0) & (most > 0.0), 0.0, np.where(np.abs(least) < np.abs(most), least, most)
-    )
+    least = np.minimum.reduceat(angle, first)
+    most = np.maximum.reduceat(angle, first)
+    smallest = np.where(np.abs(least) < np.abs(most), least, most)
+    smallest[(least < 0.0) & (most > 0.0)] = 0.0
 
-    return recording["tool_x"].time[rows], angle
+    return recording["tool_x"].time[rows], smallest
 
 
 def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
@@ -235,7 +234,8 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
     rows = np.flatnonzero(recording.within(WorkState.WORK))
     tip_T = _in_object(recording, truth, rows, _path_pose(recording, truth))[0]
     path = truth.model.path(truth.path)
-    p, a = np.asarray(path.p), np.asarray(path.a)
+    p = np.asarray(path.p)
+    a = np.asarray(path.a)
 
     # the ideal path of a tool that keeps a distance lies above the surface
     off = truth.contactless or 0.0
@@ -306,7 +306,8 @@ def _in_object(
     Returns:
         The pad's face (N, 3) [m] in T, and the object's rotation R_WT (N, 3, 3).
     """
-    R, origin = np.broadcast_to(X_WT[:3, :3], (len(rows), 3, 3)), X_WT[:3, 3]
+    R = np.broadcast_to(X_WT[:3, :3], (len(rows), 3, 3))
+    origin = X_WT[:3, 3]
     if "p_WT" in recording:
         from scipy.spatial.transform import Rotation
 
@@ -314,7 +315,8 @@ def _in_object(
             recording["quat_WT_wxyz"].value[rows], scalar_first=True
         ).as_matrix()
         same = inverse(truth.X_WT) @ X_WT
-        R, origin = moved @ same[:3, :3], recording["p_WT"].value[rows] + moved @ same[:3, 3]
+        R = moved @ same[:3, :3]
+        origin = recording["p_WT"].value[rows] + moved @ same[:3, 3]
 
     return _turned_back(R, recording["p_pad"].value[rows] - origin), R
 

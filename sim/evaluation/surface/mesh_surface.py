@@ -131,7 +131,7 @@ def _closest_barycentric(corners: Array, point: Array) -> Array:
     """Barycentric weights (T, 3) of the point of each triangle (T, 3, 3) that is closest to `point`
     (3,).
     """
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    a, b, c = np.moveaxis(corners, 1, 0)
     ab = b - a
     ac = c - a
     ap = point - a

@@ -32,6 +32,11 @@ ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)  # of `rng`; the second one with -m long
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
 
+# Imports and syntax trees make millions of objects, none of them garbage: the collector looks at
+# them seldom, and not at all before the tests (`pytest_collection_finish`).
+gc.set_threshold(50_000, 20, 50)
+gc.disable()
+
 # Byte code is written whatever the environment says: each process that a test starts would else
 # translate all packages anew, for 3 s.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -120,6 +125,7 @@ def pytest_collection_finish() -> None:
     it each time.
     """
     gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(optionalhook=True)

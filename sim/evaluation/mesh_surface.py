@@ -44,17 +44,19 @@ class Surface:
         edges /= np.linalg.norm(edges, axis=2, keepdims=True)
         angle = np.arccos(np.clip(-np.sum(edges * np.roll(edges, 1, axis=1), axis=2), -1.0, 1.0))
 
-        normals = np.zeros_like(corners)
-        owner = np.repeat(np.arange(len(index)), 3)
+        # Corners at one vertex, in their order; vertices with as many corners together.
         vertex = index.ravel()
-        weight = angle.ravel()
         order = np.argsort(vertex, kind="stable")
-        groups = np.split(order, np.flatnonzero(np.diff(vertex[order])) + 1)
+        begin = np.flatnonzero(np.diff(vertex[order], prepend=-1))
+        count = np.diff(begin, append=len(order))
+
+        normals = np.zeros_like(corners)
         rows = normals.reshape(-1, 3)
-        for group in groups:
-            n = flat[owner[group]]
-            smooth = (n @ n.T) >= np.cos(crease)
-            rows[group] = smooth @ (weight[group, None] * n)
+        for number in np.unique(count):
+            alike = order[begin[count == number][:, None] + np.arange(number)]
+            n = flat[alike // 3]
+            smooth = (n @ n.transpose(0, 2, 1)) >= np.cos(crease)
+            rows[alike] = smooth @ (angle.ravel()[alike][..., None] * n)
 
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
         return cls(corners=corners, normals=normals)

@@ -96,6 +96,7 @@ VEHICLES: "Registry[mujoco.MjSpec]" = Registry(
     {name: entry.build for name, entry in _MODELS.items()},
     {"bluerov2_heavy": "bluerov2_heavy_benzon2022"},  # the later and better attested set
     form=MadeForm("a mujoco.MjSpec", lambda spec: hasattr(spec, "worldbody")),
+    copied=lambda spec: spec.copy(),
 )
 
 

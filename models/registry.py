@@ -52,6 +52,7 @@ class Registry(Generic[T]):
         built_in: Mapping[str, Callable[..., T] | str],
         aliases: Mapping[str, str] | None = None,
         form: "MadeForm | None" = None,
+        copied: Callable[[T], T] | None = None,
     ) -> None:
         """Set the kind, the built-in makers by name, and aliases of some of them.
 
@@ -61,9 +62,13 @@ class Registry(Generic[T]):
                 needed; they take precedence over makers of other packages with the same name.
             aliases: built-in names by alias.
             form: requirement on what a user's maker returns; None: no requirement.
+            copied: makes a copy, so that a built-in thing is made once and `load` returns copies;
+                None: it is made anew each time.
         """
         self.kind = kind
         self._form = form
+        self._copied = copied
+        self._made: dict[Any, T] = {}  # built-in things to copy, by name and options
         self._built_in = dict(built_in)
         self._aliases = dict(aliases or {})
         self._found: dict[str, EntryPoint] | None = None
@@ -126,6 +131,11 @@ class Registry(Generic[T]):
                 )
 
         # An error in another package is reported as a fault of the name, not of this program.
+        if is_built_in and self._copied is not None:
+            key = (name, arguments, *sorted(options.items()))
+            if key not in self._made:
+                self._made[key] = make(*arguments, **options)
+            return self._copied(self._made[key])
         if is_built_in:
             return make(*arguments, **options)
         try:

@@ -33,6 +33,7 @@ import math
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -442,8 +443,8 @@ def _body_drag_slope(body: BodyHydrodynamics, speed: float) -> Array:
     slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(
         2.0 * speed * body.quadratic_damping
     )
-    for strip in body.segments:
-        nodes, weights = np.polynomial.legendre.leggauss(strip.stations)
+    for strip in body.segments if speed > 0.0 else ():
+        nodes, weights = _stations(strip.stations)
         length = float(np.linalg.norm(strip.end - strip.start))
         axis = (strip.end - strip.start) / length
         along = np.outer(axis, axis)
@@ -455,6 +456,12 @@ def _body_drag_slope(body: BodyHydrodynamics, speed: float) -> Array:
     for form in body.terms:
         slope += form.slope(speed)
     return slope
+
+
+@cache
+def _stations(number: int) -> tuple[Array, Array]:
+    """Gauss-Legendre nodes (n,) on [-1, 1] and weights (n,)."""
+    return np.polynomial.legendre.leggauss(number)
 
 
 def _carriers(model: mujoco.MjModel) -> list[int]:

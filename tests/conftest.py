@@ -20,6 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import hypothesis
 import numpy as np
 import pytest
+from hypothesis.internal.conjecture import providers
 
 import uuv
 from uuv.models.meshes import open3d_loader
@@ -31,6 +32,11 @@ pytest_plugins = ["skip_ceiling"]  # --most-skipped
 ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)  # of `rng`; the second one with -m long
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
+
+# Imports and syntax trees make millions of objects, none of them garbage: the collector looks at
+# them seldom, and not at all before the tests (`pytest_collection_finish`).
+gc.set_threshold(10_000, 10, 100)
+gc.disable()
 
 # Byte code is written whatever the environment says: each process that a test starts would else
 # translate all packages anew, for 3 s.
@@ -82,6 +88,10 @@ def pytest_configure(config: pytest.Config) -> None:
         "suite", derandomize=not option.seeds, database=None, deadline=None
     )
     hypothesis.settings.load_profile("suite")
+    if not option.seeds and hasattr(providers, "_get_local_constants"):
+        # Hypothesis would draw from constants of all modules that are imported by then, after
+        # parsing them: other examples in another order of tests.
+        providers._get_local_constants = lambda: providers._local_constants
     if option.seeds and option.hypothesis_seed is None:
         option.hypothesis_seed = str(option.seeds[0])
 
@@ -120,6 +130,19 @@ def pytest_collection_finish() -> None:
     it each time.
     """
     gc.freeze()
+    gc.enable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None):
+    """What a file's tests leave behind (caches, modules that they import) is not walked again by
+    those of the next.
+    """
+    result = yield
+    if nextitem is None or nextitem.path != item.path:
+        gc.collect()
+        gc.freeze()
+    return result
 
 
 @pytest.hookimpl(optionalhook=True)

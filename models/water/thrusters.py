@@ -17,7 +17,7 @@ is stored in the actuator's gear, so that plant, allocation and MuJoCo use the s
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -532,7 +532,7 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
         gear = model.actuator_gear[i]
 
         try:
-            unpack(rows[i])
+            _check_row(rows[i].tobytes())
         except ConfigurationError as error:
             raise ConfigurationError(f"actuator {name!r}: {error}") from error
 
@@ -552,6 +552,12 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
                 f"{model.actuator_actnum[i]}"
             )
     return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
+
+
+@lru_cache(maxsize=256)
+def _check_row(content: bytes) -> None:
+    """Refuse the bytes of an invalid row as `unpack` does; a valid one is checked once."""
+    unpack(np.frombuffer(content))
 
 
 def sheet_blocks(table: Array) -> list[Array]:

@@ -4,12 +4,12 @@ Each rule gives offences, a place and an amount; a file that obeys all of them h
 """
 
 import ast
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from source_tree import parsed
+from source_tree import nodes, parsed
 
 AIR = 8  # blank and comment lines for 100 lines of code in a file's functions, at least
 UNBROKEN = 25  # lines of a function without a blank line or a comment, at most
@@ -38,7 +38,7 @@ class Page:
     """A file as its rules see it."""
 
     tree: ast.Module
-    nodes: list[ast.AST]  # all of the tree: a walk takes longer than the rules
+    nodes: Sequence[ast.AST]  # all of the tree
     lines: list[str]
     documented: frozenset[int]  # numbers of the lines of docstrings
 
@@ -175,9 +175,8 @@ RULES: dict[str, Callable[[Page], Iterator[Offence]]] = {  # by the key in the r
 def offences(path: Path) -> dict[str, list[Offence]]:
     """Offences of a file against each rule, in the order of its lines."""
     tree = parsed(path)
-    nodes = list(ast.walk(tree))
     lines = path.read_text(encoding="utf-8").splitlines()
-    page = Page(tree, nodes, lines, frozenset(_docstring_lines(nodes)))
+    page = Page(tree, nodes(path), lines, frozenset(_docstring_lines(nodes(path))))
     return {
         name: sorted(rule(page), key=lambda offence: offence.line) for name, rule in RULES.items()
     }
@@ -188,7 +187,7 @@ def _excess(node: Function | ast.ClassDef, number: int, most: int, unit: str) ->
         yield Offence(node.lineno, number - most, f"{node.name}: {number} {unit}, at most {most}")
 
 
-def _docstring_lines(nodes: list[ast.AST]) -> Iterator[int]:
+def _docstring_lines(nodes: Iterable[ast.AST]) -> Iterator[int]:
     for node in nodes:
         if (
             isinstance(node, (*Definition, ast.ClassDef, ast.Module))

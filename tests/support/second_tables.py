@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import get_args
 
-from source_tree import name_of, parsed, sources
+from source_tree import name_of, nodes, parsed, sources
 
 LEAST = 3  # names of a list that make a table of it
 _TABLES = (ast.Dict, ast.Tuple, ast.List, ast.Set, ast.Match)
@@ -75,7 +75,7 @@ def tables_in(path: Path, known: Mapping[str, frozenset[str]]) -> Iterator[Table
         for node in tree.body
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     }
-    for node in ast.walk(tree):
+    for node in nodes(path):
         if not isinstance(node, _TABLES):
             continue
         words = frozenset(map(_spelling, _words(node)))
@@ -87,15 +87,16 @@ def tables_in(path: Path, known: Mapping[str, frozenset[str]]) -> Iterator[Table
 
 
 @cache
-def second_tables() -> tuple[Table, ...]:
-    """Tables beside the list itself, which is the one with the most names; those of experiments are
-    choices.
-    """
+def product_tables() -> tuple[Table, ...]:
+    """All tables of the product, lists themselves included; those of experiments are choices."""
     product = [path for path in sources() if not name_of(path).startswith("scripts/")]
-    tables = sorted(
-        (table for path in product for table in tables_in(path, lists())),
-        key=lambda t: -len(t.names),
-    )
+    return tuple(table for path in product for table in tables_in(path, lists()))
+
+
+@cache
+def second_tables() -> tuple[Table, ...]:
+    """Tables beside the list itself, which is the one with the most names."""
+    tables = sorted(product_tables(), key=lambda t: -len(t.names))
     met: set[str] = set()
     return tuple(table for table in tables if table.kind in met or met.add(table.kind))
 

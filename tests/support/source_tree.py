@@ -1,10 +1,10 @@
 """The project's own Python files: under which module names they are, and their syntax trees, each
-parsed once.
+parsed and walked once.
 """
 
 import ast
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cache
 from pathlib import Path
 
@@ -45,6 +45,14 @@ def parsed(path: Path) -> ast.Module:
 
 
 @cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All nodes of a file's tree, for the many rules that look at each: a walk takes longer than
+    they do.
+    """
+    return tuple(ast.walk(parsed(path)))
+
+
+@cache
 def modules() -> dict[str, Path]:
     """Files by the module names under which they are imported: those of `uuv`, its rooms and the
     experiments.
@@ -69,23 +77,22 @@ def imports() -> dict[str, frozenset[str]]:
     type checkers.
     """
     return {
-        module: frozenset(imported_by(parsed(path), modules()))
-        for module, path in modules().items()
+        module: frozenset(imported_by(nodes(path), modules())) for module, path in modules().items()
     }
 
 
-def imported_by(tree: ast.Module, known: Iterable[str]) -> set[str]:
+def imported_by(statements: Iterable[ast.AST], known: Collection[str]) -> set[str]:
     """Those of the `known` modules that a module imports, packages for the sake of a name in them
     included.
     """
     names: set[str] = set()
-    for node in ast.walk(tree):
+    for node in statements:
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             inner = {f"{node.module}.{alias.name}" for alias in node.names}
             names |= {name if name in known else node.module for name in inner}
-    return names & {*known}
+    return {name for name in names if name in known}
 
 
 def circles(graph: dict[str, frozenset[str]]) -> list[list[str]]:

@@ -8,6 +8,8 @@ from uuv.sim.interfaces.spatial import Array
 
 # [rad] between normals; triangles that differ less are facets of one curved face
 CREASE = np.radians(30.0)
+TOGETHER = 32  # neighbouring points, for which what is near is sought at once
+SLACK = 1e-12  # [m] on what is near, for rounding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,17 +44,19 @@ class Surface:
         edges /= np.linalg.norm(edges, axis=2, keepdims=True)
         angle = np.arccos(np.clip(-np.sum(edges * np.roll(edges, 1, axis=1), axis=2), -1.0, 1.0))
 
-        normals = np.zeros_like(corners)
-        owner = np.repeat(np.arange(len(index)), 3)
+        # Corners at one vertex, in their order; vertices with as many corners together.
         vertex = index.ravel()
-        weight = angle.ravel()
         order = np.argsort(vertex, kind="stable")
-        groups = np.split(order, np.flatnonzero(np.diff(vertex[order])) + 1)
+        begin = np.flatnonzero(np.diff(vertex[order], prepend=-1))
+        count = np.diff(begin, append=len(order))
+
+        normals = np.zeros_like(corners)
         rows = normals.reshape(-1, 3)
-        for group in groups:
-            n = flat[owner[group]]
-            smooth = (n @ n.T) >= np.cos(crease)
-            rows[group] = smooth @ (weight[group, None] * n)
+        for number in np.unique(count):
+            alike = order[begin[count == number][:, None] + np.arange(number)]
+            n = flat[alike // 3]
+            smooth = (n @ n.transpose(0, 2, 1)) >= np.cos(crease)
+            rows[alike] = smooth @ (angle.ravel()[alike][..., None] * n)
 
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
         return cls(corners=corners, normals=normals)
@@ -74,21 +78,36 @@ class Surface:
         normals = np.empty_like(points)
         best = 0
 
-        for i, point in enumerate(points):
-            # The last triangle bounds the distance, so that only nearer boxes need be tested.
-            held = self.corners[best]
-            reach = np.linalg.norm(_closest_barycentric(held[None], point)[0] @ held - point)
-            gap = np.maximum(np.maximum(low - point, point - high), 0.0)
-            near = np.flatnonzero(np.einsum("tk,tk->t", gap, gap) <= (reach + 1e-12) ** 2)
+        for first in range(0, len(points), TOGETHER):
+            rows = slice(first, first + TOGETHER)
+            group = points[rows]
+            middle = 0.5 * (group.min(axis=0) + group.max(axis=0))
+            off = np.linalg.norm(group - middle, axis=1)
 
-            weights = _closest_barycentric(self.corners[near], point)
-            candidates = np.einsum("tk,tkj->tj", weights, self.corners[near])
-            choice = int(np.argmin(np.sum((candidates - point) ** 2, axis=1)))
+            # Distance of the middle: the last triangle bounds it, so that only nearer boxes need be
+            # tested.
+            reach = _distances(self.corners[best][None], middle).min()
+            near = np.flatnonzero(_gaps(low, high, middle) <= reach + SLACK)
+            reach = _distances(self.corners[near], middle).min()
 
-            best = int(near[choice])
-            closest[i] = candidates[choice]
-            normal = weights[choice] @ self.normals[best]
-            normals[i] = normal / np.linalg.norm(normal)
+            # Each point is at most so much farther away as it lies off the middle.
+            near = np.flatnonzero(_gaps(low, high, middle) <= reach + 2.0 * off.max() + SLACK)
+            gaps = _gaps(low[near], high[near], group[:, None])
+            point, column = np.nonzero(gaps <= (reach + off + SLACK)[:, None])
+            triangle = near[column]
+
+            weights = _closest_barycentric(self.corners[triangle], group[point])
+            candidates = np.einsum("tk,tkj->tj", weights, self.corners[triangle])
+            distance = np.full(gaps.shape, np.inf)
+            distance[point, column] = np.sum((candidates - group[point]) ** 2, axis=1)
+            pair = np.zeros(gaps.shape, dtype=np.int64)
+            pair[point, column] = np.arange(len(point))
+            choice = pair[np.arange(len(group)), distance.argmin(axis=1)]
+
+            best = int(triangle[choice[-1]])
+            closest[rows] = candidates[choice]
+            normal = np.einsum("tk,tkj->tj", weights[choice], self.normals[triangle[choice]])
+            normals[rows] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
         return closest, normals
 
@@ -103,38 +122,58 @@ def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
     Returns:
         Closest points (N, 3) [m] and arc lengths (N,) [m].
     """
-    start = curve[:-1]
     edge = np.diff(curve, axis=0)
     length = np.linalg.norm(edge, axis=1)
-    arc = np.concatenate([[0.0], np.cumsum(length)])
+    arc = np.concatenate([[0.0], np.cumsum(length)])[:-1]
+    long = length > 0.0
+    start, edge, length, arc = curve[:-1][long], edge[long], length[long], arc[long]
+    if not len(edge):
+        return np.tile(curve[0], (len(points), 1)), np.zeros(len(points))
 
-    best = np.full(len(points), np.inf)
     closest = np.empty_like(points)
     at = np.empty(len(points))
+    for first in range(0, len(points), TOGETHER):
+        rows = slice(first, first + TOGETHER)
+        group = points[rows]
+        middle = 0.5 * (group.min(axis=0) + group.max(axis=0))
+        off = np.linalg.norm(group - middle, axis=1).max()
 
-    for i in range(len(edge)):
-        if length[i] == 0.0:
-            continue
-        share = np.clip((points - start[i]) @ edge[i] / length[i] ** 2, 0.0, 1.0)
-        candidate = start[i] + share[:, None] * edge[i]
-        distance = np.sum((points - candidate) ** 2, axis=1)
+        # Edges that are the closest of one of the points, at most so much farther from the middle.
+        share = np.clip(_dot(middle - start, edge) / length**2, 0.0, 1.0)
+        gap = np.linalg.norm(start + share[:, None] * edge - middle, axis=1)
+        near = np.flatnonzero(gap <= gap.min() + 2.0 * off + SLACK)
 
-        closer = distance < best
-        best[closer] = distance[closer]
-        closest[closer] = candidate[closer]
-        at[closer] = (arc[i] + share * length[i])[closer]
+        away = group[:, None] - start[near]
+        share = np.clip(_dot(away, edge[near]) / length[near] ** 2, 0.0, 1.0)
+        candidates = start[near] + share[..., None] * edge[near]
+        choice = np.sum((candidates - group[:, None]) ** 2, axis=2).argmin(axis=1)
+        every = np.arange(len(group))
+        closest[rows] = candidates[every, choice]
+        at[rows] = arc[near[choice]] + share[every, choice] * length[near[choice]]
 
     return closest, at
 
 
-def _closest_barycentric(corners: Array, point: Array) -> Array:
-    """Barycentric weights (T, 3) of the point of each triangle (T, 3, 3) that is closest to `point`
-    (3,).
+def _distances(corners: Array, point: Array) -> Array:
+    """Distances (T,) [m] of a point (3,) from triangles (T, 3, 3)."""
+    weights = _closest_barycentric(corners, np.broadcast_to(point, corners[:, 0].shape))
+    return np.linalg.norm(np.einsum("tk,tkj->tj", weights, corners) - point, axis=1)
+
+
+def _gaps(low: Array, high: Array, points: Array) -> Array:
+    """Distances [m] of points (..., 1, 3) from boxes between corners `low` and `high` (T, 3)."""
+    gap = np.maximum(np.maximum(low - points, points - high), 0.0)
+    return np.sqrt(_dot(gap, gap))
+
+
+def _closest_barycentric(corners: Array, points: Array) -> Array:
+    """Barycentric weights (T, 3) of the point of each triangle (T, 3, 3) that is closest to its
+    point (T, 3).
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     ab = b - a
     ac = c - a
-    ap = point - a
+    ap = points - a
     d11 = _dot(ab, ab)
     d12 = _dot(ab, ac)
     d22 = _dot(ac, ac)
@@ -152,8 +191,8 @@ def _closest_barycentric(corners: Array, point: Array) -> Array:
     for i, j in ((0, 1), (1, 2), (2, 0)):
         start = corners[outside, i]
         edge = corners[outside, j] - corners[outside, i]
-        share = np.clip(_dot(point - start, edge) / _dot(edge, edge), 0.0, 1.0)
-        distance = np.sum((start + share[:, None] * edge - point) ** 2, axis=1)
+        share = np.clip(_dot(points[outside] - start, edge) / _dot(edge, edge), 0.0, 1.0)
+        distance = np.sum((start + share[:, None] * edge - points[outside]) ** 2, axis=1)
 
         closer = distance < best
         best[closer] = distance[closer]
@@ -166,4 +205,4 @@ def _closest_barycentric(corners: Array, point: Array) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    return np.sum(a * b, axis=-1)
+    return np.einsum("...k,...k->...", a, b)

@@ -1,6 +1,7 @@
 """Errors of the true tip at work: from its path, from the surface, and of the tool's attitude."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -157,7 +158,7 @@ def gap_figures(recording: "Recording", truth: TrueObject) -> GapMetrics | None:
 def tool_gap(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
     """Distance of the pad's face from the true surface in the work state; 0 inside the object."""
     time, tip_T, _ = _at_work(recording, truth)
-    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    surface = surface_of(truth.model)
     p_surface, normal = surface.closest(tip_T)
     outside = np.sum((tip_T - p_surface) * normal, axis=1) > 0.0
     return time, np.where(outside, np.linalg.norm(tip_T - p_surface, axis=1), 0.0)
@@ -174,7 +175,7 @@ def tool_tilt(recording: "Recording", truth: TrueObject) -> tuple[Array, Array]:
         Times (N,) [s] and angles (N,) [rad].
     """
     time, tip_T, axis = _at_work(recording, truth)
-    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    surface = surface_of(truth.model)
     _, normal = surface.closest(tip_T)
     sine = np.linalg.norm(np.cross(axis, normal), axis=1)
     return time, np.arctan2(sine, -np.sum(axis * normal, axis=1))
@@ -252,9 +253,15 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
 
     # Distance from the surface, evaluated at fewer rows.
     time, tip_on_T, _ = _at_work(recording, truth)
-    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    surface = surface_of(truth.model)
     above = np.linalg.norm(tip_on_T - surface.closest(tip_on_T)[0], axis=1) - off
     return np.hypot(across, np.interp(recording["p_pad"].time[rows], time, above)), arc
+
+
+@lru_cache(maxsize=1)
+def surface_of(model: TargetModel) -> Surface:
+    """Surface of an object; the last one is kept, for several figures of a run need it."""
+    return Surface.of(np.asarray(model.vertices), model.triangles)
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:

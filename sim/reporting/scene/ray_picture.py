@@ -47,6 +47,9 @@ class RayPicture:
         self._corners = np.concatenate([np.zeros((0, 3)), *(mesh[0] for _, mesh in shapes)])
         colours = [np.zeros((0, 3)), *(mesh[2][::3, :3] / 255.0 for _, mesh in shapes)]
         self._colours = np.concatenate(colours).astype(np.float32)
+        # Poses of the last picture, and its shapes: those of the tool from near are the same.
+        self._poses: tuple[bytes, bytes] | None = None
+        self._shapes = _Shapes(np.zeros((0, 3)), np.zeros(3))
 
     def render(
         self,
@@ -66,13 +69,17 @@ class RayPicture:
             marks: What is drawn into it.
             size: [px] height and width; None: the usual ones.
         """
-        R_WB = data.xmat[self._of].reshape(-1, 3, 3)
-        corners = np.einsum("nij,nj->ni", R_WB, self._corners) + data.xpos[self._of]
+        poses = data.xpos.tobytes(), data.xmat.tobytes()
+        if poses != self._poses:
+            R_WB = data.xmat[self._of].reshape(-1, 3, 3)
+            corners = np.einsum("nij,nj->ni", R_WB, self._corners) + data.xpos[self._of]
+            self._shapes = _Shapes(corners, view.eye_W)
+            self._poses = poses
         marked, tints = triangles(marks)
         scene = _LitScene(
-            np.concatenate([corners, marked]) - view.eye_W,
+            self._shapes,
+            _Shapes(marked, view.eye_W),
             np.concatenate([self._colours, tints.astype(np.float32)]),
-            len(self._colours),
             view.eye_W,
             sea,
         )
@@ -96,28 +103,38 @@ class RayPicture:
         """Do nothing, since there are no resources to free."""
 
 
+class _Shapes:
+    """Triangles for rays, held relative to an origin near the camera."""
+
+    def __init__(self, corners_W: Floats, origin_W: Floats) -> None:
+        """Prepare the triangles of corners (3 T, 3) [m] in W."""
+        self.count = len(corners_W) // 3
+        self.origin_W = np.array(origin_W)
+        self.rays = RayScene(
+            corners_W - self.origin_W, np.arange(len(corners_W)).reshape(-1, 3)
+        )
+
+
 class _LitScene:
     """Triangles about the camera, in the light of the sea."""
 
     def __init__(
-        self, corners: Floats, colours: Floats, solid: int, eye_W: Floats, sea: SeaLook
+        self, solid: _Shapes, marks: _Shapes, colours: Floats, eye_W: Floats, sea: SeaLook
     ) -> None:
         """Prepares the rays.
 
         Args:
-            corners: (3 T, 3) [m] in W, from the camera.
-            colours: (T, 3)
-            solid: Triangles that are solid; those after them are marks.
+            solid: Shapes that cast shadows.
+            marks: Shapes that cast none, held relative to the camera.
+            colours: (T, 3) of the triangles, those of the marks last.
             eye_W: (3,) [m]
             sea: The water.
         """
-        self._scene = RayScene(corners, np.arange(len(corners)).reshape(-1, 3))
         self._solid = solid
+        self._marks = marks
         self._colours = colours
-        # What casts shadows: no marks.
-        first = 3 * solid
-        self._shading = RayScene(corners[:first], np.arange(first).reshape(-1, 3))
         self._eye_W = eye_W
+        self._eye = eye_W - solid.origin_W  # as `solid` is held
         self._sea = sea
 
     def look(self, rays: Floats) -> tuple[Floats, Floats, Floats]:
@@ -126,8 +143,16 @@ class _LitScene:
         Returns:
             Colours (N, 3) as seen; normal, own colour and sun (N, 7) of the surface; depth (N,).
         """
-        hit = self._scene.cast(np.zeros(3), rays)
+        hit = self._solid.rays.cast(self._eye, rays)
         depth = hit["t"]
+
+        # Marks before them.
+        if self._marks.count:
+            before = np.flatnonzero(self._marks.rays.distance(np.zeros(3), rays) < depth)
+            marked = self._marks.rays.cast(np.zeros(3), rays[before])
+            depth[before] = marked["t"]
+            hit["triangle"][before] = self._solid.count + marked["triangle"]
+            hit["normal"][before] = marked["normal"]
         length = np.linalg.norm(rays, axis=1)
         ways = rays / length[:, None]
 
@@ -140,7 +165,7 @@ class _LitScene:
         colours = np.zeros((len(rays), 3), dtype=np.float32)
         points = depth[visible, None] * rays[visible]
         light, sunny = self._light(points, normal, abs(facing))
-        light[triangle >= self._solid] = 1.0
+        light[triangle >= self._solid.count] = 1.0
         colours[visible] = self._colours[triangle] * light
 
         surface = np.zeros((len(rays), 7), dtype=np.float32)
@@ -154,7 +179,8 @@ class _LitScene:
         steep = np.clip(normal @ SUN_W.astype(np.float32), 0.0, None)
         towards = np.flatnonzero(steep > 0.0)
         sun = np.tile(SUN_W, (len(towards), 1))
-        free = ~np.isfinite(self._shading.distance(points[towards] + _OFF * normal[towards], sun))
+        starts = self._eye + points[towards] + _OFF * normal[towards]
+        free = ~np.isfinite(self._solid.rays.distance(starts, sun))
         steep[towards] *= free
         sunny = np.zeros(len(points), dtype=bool)
         sunny[towards] = free

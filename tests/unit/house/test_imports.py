@@ -62,7 +62,10 @@ def test_a_circle_is_told():
         "uuv.c": "import uuv.a, uuv.d",
         "uuv.d": "import numpy",
     }
-    graph = {name: frozenset(imported_by(ast.parse(text), names)) for name, text in sources.items()}
+    graph = {
+        name: frozenset(imported_by(ast.walk(ast.parse(text)), names))
+        for name, text in sources.items()
+    }
     assert circles(graph) == [["uuv.a", "uuv.b", "uuv.c"]]
 
 

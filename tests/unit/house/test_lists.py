@@ -2,14 +2,14 @@
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 
 import ratchets
-from second_tables import lists, second_tables, tables_in
-from source_tree import ROOT, name_of, parsed, sources
+from second_tables import lists, product_tables, second_tables, tables_in
+from source_tree import ROOT, name_of, nodes, sources
 
 VALUES = [
     path
@@ -22,9 +22,11 @@ VALUES = [
 OPTION = re.compile(r"--[a-z]")
 
 
-def texts_with_options(tree: ast.Module) -> Iterator[str]:
-    """Texts that begin with an option of a command line, those that are put together included."""
-    for node in ast.walk(tree):
+def texts_with_options(parts: Iterable[ast.AST]) -> Iterator[str]:
+    """Texts that begin with an option of a command line, those that are put together
+    included.
+    """
+    for node in parts:
         if (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)
@@ -39,10 +41,12 @@ def test_no_list_is_written_twice():
 
 
 def test_the_lists_themselves_are_found():
-    product = [path for path in sources() if not name_of(path).startswith("scripts/")]
-    tables = [table for path in product for table in tables_in(path, lists())]
     # All but names that are added beside the list, as a variant of an arm is.
-    whole = {table.kind for table in tables if len(table.names) >= 0.9 * len(lists()[table.kind])}
+    whole = {
+        table.kind
+        for table in product_tables()
+        if len(table.names) >= 0.9 * len(lists()[table.kind])
+    }
     assert whole == set(lists()) - {"job"}  # which is no table: functions under `@job`
 
 
@@ -88,7 +92,7 @@ def test_a_new_second_table_is_refused(monkeypatch: pytest.MonkeyPatch):
 def test_what_describes_a_run_names_keys_and_not_options():
     assert len(VALUES) > 20
     assert {
-        name_of(path): texts for path in VALUES if (texts := [*texts_with_options(parsed(path))])
+        name_of(path): texts for path in VALUES if (texts := [*texts_with_options(nodes(path))])
     } == {}
 
 
@@ -97,4 +101,4 @@ def test_an_option_in_a_message_is_found():
         "def f(x):\n    finite(x, '--range [m]')\n    plot(x, '--')\n    raise "
         "ValueError(f'--speed {x}: no')"
     )
-    assert [*texts_with_options(ast.parse(text))] == ["--range [m]", "--speed "]
+    assert [*texts_with_options(ast.walk(ast.parse(text)))] == ["--range [m]", "--speed "]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from source_tree import ROOT, parsed, sources, tracked
+from source_tree import ROOT, nodes, parsed, sources, tracked
 
 FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 18, 20, 40
 SOURCES = sources()
@@ -61,11 +61,7 @@ def sentences(path: Path) -> list[str]:
     """Sentences of the docstrings of a module, or of a page without its code blocks and tables."""
     if path.suffix == ".py":
         kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-        texts = [
-            ast.get_docstring(node) or ""
-            for node in ast.walk(parsed(path))
-            if isinstance(node, kinds)
-        ]
+        texts = [ast.get_docstring(node) or "" for node in nodes(path) if isinstance(node, kinds)]
     else:
         texts = [re.sub(r"```.*?```", " ", path.read_text(), flags=re.DOTALL)]
     texts = [re.sub(r"^\s*\|.*$", "\n", text, flags=re.MULTILINE) for text in texts]
@@ -74,12 +70,12 @@ def sentences(path: Path) -> list[str]:
     ]
 
 
-def strings(tree: ast.Module) -> list[str]:
+def strings(path: Path) -> list[str]:
     """Texts of a module that a user may read: strings with blanks that are no docstrings."""
-    documentation = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    documentation = {id(node.value) for node in nodes(path) if isinstance(node, ast.Expr)}
     constants = [
         node.value
-        for node in ast.walk(tree)
+        for node in nodes(path)
         if isinstance(node, ast.Constant) and id(node) not in documentation
     ]
     return [text for text in constants if isinstance(text, str) and " " in text.strip()]
@@ -180,7 +176,7 @@ def test_messages_have_the_terms_of_the_field():
         f"{path.relative_to(ROOT)}: {text[:90]}"
         for path in SOURCES
         if path.relative_to(ROOT).parts[0] != "scripts"
-        for text in strings(parsed(path))
+        for text in strings(path)
         if DIALECT.search(text)
     ]
     assert foreign == []

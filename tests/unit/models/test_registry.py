@@ -43,6 +43,29 @@ def test_ours_by_name_and_alias():
     assert 3 not in BOXES
 
 
+def test_what_is_copied_is_made_once_for_the_same_options_and_each_copy_is_ones_own():
+    made: list[int] = []
+
+    def maker(size: int = 1) -> list[int]:
+        made.append(size)
+        return [size]
+
+    registry = Registry("box", {"box": maker}, copied=lambda box: box.copy())
+    first = registry.load("box")
+    first.append(7)
+    assert (registry.load("box"), registry.load("box", size=2)) == ([1], [2])
+    assert (registry.load("box", size=2), made) == ([2], [1, 2])
+
+
+@pytest.mark.parametrize("name", VEHICLES._built_in)
+def test_a_vehicle_is_the_one_that_its_maker_makes_whatever_was_done_to_another(name: str):
+    changed = VEHICLES.load(name)
+    changed.bodies[1].mass = 7.0
+    changed.delete(changed.bodies[-1])
+    (content, made) = (spec.to_xml() for spec in (VEHICLES.load(name), VEHICLES.maker(name)()))
+    assert content == made
+
+
 def test_another_packages(boxes):
     assert boxes.names() == ("big", "broken", "huge", "large", "lost", "number", "small")
     assert (boxes.load("huge"), boxes.load("huge", size=7)) == (100, 7)

@@ -108,9 +108,9 @@ def test_its_sigma_is_that_of_its_own_errors(within):
     state = felt(ClosedFormForce, estimate)
     forces = []
     sigma_G = estimator._sigma_G(state, np.full(N, 0.25))
-    for _ in range(300):
+    for _ in range(100):
         drawn = replace(estimate, tau=estimate.tau + rng.normal(0.0, 0.5, N))
         forces.append(felt(ClosedFormForce, drawn, 150).sensed.f_G.copy())
-    within("sigma over spread", np.std(forces, axis=0) / sigma_G - 1.0, 0.15)  # 300 draws: 4 %
+    within("sigma over spread", np.std(forces, axis=0) / sigma_G - 1.0, 0.15)  # 100 draws: 7 %
     usual = force_sigma(state.sensed.X_BG, state.sensed.J_B, np.ones(N), np.full(N, 0.25))
     assert np.all(sigma_G > usual - 1e-9)

@@ -132,7 +132,9 @@ def test_noise_of_the_command_grows_by_the_ratio_of_the_lags(vehicle, within):
     hand.
     """
     request = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((20_000, 6))
-    commands = follow(vehicle, ThrusterLead(vehicle, response=0.05), request)[1]
+    lead = ThrusterLead(vehicle, response=0.05)
+    state = lead.init()
+    commands = np.array([lead.step(state, row, STILL, DT) for row in request])
     keep, g = np.exp(-DT / 0.05), np.expm1(-DT / 0.05) / np.expm1(-DT / 0.15)
     # n' = keep n + (1 - keep) c, u = n + g (c - n): u is white g c beside (1 - g) n, and n is an
     # AR(1) of the past c.
@@ -152,8 +154,8 @@ def test_the_static_command_gives_the_thrust_wanted_in_any_inflow(vehicle, rng, 
         request = rng.uniform(-1.0, 1.0, 6) * rng.choice([20.0, 250.0])
         request[np.abs(request) < low] = 0.0
         command = static_commands(lead.propellers, request, nu_r_B)
-        plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
-        for _ in range(round(40.0 * vehicle.thruster_table[:, TIME_CONSTANT].max() / STEP)):
+        plant = HeldThrusters(vehicle.thruster_table, vehicle.thruster_wrench, DT)
+        for _ in range(round(40.0 * vehicle.thruster_table[:, TIME_CONSTANT].max() / DT)):
             plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))
         assert np.all(np.sign(command) == np.sign(request))
         inside = np.abs(command) < 1.0

@@ -4,6 +4,7 @@ is.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -372,6 +373,13 @@ def test_vision_lost_and_found():
     assert late_error(course, 38.0) < 1e-3
 
 
+@cache
+def without_a_camera() -> Course:
+    """Thirty seconds of which the last ten have no pictures."""
+    silent = with_pictures(lambda tick, m: m if tick <= 2000 else None)
+    return slow().run(30.0, np.random.default_rng(6), spoil=silent)
+
+
 @pytest.mark.parametrize("what", ["NaN", "frozen", "frozen with new times", "inf"])
 def test_a_broken_camera_is_as_good_as_none(what):
     """From 20 s on. Repeats with new times are used until they are too many to be chance."""
@@ -387,18 +395,13 @@ def test_a_broken_camera_is_as_good_as_none(what):
             return replace(last[0], time=m.time)
         return replace(m, p_WB=np.full(3, np.nan if what == "NaN" else np.inf))
 
-    none = slow().run(
-        30.0,
-        np.random.default_rng(6),
-        spoil=with_pictures(lambda tick, m: m if tick <= 2000 else None),
-    )
     course = slow().run(30.0, np.random.default_rng(6), spoil=with_pictures(broken))
     assert np.isfinite(course.p_believed).all()
     assert course.estimates[-1].vision_age > 9.0
     if "times" in what:
         assert np.abs(course.error).max() < 0.05
     else:
-        assert np.array_equal(course.p_believed, none.p_believed)
+        assert np.array_equal(course.p_believed, without_a_camera().p_believed)
 
 
 def test_fixes_from_the_future_are_refused():

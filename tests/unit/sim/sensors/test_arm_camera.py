@@ -240,15 +240,15 @@ def test_a_rendered_camera_measures_the_same_motion(model: mujoco.MjModel):
 
 
 def test_the_error_model_holds_on_pictures_that_it_was_not_fitted_to():
-    """Twenty fresh key pictures, rendered and aligned: error over the model's covariance, outliers
+    """Twelve fresh key pictures, rendered and aligned: error over the model's covariance, outliers
     left out.
     """
     model = fitted()
     parameters = np.concatenate([model.texture, model.shape])
-    rows = [fit_arm_camera.row(KeyCase(draws=4242, seed=number)) for number in range(20)]
+    rows = [fit_arm_camera.row(KeyCase(draws=4242, seed=number)) for number in range(12)]
     pairs = [pair for pair in pairs_of(rows) if not pair.lost]
     judged = np.array([squared(pair, parameters) for pair in pairs])
-    assert len(pairs) > 30
+    assert len(pairs) > 18
     inside = judged[judged[:, 0] < 28.0]
     assert len(inside) >= 0.93 * len(judged)
     assert inside[:, 0].sum() / inside[:, 1].sum() == pytest.approx(1.0, abs=0.4)

@@ -199,8 +199,8 @@ def test_two_logs_of_one_name_are_two(rov, tmp_path):
     """From the files to the page: both logs keep their current, sensors that begin late count from
     there.
     """
-    rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 7.0, np.random.default_rng(2))
-    for day, late in (("day1", 0.0), ("day2", 2.5)):
+    rng, flown = np.random.default_rng(2), survey(rov, nominal(rov), 4.5, np.random.default_rng(2))
+    for day, late in (("day1", 0.0), ("day2", 0.4)):
         log = simulated(rov, nominal(rov), flown, rng=rng)
         rows = {
             kind: Channel(time=c.time[c.time >= late], values=c.values[c.time >= late])
@@ -209,7 +209,7 @@ def test_two_logs_of_one_name_are_two(rov, tmp_path):
         (tmp_path / day).mkdir()
         write_log(tmp_path / day / "dive.csv", replace(log, channels=rows))
     logs = (tmp_path / "day1" / "dive.csv", tmp_path / "day2" / "dive.csv")
-    options = WaterOptions(log=logs, window=4.0, out=tmp_path / "out")
+    options = WaterOptions(log=logs, window=2.0, out=tmp_path / "out")
     assert run(options, Console(quiet=True)) == 0
     written = yaml.safe_load((tmp_path / "out" / "fit.yaml").read_text())
     assert set(written["logs"]) == {str(log) for log in logs}

@@ -163,12 +163,16 @@ class Calibration:
 
     @property
     def sigma(self) -> Array:
-        """Posterior standard deviation (P,) of each parameter, in its unit."""
+        """Standard deviation (P,) of the error of each parameter, in its unit."""
         return self.estimate.sigma
 
     @property
     def covariance(self) -> Array:
-        """Posterior covariance (P, P) of the parameters, in their units."""
+        """Covariance (P, P) of the errors of the parameters, in their units.
+
+        Where touches do not determine a parameter, its error is that of an arm within the stated
+        tolerances, by default those of `uuv.calib.parameters.DEFAULT_PRIOR`.
+        """
         return self.estimate.covariance
 
     def interval(self, confidence: float = 0.95) -> Array:
@@ -389,12 +393,15 @@ def identify(
     if method == "paper":
         parameters = select(arm, ("theta", "d", "a", "alpha", "tcp"))
         fit = paper_run(Problem(arm, data, parameters, mean))
+        tolerances = fit.deviations
         warnings.append(WARNING)
     else:
         how = method if isinstance(method, MapFit) else MapFit()
         fit, data, parameters = _map_fit(observed, data, free, prior, how)
+        # Deviations that the evidence chose may be below what arms are made to.
+        tolerances = prior_deviations(parameters, None) if prior is None else fit.deviations
 
-    return _assemble(observed, data, parameters, fit, warnings)
+    return _assemble(observed, data, parameters, fit, tolerances, warnings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -507,8 +514,14 @@ def _checked_distances(
 
 
 def _assemble(
-    observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]
+    observed: _Observed,
+    data: Data,
+    parameters: Parameters,
+    fit: Fit,
+    tolerances: Array,
+    warnings: list[str],
 ) -> Calibration:
+    """Result of a fit; `tolerances` (P,) are the deviations of arms from nominal."""
     arm, mean, bound = observed.arm, observed.mean, observed.loads
     touches, live = observed.touches.series, observed.touches.live
     places_used = observed.touches.kept
@@ -596,7 +609,8 @@ def _assemble(
             parameters=parameters,
             values=readonly(fit.full[parameters.index]),
             changes=readonly((fit.full - mean)[parameters.index]),
-            covariance=readonly(fit.covariance),
+            covariance=readonly(fit.error_covariance(tolerances)),
+            posterior=readonly(fit.covariance),
             prior=readonly(fit.deviations),
         ),
         degrees_of_freedom=max(data.degrees - fit.effective, 1.0),

@@ -100,11 +100,26 @@ def test_corrected_urdf_is_the_identified_arm(rng, tip, tmp_path, within):
     arm = off(source.arm, rng)
     tcp = rng.uniform(-0.1, 0.1, 3)
     (tmp_path / "b.urdf").write_text(results.corrected_urdf(source, arm, tcp))
-    back = read_arm(tmp_path / "b.urdf", tip="t" if tip == "t" else "touch_tip")
     q = rng.uniform(-1, 1, (20, 3))
     moved = source.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp)
     assert np.abs(moved).max() > 1e-3
-    within("corrected URDF [m]", back.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1e-11)  # 8e-13
+    for name in ("touch_tip", "t") if tip == "t" else ("touch_tip",):
+        back = read_arm(tmp_path / "b.urdf", tip=name).arm
+        within(f"{name} [m]", back.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1e-11)  # 8e-13
+
+    # A second calibration from the result moves the frame, and adds none.
+    second = read_arm(tmp_path / "b.urdf", tip=tip)
+    (tmp_path / "c.urdf").write_text(results.corrected_urdf(second, second.arm, tcp))
+    assert (tmp_path / "c.urdf").read_text().count('<link name="touch_tip"') == 1
+    back = read_arm(tmp_path / "c.urdf", tip="touch_tip").arm
+    within("second [m]", back.tips(q, np.zeros(3)) - second.arm.tips(q, tcp), 1e-11)
+
+
+def test_a_link_that_has_the_name_of_the_touched_point_is_refused(tmp_path):
+    (tmp_path / "a.urdf").write_text(URDF.replace('"l1"', '"touch_tip"'))
+    source = read_arm(tmp_path / "a.urdf", tip="t")
+    with pytest.raises(ConfigurationError, match="must be fixed and carry no other link"):
+        results.corrected_urdf(source, source.arm, np.zeros(3))
 
 
 def test_mjcf_patch_is_the_identified_arm(rng, tmp_path, within):

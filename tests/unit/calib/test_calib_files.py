@@ -266,6 +266,12 @@ def test_touches_in_all_their_forms(units, tmp_path):
         "label.csv": "time,point,a,b,c\n"
         + "\n".join(f"0.1,p{i},{r}" for i in range(2) for r in rows[i]),
         "number.csv": "\n".join(f"{i},{r}" for i in range(2) for r in rows[i]),
+        "unit.csv": f"nr,c_{units},point,a_{units},b_{units}\n"
+        + "\n".join(
+            "{0},{3},p{4},{1},{2}".format(k, *r.split(","), i)
+            for i in range(2)
+            for k, r in enumerate(rows[i])
+        ),
         "gap.csv": "\n\n".join("\n".join(block) for block in rows),
         "order.csv": "c;a;b\n"
         + "\n\n".join(
@@ -295,6 +301,11 @@ def test_touches_in_all_their_forms(units, tmp_path):
         ("a,b,c\n", "must have at least one touch"),
         ("1,2,3\n1,2\n", "the arm's 3 joints, got 2"),
         ("1,2,3,4,5\n", "the arm's 3 joints, got 5"),
+        (
+            "nr,a,b_deg,q [deg]\n1,1,2,3\n",
+            r"got 4; not joints of the arm: nr, q \[deg\]; ignored: time, t, stamp",
+        ),
+        ("nr,u,v,w\n1,1,2,3\n", "got 4: nr, u, v, w; its joints are a, b, c; ignored: time"),
         ("1,2,3\n1,nan,3\n", ":2: every joint value must be finite"),
         ("1,2,3\n1,oops,3\n", "must be a number"),
     ],
@@ -302,7 +313,7 @@ def test_touches_in_all_their_forms(units, tmp_path):
 def test_bad_touches_are_refused_in_a_sentence(text, said, tmp_path):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(ConfigurationError, match=said):
-        read_touches(tmp_path / "t.csv", joint_types="rrr")
+        read_touches(tmp_path / "t.csv", joint_types="rrr", joint_names="abc")
 
 
 def test_degrees_beside_radians_are_refused(tmp_path):

@@ -269,6 +269,45 @@ class Calibration:
         Returns:
             Half-widths (M, 3) [m].
         """
+        J = self._spread(q, payload_mass)
+
+        # Variance from the parameters and from the operator; errors of prediction may require more.
+        share = 1.0 - 1.0 / len(J)
+        variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
+        return self._widening(confidence) * self.quantile(confidence) * np.sqrt(variance)
+
+    def predicted_rms(
+        self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95
+    ) -> tuple[float, float]:
+        """RMS distance of touches of one new point from their mean, as predicted, and its bound.
+
+        The errors share the parameters, so that few of them are independent: the bound is that of a
+        scaled chi-square with the mean and variance of the squared distances.
+
+        Args:
+            q: (M, n) joint values of all touches of that point.
+            payload_mass: [kg] carried.
+            confidence: probability that the RMS distance is below the bound.
+
+        Returns:
+            Predicted RMS distance [m], and its upper bound [m].
+        """
+        J = self._spread(q, payload_mass)
+        noise2 = self.noise**2
+
+        # Traces of the covariance of all tips and of its square.
+        G = np.einsum("mpi,mri->pr", J, J) @ self.covariance
+        mean = float(np.trace(G)) + 3.0 * (len(J) - 1) * noise2
+        square = float(np.sum(G * G.T)) + 2.0 * noise2 * float(np.trace(G))
+        square += 3.0 * (len(J) - 1) * noise2**2
+
+        freedom = mean**2 / max(square, 1e-300)
+        bound = mean / freedom * float(chi2.ppf(confidence, freedom))
+        factor = self._widening(confidence)
+        return factor * float(np.sqrt(mean / len(J))), factor * float(np.sqrt(bound / len(J)))
+
+    def _spread(self, q: ArrayLike, payload_mass: float) -> Array:
+        """Derivatives (M, P, 3) by the parameters of touched tips about their mean."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         load = (
             None
@@ -276,19 +315,16 @@ class Calibration:
             else self.loads.with_payload(payload_mass, len(values)).at(values)
         )
 
-        # Derivatives of the tips about their mean.
         full = np.concatenate([self.arm.table.ravel(), self.tcp, self.compliance])
         data = Data(
             q=values, starts=np.zeros(1, dtype=int), load=load, weights=np.ones(len(values))
         )
         J = tips_of(self.arm, full, data)[1][:, self.estimate.parameters.index]
-        J = J - J.mean(axis=0)
+        return J - J.mean(axis=0)
 
-        # Variance from the parameters and from the operator; errors of prediction may require more.
-        share = 1.0 - 1.0 / len(values)
-        variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
-        factor = max(self.quantile(confidence), float(np.quantile(self.scores, confidence)))
-        return factor * np.sqrt(variance)
+    def _widening(self, confidence: float) -> float:
+        """Factor >= 1 by which errors of prediction exceed those of a right model."""
+        return max(1.0, float(np.quantile(self.scores, confidence)) / self.quantile(confidence))
 
     def deflected(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
         """Joint positions (M, n) at readings `q` (M, n), deflected under `payload_mass` [kg]."""

@@ -18,6 +18,7 @@ from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.spatial import Array
 
+SCALE = "scale"  # first word of the reason of a group of lengths with a common factor
 THRESHOLD = 3e-3  # share of the largest singular value, below which a direction counts as hidden
 _ANGLE = np.deg2rad(0.1)  # [rad] error to which the columns of angles are scaled
 # divisor of the arm's length: over that length `_ANGLE` gives the comparable error in metres
@@ -74,6 +75,12 @@ class RankReport:
     def total(self) -> int:
         """Number of parameters examined."""
         return len(self.parameters.names)
+
+    @property
+    def scaled(self) -> tuple[str, ...]:
+        """Parameters with a common factor that touching does not observe; empty if it does."""
+        groups = [group for group in self.hidden if group.reason.startswith(SCALE)]
+        return tuple(name for group in groups for name in group.names)
 
     @property
     def condition(self) -> float:
@@ -319,7 +326,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
     suspects += [
         (
             lengths,
-            "scale: the touches of a point coincide equally well with an arm of any size",
+            f"{SCALE}: the touches of a point coincide equally well with an arm of any size",
             "one known distance between points determines it",
         ),
         (
@@ -334,7 +341,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
         suspects.append(
             (
                 [*lengths, *compliant],
-                "scale: the compliances shrink as the arm grows",
+                f"{SCALE}: the compliances shrink as the arm grows",
                 "a known distance determines it",
             )
         )

@@ -62,8 +62,9 @@ def _held_out(outcome: CalibrationOutcome) -> Iterator[str]:
     for name, (rms, bound) in outcome.foretold.items():
         measured = outcome.held_out[name][1]
         about = (
-            f"held-out {name}: {1e3 * measured:.3g} mm RMS against {1e3 * fitted:.3g} of the fitted "
-            f"touches; the fit predicts {1e3 * rms:.3g}, at most {1e3 * bound:.3g} mm (95 %): "
+            f"held-out {name}: {1e3 * measured:.3g} mm RMS against {1e3 * fitted:.3g} of the "
+            f"fitted touches; the fit predicts {1e3 * rms:.3g}, at most {1e3 * bound:.3g} mm "
+            "(95 %): "
         )
 
         if measured > bound:
@@ -72,4 +73,4 @@ def _held_out(outcome: CalibrationOutcome) -> Iterator[str]:
                 "are less accurate"
             )
         elif measured > _FARTHER * fitted:
-            yield f"{about}in such postures the arm is determined no better; fit touches in them too"
+            yield f"{about}the arm is determined no better in such postures; fit some of them too"

@@ -273,13 +273,25 @@ def test_intervals_cover_arms_as_they_are_made():
     nominal = Arm.from_dh(OFFSET_ARM)
     made = {name: DEFAULT_PRIOR[name] for name in ("theta", "d", "a", "alpha", "beta")}
     missed: list[bool] = []
+    predicted = []
     for seed in range(40):
         rng = np.random.default_rng([8, seed])
         truth = wrong_arm(nominal, made, rng)
         points = 1 + 2 * (seed % 2)
         series = touch(truth, BALL, rng, points=points, touches=40 // points)
-        missed += outside(identify(series, nominal), truth).values()
+        fit = identify(series, nominal)
+        missed += outside(fit, truth).values()
+
+        # Touches of another point, eight of them.
+        (new,) = touch(truth, BALL, rng, points=1, touches=8)
+        tips = fit.tips(new)
+        rms = np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean())
+        predicted.append(rms / np.array(fit.predicted_rms(new)))
+
     assert 0.03 < np.mean(missed) < 0.06
+    ratio, over = np.transpose(predicted)
+    assert 0.5 < np.median(ratio) < 1.1
+    assert np.mean(over > 1.0) < 0.125
 
 
 def test_joint_loads_are_slopes_of_energy(within):

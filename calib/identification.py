@@ -10,6 +10,7 @@ A prior keeps the estimate from collapsing to an arm of size zero.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,6 +63,7 @@ _SURE_DISTANCE = 5e-5  # [m] standard deviation of a known distance where none i
 _BETA_LEVEL = 0.05  # significance level below which betas are dropped
 # [rad], and share of the arm's length: a larger change causes a warning
 _FAR_TURN, _FAR_SHARE = 0.1, 0.05
+_DETOUR = 5.0  # factor on the arm's reach, beyond which d of nearly parallel axes is no dimension
 _MOST_LENGTH = 1e3  # [m] largest known distance, and largest arm
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1.0  # [m] allowed range of the stated noise of a touch
 _FAR_OFF = 5e-3  # [m] noise, above which the touches or the table are assumed to be wrong
@@ -143,8 +145,27 @@ class Calibration:
 
     @property
     def dh(self) -> Array:
-        """Standard DH (n, 4) of the identified arm: theta0 [rad], d [m], a [m], alpha [rad]."""
-        return self.arm.dh
+        """Standard DH (n, 4) of the identified arm: theta0 [rad], d [m], a [m], alpha [rad].
+
+        Exact, but not usable as dimensions where two axes are nearly parallel: their common normal
+        may be far away. `arm.table` (n, 5) has Hayati's beta there and stays near nominal, and so
+        has `dh.csv`.
+
+        Warns:
+            UserWarning: some d is far beyond the arm; the message names the joints.
+        """
+        dh = self.arm.dh
+        far = np.flatnonzero(np.abs(dh[:, 1]) > _DETOUR * self.arm.reach)
+        if len(far):
+            joints = [k for k in self.arm.near_parallel if self.beta[k]]
+            pairs = " and ".join(f"{k + 1}, {k + 2}" for k in joints)
+            lengths = ", ".join(f"d{k + 1} = {dh[k, 1]:.3g} m" for k in far)
+            warn(
+                f"dh: axes {pairs} are nearly parallel, so that without beta {lengths}; use "
+                "`arm.table` (theta0, d, a, alpha, beta), which stays near nominal",
+                stacklevel=2,
+            )
+        return dh
 
     @property
     def beta(self) -> Array:

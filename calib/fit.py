@@ -86,6 +86,23 @@ class Fit:
     history: tuple[float, ...]  # [m^2] pair criterion before the first step and after each
     converged: bool
 
+    def error_covariance(self, tolerances: Array) -> Array:
+        """Covariance (P, P) of the errors of the estimate, if arms deviate by `tolerances` (P,).
+
+        The posterior covariance assumes the deviations of the prior in use. Deviations that the
+        evidence chose describe observable parameters; where touching observes nothing, the estimate
+        stays near nominal, and its error is as large as arms deviate. With posterior covariance C
+        and prior deviations D the pull toward nominal is C D^-2, so that true deviations W in place
+        of D add C D^-2 (W^2 - D^2) D^-2 C.
+
+        Args:
+            tolerances: (P,) deviations of arms from nominal; smaller ones than those of the prior
+                are replaced by these.
+        """
+        pull = self.covariance / self.deviations**2
+        wider = np.maximum(tolerances, self.deviations) ** 2 - self.deviations**2
+        return self.covariance + (pull * wider) @ pull.T
+
 
 def tips_of(arm: SerialArm, full: Array, data: Data) -> tuple[Array, Array]:
     """Tip positions (M, 3) [m] and their derivatives (M, 5 n + 3 + n, 3) by the full vector.

@@ -10,6 +10,7 @@ A prior keeps the estimate from collapsing to an arm of size zero.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,6 +63,7 @@ _SURE_DISTANCE = 5e-5  # [m] standard deviation of a known distance where none i
 _BETA_LEVEL = 0.05  # significance level below which betas are dropped
 # [rad], and share of the arm's length: a larger change causes a warning
 _FAR_TURN, _FAR_SHARE = 0.1, 0.05
+_DETOUR = 5.0  # factor on the arm's reach, beyond which d of nearly parallel axes is no dimension
 _MOST_LENGTH = 1e3  # [m] largest known distance, and largest arm
 _LEAST_NOISE, _MOST_NOISE = 1e-9, 1.0  # [m] allowed range of the stated noise of a touch
 _FAR_OFF = 5e-3  # [m] noise, above which the touches or the table are assumed to be wrong
@@ -143,8 +145,27 @@ class Calibration:
 
     @property
     def dh(self) -> Array:
-        """Standard DH (n, 4) of the identified arm: theta0 [rad], d [m], a [m], alpha [rad]."""
-        return self.arm.dh
+        """Standard DH (n, 4) of the identified arm: theta0 [rad], d [m], a [m], alpha [rad].
+
+        Exact, but not usable as dimensions where two axes are nearly parallel: their common normal
+        may be far away. `arm.table` (n, 5) has Hayati's beta there and stays near nominal, and so
+        has `dh.csv`.
+
+        Warns:
+            UserWarning: some d is far beyond the arm; the message names the joints.
+        """
+        dh = self.arm.dh
+        far = np.flatnonzero(np.abs(dh[:, 1]) > _DETOUR * self.arm.reach)
+        if len(far):
+            joints = [k for k in self.arm.near_parallel if self.beta[k]]
+            pairs = " and ".join(f"{k + 1}, {k + 2}" for k in joints)
+            lengths = ", ".join(f"d{k + 1} = {dh[k, 1]:.3g} m" for k in far)
+            warn(
+                f"dh: axes {pairs} are nearly parallel, so that without beta {lengths}; use "
+                "`arm.table` (theta0, d, a, alpha, beta), which stays near nominal",
+                stacklevel=2,
+            )
+        return dh
 
     @property
     def beta(self) -> Array:
@@ -163,12 +184,16 @@ class Calibration:
 
     @property
     def sigma(self) -> Array:
-        """Posterior standard deviation (P,) of each parameter, in its unit."""
+        """Standard deviation (P,) of the error of each parameter, in its unit."""
         return self.estimate.sigma
 
     @property
     def covariance(self) -> Array:
-        """Posterior covariance (P, P) of the parameters, in their units."""
+        """Covariance (P, P) of the errors of the parameters, in their units.
+
+        Where touches do not determine a parameter, its error is that of an arm within the stated
+        tolerances, by default those of `uuv.calib.parameters.DEFAULT_PRIOR`.
+        """
         return self.estimate.covariance
 
     def interval(self, confidence: float = 0.95) -> Array:
@@ -265,6 +290,45 @@ class Calibration:
         Returns:
             Half-widths (M, 3) [m].
         """
+        J = self._spread(q, payload_mass)
+
+        # Variance from the parameters and from the operator; errors of prediction may require more.
+        share = 1.0 - 1.0 / len(J)
+        variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
+        return self._widening(confidence) * self.quantile(confidence) * np.sqrt(variance)
+
+    def predicted_rms(
+        self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95
+    ) -> tuple[float, float]:
+        """RMS distance of touches of one new point from their mean, as predicted, and its bound.
+
+        The errors share the parameters, so that few of them are independent: the bound is that of a
+        scaled chi-square with the mean and variance of the squared distances.
+
+        Args:
+            q: (M, n) joint values of all touches of that point.
+            payload_mass: [kg] carried.
+            confidence: probability that the RMS distance is below the bound.
+
+        Returns:
+            Predicted RMS distance [m], and its upper bound [m].
+        """
+        J = self._spread(q, payload_mass)
+        noise2 = self.noise**2
+
+        # Traces of the covariance of all tips and of its square.
+        G = np.einsum("mpi,mri->pr", J, J) @ self.covariance
+        mean = float(np.trace(G)) + 3.0 * (len(J) - 1) * noise2
+        square = float(np.sum(G * G.T)) + 2.0 * noise2 * float(np.trace(G))
+        square += 3.0 * (len(J) - 1) * noise2**2
+
+        freedom = mean**2 / max(square, 1e-300)
+        bound = mean / freedom * float(chi2.ppf(confidence, freedom))
+        factor = self._widening(confidence)
+        return factor * float(np.sqrt(mean / len(J))), factor * float(np.sqrt(bound / len(J)))
+
+    def _spread(self, q: ArrayLike, payload_mass: float) -> Array:
+        """Derivatives (M, P, 3) by the parameters of touched tips about their mean."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         load = (
             None
@@ -272,19 +336,16 @@ class Calibration:
             else self.loads.with_payload(payload_mass, len(values)).at(values)
         )
 
-        # Derivatives of the tips about their mean.
         full = np.concatenate([self.arm.table.ravel(), self.tcp, self.compliance])
         data = Data(
             q=values, starts=np.zeros(1, dtype=int), load=load, weights=np.ones(len(values))
         )
         J = tips_of(self.arm, full, data)[1][:, self.estimate.parameters.index]
-        J = J - J.mean(axis=0)
+        return J - J.mean(axis=0)
 
-        # Variance from the parameters and from the operator; errors of prediction may require more.
-        share = 1.0 - 1.0 / len(values)
-        variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
-        factor = max(self.quantile(confidence), float(np.quantile(self.scores, confidence)))
-        return factor * np.sqrt(variance)
+    def _widening(self, confidence: float) -> float:
+        """Factor >= 1 by which errors of prediction exceed those of a right model."""
+        return max(1.0, float(np.quantile(self.scores, confidence)) / self.quantile(confidence))
 
     def deflected(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
         """Joint positions (M, n) at readings `q` (M, n), deflected under `payload_mass` [kg]."""
@@ -389,12 +450,15 @@ def identify(
     if method == "paper":
         parameters = select(arm, ("theta", "d", "a", "alpha", "tcp"))
         fit = paper_run(Problem(arm, data, parameters, mean))
+        tolerances = fit.deviations
         warnings.append(WARNING)
     else:
         how = method if isinstance(method, MapFit) else MapFit()
         fit, data, parameters = _map_fit(observed, data, free, prior, how)
+        # Deviations that the evidence chose may be below what arms are made to.
+        tolerances = prior_deviations(parameters, None) if prior is None else fit.deviations
 
-    return _assemble(observed, data, parameters, fit, warnings)
+    return _assemble(observed, data, parameters, fit, tolerances, warnings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -507,8 +571,14 @@ def _checked_distances(
 
 
 def _assemble(
-    observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]
+    observed: _Observed,
+    data: Data,
+    parameters: Parameters,
+    fit: Fit,
+    tolerances: Array,
+    warnings: list[str],
 ) -> Calibration:
+    """Result of a fit; `tolerances` (P,) are the deviations of arms from nominal."""
     arm, mean, bound = observed.arm, observed.mean, observed.loads
     touches, live = observed.touches.series, observed.touches.live
     places_used = observed.touches.kept
@@ -596,7 +666,8 @@ def _assemble(
             parameters=parameters,
             values=readonly(fit.full[parameters.index]),
             changes=readonly((fit.full - mean)[parameters.index]),
-            covariance=readonly(fit.covariance),
+            covariance=readonly(fit.error_covariance(tolerances)),
+            posterior=readonly(fit.covariance),
             prior=readonly(fit.deviations),
         ),
         degrees_of_freedom=max(data.degrees - fit.effective, 1.0),

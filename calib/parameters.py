@@ -201,7 +201,10 @@ class Estimate:
     parameters: Parameters
     values: Array  # (P,) identified
     changes: Array  # (P,) against nominal
-    covariance: Array  # (P, P) posterior, in the units of `parameters`
+    # (P, P) of the errors, in the units of `parameters`: of the noise, and of a true arm within
+    # manufacturing tolerances where the touches do not determine it
+    covariance: Array
+    posterior: Array  # (P, P) posterior covariance under `prior`
     prior: Array  # (P,) standard deviations of the prior in use, stated or chosen by the data
 
     @property
@@ -213,5 +216,5 @@ class Estimate:
 
     @property
     def sigma(self) -> Array:
-        """Posterior standard deviation (P,) of each parameter, in its unit."""
+        """Standard deviation (P,) of the error of each parameter, in its unit."""
         return np.sqrt(np.diag(self.covariance))

@@ -18,15 +18,15 @@ from uuv.models.arms.kinematics import ROW
 from uuv.models.arms.serial_arm import SerialArm
 from uuv.sim.interfaces.spatial import Array
 
+SCALE = "scale"  # first word of the reason of a group of lengths with a common factor
 THRESHOLD = 3e-3  # share of the largest singular value, below which a direction counts as hidden
 _ANGLE = np.deg2rad(0.1)  # [rad] error to which the columns of angles are scaled
 # divisor of the arm's length: over that length `_ANGLE` gives the comparable error in metres
 _SHARE = 6.0
 _LIES_IN = 0.9  # cosine to the hidden space, above which a direction counts as inside it
 _EXPLAINS = 0.3  # residual length, below which a direction is explained by those named already
-# shares of a parameter in hidden directions: below the first it is known, above the second
-# unknowable
-_TOUCHED, _MIXED = 0.02, 0.98
+_NAMED = 0.05  # component of a hidden direction, from which on a group names the parameter
+_MIXED = 0.98  # share of a parameter in hidden directions, above which it is unknowable
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,13 +67,20 @@ class RankReport:
     hidden: tuple[HiddenGroup, ...]
     # (P,) bool: as many parameters as the rank, identifiable with the others fixed
     identifiable: np.ndarray
-    status: tuple[str, ...]  # status of each parameter: "known", "in combination" or "unknowable"
+    # status of each parameter: "known", "in combination" (not identifiable alone) or "unknowable"
+    status: tuple[str, ...]
     touches: int
 
     @property
     def total(self) -> int:
         """Number of parameters examined."""
         return len(self.parameters.names)
+
+    @property
+    def scaled(self) -> tuple[str, ...]:
+        """Parameters with a common factor that touching does not observe; empty if it does."""
+        groups = [group for group in self.hidden if group.reason.startswith(SCALE)]
+        return tuple(name for group in groups for name in group.names)
 
     @property
     def condition(self) -> float:
@@ -154,6 +161,11 @@ def rank_report(
     rank = int(np.sum(values > floor))
     observed, hidden = Vt[:rank], Vt[rank:]
     share = np.sum(hidden**2, axis=0)
+    groups = _reasons(arm, hidden, parameters)
+
+    # What a group names is not identifiable alone.
+    listed = {name for group in groups for name in group.names}
+    listed |= {name for name, s in zip(parameters.names, share, strict=True) if s >= _NAMED**2}
 
     return RankReport(
         parameters=parameters,
@@ -162,11 +174,11 @@ def rank_report(
         scales=scales,
         directions=observed,
         hidden_directions=hidden,
-        hidden=_reasons(arm, hidden, parameters),
+        hidden=groups,
         identifiable=_chosen(arm, observed, parameters),
         status=tuple(
-            "known" if s < _TOUCHED else "unknowable" if s > _MIXED else "in combination"
-            for s in share
+            "unknowable" if s > _MIXED else "in combination" if name in listed else "known"
+            for name, s in zip(parameters.names, share, strict=True)
         ),
         touches=int(np.sum(data.weights > 0.0)),
     )
@@ -244,7 +256,7 @@ def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[Hid
         new = new[size > _EXPLAINS][: missing - len(explained)]
 
         if len(new):
-            inside = [parameters.names[j] for j in range(total) if np.abs(new[:, j]).max() > 0.05]
+            inside = [parameters.names[j] for j in range(total) if np.abs(new[:, j]).max() > _NAMED]
             groups.append(
                 HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle)
             )
@@ -314,7 +326,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
     suspects += [
         (
             lengths,
-            "scale: the touches of a point coincide equally well with an arm of any size",
+            f"{SCALE}: the touches of a point coincide equally well with an arm of any size",
             "one known distance between points determines it",
         ),
         (
@@ -329,7 +341,7 @@ def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], s
         suspects.append(
             (
                 [*lengths, *compliant],
-                "scale: the compliances shrink as the arm grows",
+                f"{SCALE}: the compliances shrink as the arm grows",
                 "a known distance determines it",
             )
         )

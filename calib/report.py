@@ -16,7 +16,7 @@ from uuv.sim.interfaces.spatial import Array
 _SHOWN = {"rad": (1.0e3, "mrad"), "m": (1.0e3, "mm"), "rad/(N m)": (1.0e6, "µrad/(N m)")}
 _MEANING = {
     "known": "known",
-    "in combination": "in combination: changes with others, held by the prior",
+    "in combination": "not identifiable alone: changes with others, held by the prior",
     "unknowable": "not observable: stays at nominal",
 }
 _LEAST_OBSERVABLE = 3  # combinations of parameters that are listed

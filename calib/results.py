@@ -21,6 +21,7 @@ from uuv.sim.interfaces.documents import yaml_text
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, shown
 
+TOUCH_TIP = "touch_tip"  # link whose origin is the touched point
 CONVENTION = (
     "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) "
     "Rx(alpha) Ry(beta)"
@@ -209,7 +210,7 @@ def urdf(arm: SerialArm, tcp: Array) -> str:
     """
     root = ET.Element("robot", name="arm")
     limits = arm.limits
-    names = ["base", *(f"link{k + 1}" for k in range(arm.n)), "flange", "touch_tip"]
+    names = ["base", *(f"link{k + 1}" for k in range(arm.n)), "flange", TOUCH_TIP]
     for name in names:
         ET.SubElement(root, "link", name=name)
     steps = [*links(arm), pose(p=tcp)]
@@ -295,15 +296,20 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     """The URDF of `source` with the joint origins of the identified `arm`.
 
     Every link stays fixed to its joint's axis, so axes, zeros, meshes and inertias remain as
-    written. If the tip link is the child of a driven joint, a link `touch_tip` is added.
+    written. A link `touch_tip`, fixed to the tip link, has its origin in the touched point; that of
+    a source which has one, such as a former result, is moved there. If the tip link is fixed to the
+    last driven link, its own origin is that point too.
 
     Args:
         source: URDF that the nominal arm was read from.
         arm: identified arm.
-        tcp: (3,) [m] tool point in the flange, the new origin of the tip link.
+        tcp: (3,) [m] tool point in the flange.
 
     Returns:
         XML text.
+
+    Raises:
+        ConfigurationError: the source has another link `touch_tip` that carries links or moves.
     """
     robot = parse(source.path, "arm")
     root = robot.xml
@@ -323,19 +329,47 @@ def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
             carried = moved
         parent = child
 
-    # The tool point moves the last origin, or has a separate link behind a driven joint.
+    # The tool point moves the last origin, unless the last joint is driven.
     X_base_tip = arm.axes()[2] @ pose(p=tcp)
-    if len(chain.joints) - 1 in driven:
-        ET.SubElement(root, "link", name="touch_tip")
-        joint = ET.SubElement(root, "joint", name="touch_tip_joint", type="fixed")
-        ET.SubElement(joint, "parent", link=source.tip)
-        ET.SubElement(joint, "child", link="touch_tip")
-        _set_origin(joint, inverse(carried @ parent) @ X_base_tip)
-    else:
+    X_tip_touch = inverse(carried @ parent) @ X_base_tip
+    if len(chain.joints) - 1 not in driven:
         before = parent @ inverse(chain.X_parent_child[-1])
         _set_origin(chain.joints[-1], inverse(carried @ before) @ X_base_tip)
+        X_tip_touch = np.eye(4)
 
+    if source.tip != TOUCH_TIP:
+        _fix_touch_tip(root, source, X_tip_touch)
     return ET.tostring(root, encoding="unicode")
+
+
+def _fix_touch_tip(root: ET.Element, source: ArmSource, X_tip_touch: Array) -> None:
+    """Fix the link `touch_tip` to the tip link of `source`, at the pose `X_tip_touch` (4, 4)."""
+    carriers = [joint for joint in root.iter("joint") if _end(joint, "child") == TOUCH_TIP]
+    carried = [
+        joint.get("name") for joint in root.iter("joint") if _end(joint, "parent") == TOUCH_TIP
+    ]
+
+    if carried or any(joint.get("type") != "fixed" for joint in carriers):
+        raise ConfigurationError(
+            f"arm {source.path}: the link {TOUCH_TIP!r}, which marks the touched point in the "
+            "result, must be fixed and carry no other link; rename it, or give --tip touch_tip"
+        )
+
+    if not carriers:
+        ET.SubElement(root, "link", name=TOUCH_TIP)
+        carriers = [ET.SubElement(root, "joint", name=f"{TOUCH_TIP}_joint", type="fixed")]
+        ET.SubElement(carriers[0], "parent")
+        ET.SubElement(carriers[0], "child", link=TOUCH_TIP)
+
+    for end in carriers[0].iter("parent"):
+        end.set("link", source.tip)
+    _set_origin(carriers[0], X_tip_touch)
+
+
+def _end(joint: ET.Element, kind: str) -> str | None:
+    """Name of the link that a joint has as its parent or child."""
+    end = joint.find(kind)
+    return None if end is None else end.get("link")
 
 
 def _riding(arm: SerialArm) -> list[Array]:

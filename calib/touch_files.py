@@ -21,6 +21,7 @@ from uuv.sim.interfaces.spatial import Array, readonly, shown
 Units = Literal["auto", "rad", "deg"]
 POINT_COLUMNS = ("point", "series", "socket", "hole", "nest", "target", "label")
 IGNORED_COLUMNS = ("time", "t", "stamp", "timestamp", "index", "touch", "comment", "note")
+_UNIT_ENDING = r"[_ .](deg|degrees|rad|radians|m)$"  # of a column: joint1_deg
 # Hinges turn little more than one turn in either direction, so a larger value is in degrees.
 # Touches in many orientations turn joints by more than 7 deg, so values in degrees exceed this
 # bound.
@@ -414,6 +415,7 @@ def _row(
     block: int,
 ) -> _Row:
     point = f"\n{block}"  # no label in a file begins with a line break
+    columns: list[str] = []  # those of the joint values, where the header names them
 
     if header is None:
         if (
@@ -430,10 +432,15 @@ def _row(
             point = cells[label].strip('"')
 
         lowered = [name.lower() for name in joint_names]
-        if lowered and all(name in bare for name in lowered):
-            cells = [cells[bare.index(name)] for name in lowered]
+        short = [_joint_of(name) for name in header]  # without their units
+        named = next(
+            (names for names in (bare, short) if all(name in names for name in lowered)), None
+        )
+        if lowered and named is not None:
+            cells = [cells[named.index(name)] for name in lowered]
         else:
             drop = {label, *(i for i, name in enumerate(bare) if name in IGNORED_COLUMNS)}
+            columns = [name for i, name in enumerate(header) if i not in drop]
             cells = [cell for i, cell in enumerate(cells) if i not in drop]
 
     values: list[float] = []
@@ -451,6 +458,27 @@ def _row(
     if width is not None and len(values) != width:
         raise ConfigurationError(
             f"{where}: must have one joint value for each of the arm's {width} joints, got "
-            f"{len(values)}"
+            f"{len(values)}{_other_columns(columns, joint_names)}"
         )
     return _Row(values, point, where)
+
+
+def _other_columns(columns: Sequence[str], joint_names: Sequence[str]) -> str:
+    """End of a message: columns read as joint values that are no joints, and those ignored."""
+    if not columns:
+        return ""
+
+    joints = [name.lower() for name in joint_names]
+    others = [name for name in columns if _joint_of(name) not in joints]
+    if joints and len(others) < len(columns):
+        text = f"; not joints of the arm: {', '.join(others)}"
+    else:
+        text = f": {', '.join(columns)}"
+        text += f"; its joints are {', '.join(joint_names)}" if joints else ""
+
+    return f"{text}; ignored: {', '.join(IGNORED_COLUMNS)}"
+
+
+def _joint_of(column: str) -> str:
+    """Name of a column without its unit: joint1 of "joint1 [deg]" and "joint1_deg"."""
+    return re.sub(_UNIT_ENDING, "", re.split(r"\s*[\[(]", column)[0])

@@ -139,8 +139,8 @@ def solve(
 
     If no solution is found, `q` belongs to the nearest pose found. "Nearest" minimises the sum of
     the squares of both errors. Metres are divided by a power of two near the chain's length; the
-    angle is replaced by its chord 2 sin(angle/2). For a pose solved for by parts, each error is
-    divided by its tolerance.
+    angle is replaced by its chord 2 sin(angle/2). Such a pose may be far off in position, if its
+    orientation is near. For a pose solved for by parts, each error is divided by its tolerance.
 
     The GIL is held during the call.
 
@@ -311,7 +311,13 @@ class IkBatch:
     axis_error: Array  # (N,) [rad], as in `IkResult`
     turn_error: Array  # (N,) [rad], as in `IkResult`
     # (N,) reason why each iteration ended, a code of `uuv.controllers.ik.chain_kernels`
-    codes: NDArray[np.int64]
+    _codes: NDArray[np.int64]
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Reason why each iteration ended, a sentence for each of the N targets."""
+        pairs = zip(self._codes.tolist(), self.restarts.tolist(), strict=True)
+        return tuple(_cause(code, restarts) for code, restarts in pairs)
 
     def __len__(self) -> int:
         return len(self.q)
@@ -324,7 +330,7 @@ class IkBatch:
             int(self.iterations[i]),
             float(self.position_error[i]),
             float(self.orientation_error[i]),
-            _cause(int(self.codes[i]), restarts),
+            _cause(int(self._codes[i]), restarts),
             restarts,
             axis_error=float(self.axis_error[i]),
             turn_error=float(self.turn_error[i]),
@@ -404,7 +410,7 @@ def solve_many(
         restarts=out[:, 2].astype(np.int64),
         axis_error=out[:, 5].copy(),
         turn_error=out[:, 6].copy(),
-        codes=codes,
+        _codes=codes,
     )
     for name in batch.__slots__:
         getattr(batch, name).setflags(write=False)

@@ -446,7 +446,7 @@ def _foreign_table(calibration: Calibration) -> Doubt:
     estimate = calibration.estimate
     informed = _information(calibration)
     tolerances = as_made(calibration)
-    toward = np.linalg.solve(estimate.covariance, estimate.changes)
+    toward = np.linalg.solve(estimate.posterior, estimate.changes)
 
     def evidence(deviations: Array) -> tuple[float, Array]:
         """Logarithm of the evidence with prior `deviations`, and the resulting changes (P,)."""
@@ -496,4 +496,4 @@ def _foreign_table(calibration: Calibration) -> Doubt:
 def _information(calibration: Calibration) -> Array:
     """Information (P, P) of the touches alone, without the prior."""
     estimate = calibration.estimate
-    return np.linalg.inv(estimate.covariance) - np.diag(estimate.prior**-2.0)
+    return np.linalg.inv(estimate.posterior) - np.diag(estimate.prior**-2.0)

@@ -326,11 +326,15 @@ def solve_plain(memory, X, q0, settings, trail, out):
     target_along = goal_axis(goal, along)
     target_across = goal_axis(goal, across)
     sweeps = 0
-    best2 = real(np.inf)
+
+    # Errors of the nearest pose so far, of the start at first
+    p2, angle_1, angle_2, chord2 = three_goals(table, goal, along, across, q, work)
+    best2 = p2 + chord2
+    for i in range(q.shape[0]):
+        work[i, BEST] = q[i]
 
     while True:
         note(q, trail, sweeps)
-        p2, angle_1, angle_2, chord2 = three_goals(table, goal, along, across, q, work)
 
         # Inequalities (6), or the whole rotation in place of the last two
         if p2 <= near.p2 and (chord2 <= near.chord2 or (angle_1 <= near_1 and angle_2 <= near_2)):
@@ -341,36 +345,31 @@ def solve_plain(memory, X, q0, settings, trail, out):
             )
             break
 
-        # Best joint values so far
-        error2 = p2 + chord2
-        if error2 < best2:
-            best2 = error2
-            for i in range(q.shape[0]):
-                work[i, BEST] = q[i]
-
         if sweeps >= limit:
             p2, chord2 = recall(table, goal, work, q)
             code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED
             break
 
-        # Position stage
-        for _ in range(STAGE_SWEEPS):
-            note(q, trail, sweeps)
-            sweeps += 1
-            if place(table, goal, near.p2, q, work) <= near.p2:
-                break
+        # Stages of the position and of the two axes
+        for stage in range(3):
+            for _ in range(STAGE_SWEEPS):
+                note(q, trail, sweeps)
+                sweeps += 1
 
-        # Axis stages
-        for _ in range(STAGE_SWEEPS):
-            note(q, trail, sweeps)
-            sweeps += 1
-            if align(table, along, target_along, near_1, q, work) <= near_1:
-                break
+                if stage == 0:
+                    done = place(table, goal, near.p2, q, work) <= near.p2
+                elif stage == 1:
+                    done = align(table, along, target_along, near_1, q, work) <= near_1
+                else:
+                    done = align(table, across, target_across, near_2, q, work) <= near_2
 
-        for _ in range(STAGE_SWEEPS):
-            note(q, trail, sweeps)
-            sweeps += 1
-            if align(table, across, target_across, near_2, q, work) <= near_2:
-                break
+                # Nearest pose of all sweeps: their stages undo each other
+                p2, angle_1, angle_2, chord2 = three_goals(table, goal, along, across, q, work)
+                if p2 + chord2 < best2:
+                    best2 = p2 + chord2
+                    for i in range(q.shape[0]):
+                        work[i, BEST] = q[i]
+                if done:
+                    break
 
     return hand_over(table, q, p2, chord2, code, sweeps, 0, out)

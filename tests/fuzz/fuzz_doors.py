@@ -724,7 +724,7 @@ def _calibrate(**how: Any) -> Any:
         **{name: how.pop(name) for name in ("noise", "robust", "max_iterations") if name in how}
     )
     outcome = calibrate(**how, method=fit)
-    return [outcome.dh, outcome.tcp, outcome.cost, outcome.noise, outcome.points, outcome.sigma]
+    return [outcome.arm.dh, outcome.tcp, outcome.cost, outcome.noise, outcome.points, outcome.sigma]
 
 
 def _plan(**how: Any) -> Any:

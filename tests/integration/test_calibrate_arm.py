@@ -4,6 +4,7 @@ line.
 
 import json
 import os
+import re
 from functools import partial
 from pathlib import Path
 
@@ -114,6 +115,37 @@ def test_files_of_a_run_are_the_arm_that_it_found(calibrate, root, tmp_path, tou
     # Only lengths that touching sees may be compared with the truth: shape, up to scale.
     error = read_arm(out / "arm.yaml").arm.table[2, 3] - true.table[2, 3]
     within("alpha3 [rad]", error, 1.5e-3)  # 1.5e-4
+
+
+def test_what_one_point_leaves_open_is_stated_with_the_verdict(calibrate, tmp_path, touched):
+    """The size of the arm, and held-out touches that scatter more than the fitted ones."""
+    true, series = touched
+    folder = write_touches(tmp_path / "in", ["a"], series[:1], JOINTS)
+    held = write_touches(tmp_path / "held", ["b"], series[1:2], JOINTS)
+    out = tmp_path / "out"
+    run = calibrate("--touches", folder, "--held-out", held, "--out", out, "--no-record")
+    assert run.returncode == 0, run.stdout + run.stderr
+    metrics = json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+
+    size, scatter = metrics["remarks"]
+    assert run.stdout.index("accepted") < run.stdout.index("undetermined: the size of the arm")
+    assert "from one point without a known distance" in size
+    assert "a second point 0.89 m away" in size
+    share = float(size.split("up to ")[1].split(" %")[0]) / 100.0
+    lengths = read_arm(out / "arm.yaml").arm.table[[1, 2], 2] / true.table[[1, 2], 2]
+    assert 1e-3 < share < 5e-3
+    assert np.all(np.abs(lengths - 1.0) < share)
+
+    row = metrics["held_out_m"]["b"]
+    assert 0.0 < row["identified"] < row["at_most"]
+    assert f"at most {1e3 * row['at_most']:.3g} mm" in scatter
+    assert f"{1e3 * row['identified']:.3g} mm RMS against" in scatter
+
+    # Only parameters whose interval excludes nominal are called significantly changed.
+    table = run.stdout.split("largest significant changes")[1].split("not observable")[0]
+    listed = re.findall(r"([+-][0-9.]+) . ± ([0-9.]+)", table)
+    assert listed
+    assert all(abs(float(change)) > float(half) for change, half in listed)
 
 
 def rows(*values: str) -> str:

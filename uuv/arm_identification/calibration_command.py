@@ -16,6 +16,7 @@ from uuv.arm_identification.calibration_case import CalibrationCase, Loading, fr
 from uuv.arm_identification.calibration_figures import figures_of_merit, metrics, most_changed
 from uuv.arm_identification.calibration_options import COMMAND, CalibrationOptions
 from uuv.arm_identification.calibration_outcome import CalibrationOutcome, failed, solve
+from uuv.arm_identification.calibration_remarks import remarks
 from uuv.arm_identification.simulated_touches import RealEffects, by_contact, simulated
 from uuv.arm_identification.touching import touching_scenario
 from uuv.calib import report
@@ -221,7 +222,7 @@ def calibrate(
     files = _write(case, outcome, options, folder)
 
     console.print(verdict("; ".join(reasons)))
-    for line in outcome.examined.untold:
+    for line in (*outcome.examined.untold, *remarks(case, outcome)):
         console.print(f"undetermined: {line}", style="yellow", highlight=False)
     console.print(
         f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False
@@ -268,13 +269,14 @@ def _write(
     content = metrics(case, outcome, accepted, options.seed)
     write_json(folder / "metrics.json", {**content, "provenance": provenance(COMMAND, options)})
 
+    undetermined = (*outcome.examined.untold, *remarks(case, outcome))
     if options.record:
         settings = {**asdict(options), "date": date, "touches sha256": sha256}
         statement = report.Statement(
             title=case.title,
             accepted=accepted,
             figures_of_merit=figures_of_merit(case, outcome),
-            notes=(*case.notes, *(f"undetermined: {line}" for line in outcome.examined.untold)),
+            notes=(*case.notes, *(f"undetermined: {line}" for line in undetermined)),
             provenance=provenance_rows(settings),
         )
 
@@ -290,11 +292,14 @@ def _write(
     return list(files)
 
 
-def _most_changed(outcome: CalibrationOutcome) -> Table:
-    """Table of the parameters whose change is largest relative to its uncertainty."""
+def _most_changed(outcome: CalibrationOutcome) -> Table | str:
+    """Table of the parameters with significant changes, most significant first."""
+    rows = most_changed(outcome.calibration)
+    if not rows:
+        return "no parameter of the arm changed significantly: every 95 % interval contains nominal"
     table = Table(title="largest significant changes", title_justify="left")
     for column in ("", "change", "95 %", "unit"):
         table.add_column(column, justify="right" if column in ("change", "95 %") else "left")
-    for row in most_changed(outcome.calibration):
+    for row in rows:
         table.add_row(*row)
     return table

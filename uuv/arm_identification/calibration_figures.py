@@ -6,6 +6,7 @@ import numpy as np
 
 from uuv.arm_identification.calibration_case import CalibrationCase
 from uuv.arm_identification.calibration_outcome import CalibrationOutcome
+from uuv.arm_identification.calibration_remarks import remarks
 from uuv.calib import report, verification
 from uuv.calib.identification import Calibration
 from uuv.sim.interfaces.spatial import Array
@@ -70,6 +71,10 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
             )
         )
 
+    out += [
+        (f"held out, {name}: predicted, at most (95 %) [mm]", f"{1e3 * rms:.3f}, {1e3 * bound:.3f}")
+        for name, (rms, bound) in outcome.foretold.items()
+    ]
     if outcome.covered is not None and outcome.half_width is not None:
         interval = f"{100.0 * outcome.covered:.1f} %, ± {1e3 * outcome.half_width:.3f}"
         out.append(("held out, within the 95 % interval; its median [mm]", interval))
@@ -85,10 +90,17 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
 
 
 def most_changed(fit: Calibration, count: int = 5) -> list[tuple[str, str, str, str]]:
-    """Name, change, half 95 % interval and unit of the parameters that changed most."""
+    """Name, change, half 95 % interval and unit of parameters whose interval excludes nominal.
+
+    The most significant `count` of them; empty if there are none.
+    """
     names, changes = fit.names, fit.estimate.changes
     half = fit.quantile() * fit.sigma
-    arm = [i for i, group in enumerate(fit.estimate.parameters.groups) if group != "tcp"]
+    arm = [
+        i
+        for i, group in enumerate(fit.estimate.parameters.groups)
+        if group != "tcp" and abs(changes[i]) > half[i]
+    ]
 
     rows = []
     for i in sorted(arm, key=lambda i: -abs(changes[i]) / half[i])[:count]:
@@ -146,6 +158,7 @@ def metrics(
         "seed": seed,
         "accepted": ok,
         "untold": list(outcome.examined.untold),
+        "remarks": remarks(case, outcome),
         # The touches, and the fit to them.
         "touches": _touch_metrics(case, calibration),
         "fit": _fit_metrics(case, calibration),
@@ -166,10 +179,7 @@ def metrics(
         "tracker_uncorrected_m": outcome.uncorrected["identified"].rms
         if outcome.uncorrected
         else None,
-        "held_out_m": {
-            name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()
-        }
-        or None,
+        "held_out_m": {name: _held_out(outcome, name) for name in outcome.held_out} or None,
         # Touching by contact, and the result.
         "contact": None
         if session is None
@@ -191,6 +201,14 @@ def metrics(
             )
         },
     }
+
+
+def _held_out(outcome: CalibrationOutcome, name: str) -> dict[str, float | None]:
+    """RMS distances of the held-out touches of a point, measured and predicted; None for one."""
+    nominal, identified = outcome.held_out[name]
+    predicted, bound = outcome.foretold.get(name, (None, None))
+    measured = {"nominal": nominal, "identified": identified}
+    return {**measured, "predicted": predicted, "at_most": bound}
 
 
 def _touch_metrics(case: CalibrationCase, calibration: Calibration) -> dict[str, Any]:

@@ -42,6 +42,8 @@ class CalibrationOutcome:
     clouds: dict[str, verification.Cloud] = field(default_factory=dict)
     # RMS [m] by point, for the nominal and the identified arm
     held_out: dict[str, tuple[float, float]] = field(default_factory=dict)
+    # RMS [m] by point, as the fit predicts it, and its 95 % bound
+    foretold: dict[str, tuple[float, float]] = field(default_factory=dict)
     # share of the held-out errors, along each axis, that are within their 95 % intervals
     covered: float | None = None
     half_width: float | None = None  # [m] median half-width of those intervals
@@ -164,8 +166,13 @@ def _judged(
         name: (_scatter(case.source.arm.tips(q, tcp)), _scatter(fit.tips(q)))
         for name, q in zip(case.held_out.names, case.held_out.series, strict=True)
     }
-    outcome = replace(outcome, held_out=held)
     several = [q for q in case.held_out.series if len(q) > 1]
+    foretold = {
+        name: fit.predicted_rms(q)
+        for name, q in zip(case.held_out.names, case.held_out.series, strict=True)
+        if len(q) > 1
+    }
+    outcome = replace(outcome, held_out=held, foretold=foretold)
     if not several:
         return outcome
 

@@ -100,11 +100,26 @@ def test_corrected_urdf_is_the_identified_arm(rng, tip, tmp_path, within):
     arm = off(source.arm, rng)
     tcp = rng.uniform(-0.1, 0.1, 3)
     (tmp_path / "b.urdf").write_text(results.corrected_urdf(source, arm, tcp))
-    back = read_arm(tmp_path / "b.urdf", tip="t" if tip == "t" else "touch_tip")
     q = rng.uniform(-1, 1, (20, 3))
     moved = source.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp)
     assert np.abs(moved).max() > 1e-3
-    within("corrected URDF [m]", back.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1e-11)  # 8e-13
+    for name in ("touch_tip", "t") if tip == "t" else ("touch_tip",):
+        back = read_arm(tmp_path / "b.urdf", tip=name).arm
+        within(f"{name} [m]", back.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1e-11)  # 8e-13
+
+    # A second calibration from the result moves the frame, and adds none.
+    second = read_arm(tmp_path / "b.urdf", tip=tip)
+    (tmp_path / "c.urdf").write_text(results.corrected_urdf(second, second.arm, tcp))
+    assert (tmp_path / "c.urdf").read_text().count('<link name="touch_tip"') == 1
+    back = read_arm(tmp_path / "c.urdf", tip="touch_tip").arm
+    within("second [m]", back.tips(q, np.zeros(3)) - second.arm.tips(q, tcp), 1e-11)
+
+
+def test_a_link_that_has_the_name_of_the_touched_point_is_refused(tmp_path):
+    (tmp_path / "a.urdf").write_text(URDF.replace('"l1"', '"touch_tip"'))
+    source = read_arm(tmp_path / "a.urdf", tip="t")
+    with pytest.raises(ConfigurationError, match="must be fixed and carry no other link"):
+        results.corrected_urdf(source, source.arm, np.zeros(3))
 
 
 def test_mjcf_patch_is_the_identified_arm(rng, tmp_path, within):
@@ -251,6 +266,12 @@ def test_touches_in_all_their_forms(units, tmp_path):
         "label.csv": "time,point,a,b,c\n"
         + "\n".join(f"0.1,p{i},{r}" for i in range(2) for r in rows[i]),
         "number.csv": "\n".join(f"{i},{r}" for i in range(2) for r in rows[i]),
+        "unit.csv": f"nr,c_{units},point,a_{units},b_{units}\n"
+        + "\n".join(
+            "{0},{3},p{4},{1},{2}".format(k, *r.split(","), i)
+            for i in range(2)
+            for k, r in enumerate(rows[i])
+        ),
         "gap.csv": "\n\n".join("\n".join(block) for block in rows),
         "order.csv": "c;a;b\n"
         + "\n\n".join(
@@ -280,6 +301,11 @@ def test_touches_in_all_their_forms(units, tmp_path):
         ("a,b,c\n", "must have at least one touch"),
         ("1,2,3\n1,2\n", "the arm's 3 joints, got 2"),
         ("1,2,3,4,5\n", "the arm's 3 joints, got 5"),
+        (
+            "nr,a,b_deg,q [deg]\n1,1,2,3\n",
+            r"got 4; not joints of the arm: nr, q \[deg\]; ignored: time, t, stamp",
+        ),
+        ("nr,u,v,w\n1,1,2,3\n", "got 4: nr, u, v, w; its joints are a, b, c; ignored: time"),
         ("1,2,3\n1,nan,3\n", ":2: every joint value must be finite"),
         ("1,2,3\n1,oops,3\n", "must be a number"),
     ],
@@ -287,7 +313,7 @@ def test_touches_in_all_their_forms(units, tmp_path):
 def test_bad_touches_are_refused_in_a_sentence(text, said, tmp_path):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(ConfigurationError, match=said):
-        read_touches(tmp_path / "t.csv", joint_types="rrr")
+        read_touches(tmp_path / "t.csv", joint_types="rrr", joint_names="abc")
 
 
 def test_degrees_beside_radians_are_refused(tmp_path):

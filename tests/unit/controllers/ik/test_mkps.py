@@ -306,6 +306,7 @@ def test_solve_many_gives_what_solve_gives(method: Method, branch: Branch) -> No
     for threads in (1, 3, None):
         options = IkOptions(max_iterations=300, threads=threads)
         batch = solve_many(chain, targets, starts, method=method, branch=branch, options=options)
+        assert batch.causes == tuple(row.cause for row in batch)
         assert len(batch) == 150
         for i, target in enumerate(targets):
             start = starts if branch == "free" else starts[i]
@@ -348,6 +349,29 @@ def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Br
     assert "farther away" in solution.cause
     np.testing.assert_allclose(solution.q, 0.0, atol=1e-3)
     assert abs(solution.position_error - 2.0) < 1e-6
+
+
+def test_published_stages_give_the_nearest_pose_of_all_sweeps() -> None:
+    """The errors of one stage grow in the next: the last pose of a cycle is seldom the nearest."""
+    chain, _, targets, home = arm_case("puma560", 150.0, 12, np.random.default_rng(3))
+    options = IkOptions(max_iterations=60, history=True)
+    missed = 0
+    for target in targets:
+        solution = solve(chain, target, home, method="plain", options=options)
+        if solution.converged:
+            continue
+        assert solution.history is not None
+
+        # The chain is about 1 m long, so that metres are divided by one.
+        errors = []
+        for q in solution.history:
+            X = chain.forward(q)
+            chord2 = 3.0 - np.trace(X[:3, :3].T @ target[:3, :3])
+            errors.append(np.sum((X[:3, 3] - target[:3, 3]) ** 2) + chord2)
+        np.testing.assert_array_equal(solution.history[-1], solution.q)
+        assert errors[-1] <= min(errors) * (1.0 + 1e-9)
+        missed += 1
+    assert missed > 3
 
 
 @pytest.mark.parametrize("method", METHODS)

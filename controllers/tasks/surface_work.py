@@ -457,8 +457,7 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         ),
         Monitor(
             condition=Bounded(
-                lost,
-                lambda held: EstimateBounds(slack=-job.approach.lost_below(held.set_force)),
+                lost, lambda held: EstimateBounds(slack=-job.approach.lost_below(held.set_force))
             ),
             reaction=Reaction.RETREAT,
             code=AbortCode.CONTACT_LOST,

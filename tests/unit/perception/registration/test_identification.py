@@ -2,6 +2,7 @@
 not made for.
 """
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -371,6 +372,36 @@ def test_nothing_there_is_said_not_raised(surface: ModelSurface, name: str, prio
     result = identify(NOTHING[name], surface, *hint)
     assert not result.accepted
     assert result.reason
+
+
+@pytest.mark.parametrize(
+    ("turn", "words"),
+    [
+        ([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], r"along \+x \(the axes of ROS camera_link\?\)"),
+        ([[1, 0, 0], [0, -1, 0], [0, 0, -1]], r"along -z \(the axes of OpenGL or Blender\?\)"),
+    ],
+    ids=["ROS", "OpenGL"],
+)
+def test_a_cloud_in_other_axes_is_named(
+    surface: ModelSurface, frame: DepthImage, turn: list[list[int]], words: str
+):
+    points = Scan.from_depth(frame).points.reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    refused = identify(
+        points[::9] @ np.array(turn).T, surface, orientation=np.eye(3), thorough=False
+    )
+    assert not refused.accepted
+    assert re.search(words, refused.reason), refused.reason
+
+
+def test_an_approach_in_millimetres_is_named(surface: ModelSurface, frame: DepthImage):
+    refused = identify(Scan.from_depth(frame), surface, 1e3 * VIEW[:3, 3])
+    assert re.search(
+        r"approach is [\d.]+ m from the sensor \(in millimetres\?\), the points [\d.]+ to [\d.]+ m",
+        refused.reason,
+    ), refused.reason
+    beside = identify(Scan.from_depth(frame), surface, VIEW[:3, 3] + [0.0, 0.0, 8.0])
+    assert re.search("approach is 9.18 m from the sensor, the points", beside.reason), beside.reason
 
 
 @pytest.mark.parametrize(

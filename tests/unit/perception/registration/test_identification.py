@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from depth_scenes import DEFAULT_NOISE, FLOOR, coarse, halved, look, random_view, standing
 from uuv import perception
+from uuv.cli.identify.object import print_pose
 from uuv.clouds.frames import Camera, camera_pose
 from uuv.clouds.object_scenes import add_seabed
 from uuv.models.meshes.closed_shells import box, joined, revolve
@@ -36,6 +37,7 @@ from uuv.sim.interfaces.spatial import (
     rotation_from_z,
     transform_points,
 )
+from uuv.sim.runs.terminal import PlainConsole
 
 BARREL = barrel()
 VIEW = camera_pose(np.array([0.1, -0.9, 0.75]))
@@ -121,6 +123,24 @@ EVERY_THIRD = pytest.mark.long(
 ANOTHER_SIDE = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_identification.py::test_an_exact_frame_gives_the_pose_without_bias"
 )
+
+
+def test_the_shell_prints_the_pose_with_its_standard_deviations(
+    found: Identification, capsys: pytest.CaptureFixture[str]
+):
+    print_pose(found, BARREL, PlainConsole())
+    printed = capsys.readouterr().out
+    number = r"(-?[\d.]+)"
+    middle = re.search(rf"middle at \({number}, {number}, {number}\) m, standard dev", printed)
+    turn = re.search(rf"rotation vector \({number}, {number}, {number}\) deg, standard", printed)
+    assert middle, printed
+    assert turn, printed
+    X_ST = found.X_sensor_target
+    p_C = transform_points(X_ST, BARREL.center)
+    assert [float(value) for value in middle.groups()] == pytest.approx(p_C, abs=1e-4)
+    R_ST = exp_so3(np.radians([float(value) for value in turn.groups()]))
+    assert R_ST == pytest.approx(X_ST[:3, :3], abs=2e-3)  # printed to 0.1 deg
+    assert "symmetric object: of the equivalent orientations" in printed
 
 
 @pytest.mark.parametrize("seeds", [(10, 142), pytest.param((0, 31, 214), marks=MORE_VIEWS)])

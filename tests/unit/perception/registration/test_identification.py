@@ -139,7 +139,7 @@ def test_the_shell_prints_the_pose_with_its_standard_deviations(
     p_C = transform_points(X_ST, BARREL.center)
     assert [float(value) for value in middle.groups()] == pytest.approx(p_C, abs=1e-4)
     R_ST = exp_so3(np.radians([float(value) for value in turn.groups()]))
-    assert R_ST == pytest.approx(X_ST[:3, :3], abs=2e-3)  # printed to 0.1 deg
+    np.testing.assert_allclose(R_ST, X_ST[:3, :3], atol=2e-3)  # printed to 0.1 deg
     assert "symmetric object: of the equivalent orientations" in printed
 
 

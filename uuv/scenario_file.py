@@ -46,7 +46,7 @@ PERTURBATIONS = "perturbations"
 KIND = "kind"
 SCENARIO_FILE = "scenario.toml"  # name of the file in the folder of every run
 _MOST = 1_000_000  # [bytes] largest size of a file
-_HEADING = "SI units and radians; keys and their meaning: uuv/scenario.py, site.py, tasks/"
+_HEADING = "SI units and radians; keys: docs/runs.md, Scenario, and `uuv run JOB --help`"
 
 
 @cache

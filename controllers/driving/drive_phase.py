@@ -227,7 +227,7 @@ class OperatorDrive(Phase):
 
         if context.time - driven.ended >= cockpit.limits.hold and not self._moves(driven):
             return PhaseEvent.DONE
-        if event := self._change(state, driven, context):
+        if event := self._change(state, driven, held, context):
             return event
 
         if self._mode is Mode.CONTACT:
@@ -260,7 +260,7 @@ class OperatorDrive(Phase):
         return bool(np.abs(speeds).max() > _STILL)
 
     def _change(
-        self, state: OperatorDriveState, driven: Driven, context: Context
+        self, state: OperatorDriveState, driven: Driven, held: Held, context: Context
     ) -> PhaseEvent | None:
         """Event that ends the mode."""
         approach = self._cockpit.approach
@@ -271,7 +271,7 @@ class OperatorDrive(Phase):
 
         # Contact was lost: move slowly to the surface again
         if self._mode is Mode.CONTACT:
-            lost = context.normal < 0.5 * approach.touch
+            lost = context.normal < approach.lost_below(held.set_force)
             state.felt_for = state.felt_for + context.period if lost else 0.0
             return PhaseEvent.MORE if state.felt_for >= self._cockpit.limits.lost else None
 

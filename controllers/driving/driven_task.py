@@ -64,10 +64,12 @@ def driven_task(
         The planner.
     """
     size = vehicle.size
+    approach = ApproachLimits().of_size(size)
+    largest = source.largest_force or COLUMNS["set_force"].most
     job = SurfaceTaskConfig(
-        forces=(source.largest_force or COLUMNS["set_force"].most,),
+        forces=(max(largest, approach.least_force),),
         force_rate=size**2 * SurfaceSettings.force_rate,
-        approach=ApproachLimits().of_size(size),
+        approach=approach,
         arrival=ArrivalLimits.of_size(size),
         escape=EscapeLimits.of_size(size),
     )

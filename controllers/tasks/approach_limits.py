@@ -6,6 +6,9 @@ from typing import Self
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
 
+# [-] share of the set force, or of `touch` where that is less, below which contact counts as lost
+_LOST = 0.5
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ApproachLimits:
@@ -21,6 +24,19 @@ class ApproachLimits:
     touch: float = 6.0  # [N] estimated normal force that counts as contact
     touch_time: float = 0.04  # [s] for which it must last
     search: float = 0.06  # [m] by which the approach goes beyond the expected surface
+
+    @property
+    def least_force(self) -> float:
+        """Least force [N] that can be set: half of `touch`.
+
+        Contact then counts as lost at 1.5 N. In free water after the tare the estimate of the
+        default arm reached 1.2 N, with a standard deviation of 0.2 N.
+        """
+        return 0.5 * self.touch
+
+    def lost_below(self, set_force: float) -> float:
+        """Estimated normal force [N] below which contact counts as lost at a set force [N]."""
+        return _LOST * min(self.touch, set_force)
 
     def of_size(self, size: float) -> Self:
         """These for an arm whose distances beside an object are `size` [-] times the usual ones.

@@ -117,6 +117,14 @@ class SurfaceTaskConfig(SurfaceSettings):
                     "forces)"
                 )
 
+        if self.presses and min(self.forces) < self.least_force:
+            raise ConfigurationError(
+                f"task.forces [N]: {min(self.forces):g} N cannot be distinguished from no contact: "
+                f"at least {self.least_force:g} N, half of the {self.approach.touch:g} N that "
+                "count as contact (task.approach.touch); below half of the set force contact "
+                "counts as lost"
+            )
+
         standoff = self.approach.standoff
         if self.contactless is not None and not 0.0 < self.contactless <= standoff:
             raise ConfigurationError(
@@ -130,6 +138,11 @@ class SurfaceTaskConfig(SurfaceSettings):
         largest = max(self.forces)
         share, least = self.contact.above
         return min(self.contact.force, largest + max(share * largest, least) + self.approach.touch)
+
+    @property
+    def least_force(self) -> float:
+        """Least set force [N] at which a loss of contact is above the scatter of the estimate."""
+        return self.approach.least_force
 
     @property
     def presses(self) -> bool:
@@ -392,8 +405,9 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         return f"the force cannot be held: {forces}" if context.normal > allowed(held) else ""
 
     def lost(held: Held, context: Context) -> str:
-        del held
-        return "" if context.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
+        if context.normal > job.approach.lost_below(held.set_force):
+            return ""
+        return f"contact lost for {limits.lost_time} s"
 
     def leaving_force(held: Held, context: Context) -> float:
         """Force that is monitored: of any direction after the release, before it only along the
@@ -442,7 +456,9 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=at_work,
         ),
         Monitor(
-            condition=Bounded(lost, EstimateBounds(slack=-0.5 * touch)),
+            condition=Bounded(
+                lost, lambda held: EstimateBounds(slack=-job.approach.lost_below(held.set_force))
+            ),
             reaction=Reaction.RETREAT,
             code=AbortCode.CONTACT_LOST,
             lasting=limits.lost_time,

@@ -15,6 +15,7 @@ from uuv.sim.interfaces.spatial import Array
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
+_PADDING = "_"  # name of a field without content
 _LONGEST_HEADER = 100  # largest number of lines of the header
 
 
@@ -28,9 +29,10 @@ class _Layout:
     count: int  # number of points
     shape: tuple[int, int]  # rows and columns of an organised cloud
     columns: list[int]  # indices of the fields x, y, z, and of the normal if there is one
+    left_out: list[str]  # names of the other fields
 
 
-def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
+def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None, list[str]]:
     """Read the points of a PCD file.
 
     Args:
@@ -39,7 +41,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
     Returns:
         Points (n, 3), n > 0, in the unit of the file, with NaN kept in place. Normals (n, 3) as
             they are in the file, None if there are none. Rows and columns if the cloud is
-            organised, else None.
+            organised, else None. Names of the fields that are not read.
 
     Raises:
         ConfigurationError: The file cannot be read, is not PCD, has no x, y, z, or is truncated.
@@ -63,7 +65,11 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
     shape = (height, width) if min(height, width) > 1 and height * width == count else None
     if layout.kind == "ascii":
         first = [sum(layout.counts[:k]) for k in layout.columns]
-        return *_parted(_from_text(body, count, first, sum(layout.counts), file)), shape
+        return (
+            *_parted(_from_text(body, count, first, sum(layout.counts), file)),
+            shape,
+            layout.left_out,
+        )
 
     fields = _binary_fields(body, layout, file)
     with np.errstate(invalid="ignore"):  # a signalling NaN would raise a flag
@@ -71,7 +77,7 @@ def read_pcd(file: Path) -> tuple[Array, Array | None, tuple[int, int] | None]:
             np.ascontiguousarray(fields[k]).view(layout.types[k])[:, 0].astype(np.float64)
             for k in layout.columns
         ]
-    return *_parted(np.column_stack(numbers)), shape
+    return *_parted(np.column_stack(numbers)), shape, layout.left_out
 
 
 def _layout(header: dict[str, list[str]]) -> _Layout:
@@ -98,7 +104,13 @@ def _layout(header: dict[str, list[str]]) -> _Layout:
     if not all(counts[k] for k in columns):
         raise ValueError("x, y and z, and normals, must have a COUNT of at least 1")
     return _Layout(
-        kind=kind, types=types, counts=counts, count=count, shape=(height, width), columns=columns
+        kind=kind,
+        types=types,
+        counts=counts,
+        count=count,
+        shape=(height, width),
+        columns=columns,
+        left_out=[name for k, name in enumerate(names) if k not in columns and name != _PADDING],
     )
 
 

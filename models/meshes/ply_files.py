@@ -59,6 +59,17 @@ def read_ply_normals(content: bytes) -> tuple[Array, Array | None, np.ndarray]:
         raise ValueError(_NOT_FINITE) from error
 
 
+def ply_columns(content: bytes) -> list[str]:
+    """Names of the properties of the vertices of PLY `content`.
+
+    Raises:
+        ValueError: the content is no PLY file.
+    """
+    _, elements, _ = _header(content)
+    vertices = [element for element in elements if element.name == "vertex"]
+    return [name for element in vertices for name, _, _ in element.properties]
+
+
 def need_corners(points: Array, triangles: np.ndarray) -> None:
     """Raise ValueError if one of `triangles` (T, 3) refers to a point that is not in `points` (N,
     3).

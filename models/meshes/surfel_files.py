@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from uuv.models.meshes.ply_files import read_ply_normals
+from uuv.models.meshes.ply_files import ply_columns, read_ply_normals
 from uuv.models.meshes.text_clouds import read_text_cloud
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of, existing_file, text_of
@@ -67,23 +67,32 @@ def read_surfels(file: str | Path, what: str = "cloud") -> Surfels:
             # imported here, since it imports numba, which few objects need
             from uuv.models.meshes.pcd_files import read_pcd
 
-            points, normals, shape = read_pcd(path)
-            return Surfels(points=points, normals=normals, shape=shape, notes=())
+            points, normals, shape, others = read_pcd(path)
+            return Surfels(points=points, normals=normals, shape=shape, notes=_left_out(others))
         case ".ply":
+            content = bytes_of(path, what)
             try:
-                points, normals, _ = read_ply_normals(bytes_of(path, what))
+                points, normals, _ = read_ply_normals(content)
             except ValueError as error:
                 raise ConfigurationError(
                     f"{what} {path}: no points can be read from this PLY file: {error}"
                 ) from error
             if not len(points):
                 raise ConfigurationError(f"{what} {path}: this PLY file has no points")
-            return Surfels(points=points, normals=normals, shape=None, notes=())
+
+            used = {*"xyz", *(("nx", "ny", "nz") if normals is not None else ())}
+            others = [name for name in ply_columns(content) if name not in used]
+            return Surfels(points=points, normals=normals, shape=None, notes=_left_out(others))
         case _:
             cloud = read_text_cloud(_text(path, what), f"{what} {path}")
             return Surfels(
                 points=cloud.points, normals=cloud.normals, shape=None, notes=cloud.notes
             )
+
+
+def _left_out(names: list[str]) -> tuple[str, ...]:
+    """Note on the columns that are not read; none if there are no such columns."""
+    return (f"columns left out: {' '.join(names)}",) if names else ()
 
 
 def check_surfels(file: str | Path, what: str = "cloud") -> None:

@@ -4,7 +4,7 @@ Sensor frame S has OpenCV axes (z along the optical axis). Point clouds are conv
 (`cloud_grid`), so that all later steps have one data type.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,8 @@ from uuv.sim.interfaces.spatial import Array, number, readonly, real_array
 SIGMA_ALLOWED = (1e-6, 0.01)
 MIN_POINTS = 60  # with fewer points no pose can be distinguished from noise
 _ENDLESS = 1e5  # [m] along an axis; larger coordinates are invalid
+# conventions of a camera's frame, by the axis that points ahead in them
+_OTHER_AXES = {"+x": "ROS camera_link", "-z": "OpenGL or Blender"}
 _SAMPLED = 20_000  # approximate number of pixels to which background planes are fitted
 _FACET = 0.056  # [rad] width of the surface (31 px of the usual camera) for a local normal
 _ALIGNED = np.cos(np.deg2rad(20.0))  # least cosine between a local normal and that of its plane
@@ -137,6 +139,7 @@ class Scan:
     tangent_x: Array  # (w,) x/z of each column
     tangent_y: Array  # (h,) y/z of each row
     known: "KnownObjects | None" = None  # other objects that were identified in the scan already
+    doubt: str = ""  # sign of a cloud in other axes than those of S; empty if there is none
 
     @property
     def depth(self) -> Array:
@@ -271,9 +274,11 @@ class Scan:
             coordinates[..., 2] > 1e-3
         )  # False for NaN
         count = int(usable.sum())
+        doubt = doubted_axes(coordinates)
         if count < MIN_POINTS:
             raise PerceptionError(
                 f"only {count} usable points of {coordinates.size // 3}; need {MIN_POINTS}"
+                + (f"; {doubt}" if doubt else "")
             )
 
         # Pixels of the sensor if the cloud has them, else those of a virtual pinhole
@@ -281,7 +286,8 @@ class Scan:
         if grid is None:
             points = coordinates[usable]
             grid = lattice_grid(points) or scatter_grid(points)
-        return cls.of_grid(grid.depth, grid.tangent_x, grid.tangent_y)
+        scan = cls.of_grid(grid.depth, grid.tangent_x, grid.tangent_y)
+        return replace(scan, doubt=doubt)
 
     @classmethod
     def of_grid(cls, depth: Array, tangent_x: Array, tangent_y: Array) -> "Scan":
@@ -299,6 +305,33 @@ class Scan:
         return cls(
             points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y)
         )
+
+
+def doubted_axes(coordinates: Array) -> str:
+    """Sign of a cloud in other axes than those of a sensor, x right, y down, z ahead.
+
+    Args:
+        coordinates: Points (..., 3) [m].
+
+    Returns:
+        Message with the axis along which the points lie; empty if that is +z.
+    """
+    points = coordinates.reshape(-1, 3)
+    points = points[(np.abs(points) < _ENDLESS).all(axis=1)]  # False for NaN
+    if not len(points):
+        return ""
+
+    middle = np.median(points, axis=0)
+    axis = int(np.abs(middle).argmax())
+    if axis == 2 and middle[2] > 0.0:
+        return ""
+
+    along = f"{'-' if middle[axis] < 0.0 else '+'}{'xyz'[axis]}"
+    convention = f" (the axes of {_OTHER_AXES[along]}?)" if along in _OTHER_AXES else ""
+    return (
+        "the cloud has to be in the frame of the sensor, z ahead, but most of its points lie along "
+        f"{along}{convention}"
+    )
 
 
 def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:

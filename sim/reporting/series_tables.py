@@ -15,7 +15,7 @@ import numpy as np
 from uuv.sim.evaluation.run_metrics import EveryRun
 from uuv.sim.interfaces import page
 from uuv.sim.interfaces.documents import json_of
-from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.sim.interfaces.extras import wanted
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import one_of, shown
@@ -251,12 +251,26 @@ class PastRun:
         """Values (N,) of one column; `time` is a column too.
 
         Raises:
-            ConfigurationError: There is no such column; the message lists those that there are.
+            ConfigurationError: There is no such column; the message names the table that has it,
+                or lists those that there are.
         """
         columns = self._columns(rate)
         if name not in columns:
-            raise ConfigurationError(f"no column {name!r}; there are {', '.join(columns)}")
+            raise ConfigurationError(f"no column {name!r} in the table {rate!r}{self._near(name)}")
         return columns[name].values
+
+    def _near(self, name: str) -> str:
+        """End of the message on a column that a table lacks: another table has it, or one of a
+        similar name, or the columns of all tables.
+        """
+        tables = {rate: list(self._columns(rate)) for rate in self.rates}
+        for rate, names in tables.items():
+            if name in names:
+                return f"; the table {rate!r} has it: column({name!r}, {rate!r})"
+
+        near = did_you_mean(name, [column for names in tables.values() for column in names])
+        lists = "; ".join(f"{rate!r}: {', '.join(names)}" for rate, names in tables.items())
+        return f"{near}; there are in {lists}"
 
     def numbers(self, name: str, rate: str = LOOP) -> np.ndarray:
         """Values (N,) of one column, which must be numbers.
@@ -275,6 +289,13 @@ class PastRun:
     def units(self, rate: str = LOOP) -> dict[str, str]:
         """Unit of each column."""
         return {name: column.unit for name, column in self._columns(rate).items()}
+
+    @property
+    def states(self) -> dict[int, str]:
+        """Names of the states of the work by their number in the series `state`."""
+        from uuv.sim.loop.recording import STATES as LOGGED_STATES
+
+        return {number: str(state) for number, state in enumerate(LOGGED_STATES)}
 
     @cached_property
     def recorded(self) -> "RecordedSeries":

@@ -1,6 +1,7 @@
 """Finding an object in a cloud or a scene: what comes out, and inputs that end in one line."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -107,6 +108,7 @@ def test_which_of_several_objects_it_is(verb, tmp_path):
     said = json.loads((tmp_path / "identification.json").read_text())
     assert said["object"] == "starfish"
     assert [each["object"] for each in said["candidates"]] == ["starfish", "valve"]
+    assert re.search(r"middle at \(.*\) m, standard deviation [\d.]+ mm", done.stdout)
 
 
 def test_an_object_that_is_there_twice_is_refused(verb, tmp_path):

@@ -108,7 +108,8 @@ def write_bag(folder: Path, topics: Sequence[Topic], types: RosTypes) -> int:
 
 
 def write_csv(folder: Path, run: PastRun) -> list[Path]:
-    """Write a CSV file for each table of a run, with units in the heads of columns.
+    """Write a CSV file for each table of a run, with units in the heads of columns, and
+    `states.csv`, the names of the numbers in the series `state`.
 
     Args:
         folder: New or existing folder.
@@ -128,11 +129,18 @@ def write_csv(folder: Path, run: PastRun) -> list[Path]:
 
         files.append(folder / f"{rate}.csv")
         write_whole(files[-1], text.getvalue().encode())
+
+    files.append(folder / "states.csv")
+    rows = [f"{number},{state}\n" for number, state in run.states.items()]
+    write_whole(files[-1], "".join(["state,name\n", *rows]).encode())
     return files
 
 
 def write_matlab(file: Path, run: PastRun) -> None:
-    """Write a MATLAB file: a struct for each table, in it a matrix for each series, and `units`."""
+    """Write a MATLAB file: a struct for each table, in it a matrix for each series, and `units`.
+
+    `states` has the numbers of the series `state`, and the name of each.
+    """
     from scipy.io import savemat
 
     content: dict[str, Any] = {}
@@ -156,6 +164,10 @@ def write_matlab(file: Path, run: PastRun) -> None:
             name: np.array(run.column(name, EVENTS).tolist(), object)
             for name in ("state", "abort", "note")
         },
+    }
+    content["states"] = {
+        "state": np.array(list(run.states))[:, None],
+        "name": np.array(list(run.states.values()), object),
     }
     buffer = io.BytesIO()
     savemat(buffer, content, do_compression=True, long_field_names=True)

@@ -111,13 +111,29 @@ def print_candidates(several: "Recognition", console: "Console") -> None:
 
 
 def print_pose(pose: "Identification", target: "TargetModel", console: "Console") -> None:
-    """Prints the middle of the object, the choice among symmetric poses, and the time taken."""
-    from uuv.sim.interfaces.spatial import transform_points
+    """Prints middle and attitude of the object with their standard deviations, the choice among
+    symmetric poses, and the time taken.
+    """
+    import numpy as np
+
+    from uuv.sim.interfaces.spatial import log_so3, transform_points
 
     p_C = transform_points(pose.X_sensor_target, target.center)
-    center = ", ".join(f"{value:.4f}" for value in p_C)
-    line = f"middle at ({center}) m; {pose.symmetry.policy}; {pose.duration_s:.2f} s"
-    console.print(line, highlight=False)
+    turn = np.degrees(log_so3(pose.X_sensor_target[:3, :3]))
+    position = angle = ""
+    if pose.covariance is not None:
+        sigma_p, sigma_R = pose.covariance.held_sigmas
+        position = f", standard deviation {1e3 * sigma_p:.1f} mm"
+        angle = f", standard deviation {np.degrees(sigma_R):.1f} deg"
+
+    lines = [
+        f"middle at ({', '.join(f'{value:.4f}' for value in p_C)}) m{position}",
+        f"rotation vector ({', '.join(f'{value:.1f}' for value in turn)}) deg{angle}",
+    ]
+    if pose.symmetry.axis is not None or pose.symmetry.turns > 1:
+        lines.append(f"symmetric object: {pose.symmetry.policy}")
+    for line in (*lines, f"found in {pose.duration_s:.2f} s"):
+        console.print(line, highlight=False)
 
 
 def deformation(
@@ -135,6 +151,9 @@ def deformation(
         figure = deformation_report.picture_of_deviations(mapped, title)
         figure.savefig(folder / "deformation.png", dpi=120)
     else:
-        compared = f"{mapped.compared:.0%} of the surface in view was compared"
-        console.print(f"no significant deviation; {compared}", highlight=False)
+        line = (
+            f"no deviation from the model above {1e3 * mapped.size_m:.1f} mm on the "
+            f"{mapped.compared:.0%} of the surface in view that was compared"
+        )
+        console.print(line, highlight=False)
     return deformation_report.figures(mapped)

@@ -424,6 +424,19 @@ def test_contact_may_be_lost_for_a_moment(gap, ends):
     assert ("contact lost for 0.5 s" in script.end.note) is (ends is WorkState.ABORT)
 
 
+@pytest.mark.parametrize(("felt_share", "ends"), [(0.6, WorkState.DONE), (0.4, WorkState.ABORT)])
+def test_contact_is_lost_below_half_of_a_small_set_force(felt_share: float, ends: WorkState):
+    """3 N, less than the touch of 6 N: half of the touch would be the set force itself."""
+
+    def felt(reference: Reference) -> float:
+        share = felt_share if reference.state is WorkState.WORK and reference.path_s > 0.02 else 1.0
+        return share * obedient(reference)
+
+    script = Script(job=SurfaceTaskConfig(forces=(3.0,)), felt=felt).run()
+    assert script.end.state is ends
+    assert ("contact lost for 0.5 s" in script.end.note) is (ends is WorkState.ABORT)
+
+
 @pytest.mark.parametrize(
     ("time", "share", "ends"), [(0.2, 1.5, "done"), (0.5, 1.5, "abort"), (5.0, 1.2, "done")]
 )
@@ -787,6 +800,7 @@ def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
         ({"forces": (60.0, -60.0)}, "task.forces .*positive.*got -60"),
         ({"forces": (float("nan"),)}, "task.forces .*finite"),
         ({"forces": (160.0,)}, "no room for overshoot"),
+        ({"forces": (60.0, 2.9)}, "2.9 N cannot be distinguished from no contact: at least 3 N"),
         ({"forces": (60.0,), "contactless": 0.0}, r"task\.contactless \[m\]"),
         ({"forces": (60.0,), "contactless": 0.2}, "at most the stand-off of 0.1 m, got 0.2"),
         ({"forces": (60.0,), "speed": 0.0}, "task.speed"),

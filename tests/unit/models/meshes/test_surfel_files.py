@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from uuv.models.meshes.closed_shells import box
+from uuv.models.meshes.ply_files import write_ply
 from uuv.models.meshes.surfel_files import check_surfels, read_surfels
 from uuv.models.objects.target_model import TargetModel
 from uuv.perception.clouds.cloud_files import load_cloud
@@ -88,6 +89,25 @@ def test_columns_that_are_no_normals_are_left_out_and_said(
     assert bool(surfels.notes) == bool(note)
     np.testing.assert_array_equal(read_cloud(file), surfels.points)
     assert load_cloud(file).notes == surfels.notes
+
+
+@pytest.mark.parametrize("ending", ["ply", "pcd"])
+def test_colours_of_ply_and_pcd_are_left_out_and_said(
+    tmp_path: Path, ending: str, rng: np.random.Generator
+) -> None:
+    file = tmp_path / f"scan.{ending}"
+    points = surface(rng)[0].round(4)
+    if ending == "ply":
+        write_ply(file, points, colours=colours(rng, len(points)) / 255.0)
+    else:
+        head = "FIELDS x y z _ rgb\nSIZE 4 4 4 1 4\nTYPE F F F U U\nCOUNT 1 1 1 1 1\n"
+        rows = np.column_stack([points, np.zeros(len(points)), rng.integers(0, 99, len(points))])
+        written(file, rows, f"{head}WIDTH {len(points)}\nHEIGHT 1\nDATA ascii")
+
+    cloud = load_cloud(file)
+    np.testing.assert_allclose(cloud.points, points, atol=1e-6)
+    left_out = "red green blue" if ending == "ply" else "rgb"
+    assert cloud.notes == (f"columns left out: {left_out}",)
 
 
 @pytest.mark.parametrize(

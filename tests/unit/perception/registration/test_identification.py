@@ -2,6 +2,7 @@
 not made for.
 """
 
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from depth_scenes import DEFAULT_NOISE, FLOOR, coarse, halved, look, random_view, standing
 from uuv import perception
+from uuv.cli.identify.object import print_pose
 from uuv.clouds.frames import Camera, camera_pose
 from uuv.clouds.object_scenes import add_seabed
 from uuv.models.meshes.closed_shells import box, joined, revolve
@@ -35,6 +37,7 @@ from uuv.sim.interfaces.spatial import (
     rotation_from_z,
     transform_points,
 )
+from uuv.sim.runs.terminal import PlainConsole
 
 BARREL = barrel()
 VIEW = camera_pose(np.array([0.1, -0.9, 0.75]))
@@ -120,6 +123,24 @@ EVERY_THIRD = pytest.mark.long(
 ANOTHER_SIDE = pytest.mark.long(
     guarded_by="tests/unit/perception/registration/test_identification.py::test_an_exact_frame_gives_the_pose_without_bias"
 )
+
+
+def test_the_shell_prints_the_pose_with_its_standard_deviations(
+    found: Identification, capsys: pytest.CaptureFixture[str]
+):
+    print_pose(found, BARREL, PlainConsole())
+    printed = capsys.readouterr().out
+    number = r"(-?[\d.]+)"
+    middle = re.search(rf"middle at \({number}, {number}, {number}\) m, standard dev", printed)
+    turn = re.search(rf"rotation vector \({number}, {number}, {number}\) deg, standard", printed)
+    assert middle, printed
+    assert turn, printed
+    X_ST = found.X_sensor_target
+    p_C = transform_points(X_ST, BARREL.center)
+    assert [float(value) for value in middle.groups()] == pytest.approx(p_C, abs=1e-4)
+    R_ST = exp_so3(np.radians([float(value) for value in turn.groups()]))
+    np.testing.assert_allclose(R_ST, X_ST[:3, :3], atol=2e-3)  # printed to 0.1 deg
+    assert "symmetric object: of the equivalent orientations" in printed
 
 
 @pytest.mark.parametrize("seeds", [(10, 142), pytest.param((0, 31, 214), marks=MORE_VIEWS)])
@@ -371,6 +392,36 @@ def test_nothing_there_is_said_not_raised(surface: ModelSurface, name: str, prio
     result = identify(NOTHING[name], surface, *hint)
     assert not result.accepted
     assert result.reason
+
+
+@pytest.mark.parametrize(
+    ("turn", "words"),
+    [
+        ([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], r"along \+x \(the axes of ROS camera_link\?\)"),
+        ([[1, 0, 0], [0, -1, 0], [0, 0, -1]], r"along -z \(the axes of OpenGL or Blender\?\)"),
+    ],
+    ids=["ROS", "OpenGL"],
+)
+def test_a_cloud_in_other_axes_is_named(
+    surface: ModelSurface, frame: DepthImage, turn: list[list[int]], words: str
+):
+    points = Scan.from_depth(frame).points.reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    refused = identify(
+        points[::9] @ np.array(turn).T, surface, orientation=np.eye(3), thorough=False
+    )
+    assert not refused.accepted
+    assert re.search(words, refused.reason), refused.reason
+
+
+def test_an_approach_in_millimetres_is_named(surface: ModelSurface, frame: DepthImage):
+    refused = identify(Scan.from_depth(frame), surface, 1e3 * VIEW[:3, 3])
+    assert re.search(
+        r"approach is [\d.]+ m from the sensor \(in millimetres\?\), the points [\d.]+ to [\d.]+ m",
+        refused.reason,
+    ), refused.reason
+    beside = identify(Scan.from_depth(frame), surface, VIEW[:3, 3] + [0.0, 0.0, 8.0])
+    assert re.search("approach is 9.18 m from the sensor, the points", beside.reason), beside.reason
 
 
 @pytest.mark.parametrize(

@@ -327,8 +327,13 @@ def test_a_run_is_compared_and_read_back(uuv, tmp_path: Path):
     assert past.units("slow")["q.joint1"] == "rad"
     assert past.table("events").to_pylist()[-1]["state"] == "done"
     assert past._repr_html_().count("<tr>") == 6
-    with pytest.raises(ConfigurationError, match="no column 'force'; there are time"):
+    assert past.states[int(past.column("state")[-1])] == "done"
+    with pytest.raises(
+        ConfigurationError, match=r"'force' in .*'loop' \(did you mean set_force\?\)"
+    ):
         past.column("force")
+    with pytest.raises(ConfigurationError, match=r"the table 'slow' has it: column\('q.joint1', "):
+        past.column("q.joint1")
     with pytest.raises(ConfigurationError, match=r"no series 'fast'; there are loop"):
         past.table("fast")
 

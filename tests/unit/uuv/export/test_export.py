@@ -211,6 +211,9 @@ def test_tables_as_csv_have_all_digits_and_units(export, run, tmp_path):
     assert (tmp_path / "tables" / "events.csv").read_text().splitlines()[2] == (
         "0.1,abort,63 N,force limit"
     )
+    with open(tmp_path / "tables" / "states.csv", newline="") as file:
+        states = {int(row["state"]): row["name"] for row in csv.DictReader(file)}
+    assert [states[int(number)] for number in run["state"].scalar[[0, -1]]] == ["work", "work"]
 
 
 def test_a_matlab_file_has_a_matrix_for_each_series(export, run, tmp_path):
@@ -221,6 +224,8 @@ def test_a_matlab_file_has_a_matrix_for_each_series(export, run, tmp_path):
     assert np.array_equal(read["loop"]["time"], run["set_force"].time)
     assert read["poses"]["body_pose_hull"].shape == (3, 7)
     assert read["events"]["state"].tolist() == ["work", "abort"]
+    states = dict(zip(read["states"]["state"], read["states"]["name"], strict=True))
+    assert [states[number] for number in read["loop"]["state"][[0, -1]]] == ["work", "work"]
 
 
 def test_several_formats_at_once_and_as_json(export, tmp_path):

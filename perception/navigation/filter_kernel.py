@@ -403,7 +403,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
         unknown = BLIND * (dt - f.interval)
 
     # Attitude
-    turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning)
+    turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning, f.check.missed)
     if f.lone[0, 2] > 0.0 or f.lone[1, 2] > 0.0 or f.lone[2, 2] > 0.0:
         follow_attitude(f, R_meas, dt)
 
@@ -485,7 +485,7 @@ def take_imu(memory, sample):
         f.seen_w[i] = w[i]
 
     # The gyro and the attitude of a valid sample are compared
-    if not frozen and advance(f, dt, force, believed(f, w), sample.R_WB, 0.0):
+    if not frozen and advance(f, dt, force, believed(f, w, dt), sample.R_WB, 0.0):
         f.imu_time = sample.time[0]
         if f.check.on:
             verdict = compare_rate(f, dt, w, sample.R_WB)

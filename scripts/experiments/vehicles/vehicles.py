@@ -35,6 +35,7 @@ VEHICLES: dict[str, tuple[str | None, tuple[float, ...]]] = {
     "bluerov2_heavy_alpha5": ("small_pad", (8.0,)),
     "bluerov2_alpha5": ("small_pad", (4.0,)),
     "girona500_arm4": ("pad", (20.0,)),
+    "phoenix_smart3s": ("pad", ()),
     "rexrov2_arm7": (None, ()),
     "rexrov_oberon7": (None, ()),
     "uuv_puma_two_sway": (None, ()),

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
+from math import nan
 from pathlib import Path
 from typing import Any, cast
 
@@ -116,7 +117,11 @@ def _setup(vehicle: str) -> tuple[str, str | None, tuple[float, ...]]:
             "--vehicles: must be a name or an existing FILE:TOOL:FORCE, as in my.urdf:pad:20, got "
             f"{vehicle!r}"
         )
-    return file, tool, (finite_number(force, f"--vehicles {vehicle}: force [N]", above=0.0),)
+    try:
+        push = float(force)
+    except ValueError:
+        push = nan
+    return file, tool, (finite_number(push, f"--vehicles {vehicle}: force [N]", above=0.0),)
 
 
 def died(case: VehicleJobCase, error: str) -> VehicleJobRow:

@@ -174,7 +174,7 @@ class StationKeeping:
         ):
             arm = ArmDynamics(model, water_error=water_error)
         if arm is not None:
-            inertia += _arm_inertia(arm, vehicle.q_home)
+            inertia += arm_inertia(arm, vehicle.q_home)
 
         # Drag of the hull.
         water = hydrodynamics.without_forms(
@@ -317,7 +317,7 @@ def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
     return rigid + water_scale * water.added_mass
 
 
-def _arm_inertia(arm: ArmDynamics, q: Array) -> Array:
+def arm_inertia(arm: ArmDynamics, q: Array) -> Array:
     """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds, computed as the wrenches of unit
     accelerations.
     """

@@ -36,9 +36,11 @@ from uuv.controllers.hull.feedforward import (
     Feedforward,
 )
 from uuv.controllers.hull.hull_control import HullControl, HullControlState
+from uuv.controllers.hull.station_keeping import hull_inertia
 from uuv.controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
 from uuv.controllers.whole_body.drive_tick import DriveGains, DriveRecord, drive_box, drive_tick
 from uuv.controllers.whole_body.hull_step import HullStepRecord, LoggedStep
+from uuv.controllers.whole_body.servo_bandwidth import slowed_down
 from uuv.controllers.whole_body.tool_control import (
     DriftCorrection,
     ForceLaw,
@@ -134,22 +136,26 @@ class WorkController:
             feedforward: feedforward of the arm's wrench to the thrusters; None: `ArmWrench`.
             water_error: [-] share by which added masses and drags are deliberately wrong.
         """
-        self.tuning = tuning = tuning or ArmTuning()
+        self._vehicle = vehicle = Vehicle.of(model)
         self._arm = arm = ArmDynamics(model, water_error=water_error)
-        self._torque_sensors = TorqueSensors(model, arm=arm, tuning=tuning)
-        self.contact: ContactEstimator = estimator or self._torque_sensors
-        self.tool = ToolControl(
-            model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift
-        )
-        self._vehicle = Vehicle.of(model)
-
-        # Components that are the same for all.
-        self.servo = JointServo(self._vehicle, tuning, DRIVE_PERIOD)
+        tuning = tuning or ArmTuning()
         self.task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
         self.hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
         self._hull = HullControl(
             model, arm, period=self.hull_ticks * DRIVE_PERIOD, water_error=water_error
         )
+
+        # The servo of the joints is slowed down where the hull is light for its arm.
+        of_hull = hull_inertia(model, vehicle.hull, 1.0 + water_error)
+        self.tuning = tuning = slowed_down(tuning, arm, of_hull, vehicle, DRIVE_PERIOD)
+        self._torque_sensors = TorqueSensors(model, arm=arm, tuning=tuning)
+        self.contact: ContactEstimator = estimator or self._torque_sensors
+        self.tool = ToolControl(
+            model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift
+        )
+
+        # Components that are the same for all.
+        self.servo = JointServo(self._vehicle, tuning, DRIVE_PERIOD)
         self._feedforward: Feedforward = feedforward or ArmWrench()
 
     @property

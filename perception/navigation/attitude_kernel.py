@@ -20,7 +20,7 @@ REGAINED = 5e-3
 
 
 @kernel
-def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
+def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances, missed):
     """Propagate the attitude by the gyro and correct it by the attitude reference, in place.
 
     A Kalman filter of two states per axis, angle and gyro bias, with one covariance for the three
@@ -35,6 +35,8 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
         gyro: (3,) covariance of angle, angle and bias, bias, changed in place.
         variances: (3,) of the angle by gyro noise in one second, of one attitude reading, of the
             bias in one second.
+        missed: (3,) [rad] angle that rates in doubt have turned; while it is not zero, the bias
+            is not corrected, since the difference from the reference may be this angle.
     """
     k_angle, k_bias = _gains(gyro, variances[0], variances[1], variances[2], dt)
 
@@ -48,7 +50,8 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
     for i in range(3):
         err = min(max(_ahead(R, R_meas, i), -TILT_CLIP), TILT_CLIP)
         angle[i] = k_angle * err
-        rate_bias[i] += k_bias * err
+        if missed[i] == 0.0:
+            rate_bias[i] += k_bias * err
     rotate(R, angle)
 
 
@@ -111,15 +114,19 @@ def rotate(R, angle):
 
 
 @kernel
-def believed(f, w_B):
-    """Rates (3,) [rad/s] of the gyro as used by the filter.
+def believed(f, w_B, dt):
+    """Rates (3,) [rad/s] of the gyro as used by the filter, for a step of `dt` [s].
 
     A rate that jumps is not used until the check can decide, for twice the time in which a wrong
-    jump causes a significant angle. About an axis with a faulty gyro the rate is set to zero; the
-    estimated bias is then the negative of the hull's rate.
+    jump causes a significant angle. If the gyro was right, as on a light hull that its arm jerks,
+    the attitude then catches up on the angle that the rate has turned meanwhile. About an axis with
+    a faulty gyro the rate is set to zero; the estimated bias is then the negative of the hull's
+    rate.
     """
     check = f.check
     rates = w_B
+    caught_up = False
+    angle = np.zeros(3)
     least = max(JUMPS, WILD * np.sqrt(f.rate))
     clear = 2.0 * CLEAR * np.sqrt(f.turning[1]) / f.interval
 
@@ -133,6 +140,14 @@ def believed(f, w_B):
             if rates is w_B:
                 rates = w_B.copy()
             rates[i] = 0.0 if wrong else f.w_B[i]
+            check.missed[i] = 0.0 if wrong else check.missed[i] + (w_B[i] - f.w_B[i]) * dt
+        elif check.missed[i] != 0.0:
+            angle[i] = check.missed[i]
+            check.missed[i] = 0.0
+            caught_up = True
+
+    if caught_up:
+        rotate(f.R_WB, angle)
     return rates
 
 

@@ -42,7 +42,8 @@ VISION, DVL = 0, 1  # kinds of fix: position, velocity
 # [s] length, [s] time, velocity variance that the step adds [m^2/s^2]
 TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3
 FORCE, ATTITUDE = 4, 7  # specific force (3,) [m/s^2], attitude (9,)
-JUMP = 16  # [m^2/s^4] variance that the step adds to the bias, at a detected jump
+# [m^2/s^4] variance that the step adds to the bias, at a detected jump or while the hull tilts
+JUMP = 16
 INPUT = 17  # number of columns of `past_input`
 
 # Columns of `past_fix`, for each stored step one row per kind
@@ -62,6 +63,9 @@ HISTORY = 512  # number of IMU samples stored, for the largest delay of vision
 IMU_REPEATS = 25  # number of equal consecutive samples from which on the IMU counts as frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
 UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
+# Tilt of the hull from its usual one, beyond which the error of the attitude reference couples
+# gravity anew into the bias [-, sine of the angle]; time constant of the usual tilt [s]
+TILTED, TILT_TIME = 0.05, 2.0
 BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
 
 FILTER = np.dtype(
@@ -78,6 +82,8 @@ FILTER = np.dtype(
             ("attitude", np.float64),  # [rad^2] variance of one attitude reading
             ("rate_walk", np.float64),  # [rad^2/s^3] variance of the gyro bias in one second
             ("tilt", np.float64),  # [m^2/s^4] variance of the horizontal acceleration by tilt noise
+            # [m^2/s^4] variance of the acceleration by the constant tilt error of the reference
+            ("coupled", np.float64),
             ("release", np.float64, 4),  # spring of the held corrections, see `put_out`
             ("smooth", np.float64),  # [s] time constant of the output acceleration
             # 1: the output is the position relative to the tracked object, p + o; 0: p
@@ -93,6 +99,7 @@ FILTER = np.dtype(
             ("interval", np.float64),  # shortest interval between IMU samples so far
             # Attitude
             ("R_WB", np.float64, (3, 3)),
+            ("up", np.float64, 3),  # upward direction in B, smoothed over TILT_TIME
             ("gyro", np.float64, 3),  # covariance of angle and gyro bias, see `turn`
             ("rate_bias", np.float64, 3),  # [rad/s]
             ("turning", np.float64, 3),  # `variances` of `turn`
@@ -403,7 +410,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
         unknown = BLIND * (dt - f.interval)
 
     # Attitude
-    turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning)
+    turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning, f.check.missed)
     if f.lone[0, 2] > 0.0 or f.lone[1, 2] > 0.0 or f.lone[2, 2] > 0.0:
         follow_attitude(f, R_meas, dt)
 
@@ -418,7 +425,7 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     row[DT] = dt
     row[NOISE_XY] = across
     row[NOISE_Z] = along
-    row[JUMP] = 0.0
+    row[JUMP] = _tilted(f, dt)
     for i in range(3):
         row[FORCE + i] = specific_force_B[i]
         for j in range(3):
@@ -437,6 +444,25 @@ def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
     f.head = head
     f.time += dt
     return True
+
+
+@kernel
+def _tilted(f, dt):
+    """Variance [m^2/s^4] that a step of `dt` [s] adds to the bias because the hull tilts.
+
+    The reference's constant error, about hull axes, is a part of the accelerometer's bias by the
+    gravity that it couples in. That part depends on the tilt: the bias found in one tilt is wrong
+    in another by gravity times the error and the sine of the angle between them.
+    """
+    up = f.up
+    apart = 0.0
+    for i in range(3):
+        off = f.R_WB[2, i] - up[i]
+        up[i] += min(1.0, dt / TILT_TIME) * off
+        apart += off * off
+    if apart <= TILTED**2:
+        return 0.0
+    return f.coupled * apart * min(1.0, 2.0 * dt / TILT_TIME)
 
 
 @kernel
@@ -485,7 +511,7 @@ def take_imu(memory, sample):
         f.seen_w[i] = w[i]
 
     # The gyro and the attitude of a valid sample are compared
-    if not frozen and advance(f, dt, force, believed(f, w), sample.R_WB, 0.0):
+    if not frozen and advance(f, dt, force, believed(f, w, dt), sample.R_WB, 0.0):
         f.imu_time = sample.time[0]
         if f.check.on:
             verdict = compare_rate(f, dt, w, sample.R_WB)

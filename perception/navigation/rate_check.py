@@ -91,6 +91,7 @@ RATE_CHECK = np.dtype(
             # at the onset: usual rates of gyro and attitude [rad/s], `restless`
             ("before", np.float64, (2, 3, 3)),
             ("held", np.int64, 3),  # samples for which a rate that jumped is not used
+            ("missed", np.float64, 3),  # [rad] angle that the gyro has turned in these samples
             # Findings
             ("gyro_off", np.float64, 3),  # [rad/s] error of the gyro; 0: valid
             ("rate", np.float64, 3),  # [rad/s] rate of the gyro before it became faulty

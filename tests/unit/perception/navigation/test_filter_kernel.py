@@ -139,7 +139,7 @@ def turned(
     R: Array, R_meas: Array, w: Array, bias: Array, gyro: Array, dt: float = 0.01
 ) -> tuple[Array, Array, Array]:
     R, bias, gyro = R.copy(), bias.copy(), gyro.copy()
-    attitude.turn(R, R_meas, w, dt, bias, gyro, np.array([0.02, 0.3, 0.05]))
+    attitude.turn(R, R_meas, w, dt, bias, gyro, np.array([0.02, 0.3, 0.05]), np.zeros(3))
     return R, bias, gyro
 
 

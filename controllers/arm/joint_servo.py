@@ -11,7 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv.controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, workspace
+from uuv.controllers.arm.inverse_dynamics import (
+    ArmDynamics,
+    ArmParameters,
+    JointMotion,
+    newton_euler,
+    workspace,
+)
 from uuv.controllers.ik.priorities import DAMPING, prioritised
 from uuv.controllers.tuning import ArmTuning
 from uuv.models.vehicle import Vehicle
@@ -159,6 +165,36 @@ class JointServo:
             state.integral,
         )
         return state.tau
+
+
+def servo_feedback(
+    arm: ArmDynamics, drives: Drives, q: Array, soft: SoftAxis
+) -> tuple[Array, Array]:
+    """How the servo's torques follow the joints' motion, for drives that carry a command on.
+
+    Args:
+        arm: arm model.
+        drives: drives and gains.
+        q: (n,) [rad] joint angles.
+        soft: tool axis along which the servo is softer.
+
+    Returns:
+        Stiffness (n, n) [N m/rad] and damping (n, n) [N m s/rad]: the torques change by less each
+        of them times the change of angles and speeds, as long as they are within their limits.
+    """
+    n = len(q)
+    rest = np.zeros(n)
+    hull = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6)}
+    still = {"v_current_W": np.zeros(3), "wrench_tip_G": np.zeros(6)}
+
+    # Torque of a unit acceleration of each joint, beyond that at rest: inertia, with the rotors'.
+    borne = arm.inverse(q, rest, rest, **hull, **still)[0]
+    columns = [arm.inverse(q, rest, unit, **hull, **still)[0] - borne for unit in np.eye(n)]
+    inertia = np.column_stack(columns) + np.diag(drives.armature)
+
+    stiffness, damper = drives.gains[:2]
+    kept = np.eye(n) - soft.softness * np.outer(soft.yielding[1], soft.yielding[0])
+    return stiffness * inertia @ kept, damper * inertia - np.diag(drives.damping)
 
 
 @kernel

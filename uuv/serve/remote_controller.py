@@ -9,7 +9,7 @@ import contextlib
 import math
 import time
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from uuv.models.vehicle import Vehicle
 from uuv.pace import WallClock
 from uuv.serve import client
 from uuv.serve.client import Packet, PacketError
-from uuv.serve.datagrams import Endpoint
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import (
     Command,
@@ -50,22 +49,74 @@ class Exchange:
     held: int = 0  # ticks that went on with an earlier command
     silent: int = 0  # ticks without a command that still holds
     oldest_s: float = 0.0  # [s] simulated, largest age of a command that was used
+    reason: str = ""  # why a datagram was refused, the last time
 
     def summary(self) -> str:
         """In one line."""
-        return ", ".join(f"{value:g} {name}" for name, value in asdict(self).items())
+        counts = {name: value for name, value in asdict(self).items() if name != "reason"}
+        line = ", ".join(f"{value:g} {name}" for name, value in counts.items())
+        return f"{line}; last refused: {self.reason}" if self.reason else line
+
+
+class Channel(Protocol):
+    """Where frames go out and come in, such as an `uuv.serve.datagrams.Endpoint`."""
+
+    @property
+    def port(self) -> int:
+        """Number in messages."""
+        ...
+
+    @property
+    def peer(self) -> tuple[str, int] | None:
+        """Client that is answered; None: none yet."""
+        ...
+
+    def receive(self, patience: float = ...) -> bytes | None:
+        """Next datagram; None: none within `patience` [s]."""
+        ...
+
+    def send(self, data: bytes) -> bool:
+        """Send to the client; False: there is none, or no way there."""
+        ...
+
+    def answer_there(self) -> None:
+        """Answer from now on to where the last datagram came from."""
+        ...
+
+    def interrupts(self, silence: float) -> bool:
+        """Whether the last datagram is of another client, while the first is not silent for
+        `silence` [s].
+        """
+        ...
+
+
+class _Asked(NamedTuple):
+    """What a frame was sent with."""
+
+    time: float  # [s] simulated
+    q: Array  # (n,) [rad]
+    qd: Array  # (n,) [rad/s]
+
+
+class _Answer(NamedTuple):
+    """A command, with the motion of the joints for which it was computed."""
+
+    command: Command
+    asked: _Asked
+    stiffness: Array  # (n, n) [N m/rad] with which the torques follow the joints since
+    damping: Array  # (n, n) [N m s/rad]
 
 
 class UdpController:
     """Controller whose answers come from a client (`uuv.sim.interfaces.protocols.Controller`)."""
 
     def __init__(
-        self, endpoint: Endpoint, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
+        self, endpoint: Channel, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
     ) -> None:
         """Serve a vehicle's estimates at a socket.
 
         Args:
-            endpoint: Bound socket.
+            endpoint: Bound socket, or a link of another kind.
             vehicle: The vehicle as it is believed.
             period: [s] between commands.
             pace: Real-time pacing of the run; None: lockstep.
@@ -78,8 +129,11 @@ class UdpController:
         self._pace = pace
         self._count = 0
         self._answered = -1  # count of the newest command
-        self._sent: dict[int, float] = {}  # [s] simulated time by the count of a frame
-        self._command: Command | None = None
+        self._sent: dict[int, _Asked] = {}  # by the count of a frame
+        self._answer: _Answer | None = None  # newest command
+        # (n,) [N m] torques of the last period, and the age [s] of the command that they are of
+        self._applied = np.zeros(self._joints)
+        self._link_age = math.nan
         self._reference: Reference | None = None  # last one that was sent
         self._since = 0  # count from which it was
         self._gone = False
@@ -97,7 +151,7 @@ class UdpController:
             raise ConfigurationError(
                 f"port {self._endpoint.port}: the client sends no command within {GREETING:.0f} s"
             )
-        self._command = None
+        self._answer = None
 
     def step(
         self, state: None, estimate: StateEstimate, reference: Reference
@@ -114,7 +168,7 @@ class UdpController:
         frame = self._measured(estimate, reference)
         if self._pace is None:
             self._ask(frame, PATIENCE)
-        elif self._command is None and not self.traffic.silent:
+        elif self._answer is None and not self.traffic.silent:
             self._ask(frame, GREETING)  # time begins when the client is ready
             self._pace.arrive(estimate.time, reference.state)
         else:
@@ -123,16 +177,19 @@ class UdpController:
             self._listen_until(self._pace.due(estimate.time + self.period))
 
         # The newest command, if it still holds.
-        command = self._command
-        age = math.inf if command is None else estimate.time - command.time
-        if command is None or age > HELD or (self._pace is None and self._answered < self._count):
+        answer = self._answer
+        age = math.inf if answer is None else estimate.time - answer.asked.time
+        if answer is None or age > HELD or (self._pace is None and self._answered < self._count):
             self.traffic.silent += 1
             self._gone = self._pace is None
+            self._link_age = age
             return state, self._none(estimate, reference)
 
         self.traffic.held += self._answered < self._count
         self.traffic.oldest_s = max(self.traffic.oldest_s, age)
-        return state, _at(command, estimate.time, reference.scan)
+        command = answer.command if age == 0.0 else _carried_on(answer, estimate, reference.scan)
+        self._applied, self._link_age = command.joint_torque, age
+        return state, command
 
     def close(self) -> None:
         """Tell the client that the run has ended."""
@@ -175,40 +232,45 @@ class UdpController:
         """Take a datagram as a command, if it is one that is newer than the last."""
         try:
             if self._endpoint.interrupts(_SILENCE):
-                raise PacketError("a second client")
+                raise PacketError("a second client, while the first one answers")
             frame = client.unpack(data)
-            command = None if frame.kind == client.ENDED else self._of_frame(frame)
-        except PacketError:
+            self._check(frame)
+        except PacketError as error:
             self.traffic.refused += 1
+            self.traffic.reason = str(error)
             return
 
         self._endpoint.answer_there()  # a client that comes again may have another port
-        if command is None:  # a greeting
-            return
-
-        if not self._answered < frame.count <= self._count:
-            self.traffic.stale += 1
+        if frame.kind == client.ENDED:  # a greeting
             return
 
         # Its age is that of the measurement, whatever the client says.
+        asked = self._sent.get(frame.count)
+        if asked is None or frame.count <= self._answered:
+            self.traffic.stale += 1
+            return
+
         self._answered = frame.count
-        self._command = replace(command, time=self._sent[frame.count])
-        self._sent = {count: time for count, time in self._sent.items() if count > frame.count}
+        self._answer = self._of_frame(frame, asked)
+        self._sent = {count: asked for count, asked in self._sent.items() if count > frame.count}
         self.traffic.taken += 1
 
-    def _of_frame(self, frame: Packet) -> Command:
-        """A command as the loop has it.
-
-        Raises:
-            PacketError: It is none, or for another vehicle.
-        """
+    def _check(self, frame: Packet) -> None:
+        """Raise PacketError if a frame is neither a greeting nor a command for this vehicle."""
         sizes = (frame.joints, frame.thrusters)
-        if frame.kind != client.COMMANDED or sizes != (self._joints, self._thrusters):
-            raise PacketError("no command for this vehicle")
+        if frame.kind == client.MEASURED:
+            raise PacketError("a frame with a measurement comes from the simulation alone")
+        if frame.kind == client.COMMANDED and sizes != (self._joints, self._thrusters):
+            raise PacketError(
+                f"a command for {sizes[0]} joints and {sizes[1]} thrusters, the vehicle has "
+                f"{self._joints} and {self._thrusters}"
+            )
 
+    def _of_frame(self, frame: Packet, asked: _Asked) -> _Answer:
+        """A command as the loop has it, for the motion of the joints that it answers."""
         values = frame.values
-        return Command(
-            time=frame.time,
+        command = Command(
+            time=asked.time,
             joint_torque=np.array(values["joint_torque"]),
             thrusters=np.clip(np.array(values["thrusters"]), -1.0, 1.0),
             scan=frame.flag(client.SCAN),
@@ -219,6 +281,11 @@ class UdpController:
             ),
             hull_load=self._load_of(values),
         )
+        stiffness, damping = (
+            np.reshape(values[name], (self._joints, self._joints))
+            for name in ("stiffness", "damping")
+        )
+        return _Answer(command, asked, stiffness, damping)
 
     def _load_of(self, values: dict[str, Any]) -> HullLoad | None:
         """Loads on the hull; the last object where nothing changed, as between two hull steps."""
@@ -227,7 +294,7 @@ class UdpController:
         if not (np.isfinite(wrench).all() and np.isfinite(current).all()):
             return None
 
-        last = None if self._command is None else self._command.hull_load
+        last = None if self._answer is None else self._answer.command.hull_load
         same = (
             last is not None
             and np.array_equal(last.arm_wrench_B, wrench)
@@ -256,6 +323,8 @@ class UdpController:
             *("object_moved_W", "gyro_off_B", "attitude_off_B"),
         ):
             values[name] = getattr(estimate, name).tolist()
+        values["link_age"] = self._link_age
+        values["applied_torque"] = self._applied.tolist()
         doubt = estimate.tau_doubt
         values["tau_doubt"] = self._joints * [math.nan] if doubt is None else doubt.tolist()
 
@@ -276,11 +345,20 @@ class UdpController:
             "lost_thrust": self._lost_thrust(reference),
         }
 
-        self._sent[self._count] = estimate.time
+        self._remember(estimate)
         lost = sum(1 << thruster for thruster in reference.lost_thrusters)
         sizes = (self._joints, self._thrusters)
         return client.pack(
             Packet(client.MEASURED, *sizes, self._count, flags, lost, estimate.time, values)
+        )
+
+    def _remember(self, estimate: StateEstimate) -> None:
+        """Keep what a command that answers this frame was computed for, while it could hold."""
+        oldest = next(iter(self._sent.values()), None)
+        if oldest is not None and estimate.time - oldest.time > HELD:
+            del self._sent[next(iter(self._sent))]
+        self._sent[self._count] = _Asked(
+            estimate.time, np.array(estimate.q), np.array(estimate.qd)
         )
 
     def _lost_thrust(self, reference: Reference) -> list[float]:
@@ -300,7 +378,7 @@ class UdpController:
         )
 
 
-def await_client(endpoint: Endpoint, patience: float = GREETING) -> None:
+def await_client(endpoint: Channel, patience: float = GREETING) -> None:
     """Wait for the first frame of a client; what is none does not count.
 
     Raises:
@@ -323,6 +401,15 @@ def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
     return {f"p_{name}": X[:3, 3].tolist(), f"R_{name}": X[:3, :3].ravel().tolist()}
 
 
-def _at(command: Command, time: float, scan: bool) -> Command:
-    """A command as that of a later tick."""
-    return command if command.time == time else replace(command, time=time, scan=scan)
+def _carried_on(answer: _Answer, estimate: StateEstimate, scan: bool) -> Command:
+    """A command at a later tick: its torques follow the motion of the joints since.
+
+    Without it a servo behind a late link would be a loop with that delay, and unstable.
+    """
+    command, asked, stiffness, damping = answer
+    torque = (
+        command.joint_torque
+        - stiffness @ (estimate.q - asked.q)
+        - damping @ (estimate.qd - asked.qd)
+    )
+    return replace(command, time=estimate.time, joint_torque=torque, scan=scan)

@@ -22,9 +22,7 @@ from uuv.sim.interfaces.spatial import finite_number
 _MOST_SECONDS = 1e6  # [s] largest simulated time of one run
 
 
-def check_inputs(
-    scenario: Scenario, longest: float | None = None, *, live: bool = False
-) -> None:
+def check_inputs(scenario: Scenario, longest: float | None = None, *, live: bool = False) -> None:
     """Refuse a scenario with unknown names, or with files that cannot be read or lack required
     content.
 
@@ -98,8 +96,8 @@ def _check_operator(operator: Operator | None, *, live: bool) -> None:
         OperatorInputs.read(operator.inputs)
     elif not live:
         raise ConfigurationError(
-            f"control.operator.inputs: must be the name of a file; {operator.inputs} is only allowed in "
-            "`uuv drive`"
+            f"control.operator.inputs: must be the name of a file; {operator.inputs} is only "
+            "allowed in `uuv drive`"
         )
 
 

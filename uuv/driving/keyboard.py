@@ -101,11 +101,7 @@ class Window:
         self._shown = 0.0  # [s] wall time of the last image
         before = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
-            self._model,
-            self._data,
-            key_callback=press,
-            show_left_ui=False,
-            show_right_ui=False,
+            self._model, self._data, key_callback=press, show_left_ui=False, show_right_ui=False
         )
         self._drawing = set(threading.enumerate()) - before
         self._viewer.cam.lookat[:] = X_WB[:3, 3]

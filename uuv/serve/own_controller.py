@@ -22,10 +22,11 @@ from uuv.controllers.whole_body.work_controller import WorkController
 from uuv.serve import client
 from uuv.serve.client import Packet
 from uuv.sim.interfaces.messages import Reference, StateEstimate, WorkState
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, exp_so3
 
 _STATES = tuple(WorkState)
 _WATCHED = 1.0  # [s] from the start, in which the age of the link is learnt
+_LATEST = 0.2  # [s] age up to which motion is foretold; older commands do not hold
 _PHASE = 0.5  # [rad] that a late link may take from the force loop
 
 
@@ -125,23 +126,30 @@ class OwnController:
             self._state.command.tau[:] = frame.applied_torque
             self._heed(frame, estimate)
 
-        self._state, command = self._controller.step(self._state, estimate, self._reference)
+        # The command is for the time at which it will act.
+        late = contact_work and 0.0 < frame.link_age <= _LATEST
+        seen = ahead(estimate, frame.link_age) if late else estimate
+        self._state, command = self._controller.step(self._state, seen, self._reference)
+        torque = command.joint_torque
+
         # What it believes goes along: contact and thruster faults are judged by it.
         load = command.hull_load
-        loads: dict[str, Any] = (
+        beliefs: dict[str, Any] = (
             {}
             if load is None
             else {"arm_wrench_B": load.arm_wrench_B, "current_W": load.current_W}
         )
-        if contact_work and frame.link_age > 0.0:
-            loads |= self._servo(estimate)
+        if late:
+            stiffness, damping = self._servo(estimate.q)
+            torque = torque + stiffness @ (seen.q - estimate.q)
+            beliefs |= {"stiffness": stiffness.ravel(), "damping": damping.ravel()}
         return {
-            "joint_torque": command.joint_torque,
+            "joint_torque": torque,
             "thrusters": command.thrusters,
             "force_W": command.contact.force_W,
             "normal": float(command.contact.normal),
             "sigma_G": command.contact.sigma_G,
-            **loads,
+            **beliefs,
         }
 
     def _heed(self, frame: Packet, estimate: StateEstimate) -> None:
@@ -158,14 +166,21 @@ class OwnController:
         self._state = self._controller.init(estimate)
         self._link_age = 0.0
 
-    def _servo(self, estimate: StateEstimate) -> dict[str, Array]:
-        """Stiffness and damping of the servo, by which the drives carry a command on."""
+    def _servo(self, q: Array) -> tuple[Array, Array]:
+        """Stiffness and damping (n, n) of the servo, by which the drives carry a command on."""
         state = self._state
         soft = SoftAxis(state.tool.motion.yielding, float(state.softness[0]))
-        stiffness, damping = servo_feedback(
-            self._arm, self._controller.servo.drives, estimate.q, soft
-        )
-        return {"stiffness": stiffness.ravel(), "damping": damping.ravel()}
+        return servo_feedback(self._arm, self._controller.servo.drives, q, soft)
+
+
+def ahead(estimate: StateEstimate, age: float) -> StateEstimate:
+    """Estimate for a time `age` [s] later, at constant velocities of hull and joints."""
+    X_WB = estimate.X_WB.copy()
+    X_WB[:3, 3] += age * X_WB[:3, :3] @ estimate.v_WB_B
+    X_WB[:3, :3] = X_WB[:3, :3] @ exp_so3(age * estimate.w_WB_B)
+    return replace(
+        estimate, time=estimate.time + age, X_WB=X_WB, q=estimate.q + age * estimate.qd
+    )
 
 
 def slowed(law: Any, age: float) -> Any:

@@ -357,9 +357,7 @@ class UdpController:
         oldest = next(iter(self._sent.values()), None)
         if oldest is not None and estimate.time - oldest.time > HELD:
             del self._sent[next(iter(self._sent))]
-        self._sent[self._count] = _Asked(
-            estimate.time, np.array(estimate.q), np.array(estimate.qd)
-        )
+        self._sent[self._count] = _Asked(estimate.time, np.array(estimate.q), np.array(estimate.qd))
 
     def _lost_thrust(self, reference: Reference) -> list[float]:
         """Thrust [N] that each thruster gives although it is not to be used."""

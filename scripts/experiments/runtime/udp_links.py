@@ -7,7 +7,6 @@ a real link does to them in real time this one does exactly, and as fast as the 
 from uuv.start import run_scenario  # isort: skip
 
 import heapq
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -177,9 +176,7 @@ class LinkRow:
 def udp_links(case: LinkCase) -> LinkRow:
     """Cleans a barrel with the controller behind a link."""
     scenario = jobs.clean_barrel(quick=True, seed=case.seed)
-    assembly, remote = behind(
-        assemble(scenario), own_answer(JOB), LINKS[case.link], case.seed
-    )
+    assembly, remote = behind(assemble(scenario), own_answer(JOB), LINKS[case.link], case.seed)
     done = run(assembly)
 
     recording = done.recording

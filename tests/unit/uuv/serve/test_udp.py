@@ -24,7 +24,7 @@ from uuv.sim.interfaces.messages import FaultKind, WorkState
 
 
 def drawn(kind, rng, joints=6, thrusters=8):
-    widths = {"n": joints, "m": thrusters}
+    widths = {"n": joints, "m": thrusters, "nn": joints**2}
     fields = client.MEASUREMENT if kind == client.MEASURED else client.COMMAND
     values = {}
     for name, size in fields.items():
@@ -66,7 +66,7 @@ def test_fields_are_read_by_their_names():
         (lambda data: data[:-1], "6 joints and 8 thrusters take"),
         (lambda data: data + b"0", "6 joints and 8 thrusters take"),
         (lambda data: b"XXXX" + data[4:], "begins with UUVM"),
-        (lambda data: data[:4] + b"\x02\x00" + data[6:], "the version must be 1, got 2"),
+        (lambda data: data[:4] + b"\x01\x00" + data[6:], "the version must be 2, got 1"),
     ],
 )
 def test_what_is_no_frame_is_refused(change, message):

@@ -240,6 +240,7 @@ class Client:
         self._patience = patience
         self._count = -1  # of the newest measurement
         self._sent = b""  # command that answered it
+        self._refused = ""  # why the last datagram was no frame
 
     def __enter__(self) -> "Client":
         return self
@@ -260,7 +261,7 @@ class Client:
             frame = self._newest()
             if frame is None:
                 if time.monotonic() > end:
-                    raise TimeoutError("no frame of the simulation")
+                    raise TimeoutError(f"no frame of the simulation{self._refused}")
                 self.hello()
                 continue
 
@@ -285,7 +286,8 @@ class Client:
         while True:
             try:
                 frame = unpack(self._socket.recv(LARGEST))
-            except PacketError:
+            except PacketError as error:
+                self._refused = f"; the last datagram: {error}"
                 continue
             except ConnectionError:  # nobody listens yet, or any more
                 time.sleep(0.0 if newest else _PATIENCE)

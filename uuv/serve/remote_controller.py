@@ -5,9 +5,9 @@ for at most `HELD` of simulated time. Without an answer for longer the command i
 the safety wrapper departs with the tool as it does when a controller fails.
 """
 
-import contextlib
 import math
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -29,11 +29,13 @@ from uuv.sim.interfaces.messages import (
 from uuv.sim.interfaces.spatial import Array
 
 HELD = 0.2  # [s] simulated, for which a command holds
+LARGEST = 1e6  # magnitude of a command's numbers, in their units
 PATIENCE = 10.0  # [s] on the wall that an answer is waited for in lockstep
 GREETING = 300.0  # [s] on the wall that a client is waited for at first
 _SILENCE = 1.0  # [s] on the wall, of the client, after which another may take over
 _AT_ONCE = 64  # datagrams that are taken after a tick is due
 _AGAIN = 0.1  # [s] on the wall after which a frame is sent again
+_REASONS = 8  # reasons of refusals that are told while a client is waited for
 _STATES = tuple(WorkState)
 
 
@@ -126,6 +128,7 @@ class UdpController:
         self._endpoint = endpoint
         self._joints = len(vehicle.joints)
         self._thrusters = len(vehicle.thruster_names)
+        self._most = np.array(vehicle.torque_limits)
         self._pace = pace
         self._count = 0
         self._answered = -1  # count of the newest command
@@ -187,7 +190,12 @@ class UdpController:
 
         self.traffic.held += self._answered < self._count
         self.traffic.oldest_s = max(self.traffic.oldest_s, age)
-        command = answer.command if age == 0.0 else _carried_on(answer, estimate, reference.scan)
+        command = answer.command
+        if age > 0.0:
+            torque = np.clip(_followed(answer, estimate), -self._most, self._most)
+            command = replace(
+                command, time=estimate.time, joint_torque=torque, scan=reference.scan
+            )
         self._applied, self._link_age = command.joint_torque, age
         return state, command
 
@@ -250,6 +258,12 @@ class UdpController:
             self.traffic.stale += 1
             return
 
+        # What nobody can mean is no command, as if it were not a number.
+        if beyond := _beyond(frame):
+            self.traffic.reason = beyond
+            no_number = (math.nan,) * self._joints
+            frame = replace(frame, values=frame.values | {"joint_torque": no_number})
+
         self._answered = frame.count
         self._answer = self._of_frame(frame, asked)
         self._sent = {count: asked for count, asked in self._sent.items() if count > frame.count}
@@ -271,7 +285,7 @@ class UdpController:
         values = frame.values
         command = Command(
             time=asked.time,
-            joint_torque=np.array(values["joint_torque"]),
+            joint_torque=np.clip(values["joint_torque"], -self._most, self._most),
             thrusters=np.clip(np.array(values["thrusters"]), -1.0, 1.0),
             scan=frame.flag(client.SCAN),
             contact=ContactEstimate(
@@ -376,20 +390,43 @@ class UdpController:
         )
 
 
-def await_client(endpoint: Channel, patience: float = GREETING) -> None:
+def await_client(
+    endpoint: Channel, patience: float = GREETING, *, refused: Callable[[str], None] | None = None
+) -> None:
     """Wait for the first frame of a client; what is none does not count.
 
+    Args:
+        endpoint: Bound socket.
+        patience: [s] on the wall.
+        refused: Takes why a datagram is no such frame, each reason once.
+
     Raises:
-        ConfigurationError: None came within `patience` [s].
+        ConfigurationError: None came in time.
     """
     end = time.monotonic() + patience
+    reasons: set[str] = set()
     while endpoint.peer is None:
         datagram = endpoint.receive()
-        with contextlib.suppress(PacketError):
+        try:
             if datagram is not None and client.unpack(datagram).kind != client.MEASURED:
                 endpoint.answer_there()
+        except PacketError as error:
+            reason = str(error)
+            if refused is not None and reason not in reasons and len(reasons) < _REASONS:
+                refused(reason)
+                reasons.add(reason)
+
         if time.monotonic() > end:
             raise ConfigurationError(f"port {endpoint.port}: no client within {patience:.0f} s")
+
+
+def _beyond(frame: Packet) -> str:
+    """Quantity of a command with a finite number that nobody can mean; empty: none."""
+    for name, value in frame.values.items():
+        for number in value if isinstance(value, tuple) else (value,):
+            if LARGEST < abs(number) < math.inf:
+                return f"{name}: must be within +-{LARGEST:g}, got {number:g}"
+    return ""
 
 
 def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
@@ -399,15 +436,14 @@ def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
     return {f"p_{name}": X[:3, 3].tolist(), f"R_{name}": X[:3, :3].ravel().tolist()}
 
 
-def _carried_on(answer: _Answer, estimate: StateEstimate, scan: bool) -> Command:
-    """A command at a later tick: its torques follow the motion of the joints since.
+def _followed(answer: _Answer, estimate: StateEstimate) -> Array:
+    """Torques (n,) [N m] of a command at a later tick: they follow the motion of the joints since.
 
     Without it a servo behind a late link would be a loop with that delay, and unstable.
     """
     command, asked, stiffness, damping = answer
-    torque = (
+    return (
         command.joint_torque
         - stiffness @ (estimate.q - asked.q)
         - damping @ (estimate.qd - asked.qd)
     )
-    return replace(command, time=estimate.time, joint_torque=torque, scan=scan)

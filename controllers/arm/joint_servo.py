@@ -197,6 +197,23 @@ def servo_feedback(
     return stiffness * inertia @ kept, damper * inertia - np.diag(drives.damping)
 
 
+def hull_compensation(X_BG: Array, J_B: Array) -> Array:
+    """Motion of the joints that keeps the tool at rest while the hull moves.
+
+    Args:
+        X_BG: (4, 4) pose of the tool on the hull.
+        J_B: (6, n) its Jacobian, linear and angular, hull axes.
+
+    Returns:
+        (n, 6) [rad/m, rad/rad] by the displacement of the hull, (linear; angular), hull axes;
+        damped beside singular postures.
+    """
+    x, y, z = X_BG[:3, 3]
+    carried = np.eye(6)  # of the tool, by that of the hull
+    carried[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return -J_B.T @ np.linalg.solve(J_B @ J_B.T + DAMPED * np.eye(6), carried)
+
+
 @kernel
 def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
     """Track the dry friction torque of the gears from the torque sensors.

@@ -77,7 +77,7 @@ MEASUREMENT: dict[str, int | str] = {
     "lost_thrust": "m",
 }
 # Numbers of a frame with a command after its header; m: one for each thruster, nn: for each pair of
-# joints, row by row.
+# joints, n6: for each joint and each of six axes, both row by row.
 COMMAND: dict[str, int | str] = {
     "joint_torque": "n",
     "thrusters": "m",
@@ -88,6 +88,7 @@ COMMAND: dict[str, int | str] = {
     "current_W": 3,
     "stiffness": "nn",
     "damping": "nn",
+    "compensation": "n6",
 }
 # What each number of a command is if the controller does not give the quantity.
 UNSTATED: dict[str, float] = {
@@ -98,6 +99,7 @@ UNSTATED: dict[str, float] = {
     "current_W": math.nan,
     "stiffness": 0.0,
     "damping": 0.0,
+    "compensation": 0.0,
 }
 LARGEST = 16_384  # [bytes] of a frame
 _GREETING = 300.0  # [s] that the first frame is waited for
@@ -194,7 +196,11 @@ def _fields(kind: bytes) -> dict[str, int | str]:
 
 
 def _width(size: int | str, joints: int, thrusters: int) -> int:
-    return size if isinstance(size, int) else {"n": joints, "m": thrusters, "nn": joints**2}[size]
+    return size if isinstance(size, int) else _widths(joints, thrusters)[size]
+
+
+def _widths(joints: int, thrusters: int) -> dict[str, int]:
+    return {"n": joints, "m": thrusters, "nn": joints * joints, "n6": 6 * joints}
 
 
 def answer(measured: Packet, **quantities: float | Sequence[float]) -> bytes:
@@ -325,8 +331,8 @@ class Client:
                 sigma_G (3,) [N], standard deviation of the force, tool axes;
                 arm_wrench_B (6,) [N, N m] of the arm on the hull, as the controller believes;
                 current_W (3,) [m/s] of the water, as the controller believes;
-                stiffness (n * n) [N m/rad] and damping (n * n) [N m s/rad], by which the vehicle
-                corrects the torques of a late command, see docs/udp.md.
+                stiffness (n * n) [N m/rad], damping (n * n) [N m s/rad] and compensation (n * 6)
+                [rad/m, rad/rad], by which the vehicle carries on a late command, see docs/udp.md.
 
         Raises:
             PacketError: A quantity is unknown or has another size.

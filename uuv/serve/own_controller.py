@@ -16,17 +16,16 @@ import numpy as np
 from uuv import jobs
 from uuv.assembly import assemble
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
-from uuv.controllers.arm.joint_servo import SoftAxis, servo_feedback
+from uuv.controllers.arm.joint_servo import SoftAxis, hull_compensation, servo_feedback
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.whole_body.work_controller import WorkController
 from uuv.serve import client
 from uuv.serve.client import Packet
 from uuv.sim.interfaces.messages import Reference, StateEstimate, WorkState
-from uuv.sim.interfaces.spatial import Array, exp_so3
+from uuv.sim.interfaces.spatial import Array
 
 _STATES = tuple(WorkState)
 _WATCHED = 1.0  # [s] from the start, in which the age of the link is learnt
-_LATEST = 0.2  # [s] age up to which motion is foretold; older commands do not hold
 _PHASE = 0.5  # [rad] that a late link may take from the force loop
 
 
@@ -126,30 +125,21 @@ class OwnController:
             self._state.command.tau[:] = frame.applied_torque
             self._heed(frame, estimate)
 
-        # The command is for the time at which it will act.
-        late = contact_work and 0.0 < frame.link_age <= _LATEST
-        seen = ahead(estimate, frame.link_age) if late else estimate
-        self._state, command = self._controller.step(self._state, seen, self._reference)
-        torque = command.joint_torque
-
+        self._state, command = self._controller.step(self._state, estimate, self._reference)
         # What it believes goes along: contact and thruster faults are judged by it.
         load = command.hull_load
-        beliefs: dict[str, Any] = (
-            {}
-            if load is None
-            else {"arm_wrench_B": load.arm_wrench_B, "current_W": load.current_W}
+        further: dict[str, Any] = (
+            {} if load is None else {"arm_wrench_B": load.arm_wrench_B, "current_W": load.current_W}
         )
-        if late:
-            stiffness, damping = self._servo(estimate.q)
-            torque = torque + stiffness @ (seen.q - estimate.q)
-            beliefs |= {"stiffness": stiffness.ravel(), "damping": damping.ravel()}
+        if contact_work and frame.link_age > 0.0:
+            further |= self._feedback(estimate.q)
         return {
-            "joint_torque": torque,
+            "joint_torque": command.joint_torque,
             "thrusters": command.thrusters,
             "force_W": command.contact.force_W,
             "normal": float(command.contact.normal),
             "sigma_G": command.contact.sigma_G,
-            **beliefs,
+            **further,
         }
 
     def _heed(self, frame: Packet, estimate: StateEstimate) -> None:
@@ -166,21 +156,19 @@ class OwnController:
         self._state = self._controller.init(estimate)
         self._link_age = 0.0
 
-    def _servo(self, q: Array) -> tuple[Array, Array]:
-        """Stiffness and damping (n, n) of the servo, by which the drives carry a command on."""
+    def _feedback(self, q: Array) -> dict[str, Array]:
+        """How the torques are to follow joints (n,) [rad] and hull, if the command is late."""
         state = self._state
-        soft = SoftAxis(state.tool.motion.yielding, float(state.softness[0]))
-        return servo_feedback(self._arm, self._controller.servo.drives, q, soft)
+        motion = state.tool.motion
+        sensed = state.contact.record.sensed
+        soft = SoftAxis(motion.yielding, float(state.softness[0]))
+        stiffness, damping = servo_feedback(self._arm, self._controller.servo.drives, q, soft)
+        gains = {"stiffness": stiffness.ravel(), "damping": damping.ravel()}
 
-
-def ahead(estimate: StateEstimate, age: float) -> StateEstimate:
-    """Estimate for a time `age` [s] later, at constant velocities of hull and joints."""
-    X_WB = estimate.X_WB.copy()
-    X_WB[:3, 3] += age * X_WB[:3, :3] @ estimate.v_WB_B
-    X_WB[:3, :3] = X_WB[:3, :3] @ exp_so3(age * estimate.w_WB_B)
-    return replace(
-        estimate, time=estimate.time + age, X_WB=X_WB, q=estimate.q + age * estimate.qd
-    )
+        # A tool that follows a pose in the world does not move with the hull.
+        if motion.holding[0] or not self._controller.tool.drift.follows_hull:
+            return gains
+        return gains | {"compensation": hull_compensation(sensed.X_BG, sensed.J_B).ravel()}
 
 
 def slowed(law: Any, age: float) -> Any:

@@ -26,7 +26,7 @@ from uuv.sim.interfaces.messages import (
     StateEstimate,
     WorkState,
 )
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, log_so3
 
 HELD = 0.2  # [s] simulated, for which a command holds
 LARGEST = 1e6  # magnitude of a command's numbers, in their units
@@ -96,17 +96,27 @@ class _Asked(NamedTuple):
     """What a frame was sent with."""
 
     time: float  # [s] simulated
+    X_WB: Array  # (4, 4) hull pose
+    nu_B: Array  # (6,) [m/s, rad/s] its velocity
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
 
+    @classmethod
+    def of(cls, estimate: StateEstimate) -> "_Asked":
+        """That of an estimate, whose arrays may change."""
+        nu_B = np.concatenate([estimate.v_WB_B, estimate.w_WB_B])
+        parts = estimate.X_WB, nu_B, estimate.q, estimate.qd
+        return cls(estimate.time, *(np.array(part) for part in parts))
+
 
 class _Answer(NamedTuple):
-    """A command, with the motion of the joints for which it was computed."""
+    """A command, with the motion for which it was computed."""
 
     command: Command
     asked: _Asked
     stiffness: Array  # (n, n) [N m/rad] with which the torques follow the joints since
     damping: Array  # (n, n) [N m s/rad]
+    compensation: Array  # (n, 6) [rad/m, rad/rad] of the joints, for the motion of the hull since
 
 
 class UdpController:
@@ -193,9 +203,7 @@ class UdpController:
         command = answer.command
         if age > 0.0:
             torque = np.clip(_followed(answer, estimate), -self._most, self._most)
-            command = replace(
-                command, time=estimate.time, joint_torque=torque, scan=reference.scan
-            )
+            command = replace(command, time=estimate.time, joint_torque=torque, scan=reference.scan)
         self._applied, self._link_age = command.joint_torque, age
         return state, command
 
@@ -295,11 +303,11 @@ class UdpController:
             ),
             hull_load=self._load_of(values),
         )
-        stiffness, damping = (
-            np.reshape(values[name], (self._joints, self._joints))
-            for name in ("stiffness", "damping")
+        gains = (
+            np.reshape(values[name], (self._joints, -1))
+            for name in ("stiffness", "damping", "compensation")
         )
-        return _Answer(command, asked, stiffness, damping)
+        return _Answer(command, asked, *gains)
 
     def _load_of(self, values: dict[str, Any]) -> HullLoad | None:
         """Loads on the hull; the last object where nothing changed, as between two hull steps."""
@@ -371,7 +379,7 @@ class UdpController:
         oldest = next(iter(self._sent.values()), None)
         if oldest is not None and estimate.time - oldest.time > HELD:
             del self._sent[next(iter(self._sent))]
-        self._sent[self._count] = _Asked(estimate.time, np.array(estimate.q), np.array(estimate.qd))
+        self._sent[self._count] = _Asked.of(estimate)
 
     def _lost_thrust(self, reference: Reference) -> list[float]:
         """Thrust [N] that each thruster gives although it is not to be used."""
@@ -437,13 +445,18 @@ def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
 
 
 def _followed(answer: _Answer, estimate: StateEstimate) -> Array:
-    """Torques (n,) [N m] of a command at a later tick: they follow the motion of the joints since.
+    """Torques (n,) [N m] of a command at a later tick: they follow the motion since.
 
     Without it a servo behind a late link would be a loop with that delay, and unstable.
     """
-    command, asked, stiffness, damping = answer
-    return (
-        command.joint_torque
-        - stiffness @ (estimate.q - asked.q)
-        - damping @ (estimate.qd - asked.qd)
+    command, asked, stiffness, damping, compensation = answer
+    seen = _Asked.of(estimate)
+    R_BW = asked.X_WB[:3, :3].T
+
+    # How far the hull has moved, and how much faster it is, in its axes of then.
+    moved_B = np.concatenate(
+        [R_BW @ (seen.X_WB[:3, 3] - asked.X_WB[:3, 3]), log_so3(R_BW @ seen.X_WB[:3, :3])]
     )
+    error = compensation @ moved_B - (seen.q - asked.q)
+    slower = compensation @ (seen.nu_B - asked.nu_B) - (seen.qd - asked.qd)
+    return command.joint_torque + stiffness @ error + damping @ slower

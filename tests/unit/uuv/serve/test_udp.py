@@ -24,7 +24,7 @@ from uuv.sim.interfaces.messages import FaultKind, WorkState
 
 
 def drawn(kind, rng, joints=6, thrusters=8):
-    widths = {"n": joints, "m": thrusters, "nn": joints**2}
+    widths = {"n": joints, "m": thrusters, "nn": joints**2, "n6": 6 * joints}
     fields = client.MEASUREMENT if kind == client.MEASURED else client.COMMAND
     values = {}
     for name, size in fields.items():

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from test_udp import Holding, served
+from udp_clients import Holding, served
 from uuv.cli.live import serve
 from uuv.pace import WallClock
 from uuv.serve import client, datagrams
@@ -121,7 +121,7 @@ def test_torques_beyond_the_drives_are_cut_to_their_limits():
 def test_an_unknown_quantity_is_refused_where_it_is_sent():
     frame = client.Packet(client.MEASURED, 1, 1, 0, 0, 0, 0.0, {})
     still = {"joint_torque": [0.0], "thrusters": [0.0]}
-    with pytest.raises(PacketError, match="force_w: is no quantity of a command .joint_torque, "):
+    with pytest.raises(PacketError, match=r"force_w: is no quantity of a command .joint_torque, "):
         answer(frame, force_w=[0.0, 0.0, 0.0], **still)
     with pytest.raises(PacketError, match="stiffness: must have 1 numbers, got 4"):
         answer(frame, stiffness=[0.0] * 4, **still)

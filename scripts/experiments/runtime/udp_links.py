@@ -131,13 +131,26 @@ class SimulatedLink:
 
 
 def behind(
-    assembly: Assembly, answer: Callable[[Packet], bytes], link: Link, seed: int = 0
+    assembly: Assembly,
+    answer: Callable[[Packet], bytes],
+    link: Link,
+    *,
+    period: float = PERIOD,
+    seed: int = 0,
 ) -> tuple[Assembly, UdpController]:
-    """An assembly whose controller is behind a link, and that controller."""
+    """An assembly whose controller is behind a link, and that controller.
+
+    Args:
+        assembly: Of the run.
+        answer: Frame of the client's command, by the measurement.
+        link: What happens to it.
+        period: [s] between commands.
+        seed: Of the link's draws.
+    """
     connected = SimulatedLink(answer, link, Streams(seed)["link"])
     pace = WallClock(1.0, clock=connected.clock)
     own = assembly.own
-    remote = UdpController(connected, own.vehicle, period=PERIOD, pace=pace)
+    remote = UdpController(connected, own.vehicle, period=period, pace=pace)
     parts = replace(assembly.parts, controller=SafetyWrapper(remote, own.model))
     return replace(assembly, loop=replace(assembly.loop, parts=parts)), remote
 
@@ -176,7 +189,8 @@ class LinkRow:
 def udp_links(case: LinkCase) -> LinkRow:
     """Cleans a barrel with the controller behind a link."""
     scenario = jobs.clean_barrel(quick=True, seed=case.seed)
-    assembly, remote = behind(assemble(scenario), own_answer(JOB), LINKS[case.link], case.seed)
+    answer = own_answer(JOB)
+    assembly, remote = behind(assemble(scenario), answer, LINKS[case.link], seed=case.seed)
     done = run(assembly)
 
     recording = done.recording

@@ -89,6 +89,7 @@ COMMAND: dict[str, int | str] = {
     "stiffness": "nn",
     "damping": "nn",
     "compensation": "n6",
+    "gear_friction": "n",
 }
 # What each number of a command is if the controller does not give the quantity.
 UNSTATED: dict[str, float] = {
@@ -100,6 +101,7 @@ UNSTATED: dict[str, float] = {
     "stiffness": 0.0,
     "damping": 0.0,
     "compensation": 0.0,
+    "gear_friction": math.nan,
 }
 LARGEST = 16_384  # [bytes] of a frame
 _GREETING = 300.0  # [s] that the first frame is waited for
@@ -331,8 +333,9 @@ class Client:
                 sigma_G (3,) [N], standard deviation of the force, tool axes;
                 arm_wrench_B (6,) [N, N m] of the arm on the hull, as the controller believes;
                 current_W (3,) [m/s] of the water, as the controller believes;
-                stiffness (n * n) [N m/rad], damping (n * n) [N m s/rad] and compensation (n * 6)
-                [rad/m, rad/rad], by which the vehicle carries on a late command, see docs/udp.md.
+                stiffness (n * n) [N m/rad], damping (n * n) [N m s/rad], compensation (n * 6)
+                [rad/m, rad/rad] and gear_friction (n,) [N m], by which the vehicle carries on a
+                late command, see docs/udp.md.
 
         Raises:
             PacketError: A quantity is unknown or has another size.

@@ -163,7 +163,12 @@ class OwnController:
         sensed = state.contact.record.sensed
         soft = SoftAxis(motion.yielding, float(state.softness[0]))
         stiffness, damping = servo_feedback(self._arm, self._controller.servo.drives, q, soft)
-        gains = {"stiffness": stiffness.ravel(), "damping": damping.ravel()}
+        friction = state.contact.record.friction
+        gains = {
+            "stiffness": stiffness.ravel(),
+            "damping": damping.ravel(),
+            "gear_friction": friction.copy(),
+        }
 
         # A tool that follows a pose in the world does not move with the hull.
         if motion.holding[0] or not self._controller.tool.drift.follows_hull:

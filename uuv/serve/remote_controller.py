@@ -9,7 +9,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.pace import WallClock
 from uuv.serve import client
 from uuv.serve.client import Packet, PacketError
+from uuv.serve.late_commands import Answer, Asked, LateCommands
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import (
     Command,
@@ -26,7 +27,7 @@ from uuv.sim.interfaces.messages import (
     StateEstimate,
     WorkState,
 )
-from uuv.sim.interfaces.spatial import Array, log_so3
+from uuv.sim.interfaces.spatial import Array
 
 HELD = 0.2  # [s] simulated, for which a command holds
 LARGEST = 1e6  # magnitude of a command's numbers, in their units
@@ -92,33 +93,6 @@ class Channel(Protocol):
         ...
 
 
-class _Asked(NamedTuple):
-    """What a frame was sent with."""
-
-    time: float  # [s] simulated
-    X_WB: Array  # (4, 4) hull pose
-    nu_B: Array  # (6,) [m/s, rad/s] its velocity
-    q: Array  # (n,) [rad]
-    qd: Array  # (n,) [rad/s]
-
-    @classmethod
-    def of(cls, estimate: StateEstimate) -> "_Asked":
-        """That of an estimate, whose arrays may change."""
-        nu_B = np.concatenate([estimate.v_WB_B, estimate.w_WB_B])
-        parts = estimate.X_WB, nu_B, estimate.q, estimate.qd
-        return cls(estimate.time, *(np.array(part) for part in parts))
-
-
-class _Answer(NamedTuple):
-    """A command, with the motion for which it was computed."""
-
-    command: Command
-    asked: _Asked
-    stiffness: Array  # (n, n) [N m/rad] with which the torques follow the joints since
-    damping: Array  # (n, n) [N m s/rad]
-    compensation: Array  # (n, 6) [rad/m, rad/rad] of the joints, for the motion of the hull since
-
-
 class UdpController:
     """Controller whose answers come from a client (`uuv.sim.interfaces.protocols.Controller`)."""
 
@@ -138,12 +112,12 @@ class UdpController:
         self._endpoint = endpoint
         self._joints = len(vehicle.joints)
         self._thrusters = len(vehicle.thruster_names)
-        self._most = np.array(vehicle.torque_limits)
+        self._drives = LateCommands(vehicle, period)
         self._pace = pace
         self._count = 0
         self._answered = -1  # count of the newest command
-        self._sent: dict[int, _Asked] = {}  # by the count of a frame
-        self._answer: _Answer | None = None  # newest command
+        self._sent: dict[int, Asked] = {}  # by the count of a frame
+        self._answer: Answer | None = None  # newest command
         # (n,) [N m] torques of the last period, and the age [s] of the command that they are of
         self._applied = np.zeros(self._joints)
         self._link_age = math.nan
@@ -174,6 +148,7 @@ class UdpController:
             return state, self._none(estimate, reference)
 
         # Out with the measurement, in with what answers it.
+        self._drives.measure(self._applied, estimate)
         self._count += 1
         if reference is not self._reference:
             self._since = self._count
@@ -202,7 +177,7 @@ class UdpController:
         self.traffic.oldest_s = max(self.traffic.oldest_s, age)
         command = answer.command
         if age > 0.0:
-            torque = np.clip(_followed(answer, estimate), -self._most, self._most)
+            torque = self._drives.torque(answer, estimate)
             command = replace(command, time=estimate.time, joint_torque=torque, scan=reference.scan)
         self._applied, self._link_age = command.joint_torque, age
         return state, command
@@ -288,12 +263,12 @@ class UdpController:
                 f"{self._joints} and {self._thrusters}"
             )
 
-    def _of_frame(self, frame: Packet, asked: _Asked) -> _Answer:
+    def _of_frame(self, frame: Packet, asked: Asked) -> Answer:
         """A command as the loop has it, for the motion of the joints that it answers."""
         values = frame.values
         command = Command(
             time=asked.time,
-            joint_torque=np.clip(values["joint_torque"], -self._most, self._most),
+            joint_torque=self._drives.cut(np.array(values["joint_torque"])),
             thrusters=np.clip(np.array(values["thrusters"]), -1.0, 1.0),
             scan=frame.flag(client.SCAN),
             contact=ContactEstimate(
@@ -307,7 +282,7 @@ class UdpController:
             np.reshape(values[name], (self._joints, -1))
             for name in ("stiffness", "damping", "compensation")
         )
-        return _Answer(command, asked, *gains)
+        return Answer(command, asked, *gains, np.array(values["gear_friction"]))
 
     def _load_of(self, values: dict[str, Any]) -> HullLoad | None:
         """Loads on the hull; the last object where nothing changed, as between two hull steps."""
@@ -379,7 +354,7 @@ class UdpController:
         oldest = next(iter(self._sent.values()), None)
         if oldest is not None and estimate.time - oldest.time > HELD:
             del self._sent[next(iter(self._sent))]
-        self._sent[self._count] = _Asked.of(estimate)
+        self._sent[self._count] = Asked.of(estimate)
 
     def _lost_thrust(self, reference: Reference) -> list[float]:
         """Thrust [N] that each thruster gives although it is not to be used."""
@@ -442,21 +417,3 @@ def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
     if X is None:
         return {f"p_{name}": 3 * [math.nan], f"R_{name}": 9 * [math.nan]}
     return {f"p_{name}": X[:3, 3].tolist(), f"R_{name}": X[:3, :3].ravel().tolist()}
-
-
-def _followed(answer: _Answer, estimate: StateEstimate) -> Array:
-    """Torques (n,) [N m] of a command at a later tick: they follow the motion since.
-
-    Without it a servo behind a late link would be a loop with that delay, and unstable.
-    """
-    command, asked, stiffness, damping, compensation = answer
-    seen = _Asked.of(estimate)
-    R_BW = asked.X_WB[:3, :3].T
-
-    # How far the hull has moved, and how much faster it is, in its axes of then.
-    moved_B = np.concatenate(
-        [R_BW @ (seen.X_WB[:3, 3] - asked.X_WB[:3, 3]), log_so3(R_BW @ seen.X_WB[:3, :3])]
-    )
-    error = compensation @ moved_B - (seen.q - asked.q)
-    slower = compensation @ (seen.nu_B - asked.nu_B) - (seen.qd - asked.qd)
-    return command.joint_torque + stiffness @ error + damping @ slower

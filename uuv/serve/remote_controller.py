@@ -278,11 +278,18 @@ class UdpController:
             ),
             hull_load=self._load_of(values),
         )
-        gains = (
-            np.reshape(values[name], (self._joints, -1))
-            for name in ("stiffness", "damping", "compensation")
+
+        def rows(name: str) -> Array:
+            return np.reshape(values[name], (self._joints, -1))
+
+        return Answer(
+            command=command,
+            asked=asked,
+            stiffness=rows("stiffness"),
+            damping=rows("damping"),
+            compensation=rows("compensation"),
+            friction=np.array(values["gear_friction"]),
         )
-        return Answer(command, asked, *gains, np.array(values["gear_friction"]))
 
     def _load_of(self, values: dict[str, Any]) -> HullLoad | None:
         """Loads on the hull; the last object where nothing changed, as between two hull steps."""

@@ -15,23 +15,21 @@ from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, class_of
 from uuv.models.files.vehicle_file import check_name
 from uuv.models.tools.tools import TOOLS
 from uuv.own_vehicle import vehicle_spec
-from uuv.scenario import KEYBOARD, Operator, Scenario, VehicleSetup
+from uuv.scenario import LIVE, Operator, Scenario, VehicleSetup
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import finite_number
 
 _MOST_SECONDS = 1e6  # [s] largest simulated time of one run
 
 
-def check_inputs(
-    scenario: Scenario, longest: float | None = None, *, keyboard: bool = False
-) -> None:
+def check_inputs(scenario: Scenario, longest: float | None = None, *, live: bool = False) -> None:
     """Refuse a scenario with unknown names, or with files that cannot be read or lack required
     content.
 
     Args:
         scenario: The description.
         longest: [s] limit of the simulated time; None: that of the task.
-        keyboard: Whether an operator's inputs may come during the run.
+        live: Whether an operator's inputs may come during the run.
 
     Raises:
         ConfigurationError: The message names the name or file, the allowed values and the given
@@ -44,7 +42,7 @@ def check_inputs(
 
     # Files of the job, and the object that it works on.
     scenario.task.check_inputs(scenario)
-    _check_operator(scenario.control.operator, keyboard=keyboard)
+    _check_operator(scenario.control.operator, live=live)
     if longest is not None:
         _check_limit(scenario, longest)
     if scenario.belief.arm is not None:
@@ -91,15 +89,15 @@ def check_vehicle(
     return spec
 
 
-def _check_operator(operator: Operator | None, *, keyboard: bool) -> None:
+def _check_operator(operator: Operator | None, *, live: bool) -> None:
     if operator is None:
         return
-    if operator.inputs != KEYBOARD:
+    if operator.inputs not in LIVE:
         OperatorInputs.read(operator.inputs)
-    elif not keyboard:
+    elif not live:
         raise ConfigurationError(
-            f"control.operator.inputs: must be the name of a file; {KEYBOARD} is only allowed in "
-            "`uuv drive`"
+            f"control.operator.inputs: must be the name of a file; {operator.inputs} is only "
+            "allowed in `uuv drive`"
         )
 
 

@@ -48,7 +48,9 @@ if TYPE_CHECKING:
 P = TypeVar("P", bound=Perturbation)
 T = TypeVar("T", bound="Task")
 INPUTS_FILE = "inputs.csv"  # file in the folder of a run that an operator drove
-KEYBOARD = "keyboard"  # inputs of an operator that are given during the run
+# Inputs of an operator that are given during the run
+KEYBOARD, GAMEPAD = "keyboard", "gamepad"
+LIVE = (KEYBOARD, GAMEPAD)
 LONGEST = 400.0  # [s] default limit of the simulated time of a run
 _MOST_LOOKS = 40  # number of frame intervals after which the wait for a scan times out
 _NOT_FOLLOWED = "sensing.follow: this task has no object that it could follow"
@@ -193,7 +195,7 @@ class Sensing:
 class Operator:
     """An operator in place of the planner (`uuv drive`)."""
 
-    inputs: str  # file of inputs (docs/your_tools.md), or KEYBOARD
+    inputs: str  # file of inputs (docs/your_tools.md), or one of LIVE
     delay: float = 0.0  # [s] delay between operator and vehicle
 
     def __post_init__(self) -> None:

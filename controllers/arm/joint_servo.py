@@ -11,7 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uuv.controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, workspace
+from uuv.controllers.arm.inverse_dynamics import (
+    ArmDynamics,
+    ArmParameters,
+    JointMotion,
+    newton_euler,
+    workspace,
+)
 from uuv.controllers.ik.priorities import DAMPING, prioritised
 from uuv.controllers.tuning import ArmTuning
 from uuv.models.vehicle import Vehicle
@@ -159,6 +165,53 @@ class JointServo:
             state.integral,
         )
         return state.tau
+
+
+def servo_feedback(
+    arm: ArmDynamics, drives: Drives, q: Array, soft: SoftAxis
+) -> tuple[Array, Array]:
+    """How the servo's torques follow the joints' motion, for drives that carry a command on.
+
+    Args:
+        arm: arm model.
+        drives: drives and gains.
+        q: (n,) [rad] joint angles.
+        soft: tool axis along which the servo is softer.
+
+    Returns:
+        Stiffness (n, n) [N m/rad] and damping (n, n) [N m s/rad]: the torques change by less each
+        of them times the change of angles and speeds, as long as they are within their limits.
+    """
+    n = len(q)
+    rest = np.zeros(n)
+    hull = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6)}
+    still = {"v_current_W": np.zeros(3), "wrench_tip_G": np.zeros(6)}
+
+    # Torque of a unit acceleration of each joint, beyond that at rest: inertia, with the rotors'.
+    borne = arm.inverse(q, rest, rest, **hull, **still)[0]
+    columns = [arm.inverse(q, rest, unit, **hull, **still)[0] - borne for unit in np.eye(n)]
+    inertia = np.column_stack(columns) + np.diag(drives.armature)
+
+    stiffness, damper = drives.gains[:2]
+    kept = np.eye(n) - soft.softness * np.outer(soft.yielding[1], soft.yielding[0])
+    return stiffness * inertia @ kept, damper * inertia - np.diag(drives.damping)
+
+
+def hull_compensation(X_BG: Array, J_B: Array) -> Array:
+    """Motion of the joints that keeps the tool at rest while the hull moves.
+
+    Args:
+        X_BG: (4, 4) pose of the tool on the hull.
+        J_B: (6, n) its Jacobian, linear and angular, hull axes.
+
+    Returns:
+        (n, 6) [rad/m, rad/rad] by the displacement of the hull, (linear; angular), hull axes;
+        damped beside singular postures.
+    """
+    x, y, z = X_BG[:3, 3]
+    carried = np.eye(6)  # of the tool, by that of the hull
+    carried[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return -J_B.T @ np.linalg.solve(J_B @ J_B.T + DAMPED * np.eye(6), carried)
 
 
 @kernel

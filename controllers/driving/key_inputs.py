@@ -2,15 +2,14 @@
 kept.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from uuv.controllers.driving.operator_inputs import COLUMNS, LONGEST, OperatorInputs
+from uuv.controllers.driving.live_inputs import LiveInputs
+from uuv.controllers.driving.operator_inputs import COLUMNS
 
 STEPS = 5  # number of presses from rest to the largest velocity
 _FORCE_STEP = 10.0  # [N]
-_AFTER = 1e-9  # [s] far shorter than any period
 
 
 class _Key(NamedTuple):
@@ -66,29 +65,14 @@ HELP = (
 )
 
 
-class KeyInputs(OperatorInputs):
+class KeyInputs(LiveInputs):
     """Inputs by key presses, with the clutch closed at first. The times of presses are recorded as
     they arrive.
-
-    Presses come from another thread, which only replaces one tuple. After `LONGEST` the inputs end.
     """
-
-    def __init__(self) -> None:
-        super().__init__(ended=False)
-        self._now = self._at_rest(0.0, 1.0)
-        self._over = False
-        self._polled = 0.0  # [s] last time at which keys were taken
-
-    @staticmethod
-    def _at_rest(set_force: float, clutch: float) -> tuple[float, ...]:
-        """Values of all columns but the time."""
-        values = dict.fromkeys(COLUMNS, 0.0) | {"set_force": set_force, "clutch": clutch}
-        del values["time"]
-        return tuple(values.values())
 
     def press(self, key: int) -> None:
         """Take a key by its code; others do nothing."""
-        values = dict(zip([*COLUMNS][1:], self._now, strict=True))
+        values = self.now
 
         # Change one velocity by a step, within its bounds
         if key in _STEPPED:
@@ -101,35 +85,11 @@ class KeyInputs(OperatorInputs):
         elif ord("0") <= key <= ord("9"):
             values["set_force"] = _FORCE_STEP * (key - ord("0"))
         elif key == _SPACE.code:
-            self._now = self._at_rest(values["set_force"], values["clutch"])
+            self._now = self.at_rest(values["set_force"], values["clutch"])
             return
         elif key == _ENTER.code:
             values["clutch"] = 1.0 - values["clutch"]
         elif key == _END.code:
-            self._over = True
+            self.end()
             return
-        self._now = tuple(values.values())
-
-    def end(self) -> None:
-        """End the inputs: no more keys are accepted."""
-        self._over = True
-
-    def poll(self, time: float) -> None:
-        """Record changes since the last row, with the time `time` [s]."""
-        if self.ended or not math.isfinite(time) or (self.rows and time <= self.rows[-1][0]):
-            return
-        self._polled = time
-        if self.rows and (self._over or time >= LONGEST):
-            self.add((min(time, LONGEST), *self._now))
-            self.ended = True
-        elif not self.rows or self.rows[-1][1:] != self._now:
-            self.add((time, *self._now))
-
-    def kept(self) -> list[tuple[float, ...]]:
-        """Rows of a file that repeats the inputs; up to the last poll if the inputs have not
-        ended.
-        """
-        if self.ended:
-            return self.rows
-        rows = self.rows or [(0.0, *self._now)]
-        return [*rows, (max(self._polled, rows[-1][0]) + _AFTER, *rows[-1][1:])]
+        self.change(values)

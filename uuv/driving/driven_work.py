@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
+from uuv.controllers.driving.gamepad_inputs import GamepadInputs
 from uuv.controllers.driving.key_inputs import KeyInputs
 from uuv.controllers.driving.operator_inputs import LONGEST, OperatorInputs
 from uuv.own_vehicle import OwnVehicle
-from uuv.scenario import INPUTS_FILE, KEYBOARD, Operator, PlacedTask, Scenario
+from uuv.scenario import GAMEPAD, INPUTS_FILE, KEYBOARD, Operator, PlacedTask, Scenario
 from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.schemas import unmeasured
@@ -80,8 +81,8 @@ class DrivenWork(PlacedTask):
             raise ConfigurationError(
                 f"scenario {scenario.name!r} must have an operator (key `operator`), got none"
             )
-        live = operator.inputs == KEYBOARD
-        source = KeyInputs() if live else OperatorInputs.read(operator.inputs)
+        live = {KEYBOARD: KeyInputs, GAMEPAD: GamepadInputs}.get(operator.inputs)
+        source = OperatorInputs.read(operator.inputs) if live is None else live()
         return cls(work=work, vehicle=vehicle, operator=operator, source=source)
 
     @property

@@ -6,12 +6,14 @@ import copy
 import threading
 import time
 import warnings
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from uuv.controllers.driving.key_inputs import HELP, KeyInputs
+from uuv.controllers.driving.key_inputs import HELP
+from uuv.controllers.driving.live_inputs import LiveInputs
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.loop.rollout import Moment
@@ -25,22 +27,26 @@ _NO_SCREEN = (
 )
 
 
-def refuse_without_screen() -> None:
-    """Refuse keyboard control if no window can be opened.
-
-    Raises:
-        ConfigurationError: There is no screen, or no viewer.
-    """
+def has_screen() -> bool:
+    """Whether a window can be opened."""
     try:
         import glfw
         import mujoco.viewer
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            opened = bool(mujoco.viewer) and glfw.init()
-    except (ImportError, OSError) as error:
-        raise ConfigurationError(_NO_SCREEN) from error
-    if not opened:
+            return bool(mujoco.viewer) and bool(glfw.init())
+    except (ImportError, OSError):
+        return False
+
+
+def refuse_without_screen() -> None:
+    """Refuse keyboard control if no window can be opened.
+
+    Raises:
+        ConfigurationError: There is no screen, or no viewer.
+    """
+    if not has_screen():
         raise ConfigurationError(_NO_SCREEN)
 
 
@@ -66,23 +72,36 @@ class Window:
 
     slow_ticks = (10,)
 
-    def __init__(self, plant: Plant, X_WB: Array, keys: KeyInputs) -> None:
-        """Open the window on a copy of the plant's model, looking at the hull's pose `X_WB`."""
+    def __init__(
+        self,
+        plant: Plant,
+        X_WB: Array,
+        inputs: LiveInputs,
+        *,
+        press: Callable[[int], None] | None = None,
+        help_lines: Sequence[str] = HELP,
+    ) -> None:
+        """Open the window on a copy of the plant's model.
+
+        Args:
+            plant: Plant that is shown.
+            X_WB: (4, 4) hull pose to look at.
+            inputs: Inputs that end when the window is closed.
+            press: Takes the keys that are pressed.
+            help_lines: How the vehicle is driven.
+        """
         import mujoco.viewer
 
         self._plant = plant
-        self._keys = keys
+        self._inputs = inputs
+        self._help = help_lines
         self._model = copy.copy(plant.model)
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = plant.data.qpos
         self._shown = 0.0  # [s] wall time of the last image
         before = set(threading.enumerate())
         self._viewer: Any = mujoco.viewer.launch_passive(
-            self._model,
-            self._data,
-            key_callback=keys.press,
-            show_left_ui=False,
-            show_right_ui=False,
+            self._model, self._data, key_callback=press, show_left_ui=False, show_right_ui=False
         )
         self._drawing = set(threading.enumerate()) - before
         self._viewer.cam.lookat[:] = X_WB[:3, 3]
@@ -93,7 +112,7 @@ class Window:
     def observe(self, moment: Moment) -> None:
         """Show the vehicle, and a line about it."""
         if not self._viewer.is_running():
-            self._keys.end()
+            self._inputs.end()
             return
         if time.perf_counter() - self._shown < _PERIOD:
             return
@@ -110,7 +129,7 @@ class Window:
         if hasattr(self._viewer, "set_texts"):  # from MuJoCo 3.3 on
             font = mujoco.mjtFontScale.mjFONTSCALE_150
             corner = mujoco.mjtGridPos.mjGRID_TOPLEFT
-            self._viewer.set_texts((font, corner, "\n".join([*_panel(moment), *HELP]), ""))
+            self._viewer.set_texts((font, corner, "\n".join([*_panel(moment), *self._help]), ""))
         self._viewer.sync()
 
     def close(self) -> None:

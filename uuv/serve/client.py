@@ -21,7 +21,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-VERSION = 1  # of the frames
+VERSION = 2  # of the frames
 PORT = 9010  # UDP, of the simulation
 MEASURED = b"UUVM"  # begins a frame with measurements and set points
 COMMANDED = b"UUVC"  # begins a frame with a command
@@ -43,6 +43,7 @@ MEASUREMENT: dict[str, int | str] = {
     "dvl_age": 1,
     "imu_age": 1,
     "imu_jump_age": 1,
+    "link_age": 1,
     "p_WB": 3,
     "R_WB": 9,
     "v_WB_B": 3,
@@ -54,6 +55,7 @@ MEASUREMENT: dict[str, int | str] = {
     "qd": "n",
     "tau": "n",
     "tau_doubt": "n",
+    "applied_torque": "n",
     "object_moved_W": 3,
     "gyro_off_B": 3,
     "attitude_off_B": 3,
@@ -74,7 +76,8 @@ MEASUREMENT: dict[str, int | str] = {
     "path_s": 1,
     "lost_thrust": "m",
 }
-# Numbers of a frame with a command after its header; m: one for each thruster.
+# Numbers of a frame with a command after its header; m: one for each thruster, nn: for each pair of
+# joints, n6: for each joint and each of six axes, both row by row.
 COMMAND: dict[str, int | str] = {
     "joint_torque": "n",
     "thrusters": "m",
@@ -83,11 +86,26 @@ COMMAND: dict[str, int | str] = {
     "sigma_G": 3,
     "arm_wrench_B": 6,
     "current_W": 3,
+    "stiffness": "nn",
+    "damping": "nn",
+    "compensation": "n6",
+    "gear_friction": "n",
+}
+# What each number of a command is if the controller does not give the quantity.
+UNSTATED: dict[str, float] = {
+    "force_W": math.nan,
+    "normal": math.nan,
+    "sigma_G": math.inf,
+    "arm_wrench_B": math.nan,
+    "current_W": math.nan,
+    "stiffness": 0.0,
+    "damping": 0.0,
+    "compensation": 0.0,
+    "gear_friction": math.nan,
 }
 LARGEST = 16_384  # [bytes] of a frame
 _GREETING = 300.0  # [s] that the first frame is waited for
 _PATIENCE = 0.5  # [s] after which hello is said again
-_UNKNOWN = (math.nan,)
 
 
 class PacketError(ValueError):
@@ -180,7 +198,35 @@ def _fields(kind: bytes) -> dict[str, int | str]:
 
 
 def _width(size: int | str, joints: int, thrusters: int) -> int:
-    return size if isinstance(size, int) else joints if size == "n" else thrusters
+    return size if isinstance(size, int) else _widths(joints, thrusters)[size]
+
+
+def _widths(joints: int, thrusters: int) -> dict[str, int]:
+    return {"n": joints, "m": thrusters, "nn": joints * joints, "n6": 6 * joints}
+
+
+def answer(measured: Packet, **quantities: float | Sequence[float]) -> bytes:
+    """Frame of the command that answers a measurement.
+
+    Args:
+        measured: Measurement that is answered.
+        quantities: Quantities of `COMMAND` by name; those of `UNSTATED` may be left out.
+
+    Raises:
+        PacketError: A quantity is unknown, is missing, or has another size.
+    """
+    for name in quantities:
+        if name not in COMMAND:
+            raise PacketError(f"{name}: is no quantity of a command ({', '.join(COMMAND)})")
+
+    values: dict[str, Any] = dict(quantities)
+    for name, number in UNSTATED.items():
+        if name not in values:
+            width = _width(COMMAND[name], measured.joints, measured.thrusters)
+            values[name] = number if COMMAND[name] == 1 else (number,) * width
+    return pack(
+        replace(measured, kind=COMMANDED, flags=measured.flags & SCAN, lost=0, values=values)
+    )
 
 
 class Client:
@@ -202,6 +248,7 @@ class Client:
         self._patience = patience
         self._count = -1  # of the newest measurement
         self._sent = b""  # command that answered it
+        self._refused = ""  # why the last datagram was no frame
 
     def __enter__(self) -> "Client":
         return self
@@ -222,7 +269,7 @@ class Client:
             frame = self._newest()
             if frame is None:
                 if time.monotonic() > end:
-                    raise TimeoutError("no frame of the simulation")
+                    raise TimeoutError(f"no frame of the simulation{self._refused}")
                 self.hello()
                 continue
 
@@ -247,7 +294,8 @@ class Client:
         while True:
             try:
                 frame = unpack(self._socket.recv(LARGEST))
-            except PacketError:
+            except PacketError as error:
+                self._refused = f"; the last datagram: {error}"
                 continue
             except ConnectionError:  # nobody listens yet, or any more
                 time.sleep(0.0 if newest else _PATIENCE)
@@ -271,11 +319,7 @@ class Client:
         *,
         joint_torque: Sequence[float],
         thrusters: Sequence[float],
-        force_W: Sequence[float] = 3 * _UNKNOWN,
-        normal: float = math.nan,
-        sigma_G: Sequence[float] = 3 * (math.inf,),
-        arm_wrench_B: Sequence[float] = 6 * _UNKNOWN,
-        current_W: Sequence[float] = 3 * _UNKNOWN,
+        **further: float | Sequence[float],
     ) -> None:
         """Command the vehicle.
 
@@ -283,25 +327,20 @@ class Client:
             measured: Packet that the command answers.
             joint_torque: (n,) [N m].
             thrusters: (m,) in [-1, 1].
-            force_W: (3,) [N] estimated force of the world on the tip; NaN: not known.
-            normal: [N] the same along the tool axis, positive when it presses.
-            sigma_G: (3,) [N] standard deviation of the force, tool axes.
-            arm_wrench_B: (6,) [N, N m] of the arm on the hull, as the controller believes.
-            current_W: (3,) [m/s] of the water, as the controller believes.
+            further: Quantities that may be left out:
+                force_W (3,) [N], estimated force of the world on the tip;
+                normal [N], the same along the tool axis, positive when it presses;
+                sigma_G (3,) [N], standard deviation of the force, tool axes;
+                arm_wrench_B (6,) [N, N m] of the arm on the hull, as the controller believes;
+                current_W (3,) [m/s] of the water, as the controller believes;
+                stiffness (n * n) [N m/rad], damping (n * n) [N m s/rad], compensation (n * 6)
+                [rad/m, rad/rad] and gear_friction (n,) [N m], by which the vehicle carries on a
+                late command, see docs/udp.md.
+
+        Raises:
+            PacketError: A quantity is unknown or has another size.
         """
-        values = {
-            "joint_torque": joint_torque,
-            "thrusters": thrusters,
-            "force_W": force_W,
-            "normal": normal,
-            "sigma_G": sigma_G,
-            "arm_wrench_B": arm_wrench_B,
-            "current_W": current_W,
-        }
-        command = replace(
-            measured, kind=COMMANDED, flags=measured.flags & SCAN, lost=0, values=values
-        )
-        self._sent = pack(command)
+        self._sent = answer(measured, joint_torque=joint_torque, thrusters=thrusters, **further)
         self._transmit(self._sent)
 
     def _transmit(self, data: bytes) -> None:

@@ -8,18 +8,25 @@ It shows how a measurement's fields become what a controller of the project take
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from uuv import jobs
 from uuv.assembly import assemble
+from uuv.controllers.arm.inverse_dynamics import ArmDynamics
+from uuv.controllers.arm.joint_servo import SoftAxis, hull_compensation, servo_feedback
+from uuv.controllers.arm.position_force import ForceDisplacement
+from uuv.controllers.whole_body.work_controller import WorkController
 from uuv.serve import client
 from uuv.serve.client import Packet
 from uuv.sim.interfaces.messages import Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import Array
 
 _STATES = tuple(WorkState)
+_WATCHED = 1.0  # [s] from the start, in which the age of the link is learnt
+_PHASE = 0.5  # [rad] that a late link may take from the force loop
 
 
 def pose(p: Sequence[float], R: Sequence[float]) -> Array:
@@ -79,44 +86,110 @@ def reference_of(frame: Packet) -> Reference:
     )
 
 
+class OwnController:
+    """The controller of a job, which answers measurements.
+
+    On a link that is late it lets the vehicle's drives carry its commands on, with its own servo's
+    gains, and slows its force loop down to what the link allows.
+    """
+
+    def __init__(self, job: str) -> None:
+        """Set up the controller of a job by name.
+
+        Raises:
+            ConfigurationError: There is no such job.
+        """
+        assembly = assemble(jobs.named(job)())
+        wrapped: Any = assembly.parts.controller
+        self._controller = wrapped.controller  # the safety wrapper runs in the simulation
+        self._arm = ArmDynamics(assembly.own.model)
+        self._state: Any = None
+        self._reference: Reference | None = None
+        self._began = 0.0  # [s] simulated
+        self._link_age = 0.0  # [s] the largest at the start
+
+    def answer(self, frame: Packet) -> dict[str, Any]:
+        """Quantities of the command for a measurement."""
+        estimate = estimate_of(frame)
+        if self._reference is None or frame.flag(client.FRESH):
+            self._reference = reference_of(frame)
+        if self._state is None or frame.flag(client.START):
+            self._state = self._controller.init(estimate)
+            self._began, self._link_age = frame.time, 0.0
+        if frame.flag(client.START):
+            return {"joint_torque": [0.0] * frame.joints, "thrusters": [0.0] * frame.thrusters}
+
+        # Friction of the gears is what the drives gave less what the sensors measured.
+        contact_work = isinstance(self._controller, WorkController)
+        if contact_work:
+            self._state.command.tau[:] = frame.applied_torque
+            self._heed(frame, estimate)
+
+        self._state, command = self._controller.step(self._state, estimate, self._reference)
+        # What it believes goes along: contact and thruster faults are judged by it.
+        load = command.hull_load
+        further: dict[str, Any] = (
+            {} if load is None else {"arm_wrench_B": load.arm_wrench_B, "current_W": load.current_W}
+        )
+        if contact_work and frame.link_age > 0.0:
+            further |= self._feedback(estimate.q)
+        return {
+            "joint_torque": command.joint_torque,
+            "thrusters": command.thrusters,
+            "force_W": command.contact.force_W,
+            "normal": float(command.contact.normal),
+            "sigma_G": command.contact.sigma_G,
+            **further,
+        }
+
+    def _heed(self, frame: Packet, estimate: StateEstimate) -> None:
+        """Learn how late the link is, and set the force loop accordingly, before the work."""
+        watched = frame.time - self._began
+        if watched <= _WATCHED:
+            self._link_age = max(self._link_age, frame.link_age)
+            return
+        if self._link_age == 0.0:
+            return
+
+        tool = self._controller.tool
+        tool.force_law = slowed(tool.force_law, self._link_age)
+        self._state = self._controller.init(estimate)
+        self._link_age = 0.0
+
+    def _feedback(self, q: Array) -> dict[str, Array]:
+        """How the torques are to follow joints (n,) [rad] and hull, if the command is late."""
+        state = self._state
+        motion = state.tool.motion
+        sensed = state.contact.record.sensed
+        soft = SoftAxis(motion.yielding, float(state.softness[0]))
+        stiffness, damping = servo_feedback(self._arm, self._controller.servo.drives, q, soft)
+        friction = state.contact.record.friction
+        gains = {
+            "stiffness": stiffness.ravel(),
+            "damping": damping.ravel(),
+            "gear_friction": friction.copy(),
+        }
+
+        # A tool that follows a pose in the world does not move with the hull.
+        if motion.holding[0] or not self._controller.tool.drift.follows_hull:
+            return gains
+        return gains | {"compensation": hull_compensation(sensed.X_BG, sensed.J_B).ravel()}
+
+
+def slowed(law: Any, age: float) -> Any:
+    """Force law for forces that are felt `age` [s] late; as it is if it has no bandwidth."""
+    if not isinstance(law, ForceDisplacement):
+        return law
+    bandwidth = min(law.bandwidth, _PHASE / age)
+    return replace(law, bandwidth=bandwidth, response=law.response + age)
+
+
 def main(job: str, port: int = client.PORT) -> None:
     """Control the vehicle of a job until its run ends."""
-    wrapped: Any = assemble(jobs.named(job)()).parts.controller
-    controller = wrapped.controller  # the safety wrapper itself runs in the simulation
-    state: Any = None
-    reference: Reference | None = None
-
+    controller = OwnController(job)
     with client.Client(port=port) as vehicle:
         for frame in vehicle:
-            estimate = estimate_of(frame)
-            if reference is None or frame.flag(client.FRESH):
-                reference = reference_of(frame)
-            if state is None or frame.flag(client.START):
-                state = controller.init(estimate)
-
-            if frame.flag(client.START):
-                idle = [0.0] * frame.joints
-                vehicle.send(frame, joint_torque=idle, thrusters=[0.0] * frame.thrusters)
-                continue
-
-            state, command = controller.step(state, estimate, reference)
-            # What it believes goes along: contact and thruster faults are judged by it.
-            load = command.hull_load
-            loads: dict[str, Any] = (
-                {}
-                if load is None
-                else {"arm_wrench_B": load.arm_wrench_B, "current_W": load.current_W}
-            )
-            contact = command.contact
-            vehicle.send(
-                frame,
-                joint_torque=command.joint_torque,
-                thrusters=command.thrusters,
-                force_W=contact.force_W,
-                normal=float(contact.normal),
-                sigma_G=contact.sigma_G,
-                **loads,
-            )
+            vehicle.send(frame, **controller.answer(frame))
 
 
 if __name__ == "__main__":

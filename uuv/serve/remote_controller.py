@@ -5,11 +5,11 @@ for at most `HELD` of simulated time. Without an answer for longer the command i
 the safety wrapper departs with the tool as it does when a controller fails.
 """
 
-import contextlib
 import math
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from uuv.models.vehicle import Vehicle
 from uuv.pace import WallClock
 from uuv.serve import client
 from uuv.serve.client import Packet, PacketError
-from uuv.serve.datagrams import Endpoint
+from uuv.serve.late_commands import Answer, Asked, LateCommands
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import (
     Command,
@@ -30,11 +30,13 @@ from uuv.sim.interfaces.messages import (
 from uuv.sim.interfaces.spatial import Array
 
 HELD = 0.2  # [s] simulated, for which a command holds
+LARGEST = 1e6  # magnitude of a command's numbers, in their units
 PATIENCE = 10.0  # [s] on the wall that an answer is waited for in lockstep
 GREETING = 300.0  # [s] on the wall that a client is waited for at first
 _SILENCE = 1.0  # [s] on the wall, of the client, after which another may take over
 _AT_ONCE = 64  # datagrams that are taken after a tick is due
 _AGAIN = 0.1  # [s] on the wall after which a frame is sent again
+_REASONS = 8  # reasons of refusals that are told while a client is waited for
 _STATES = tuple(WorkState)
 
 
@@ -50,22 +52,57 @@ class Exchange:
     held: int = 0  # ticks that went on with an earlier command
     silent: int = 0  # ticks without a command that still holds
     oldest_s: float = 0.0  # [s] simulated, largest age of a command that was used
+    reason: str = ""  # why a datagram was refused, the last time
 
     def summary(self) -> str:
         """In one line."""
-        return ", ".join(f"{value:g} {name}" for name, value in asdict(self).items())
+        counts = {name: value for name, value in asdict(self).items() if name != "reason"}
+        line = ", ".join(f"{value:g} {name}" for name, value in counts.items())
+        return f"{line}; last refused: {self.reason}" if self.reason else line
+
+
+class Channel(Protocol):
+    """Where frames go out and come in, such as an `uuv.serve.datagrams.Endpoint`."""
+
+    @property
+    def port(self) -> int:
+        """Number in messages."""
+        ...
+
+    @property
+    def peer(self) -> tuple[str, int] | None:
+        """Client that is answered; None: none yet."""
+        ...
+
+    def receive(self, patience: float = ...) -> bytes | None:
+        """Next datagram; None: none within `patience` [s]."""
+        ...
+
+    def send(self, data: bytes) -> bool:
+        """Send to the client; False: there is none, or no way there."""
+        ...
+
+    def answer_there(self) -> None:
+        """Answer from now on to where the last datagram came from."""
+        ...
+
+    def interrupts(self, silence: float) -> bool:
+        """Whether the last datagram is of another client, while the first is not silent for
+        `silence` [s].
+        """
+        ...
 
 
 class UdpController:
     """Controller whose answers come from a client (`uuv.sim.interfaces.protocols.Controller`)."""
 
     def __init__(
-        self, endpoint: Endpoint, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
+        self, endpoint: Channel, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
     ) -> None:
         """Serve a vehicle's estimates at a socket.
 
         Args:
-            endpoint: Bound socket.
+            endpoint: Bound socket, or a link of another kind.
             vehicle: The vehicle as it is believed.
             period: [s] between commands.
             pace: Real-time pacing of the run; None: lockstep.
@@ -75,11 +112,15 @@ class UdpController:
         self._endpoint = endpoint
         self._joints = len(vehicle.joints)
         self._thrusters = len(vehicle.thruster_names)
+        self._drives = LateCommands(vehicle, period)
         self._pace = pace
         self._count = 0
         self._answered = -1  # count of the newest command
-        self._sent: dict[int, float] = {}  # [s] simulated time by the count of a frame
-        self._command: Command | None = None
+        self._sent: dict[int, Asked] = {}  # by the count of a frame
+        self._answer: Answer | None = None  # newest command
+        # (n,) [N m] torques of the last period, and the age [s] of the command that they are of
+        self._applied = np.zeros(self._joints)
+        self._link_age = math.nan
         self._reference: Reference | None = None  # last one that was sent
         self._since = 0  # count from which it was
         self._gone = False
@@ -97,7 +138,7 @@ class UdpController:
             raise ConfigurationError(
                 f"port {self._endpoint.port}: the client sends no command within {GREETING:.0f} s"
             )
-        self._command = None
+        self._answer = None
 
     def step(
         self, state: None, estimate: StateEstimate, reference: Reference
@@ -107,6 +148,7 @@ class UdpController:
             return state, self._none(estimate, reference)
 
         # Out with the measurement, in with what answers it.
+        self._drives.measure(self._applied, estimate)
         self._count += 1
         if reference is not self._reference:
             self._since = self._count
@@ -114,7 +156,7 @@ class UdpController:
         frame = self._measured(estimate, reference)
         if self._pace is None:
             self._ask(frame, PATIENCE)
-        elif self._command is None and not self.traffic.silent:
+        elif self._answer is None and not self.traffic.silent:
             self._ask(frame, GREETING)  # time begins when the client is ready
             self._pace.arrive(estimate.time, reference.state)
         else:
@@ -123,16 +165,22 @@ class UdpController:
             self._listen_until(self._pace.due(estimate.time + self.period))
 
         # The newest command, if it still holds.
-        command = self._command
-        age = math.inf if command is None else estimate.time - command.time
-        if command is None or age > HELD or (self._pace is None and self._answered < self._count):
+        answer = self._answer
+        age = math.inf if answer is None else estimate.time - answer.asked.time
+        if answer is None or age > HELD or (self._pace is None and self._answered < self._count):
             self.traffic.silent += 1
             self._gone = self._pace is None
+            self._link_age = age
             return state, self._none(estimate, reference)
 
         self.traffic.held += self._answered < self._count
         self.traffic.oldest_s = max(self.traffic.oldest_s, age)
-        return state, _at(command, estimate.time, reference.scan)
+        command = answer.command
+        if age > 0.0:
+            torque = self._drives.torque(answer, estimate)
+            command = replace(command, time=estimate.time, joint_torque=torque, scan=reference.scan)
+        self._applied, self._link_age = command.joint_torque, age
+        return state, command
 
     def close(self) -> None:
         """Tell the client that the run has ended."""
@@ -175,41 +223,52 @@ class UdpController:
         """Take a datagram as a command, if it is one that is newer than the last."""
         try:
             if self._endpoint.interrupts(_SILENCE):
-                raise PacketError("a second client")
+                raise PacketError("a second client, while the first one answers")
             frame = client.unpack(data)
-            command = None if frame.kind == client.ENDED else self._of_frame(frame)
-        except PacketError:
+            self._check(frame)
+        except PacketError as error:
             self.traffic.refused += 1
+            self.traffic.reason = str(error)
             return
 
         self._endpoint.answer_there()  # a client that comes again may have another port
-        if command is None:  # a greeting
-            return
-
-        if not self._answered < frame.count <= self._count:
-            self.traffic.stale += 1
+        if frame.kind == client.ENDED:  # a greeting
             return
 
         # Its age is that of the measurement, whatever the client says.
+        asked = self._sent.get(frame.count)
+        if asked is None or frame.count <= self._answered:
+            self.traffic.stale += 1
+            return
+
+        # What nobody can mean is no command, as if it were not a number.
+        if beyond := _beyond(frame):
+            self.traffic.reason = beyond
+            no_number = (math.nan,) * self._joints
+            frame = replace(frame, values=frame.values | {"joint_torque": no_number})
+
         self._answered = frame.count
-        self._command = replace(command, time=self._sent[frame.count])
-        self._sent = {count: time for count, time in self._sent.items() if count > frame.count}
+        self._answer = self._of_frame(frame, asked)
+        self._sent = {count: asked for count, asked in self._sent.items() if count > frame.count}
         self.traffic.taken += 1
 
-    def _of_frame(self, frame: Packet) -> Command:
-        """A command as the loop has it.
-
-        Raises:
-            PacketError: It is none, or for another vehicle.
-        """
+    def _check(self, frame: Packet) -> None:
+        """Raise PacketError if a frame is neither a greeting nor a command for this vehicle."""
         sizes = (frame.joints, frame.thrusters)
-        if frame.kind != client.COMMANDED or sizes != (self._joints, self._thrusters):
-            raise PacketError("no command for this vehicle")
+        if frame.kind == client.MEASURED:
+            raise PacketError("a frame with a measurement comes from the simulation alone")
+        if frame.kind == client.COMMANDED and sizes != (self._joints, self._thrusters):
+            raise PacketError(
+                f"a command for {sizes[0]} joints and {sizes[1]} thrusters, the vehicle has "
+                f"{self._joints} and {self._thrusters}"
+            )
 
+    def _of_frame(self, frame: Packet, asked: Asked) -> Answer:
+        """A command as the loop has it, for the motion of the joints that it answers."""
         values = frame.values
-        return Command(
-            time=frame.time,
-            joint_torque=np.array(values["joint_torque"]),
+        command = Command(
+            time=asked.time,
+            joint_torque=self._drives.cut(np.array(values["joint_torque"])),
             thrusters=np.clip(np.array(values["thrusters"]), -1.0, 1.0),
             scan=frame.flag(client.SCAN),
             contact=ContactEstimate(
@@ -220,6 +279,18 @@ class UdpController:
             hull_load=self._load_of(values),
         )
 
+        def rows(name: str) -> Array:
+            return np.reshape(values[name], (self._joints, -1))
+
+        return Answer(
+            command=command,
+            asked=asked,
+            stiffness=rows("stiffness"),
+            damping=rows("damping"),
+            compensation=rows("compensation"),
+            friction=np.array(values["gear_friction"]),
+        )
+
     def _load_of(self, values: dict[str, Any]) -> HullLoad | None:
         """Loads on the hull; the last object where nothing changed, as between two hull steps."""
         wrench = np.array(values["arm_wrench_B"])
@@ -227,7 +298,7 @@ class UdpController:
         if not (np.isfinite(wrench).all() and np.isfinite(current).all()):
             return None
 
-        last = None if self._command is None else self._command.hull_load
+        last = None if self._answer is None else self._answer.command.hull_load
         same = (
             last is not None
             and np.array_equal(last.arm_wrench_B, wrench)
@@ -256,6 +327,8 @@ class UdpController:
             *("object_moved_W", "gyro_off_B", "attitude_off_B"),
         ):
             values[name] = getattr(estimate, name).tolist()
+        values["link_age"] = self._link_age
+        values["applied_torque"] = self._applied.tolist()
         doubt = estimate.tau_doubt
         values["tau_doubt"] = self._joints * [math.nan] if doubt is None else doubt.tolist()
 
@@ -276,12 +349,19 @@ class UdpController:
             "lost_thrust": self._lost_thrust(reference),
         }
 
-        self._sent[self._count] = estimate.time
+        self._remember(estimate)
         lost = sum(1 << thruster for thruster in reference.lost_thrusters)
         sizes = (self._joints, self._thrusters)
         return client.pack(
             Packet(client.MEASURED, *sizes, self._count, flags, lost, estimate.time, values)
         )
+
+    def _remember(self, estimate: StateEstimate) -> None:
+        """Keep what a command that answers this frame was computed for, while it could hold."""
+        oldest = next(iter(self._sent.values()), None)
+        if oldest is not None and estimate.time - oldest.time > HELD:
+            del self._sent[next(iter(self._sent))]
+        self._sent[self._count] = Asked.of(estimate)
 
     def _lost_thrust(self, reference: Reference) -> list[float]:
         """Thrust [N] that each thruster gives although it is not to be used."""
@@ -300,20 +380,43 @@ class UdpController:
         )
 
 
-def await_client(endpoint: Endpoint, patience: float = GREETING) -> None:
+def await_client(
+    endpoint: Channel, patience: float = GREETING, *, refused: Callable[[str], None] | None = None
+) -> None:
     """Wait for the first frame of a client; what is none does not count.
 
+    Args:
+        endpoint: Bound socket.
+        patience: [s] on the wall.
+        refused: Takes why a datagram is no such frame, each reason once.
+
     Raises:
-        ConfigurationError: None came within `patience` [s].
+        ConfigurationError: None came in time.
     """
     end = time.monotonic() + patience
+    reasons: set[str] = set()
     while endpoint.peer is None:
         datagram = endpoint.receive()
-        with contextlib.suppress(PacketError):
+        try:
             if datagram is not None and client.unpack(datagram).kind != client.MEASURED:
                 endpoint.answer_there()
+        except PacketError as error:
+            reason = str(error)
+            if refused is not None and reason not in reasons and len(reasons) < _REASONS:
+                refused(reason)
+                reasons.add(reason)
+
         if time.monotonic() > end:
             raise ConfigurationError(f"port {endpoint.port}: no client within {patience:.0f} s")
+
+
+def _beyond(frame: Packet) -> str:
+    """Quantity of a command with a finite number that nobody can mean; empty: none."""
+    for name, value in frame.values.items():
+        for number in value if isinstance(value, tuple) else (value,):
+            if LARGEST < abs(number) < math.inf:
+                return f"{name}: must be within +-{LARGEST:g}, got {number:g}"
+    return ""
 
 
 def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
@@ -321,8 +424,3 @@ def _pose(name: str, X: Array | None) -> dict[str, list[float]]:
     if X is None:
         return {f"p_{name}": 3 * [math.nan], f"R_{name}": 9 * [math.nan]}
     return {f"p_{name}": X[:3, 3].tolist(), f"R_{name}": X[:3, :3].ravel().tolist()}
-
-
-def _at(command: Command, time: float, scan: bool) -> Command:
-    """A command as that of a later tick."""
-    return command if command.time == time else replace(command, time=time, scan=scan)

@@ -54,7 +54,10 @@ def run_remote(
         parts = replace(assembly.parts, controller=SafetyWrapper(remote, believed.model))
         return replace(assembly, loop=replace(assembly.loop, parts=parts))
 
-    await_client(endpoint)  # here, where Ctrl-C ends the command at once
+    def refused(reason: str) -> None:
+        print(f"refused: {reason}", file=counts, flush=True)
+
+    await_client(endpoint, refused=refused)  # here, where Ctrl-C ends the command at once
     try:
         return command(
             scenario,

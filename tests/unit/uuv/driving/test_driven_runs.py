@@ -40,7 +40,7 @@ def test_bad_inputs_are_refused_at_the_door(tmp_path: Path):
         check_inputs(driven("open-water", tmp_path / "none.csv"))
     with pytest.raises(ConfigurationError, match=r"keyboard is only allowed in .uuv drive."):
         check_inputs(driven("open-water", KEYBOARD))
-    check_inputs(driven("open-water", KEYBOARD), keyboard=True)
+    check_inputs(driven("open-water", KEYBOARD), live=True)
 
 
 def test_a_hull_is_driven_in_open_water_and_its_inputs_are_kept(tmp_path: Path):

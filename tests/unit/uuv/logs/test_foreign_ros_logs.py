@@ -115,6 +115,44 @@ def test_messages_that_the_recorder_counted_and_are_not_there_are_noted(tmp_path
     assert log.notes == ("2 messages are missing, by the counts of the recorder",)
 
 
+def test_a_bag_whose_metadata_are_damaged_is_read_and_that_is_noted(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/pressure", KIND, typestore=ROS2)
+        for row, message in enumerate(pressures(ROS2)):
+            writer.write(topic, (100 + row) * 10**9, bytes(ROS2.serialize_cdr(message, KIND)))
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [1, {")
+    log = read_vehicle_log(folder)
+    assert len(log.streams[DEPTH].time) == N
+    assert len(log.notes) == 1
+    assert log.notes[0].startswith("the bag's metadata are not used: ")
+
+
+@pytest.mark.parametrize("order", ["shuffled", "twice"])
+def test_messages_out_of_order_or_twice_are_put_in_order_or_noted(
+    order: str, tmp_path: Path
+) -> None:
+    rows = np.arange(N)
+    rows = np.random.default_rng(4).permutation(rows) if order == "shuffled" else rows.repeat(2)
+    messages = pressures(ROS2)
+    with (tmp_path / "dive.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2", library="another recorder")
+        text, _ = ROS2.generate_msgdef(KIND, ros_version=2)
+        schema = writer.register_schema(KIND, "ros2msg", text.encode())
+        topic = writer.register_channel("/pressure", "cdr", schema)
+        for row in rows.tolist():
+            stamp = (100 + row) * 10**9
+            content = bytes(ROS2.serialize_cdr(messages[row], KIND))
+            writer.add_message(topic, stamp, content, stamp)
+        writer.finish()
+
+    log = read_vehicle_log(tmp_path / "dive.mcap")
+    assert log.streams[DEPTH].values[:, 0] == pytest.approx(2.0 + np.arange(N) / N, abs=1e-6)
+    twice = f"depth: {N} samples whose time does not rise"
+    assert log.notes == (() if order == "shuffled" else (twice,))
+
+
 def test_an_orientation_that_is_no_rotation_is_noted(tmp_path: Path) -> None:
     kinds = ROS2.types
     nothing = kinds["geometry_msgs/msg/Vector3"](0.0, 0.0, 0.0)

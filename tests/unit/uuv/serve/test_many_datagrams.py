@@ -60,7 +60,7 @@ def check_autopilots_door(count: int) -> Counter[str]:
 def check_frames(count: int) -> Counter[str]:
     """Each is a frame, or refused by the one error of frames."""
     rng = np.random.default_rng(32)
-    sizes = {"n": 6, "m": 8}
+    sizes = {"n": 6, "m": 8, "nn": 36, "n6": 36}
     outcomes: Counter[str] = Counter()
     for number in range(count):
         values = {}

@@ -1,7 +1,6 @@
 """Frames of the UDP door, its exchange with lossy clients, and the pace of a run."""
 
 import math
-import random
 import socket
 import threading
 from dataclasses import replace
@@ -10,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from udp_clients import Holding, served
 from uuv import jobs
 from uuv.assembly import assemble
 from uuv.cli.live import serve
-from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.pace import WallClock
 from uuv.runner import run
 from uuv.serve import client, datagrams, own_controller
@@ -24,7 +23,7 @@ from uuv.sim.interfaces.messages import FaultKind, WorkState
 
 
 def drawn(kind, rng, joints=6, thrusters=8):
-    widths = {"n": joints, "m": thrusters}
+    widths = {"n": joints, "m": thrusters, "nn": joints**2, "n6": 6 * joints}
     fields = client.MEASUREMENT if kind == client.MEASURED else client.COMMAND
     values = {}
     for name, size in fields.items():
@@ -66,7 +65,7 @@ def test_fields_are_read_by_their_names():
         (lambda data: data[:-1], "6 joints and 8 thrusters take"),
         (lambda data: data + b"0", "6 joints and 8 thrusters take"),
         (lambda data: b"XXXX" + data[4:], "begins with UUVM"),
-        (lambda data: data[:4] + b"\x02\x00" + data[6:], "the version must be 1, got 2"),
+        (lambda data: data[:4] + b"\x01\x00" + data[6:], "the version must be 2, got 1"),
     ],
 )
 def test_what_is_no_frame_is_refused(change, message):
@@ -83,59 +82,6 @@ def test_a_command_of_the_wrong_size_is_refused_before_it_is_sent():
     less = {name: value for name, value in frame.values.items() if name != "normal"}
     with pytest.raises(PacketError, match="normal: is missing"):
         pack(replace(frame, values=less))
-
-
-class Holding(threading.Thread):
-    """A client that holds the joints where they began, over a link that loses and doubles.
-
-    It forgets none of what it was asked: its command depends on the measurement alone.
-    """
-
-    def __init__(self, port, *, lost=0.0, ends=math.inf):
-        super().__init__(daemon=True)
-        self.port, self.lost, self.ends = port, lost, ends
-        self.frames = 0
-
-    def run(self):
-        chance = random.Random(1)
-        with Client(port=self.port, patience=10.0) as vehicle:
-            vars(vehicle)["_socket"] = Lossy(vehicle._socket, chance, self.lost)
-            for frame in vehicle:
-                if frame.time > self.ends:
-                    return
-                self.frames += 1
-                errors = zip(frame.q_set, frame.q, frame.qd, strict=True)
-                torque = [200.0 * (q_set - q) - 20.0 * qd for q_set, q, qd in errors]
-                vehicle.send(frame, joint_torque=torque, thrusters=[0.0] * frame.thrusters)
-
-
-class Lossy:
-    """A socket that loses commands, and sends some twice."""
-
-    def __init__(self, link, chance, lost):
-        self._link, self._chance, self._lost = link, chance, lost
-
-    def send(self, data):
-        if data[:4] == client.COMMANDED:
-            if self._chance.random() < self._lost:
-                return len(data)
-            if self._chance.random() < self._lost:
-                self._link.send(data)
-        return self._link.send(data)
-
-    def __getattr__(self, name):
-        return getattr(self._link, name)
-
-
-def served(endpoint, *, pace=None, longest=0.4, scenario=None, period=0.01):
-    """A run, of open water by default, with its controller behind the socket; and that one."""
-    assembly = assemble(scenario or jobs.open_water(quick=True))
-    remote = UdpController(endpoint, assembly.own.vehicle, period=period, pace=pace)
-    guarded = SafetyWrapper(remote, assembly.own.model)
-    parts = replace(assembly.parts, controller=guarded)
-    outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)), longest=longest)
-    remote.close()
-    return outcome, remote
 
 
 def test_lockstep_is_the_same_over_a_link_that_loses_and_doubles():

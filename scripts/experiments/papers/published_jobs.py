@@ -1,7 +1,8 @@
 """The main job by methods of [Konoplin 2022] in place of the default ones, on several seeds.
 
-The paper's text gives the force law three readings (`uuv.controllers.arm.published_force_law`), and
-offers a load observer as an equal source of the contact force. The path is the short one of
+The paper's text gives the force law three readings (`uuv.controllers.arm.published_force_law`), the
+tip force a closed form of three joints, and offers a load observer as an equal source of the
+contact force. Jobs run whatever the check before a start says of them (`uuv.check`). The path is the short one of
 --quick, at the forces of the job: 60, 90 and 60 N along the barrel, 60 and 90 N around it.
 
 Accepted: the default method keeps every bound of the job on every path and seed.
@@ -26,6 +27,8 @@ METHODS: dict[str, Control] = {
     "force law, each component": Control(published=("force-law",)),
     "force law, normal component": Control(published=("normal-force-law",)),
     "force law by its text": Control(published=("force-length-law",)),
+    "tip force, closed form": Control(published=("tip-force",)),
+    "ICP, threshold on Q": Control(published=("identification",)),
     "load observer": Control(force_from="motors"),
 }
 PATHS = ("longitudinal", "transverse")

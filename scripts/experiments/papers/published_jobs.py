@@ -65,6 +65,11 @@ class PublishedJobRow:
     deviation: float | None = column(
         "path deviation, peak", "mm", digits=1, factor=1e3, default=None
     )
+    lost: float | None = column("contact lost", "s", digits=2, default=None)
+    tangential: float | None = column("tangential force, mean", "N", digits=1, default=None)
+    identified: float | None = column(
+        "identification off, of the range", "%", digits=2, factor=100.0, default=None
+    )
     # what dry friction of the gears hides from the motors by computation; None: sensors are read
     hidden_rms: float | None = column("hidden while joints slide, RMS", "N", digits=1, default=None)
     hidden_most: float | None = column("hidden at rest, most", "N", digits=0, default=None)
@@ -88,6 +93,9 @@ def published_jobs(case: PublishedJobCase) -> PublishedJobRow:
         return PublishedJobRow(accepted=False, reason=str(error)[:_REASON], **hidden)
 
     figures = cast(dict[str, Any], done.assessment.metrics)
+    off, range_m = (
+        _figure(figures, "identification", name) for name in ("position_error_m", "range_m")
+    )
     return PublishedJobRow(
         accepted=done.assessment.accepted,
         reason="; ".join(done.assessment.failed)[:_REASON],
@@ -95,6 +103,9 @@ def published_jobs(case: PublishedJobCase) -> PublishedJobRow:
         force_peak=_figure(figures, "contact", "force_error_max_n"),
         felt_rms=_figure(figures, "force_estimate", "normal_error_rms_n"),
         deviation=_figure(figures, "tool", "path_deviation_max_m"),
+        lost=_figure(figures, "contact", "lost_s"),
+        tangential=_figure(figures, "contact", "tangential_mean_n"),
+        identified=off / range_m if off is not None and range_m else None,
         **hidden,
     )
 
@@ -123,6 +134,15 @@ published_jobs.page = (
             stat("largest", "force_peak", "force error, peak, largest"),
             stat("mean", "felt_rms", "felt less true force, RMS, mean"),
             stat("largest", "deviation", "path deviation, peak, largest"),
+            stat("largest", "lost", "contact lost, longest"),
+        ],
+    )
+    .table(
+        "Identification and tangential force by method",
+        by=("method", "path"),
+        columns=[
+            stat("largest", "identified", "identification off, of the range, largest"),
+            stat("mean", "tangential", "tangential force, mean"),
         ],
     )
     .table(

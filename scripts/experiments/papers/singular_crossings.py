@@ -15,6 +15,7 @@ and the default one leaves the paths for the least share.
 from uuv.start import run_scenario  # isort: skip
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -176,6 +177,12 @@ def default_over_least(rows: Sequence[Row]) -> float | None:
     return means[DEFAULT] - min(means.values()) if DEFAULT in means else None
 
 
+def paths(rows: list[Row]) -> dict[str, dict[str, int]]:
+    """Number of paths by arm."""
+    arms = {row["path"]: row["arm"] for row in rows}
+    return {"paths": dict(Counter(arms.values()))}
+
+
 def _over_limit(row: Row) -> float:
     return row["joint_speed"] / row["speed_limit"]
 
@@ -211,6 +218,7 @@ singular_crossings.page = (
         stat("group", default_over_least, "share off by the default recipe, over the least"),
         most=0.0,
     )
+    .add(paths)
 )
 
 if __name__ == "__main__":

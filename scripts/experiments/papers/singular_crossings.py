@@ -22,15 +22,23 @@ from functools import lru_cache
 
 import numpy as np
 
-from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT, RecipePath, tip_errors, tracked
+from experiments.papers.recipes import (
+    DEFAULT,
+    RECIPES,
+    WITHOUT,
+    RecipePath,
+    begun,
+    line,
+    tip_errors,
+    tracked,
+)
 from experiments.papers.track_singularity import lock
-from uuv.controllers.mkps import Chain, track
+from uuv.controllers.mkps import Chain
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.experiment.statistic import Statistic
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
-from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, finite_number, one_of, pose
+from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 
 # [rad] singular joint values, joint 5 at zero; and which directions of `fast_first` lead along and
 # across
@@ -143,21 +151,16 @@ def crossing_of(name: str, step: float, reach: float) -> Crossing:
         along = ways[first]
         across = ways[second]
 
-    # The line, and the way back from its middle.
+    # The line, and the way back from its middle: through the singularity, or from beside it
     X = chain.forward(q)
-    steps = 2 * round(reach / step)
-    line = np.linspace(-reach, reach, steps + 1)[:, None] * along + beside * across
-    path = np.array([pose(X[:3, :3], X[:3, 3] + offset) for offset in line])
+    X[:3, 3] += beside * across
+    path = line(X, along, reach, step)
     back = path[: len(path) // 2 + 1][::-1]
-
-    # Through the singularity with passing, or from beside it.
     if arm_name == ERA:
-        run = track(chain, back, q, BACK, speed_limits=SLOW_ERA, spare_joints=False)
+        q0 = begun(chain, back, q, BACK, speed_limits=SLOW_ERA)
     else:
-        run = track(chain, back, q + NEAR, BACK, passing="off")
-    if not run.converged[-1]:
-        raise ConfigurationError(f"{name}: the arm does not reach the beginning of the path")
-    return Crossing(arm=arm, path=path[1:], q0=np.array(run.q[-1]))
+        q0 = begun(chain, back, q + NEAR, BACK, passing="off")
+    return Crossing(arm=arm, path=path[1:], q0=q0)
 
 
 def fast_first(chain: Chain, q: Array) -> Array:

@@ -11,13 +11,13 @@ Accepted: the default method keeps every bound of the job on every path and seed
 
 from uuv.start import run_scenario  # isort: skip
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from typing import Literal
 
 from uuv import jobs
 from uuv.check.hidden_force import HiddenForce
 from uuv.experiment import Page, column, experiment, stat
+from uuv.experiment.metric_at import metric_at
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.runner import run
 from uuv.scenario import Control, Scenario
@@ -87,25 +87,29 @@ def published_jobs(case: PublishedJobCase) -> PublishedJobRow:
     scenario = jobs.clean_barrel(path=case.path, quick=True)
     scenario = replace(scenario, control=METHODS[case.method], seed=case.seed)
     hidden = _hidden(scenario)
+
+    # Ended before the work, or done
     try:
         done = run(scenario)
     except UuvError as error:
         return PublishedJobRow(accepted=False, reason=str(error)[:_REASON], **hidden)
 
-    figures = cast(dict[str, Any], done.assessment.metrics)
-    off, range_m = (
-        _figure(figures, "identification", name) for name in ("position_error_m", "range_m")
-    )
+    # Error of the identification over its range
+    metrics = done.assessment.metrics
+    off = metric_at(metrics, "identification.position_error_m")
+    range_m = metric_at(metrics, "identification.range_m")
+    share = off / range_m if off is not None and range_m else None
+
     return PublishedJobRow(
         accepted=done.assessment.accepted,
         reason="; ".join(done.assessment.failed)[:_REASON],
-        force_rms=_figure(figures, "contact", "force_error_rms_n"),
-        force_peak=_figure(figures, "contact", "force_error_max_n"),
-        felt_rms=_figure(figures, "force_estimate", "normal_error_rms_n"),
-        deviation=_figure(figures, "tool", "path_deviation_max_m"),
-        lost=_figure(figures, "contact", "lost_s"),
-        tangential=_figure(figures, "contact", "tangential_mean_n"),
-        identified=off / range_m if off is not None and range_m else None,
+        force_rms=metric_at(metrics, "contact.force_error_rms_n"),
+        force_peak=metric_at(metrics, "contact.force_error_max_n"),
+        felt_rms=metric_at(metrics, "force_estimate.normal_error_rms_n"),
+        deviation=metric_at(metrics, "tool.path_deviation_max_m"),
+        lost=metric_at(metrics, "contact.lost_s"),
+        tangential=metric_at(metrics, "contact.tangential_mean_n"),
+        identified=share,
         **hidden,
     )
 
@@ -114,13 +118,9 @@ def _hidden(scenario: Scenario) -> dict[str, float]:
     """Columns of the hidden force; none if the job reads torque sensors."""
     if scenario.control.force_from != "motors":
         return {}
+
     hidden = HiddenForce.of(OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle, tool="pad")))
     return {"hidden_rms": hidden.rms, "hidden_most": hidden.most}
-
-
-def _figure(figures: Mapping[str, Any], group: str, name: str) -> float | None:
-    entries = figures.get(group)
-    return entries.get(name) if isinstance(entries, dict) else None
 
 
 published_jobs.page = (

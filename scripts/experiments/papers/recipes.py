@@ -80,11 +80,13 @@ def line(X: Array, along: Array, reach: float, step: float) -> Array:
     Raises:
         ConfigurationError: The line is shorter than a step.
     """
+    # An even number, so that the middle is one of the poses
     steps = 2 * round(reach / step)
     if steps < 2:
         raise ConfigurationError(
             f"--reach: must be at least --speed times --period, {step:g} m, got {reach:g}"
         )
+
     return np.array(
         [pose(X[:3, :3], X[:3, 3] + s * along) for s in np.linspace(-reach, reach, steps + 1)]
     )
@@ -104,6 +106,7 @@ def begun(chain: Chain, back: Array, q: Array, period: float, **options: Any) ->
         ConfigurationError: The arm does not come back in time.
     """
     run = track(chain, back, q, period, spare_joints=False, **options)
+
     if not run.converged[-1]:
         raise ConfigurationError(
             f"--reach, --speed: the arm does not reach the beginning of its path in "

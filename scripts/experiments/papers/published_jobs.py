@@ -80,7 +80,11 @@ class PublishedJobRow:
     seeds=10,
     vary={"method": tuple(METHODS), "path": PATHS},
     paired=True,
-    quick={"method": (DEFAULT,), "path": ("longitudinal",), "runs": 1},
+    quick={
+        "method": (DEFAULT, "force law, normal component", "load observer"),
+        "path": ("longitudinal",),
+        "runs": 1,
+    },
 )
 def published_jobs(case: PublishedJobCase) -> PublishedJobRow:
     """Runs the main job."""

@@ -7,7 +7,7 @@ from typing import Any
 
 from uuv.campaigns.campaign import CampaignRun, metric_names
 from uuv.campaigns.run_outcome import CRASHED, REFUSED, ending, ending_by, surface_figures
-from uuv.experiment.metric_at import metric_at
+from uuv.experiment.columns import metric_at
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.tables import TableReader
 

@@ -17,7 +17,7 @@ from typing import Literal
 from uuv import jobs
 from uuv.check.hidden_force import HiddenForce
 from uuv.experiment import Page, column, experiment, stat
-from uuv.experiment.metric_at import metric_at
+from uuv.experiment.columns import metric_at
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
 from uuv.runner import run
 from uuv.scenario import Control, Scenario

@@ -68,14 +68,15 @@ def tip_errors(arm: PublishedArm, run: Track, path: Array) -> TipErrors:
     return TipErrors(position=off, orientation=np.array(turned))
 
 
-def line(X: Array, along: Array, reach: float, step: float) -> Array:
-    """Tip poses (N, 4, 4) of a straight line without turning, X (4, 4) in its middle.
+def line(X: Array, along: Array, reach: float, step: float, beside: Array | float = 0.0) -> Array:
+    """Tip poses (N, 4, 4) of a straight line without turning, through or beside X (4, 4).
 
     Args:
         X: Pose of the tip.
         along: (3,) unit direction.
         reach: [m] before and after the middle.
         step: [m] between poses.
+        beside: (3,) [m] from X to the line's middle.
 
     Raises:
         ConfigurationError: The line is shorter than a step.
@@ -87,9 +88,8 @@ def line(X: Array, along: Array, reach: float, step: float) -> Array:
             f"--reach: must be at least --speed times --period, {step:g} m, got {reach:g}"
         )
 
-    return np.array(
-        [pose(X[:3, :3], X[:3, 3] + s * along) for s in np.linspace(-reach, reach, steps + 1)]
-    )
+    offsets = np.linspace(-reach, reach, steps + 1)[:, None] * along + beside
+    return np.array([pose(X[:3, :3], X[:3, 3] + offset) for offset in offsets])
 
 
 def begun(chain: Chain, back: Array, q: Array, period: float, **options: Any) -> Array:

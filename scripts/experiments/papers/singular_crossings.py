@@ -152,9 +152,7 @@ def crossing_of(name: str, step: float, reach: float) -> Crossing:
         across = ways[second]
 
     # The line, and the way back from its middle: through the singularity, or from beside it
-    X = chain.forward(q)
-    X[:3, 3] += beside * across
-    path = line(X, along, reach, step)
+    path = line(chain.forward(q), along, reach, step, beside * across)
     back = path[: len(path) // 2 + 1][::-1]
     if arm_name == ERA:
         q0 = begun(chain, back, q, BACK, speed_limits=SLOW_ERA)

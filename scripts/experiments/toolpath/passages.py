@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from uuv.experiment import Page, Row, column, experiment, stat
-from uuv.experiment.metric_at import metric_at
+from uuv.experiment.columns import metric_at
 from uuv.runner import run
 from uuv.scenario_file import read_scenario
 from uuv.sim.interfaces.errors import UuvError

@@ -19,7 +19,7 @@ from uuv.check.conditions import Conditions
 from uuv.check.findings import JobVerdict
 from uuv.check.jobs import ArmJobs
 from uuv.experiment import Page, column, experiment, stat
-from uuv.experiment.metric_at import metric_at
+from uuv.experiment.columns import metric_at
 from uuv.experiment.options import at_least
 from uuv.runner import Run, run
 from uuv.sim.interfaces.errors import UuvError

@@ -17,11 +17,9 @@ Method = Literal[
 NavigationMethod = Literal["fusion", "gyro-check"]
 AblatedMethod = Literal[Method, NavigationMethod]
 NAVIGATION: frozenset[NavigationMethod] = frozenset(get_args(NavigationMethod))
-PublishedMethod = Literal[
-    "force-law", "normal-force-law", "force-length-law", "tip-force", "identification"
-]
-FORCE_LAWS: frozenset[PublishedMethod] = frozenset(
-    ("force-law", "normal-force-law", "force-length-law")
-)
+# readings of the published force law, of which a controller has at most one
+PublishedForce = Literal["force-law", "normal-force-law", "force-length-law"]
+PublishedMethod = Literal[PublishedForce, "tip-force", "identification"]
+FORCE_LAWS: tuple[PublishedForce, ...] = get_args(PublishedForce)
 # what the contact force is estimated from: sensors of the joint torques, or motor torques
 ForceSource = Literal["sensors", "motors"]

@@ -221,8 +221,8 @@ class Control:
     )
     published: tuple[PublishedMethod, ...] = option(
         (),
-        "Methods as in [Konoplin 2022], in place of the default ones: force-law, normal-force-law "
-        "or force-length-law, tip-force, identification.",
+        "Methods as in [Konoplin 2022], in place of the default ones: tip-force, identification, "
+        f"and one of {', '.join(FORCE_LAWS)}.",
         group="control",
         everywhere=False,
     )
@@ -236,11 +236,11 @@ class Control:
     operator: Operator | None = None  # operator who drives the vehicle; None: the task's planner
 
     def __post_init__(self) -> None:
-        laws = FORCE_LAWS & {*self.published}
+        laws = [law for law in FORCE_LAWS if law in self.published]
         if len(laws) + ("force-control" in self.without) > 1:
             raise ConfigurationError(
-                "control.without force-control, control.published force-law, normal-force-law and "
-                "force-length-law: give only one of them"
+                f"control.without force-control, control.published {', '.join(FORCE_LAWS)}: give "
+                "only one of them"
             )
         if self.force_from == "motors" and "tip-force" in self.published:
             raise ConfigurationError(

@@ -8,12 +8,13 @@ Here each component has a PID of its own, which is the same while the direction 
 change. The component along the tool axis is `PublishedForceLaw`, the two across it are
 `TangentialForceLoop`; a controller with the published law has both, with the same gains.
 
-Two readings
+Three readings
     Friction makes the components across the axis differ from zero for as long as the tool moves;
     the integral then drives the tool off its path. The paper also says that the displacement goes
     "towards the surface or away from it", by the sign of the difference of the two forces: read
-    so, the component along the axis is the whole law. `--published force-law` is the first reading,
-    `normal-force-law` the second.
+    so, the component along the axis is the whole law. By its text that difference is of the lengths
+    of the two forces, friction included (`LengthForceLaw`). `--published force-law` is the first
+    reading, `normal-force-law` the second, `force-length-law` the third.
 
 Not in the paper
     Gains, which are fixed here, whatever the surface. Limits of the displacement and of its speed,

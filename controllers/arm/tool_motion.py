@@ -25,6 +25,7 @@ from uuv.controllers.ik.chain_kernels import (
 )
 from uuv.controllers.ik.damped_descent import solve_keep
 from uuv.controllers.ik.method import tracking_method
+from uuv.controllers.ik.priorities import FULL
 from uuv.controllers.ik.spare_joints import spare_motion
 from uuv.controllers.ik.tracking import NEAR
 from uuv.controllers.ik.tracking_solvers import solve_at, solver_address
@@ -36,7 +37,6 @@ _POSITION = 1e-6  # [m] tolerance of the inverse kinematics
 _ORIENTATION = 1e-5  # [rad] tolerance of the inverse kinematics
 _STEPS = 4000  # [-] most iterations of the inverse kinematics
 _PASSING_STEPS = 400  # [-] the same where a singular posture is passed
-_NEEDED = 6  # joints that a tool pose needs; those beyond are to spare
 
 
 class ToolMotion(NamedTuple):
@@ -112,7 +112,7 @@ class ToolTracking(NamedTuple):
             tuning.blend_time,
             tuning.task_period,
             solver,
-            tuning.spare_joint_speed if joints > _NEEDED else 0.0,
+            tuning.spare_joint_speed if joints > FULL else 0.0,
             length,
         )
 
@@ -222,7 +222,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, tip):
             out.offset[j] = out.q[j] - q[j]
             out.offset_rate[j] = out.qd[j] - resolved.qd[j]
         out.holding[0] = False
-    elif n == _NEEDED and not track.solver:
+    elif n == FULL and not track.solver:
         error_p, error_r = _pass_singular(track, out, resolved, tip[1], (error_p, error_r), q)
 
     out.q[:], out.qd[:], out.offset[:], out.offset_rate[:] = bumpless(

@@ -30,6 +30,7 @@ _PERIOD = 0.02  # [s] between two poses of a motion that is computed
 _STARTS = 24  # number of initial joint values for the postures at the beginning of a path
 _POSTURES = 3  # number of these postures that are tried, with the most room to their limits
 _ALIKE = 0.05  # [rad] within which two postures are the same
+_AT_LIMIT = 1e-3  # [rad] from its limit within which a joint is at it
 _TRIED = 3  # number of motions that are computed with drift, the best at the place itself
 _CHECKED = 40  # number of poses of a motion at which loads and clearance are tested
 
@@ -54,6 +55,7 @@ class Passage(NamedTuple):
     tilt: float  # [rad] largest tilt of the tool axis
     at: float  # [m] arc length at which the larger of both, over its limit, is largest
     near: float  # nearness to singular postures there
+    stopped: int  # joint that is at its limit there; -1: none is
     worst: float  # larger of both over its limit
 
 
@@ -120,18 +122,21 @@ class ChosenPlace:
 
     def _refusal(self, passage: Passage) -> str:
         limits = self.limits
-        off = _off(passage)
+        drifting = f"with the hull off its place by up to {1e3 * limits.drift:.0f} mm"
+        off = f"the tool would leave the path by {_off(passage)}"
         allowed = f"{1e3 * limits.deviation:.0f} mm and {np.degrees(limits.tilt):.0f} deg"
+        at = f"{passage.at:.2f} m of the path"
+        if passage.stopped >= 0:
+            joint = self.arm.vehicle.joint_names[passage.stopped]
+            return f"{joint} is at its limit at {at}: {drifting}, {off}, allowed are {allowed}"
         if passage.near < NEAR:
             return (
-                f"the arm cannot pass its singular posture at {passage.at:.2f} m of the path: "
-                f"within its joint speeds, and with the hull off its place by up to "
-                f"{1e3 * limits.drift:.0f} mm, the tool would leave the path by {off}, allowed "
-                f"are {allowed}"
+                f"the arm cannot pass its singular posture at {at}: within its joint speeds, and "
+                f"{drifting}, {off}, allowed are {allowed}"
             )
         return (
-            f"the tool path is out of reach from the chosen place, at {passage.at:.2f} m of it: "
-            f"the tool would be {off} off"
+            f"the tool path is out of reach from the chosen place, at {at}: {drifting}, {off}, "
+            f"allowed are {allowed}"
         )
 
     def _at_place(self) -> Iterator[tuple[Passage, float]]:
@@ -209,7 +214,15 @@ class ChosenPlace:
             at=float(at[k]),
             near=float(near[k]),
             worst=float(shares[k]),
+            stopped=self._at_limit(q[k]),
         )
+
+    def _at_limit(self, q: Array) -> int:
+        """Joint of `q` (n,) [rad] that is at its limit; -1: none is."""
+        lower, upper = self.arm.vehicle.q_limits.T
+        room = np.minimum(q - lower, upper - q)
+        joint = int(np.argmin(room))
+        return joint if room[joint] < _AT_LIMIT else -1
 
     def _above(self, q: Array, roll: float) -> Array | None:
         """Joint values (n,) at the stand-off before the path's beginning, on the branch of `q`;

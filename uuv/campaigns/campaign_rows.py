@@ -7,6 +7,7 @@ from typing import Any
 
 from uuv.campaigns.campaign import CampaignRun, metric_names
 from uuv.campaigns.run_outcome import CRASHED, REFUSED, ending, ending_by, surface_figures
+from uuv.experiment.columns import metric_at
 from uuv.sim.interfaces.errors import UuvError
 from uuv.sim.interfaces.tables import TableReader
 
@@ -33,7 +34,7 @@ def one_run(task: CampaignRun) -> dict[str, Any]:
 
     # The end is decided by all figures; the row keeps those that the campaign names.
     metrics = outcome.assessment.metrics
-    figures = {name: _at(metrics, name) for name in metric_names(outcome.scenario)}
+    figures = {name: metric_at(metrics, name) for name in metric_names(outcome.scenario)}
     figures |= surface_figures(outcome)
     ended, code = ending(outcome, figures)
     return row | {
@@ -97,10 +98,3 @@ def failed_row(task: CampaignRun, reason: str) -> dict[str, Any]:
         "trajectory_sha256": None,
         "metrics": {},
     }
-
-
-def _at(nested: Any, name: str) -> Any:
-    """Value at a dotted name; None if the run gave none."""
-    for key in name.split("."):
-        nested = nested.get(key) if isinstance(nested, Mapping) else None
-    return nested

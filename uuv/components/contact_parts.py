@@ -1,6 +1,6 @@
 """Factories for components of a run: models of the vehicle, sensor, controller."""
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from uuv.controllers.estimation.load_observer import MomentumObserver
 from uuv.controllers.safety.safety_wrapper import SafetyWrapper
 from uuv.controllers.tuning import ELASTIC_GEARS, ArmTuning
 from uuv.kinds import CONTROLLER, CONTROLLERS, SENSORS, cause_of, class_of
-from uuv.methods import NAVIGATION
+from uuv.methods import NAVIGATION, PublishedForce
 from uuv.models.arms import dh_geometry
 from uuv.models.files.notes import computed
 from uuv.models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
@@ -36,6 +36,12 @@ from uuv.sim.sensors.depth_camera import DepthCamera
 from uuv.sim.sensors.sonar import BEAMS, Sonar
 from uuv.sim.sensors.survey import Survey
 
+# keyword arguments of `WorkController` for each published force law; these parts have no state
+FORCE_PARTS: Mapping[PublishedForce, Mapping[str, Any]] = {
+    "force-law": {"force_law": PublishedForceLaw(), "compliance": TangentialForceLoop()},
+    "normal-force-law": {"force_law": PublishedForceLaw()},
+    "force-length-law": {"force_law": LengthForceLaw()},
+}
 _ESTIMATOR = "estimator"  # begins the messages about the controller
 
 
@@ -142,12 +148,9 @@ def as_published(methods: Set[str], model: mujoco.MjModel, water_error: float) -
         own.
     """
     parts: dict[str, Any] = {}
-    if "force-law" in methods:
-        parts |= {"force_law": PublishedForceLaw(), "compliance": TangentialForceLoop()}
-    if "normal-force-law" in methods:
-        parts["force_law"] = PublishedForceLaw()
-    if "force-length-law" in methods:
-        parts["force_law"] = LengthForceLaw()
+    for law, replaced in FORCE_PARTS.items():
+        if law in methods:
+            parts |= replaced
     if "tip-force" in methods:
         parts["estimator"] = ClosedFormForce(model, water_error=water_error)
     return parts

@@ -257,12 +257,26 @@ class _Table:
         )
 
         figures = {
-            " ".join(map(str, names)) or ALL: {
-                statistic.label: statistic.numbers(group) for statistic in statistics
-            }
+            " ".join(map(str, names)) or ALL: self._numbers(group, statistics, sides)
             for names, group in groups.items()
         }
         return PagePart(metrics={self.title: figures}, tables=[table])
+
+    def _numbers(
+        self, records: Sequence[Record], statistics: Sequence[Statistic], sides: Sequence[Any]
+    ) -> dict[str, Any]:
+        """Figures of a group by statistic; of groups that are side by side, by their names."""
+        if not self.across:
+            return {statistic.label: statistic.numbers(records) for statistic in statistics}
+        return {
+            str(side): {
+                statistic.label: statistic.numbers(
+                    [record for record in records if record[self.across] == side]
+                )
+                for statistic in statistics
+            }
+            for side in sides
+        }
 
     def _headings(self, statistics: Sequence[Statistic], sides: Sequence[Any]) -> list[str]:
         if not self.across:

@@ -75,6 +75,11 @@ class KeptRows:
         return f"seed {seeds[0]}" if len(seeds) == 1 else f"seeds {seeds[0]} to {seeds[-1]}"
 
     @property
+    def is_verified(self) -> bool:
+        """Whether the last check found no deviation, and the code has not changed since."""
+        return not self.check.deviations and not self.check.changed_files()
+
+    @property
     def status(self) -> str:
         """Validity of the rows for the present code."""
         if self.check.deviations:

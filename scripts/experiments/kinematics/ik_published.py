@@ -18,6 +18,7 @@ import numpy as np
 
 from experiments.kinematics.ik_bench import COLD, IkTargets, race, targets_of
 from experiments.kinematics.ik_peers import Solver
+from experiments.kinematics.ik_success import RANGES
 from uuv.controllers.mkps import IkOptions, Method, solve
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.experiment.options import at_least
@@ -66,7 +67,7 @@ class PublishedIkRow:
 
 @experiment(
     "ik_published",
-    vary={"arm": published_arms.available(), "bar": BARS, "degrees": (180, 150)},
+    vary={"arm": published_arms.available(), "bar": BARS, "degrees": RANGES},
     quick={"arm": ("puma560", "panda"), "bar": ("stated",), "degrees": (150,)},
 )
 def ik_published(case: PublishedIkCase) -> PublishedIkRow:

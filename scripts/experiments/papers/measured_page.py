@@ -2,7 +2,7 @@
 
     ./uvw run scripts/experiments/papers/measured_page.py
 
-The comparisons stand in measurements.toml beside this file. As with the papers, a figure is of kept
+The comparisons stand in stated/measurements.toml. As with the papers, a figure is of kept
 rows; one that is lacking, or whose rows their last check found changed, is refused by name.
 """
 
@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from experiments.papers.page import PaperFigures, statuses, write
-from experiments.papers.stated.statements import Statements, read
+from experiments.papers.stated.statements import FOLDER, Statements, read
 from experiments.papers.stated_runs import stated_runs
 
-FILE = Path(__file__).with_name("measurements.toml")
+FILE = FOLDER / "measurements.toml"
 PAGE = Path("measured.md")
 _RULE = "|---|---|---|---|---|"
 

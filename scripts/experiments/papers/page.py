@@ -17,7 +17,13 @@ from typing import Any
 
 from rich.console import Console
 
-from experiments.papers.stated.statements import PaperStatement, Statements, leaves, read
+from experiments.papers.stated.statements import (
+    PaperStatement,
+    Statements,
+    is_command,
+    leaves,
+    read,
+)
 from experiments.papers.stated_runs import stated_runs
 from uuv.results.pages import STATUS, ResultsOfOne, all_experiments, results, write_page
 
@@ -39,7 +45,7 @@ class PaperFigures:
     @classmethod
     def kept(cls, statements: Statements) -> "PaperFigures":
         """Those of the experiments that statements name, and of the jobs."""
-        named = {stated_runs.name, *(row.experiment for row in statements.rows)}
+        named = {_experiment(source) for row in statements.rows for source in row.sources}
         chosen = [entry for entry in all_experiments() if entry.name in named]
         return cls.of(results(chosen, data=False))
 
@@ -56,7 +62,8 @@ class PaperFigures:
                 figures |= {row["command"]: row["figures"] for row in entry.kept.rows}
             else:
                 summary = entry.experiment.summary(entry.kept.rows)
-                figures[name] = dict(leaves(dict(summary.metrics)))
+                cases = conditions(entry.experiment.case_names, entry.kept.rows)
+                figures[name] = dict(leaves(dict(summary.metrics))) | cases
         return cls(sources=sources, figures=figures)
 
     def texts(self, row: PaperStatement) -> tuple[str, str, str] | None:
@@ -69,22 +76,48 @@ class PaperFigures:
             return None
 
     def refusal(self, row: PaperStatement) -> str:
-        """Why there is no figure."""
-        name = row.experiment or stated_runs.name
-        entry = self.sources.get(name)
-        if entry is None:
-            return f"{name}: no such experiment"
-        if entry.kept is None or entry.kept.check.deviations:
-            return f"{name}: {entry.status}"
+        """Why there is no figure, of the first source that lacks one."""
+        for source in row.sources:
+            known = self.figures.get(source, {})
+            lacking = [name for name in row.names(source) if name not in known]
+            if not lacking:
+                continue
 
-        sources = row.commands or [row.experiment]
-        lacking = [
-            f"{source}: its rows have no {figure}"
-            for source in sources
-            for figure in row.names("" if row.experiment else source)
-            if figure not in self.figures.get(source, {})
-        ]
-        return "; ".join(lacking)
+            # No rows, or rows without it
+            name = _experiment(source)
+            entry = self.sources.get(name)
+            if entry is None:
+                return f"{name}: no such experiment"
+            if entry.kept is None or entry.kept.check.deviations:
+                return f"{name}: {entry.status}"
+            return "; ".join(f"{source}: its rows have no {figure}" for figure in lacking)
+        return ""
+
+
+def _experiment(source: str) -> str:
+    """Name of the experiment whose rows have the figures of a source."""
+    return stated_runs.name if is_command(source) else source
+
+
+def conditions(names: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Conditions of rows by name of the case's field, as "case.seed": the value, or the least and
+    the largest as "0 to 9"; and the number of values, as "case.seed.count".
+    """
+    figures: dict[str, Any] = {}
+    for name in names:
+        values: list[Any] = []
+        for row in rows:
+            if row[name] not in values:
+                values.append(row[name])
+
+        text = values[0]
+        if len(values) > 1:
+            numbers = all(
+                isinstance(value, int | float) and not isinstance(value, bool) for value in values
+            )
+            text = f"{min(values):g} to {max(values):g}" if numbers else ", ".join(map(str, values))
+        figures |= {f"case.{name}": text, f"case.{name}.count": len(values)}
+    return figures
 
 
 def main() -> int:
@@ -138,9 +171,12 @@ def page_of(statements: Statements, figures: PaperFigures) -> Iterator[str]:
 
 def _sources(row: PaperStatement, figures: PaperFigures) -> list[str]:
     """Commands that give the figures of a statement, after `./uvw run` and `scripts/`."""
-    if row.experiment:
-        return [figures.sources[row.experiment].command.removeprefix("./uvw run scripts/")]
-    return row.commands[::-1]
+    return [
+        source
+        if is_command(source)
+        else figures.sources[source].command.removeprefix("./uvw run scripts/")
+        for source in row.sources
+    ]
 
 
 def statuses(entries: Sequence[ResultsOfOne]) -> Iterator[str]:

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 
 from uuv.clouds.object_scenes import object_scene
-from uuv.experiment import Page, column, experiment, stat
+from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.perception.registration.identification import identify
 from uuv.perception.registration_method import Method
 from uuv.sim.interfaces.spatial import one_of
@@ -89,6 +89,12 @@ def published_icp(case: IcpCase) -> IcpRow:
     )
 
 
+def ranges(rows: list[Row]) -> dict[str, dict[str, float]]:
+    """Least and largest range of the camera [m]."""
+    values = [row["range_m"] for row in rows]
+    return {"range": {"least": min(values), "largest": max(values)}}
+
+
 published_icp.page = (
     Page()
     .table(
@@ -111,6 +117,7 @@ published_icp.page = (
         most=STATED,
         where=lambda row: row["method"] == "default" and row["accepted"],
     )
+    .add(ranges)
 )
 
 if __name__ == "__main__":

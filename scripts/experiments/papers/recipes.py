@@ -1,14 +1,15 @@
 """Recipes to pass a singular configuration: those of [Danilov 2021, ch. 4], and of this project."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from uuv.controllers.ik.tracking import Passing
 from uuv.controllers.mkps import Chain, Method, Track, track
 from uuv.models.arms.published_arms import PublishedArm
-from uuv.sim.interfaces.spatial import Array, rotation_angle
+from uuv.sim.interfaces.errors import ConfigurationError
+from uuv.sim.interfaces.spatial import Array, pose, rotation_angle
 
 NARROW = np.deg2rad(80.0)
 OFF = 1e-4  # [m] and
@@ -65,6 +66,53 @@ def tip_errors(arm: PublishedArm, run: Track, path: Array) -> TipErrors:
     turned = [rotation_angle(a[:3, :3], b[:3, :3]) for a, b in zip(tips, path, strict=True)]
     off = np.linalg.norm(tips[:, :3, 3] - path[:, :3, 3], axis=1)
     return TipErrors(position=off, orientation=np.array(turned))
+
+
+def line(X: Array, along: Array, reach: float, step: float, beside: Array | float = 0.0) -> Array:
+    """Tip poses (N, 4, 4) of a straight line without turning, through or beside X (4, 4).
+
+    Args:
+        X: Pose of the tip.
+        along: (3,) unit direction.
+        reach: [m] before and after the middle.
+        step: [m] between poses.
+        beside: (3,) [m] from X to the line's middle.
+
+    Raises:
+        ConfigurationError: The line is shorter than a step.
+    """
+    # An even number, so that the middle is one of the poses
+    steps = 2 * round(reach / step)
+    if steps < 2:
+        raise ConfigurationError(
+            f"--reach: must be at least --speed times --period, {step:g} m, got {reach:g}"
+        )
+
+    offsets = np.linspace(-reach, reach, steps + 1)[:, None] * along + beside
+    return np.array([pose(X[:3, :3], X[:3, 3] + offset) for offset in offsets])
+
+
+def begun(chain: Chain, back: Array, q: Array, period: float, **options: Any) -> Array:
+    """Joint values (n,) at the beginning of a path, found by tracking it back from its middle.
+
+    Args:
+        chain: The arm.
+        back: (N, 4, 4) poses from the middle to the beginning.
+        q: (n,) [rad] in the middle.
+        period: [s] between poses.
+        **options: Of `uuv.controllers.mkps.track`.
+
+    Raises:
+        ConfigurationError: The arm does not come back in time.
+    """
+    run = track(chain, back, q, period, spare_joints=False, **options)
+
+    if not run.converged[-1]:
+        raise ConfigurationError(
+            f"--reach, --speed: the arm does not reach the beginning of its path in "
+            f"{period * len(back):g} s"
+        )
+    return np.array(run.q[-1])
 
 
 def tracked(arm: PublishedArm, path: RecipePath, name: str, method: Method) -> Track:

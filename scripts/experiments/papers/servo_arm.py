@@ -18,6 +18,7 @@ from uuv.start import run_scenario  # isort: skip
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -46,6 +47,7 @@ from uuv.models.arms import published_arms
 from uuv.models.arms.servo_drives import Servo, rest, servo_model
 from uuv.sim.interfaces.spatial import rotation_angle
 
+ENTRIES = ("x", "y", "z", "course", "trim", "roll")  # of a row of table 1
 _DEGREES = math.degrees(1.0)
 
 
@@ -149,6 +151,17 @@ def _motion_figures(
     }
 
 
+def table_1(rows: list[Row]) -> dict[str, Any]:
+    """Rows of table 1 by method, each with the names of its entries [mm, deg]."""
+    poses = {
+        row["method"]: {
+            name: dict(zip(ENTRIES, row[name], strict=True)) for name in ("solved", "measured")
+        }
+        for row in rows
+    }
+    return {"Table 1": poses}
+
+
 def published(rows: list[Row]) -> Table:
     """The rows of table 1 in the paper."""
     del rows
@@ -191,6 +204,7 @@ servo_arm.page = (
         columns=["solved", "measured", "iterations", "converged", "cause"],
     )
     .add(published)
+    .add(table_1)
     .table(
         "Motions: largest errors, and at rest on proportional drives",
         by=("motion", "method"),

@@ -15,21 +15,30 @@ and the default one leaves the paths for the least share.
 from uuv.start import run_scenario  # isort: skip
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from experiments.papers.recipes import DEFAULT, RECIPES, WITHOUT, RecipePath, tip_errors, tracked
+from experiments.papers.recipes import (
+    DEFAULT,
+    RECIPES,
+    WITHOUT,
+    RecipePath,
+    begun,
+    line,
+    tip_errors,
+    tracked,
+)
 from experiments.papers.track_singularity import lock
-from uuv.controllers.mkps import Chain, track
+from uuv.controllers.mkps import Chain
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.experiment.statistic import Statistic
 from uuv.models.arms import published_arms
 from uuv.models.arms.published_arms import PublishedArm
-from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, finite_number, one_of, pose
+from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 
 # [rad] singular joint values, joint 5 at zero; and which directions of `fast_first` lead along and
 # across
@@ -142,21 +151,14 @@ def crossing_of(name: str, step: float, reach: float) -> Crossing:
         along = ways[first]
         across = ways[second]
 
-    # The line, and the way back from its middle.
-    X = chain.forward(q)
-    steps = 2 * round(reach / step)
-    line = np.linspace(-reach, reach, steps + 1)[:, None] * along + beside * across
-    path = np.array([pose(X[:3, :3], X[:3, 3] + offset) for offset in line])
+    # The line, and the way back from its middle: through the singularity, or from beside it
+    path = line(chain.forward(q), along, reach, step, beside * across)
     back = path[: len(path) // 2 + 1][::-1]
-
-    # Through the singularity with passing, or from beside it.
     if arm_name == ERA:
-        run = track(chain, back, q, BACK, speed_limits=SLOW_ERA, spare_joints=False)
+        q0 = begun(chain, back, q, BACK, speed_limits=SLOW_ERA)
     else:
-        run = track(chain, back, q + NEAR, BACK, passing="off")
-    if not run.converged[-1]:
-        raise ConfigurationError(f"{name}: the arm does not reach the beginning of the path")
-    return Crossing(arm=arm, path=path[1:], q0=np.array(run.q[-1]))
+        q0 = begun(chain, back, q + NEAR, BACK, passing="off")
+    return Crossing(arm=arm, path=path[1:], q0=q0)
 
 
 def fast_first(chain: Chain, q: Array) -> Array:
@@ -174,6 +176,12 @@ def default_over_least(rows: Sequence[Row]) -> float | None:
         if recipe != WITHOUT
     }
     return means[DEFAULT] - min(means.values()) if DEFAULT in means else None
+
+
+def paths(rows: list[Row]) -> dict[str, dict[str, int]]:
+    """Number of paths by arm."""
+    arms = {row["path"]: row["arm"] for row in rows}
+    return {"paths": dict(Counter(arms.values()))}
 
 
 def _over_limit(row: Row) -> float:
@@ -211,6 +219,7 @@ singular_crossings.page = (
         stat("group", default_over_least, "share off by the default recipe, over the least"),
         most=0.0,
     )
+    .add(paths)
 )
 
 if __name__ == "__main__":

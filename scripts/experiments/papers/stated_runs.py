@@ -1,8 +1,8 @@
-"""Runs of the jobs whose figures stand beside statements of the papers.
+"""Runs of the jobs whose figures stand beside statements of the papers and beside measurements.
 
-Each case is a command of stated/statements.toml, run in this process; its row has the figures that
-the statements name, from metrics.json or from what the command prints. docs/papers.md is made of
-the kept rows, by page.py beside this file.
+Each case is a command of a file in stated/, run in this process; its row has the figures that the
+statements name, from metrics.json or from what the command prints. docs/papers.md and
+docs/measured.md are made of the kept rows, by page.py and measured_page.py beside this file.
 """
 
 from uuv.start import run_scenario  # isort: skip
@@ -18,13 +18,14 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiments.papers.stated.statements import leaves, read
+from experiments.papers.stated.statements import all_rows, leaves
 from uuv.catalogue import CHECKOUT
 from uuv.experiment import Page, column, experiment
 from uuv.sim.interfaces.documents import json_of
 from uuv.sim.interfaces.errors import ConfigurationError
 
-COMMANDS = tuple(dict.fromkeys(command for row in read().rows for command in row.commands))
+STATEMENTS = tuple(all_rows())
+COMMANDS = tuple(dict.fromkeys(command for row in STATEMENTS for command in row.commands))
 QUICK = "uuv identify object --object manifold"
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _LAST = 300  # characters of the errors of a command that failed
@@ -60,8 +61,9 @@ def stated_runs(case: StatedCase) -> StatedRow:
         metrics = dict(leaves(json_of(file, "metrics"))) if file.is_file() else {}
 
     figures = {}
-    for statement in read().of(case.command):
-        figures |= statement.figures_of(case.command, metrics, output)
+    for statement in STATEMENTS:
+        if case.command in statement.commands:
+            figures |= statement.figures_of(case.command, metrics, output)
     return StatedRow(accepted=code == 0, figures=figures)
 
 

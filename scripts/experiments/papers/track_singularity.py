@@ -27,16 +27,17 @@ from experiments.papers.recipes import (
     RECIPES,
     WITHOUT,
     RecipePath,
+    begun,
+    line,
     tip_errors,
     tracked,
 )
-from uuv.controllers.mkps import Chain, Method, Track, track
+from uuv.controllers.mkps import Chain, Method, Track
 from uuv.experiment import Page, Row, column, experiment, stat
 from uuv.models.arms import published_arms
 from uuv.models.arms.serial_arm import SerialArm
-from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.palette import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from uuv.sim.interfaces.spatial import Array, finite_number, one_of, pose
+from uuv.sim.interfaces.spatial import Array, finite_number, one_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,22 +114,11 @@ def passed_lock(case: TrackCase) -> tuple[Array, Track]:
     q_lock = lock(arm)
     X_lock = arm.joint_frames(q_lock)[-1]
 
-    # The path along y0, the lock in its middle.
-    steps = 2 * round(case.reach / (case.speed * case.period))
-    if steps < 2:
-        raise ConfigurationError(
-            f"--reach: must be at least --speed times --period, "
-            f"{case.speed * case.period:g} m, got {case.reach:g}"
-        )
-    y = np.linspace(-case.reach, case.reach, steps + 1)
-    path = np.array([pose(X_lock[:3, :3], X_lock[:3, 3] + [0.0, s, 0.0]) for s in y])
-
-    tool_path = RecipePath(
-        poses=path[1:],
-        q0=start(chain, q_lock, path, case),
-        period=case.period,
-        speed_limit=case.speed_limit,
-    )
+    # The path along y0, the lock in its middle
+    path = line(X_lock, np.array([0.0, 1.0, 0.0]), case.reach, case.speed * case.period)
+    back = path[: len(path) // 2][::-1]
+    q0 = begun(chain, back, q_lock, case.period, speed_limits=4.0 * case.speed_limit)
+    tool_path = RecipePath(poses=path[1:], q0=q0, period=case.period, speed_limit=case.speed_limit)
     run = tracked(arm, tool_path, case.recipe, case.method)
     return path[1:], run
 
@@ -151,32 +141,6 @@ def lock(arm: SerialArm) -> Array:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if along(low) * along(middle) > 0.0 else (low, middle)
     return np.array([*AT_LOCK[:4], low, *AT_LOCK[5:]])
-
-
-def start(chain: Chain, q_lock: Array, path: Array, case: TrackCase) -> Array:
-    """Joint values at the first pose of `path` from which tracking leads into the lock, found
-    backwards from the lock.
-
-    Args:
-        chain: The arm.
-        q_lock: (7,) [rad] in the lock.
-        path: (N, 4, 4) tip poses, the lock in the middle.
-        case: Of the experiment.
-
-    Raises:
-        ConfigurationError: The arm does not return to its path in time.
-    """
-    back = path[: len(path) // 2][::-1]
-    run = track(
-        chain, back, q_lock, case.period, speed_limits=4.0 * case.speed_limit, spare_joints=False
-    )
-
-    if not run.converged[-1]:
-        raise ConfigurationError(
-            f"--reach {case.reach} at --speed {case.speed}: the arm does not come back to "
-            "its path in time"
-        )
-    return np.array(run.q[-1])
 
 
 def picture(rows: list[Row]) -> "Figure":

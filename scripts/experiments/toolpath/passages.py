@@ -11,12 +11,11 @@ Accepted: what is not refused keeps every bound of the job, and no refused work 
 from uuv.start import run_scenario  # isort: skip
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
 
 from uuv.experiment import Page, Row, column, experiment, stat
+from uuv.experiment.columns import metric_at
 from uuv.runner import run
 from uuv.scenario_file import read_scenario
 from uuv.sim.interfaces.errors import UuvError
@@ -75,21 +74,16 @@ def passages(case: PassageCase) -> PassageRow:
     except UuvError as error:
         return PassageRow(refused=True, accepted=False, reason=str(error)[:_REASON])
 
-    figures = cast(dict[str, Any], done.assessment.metrics)
+    metrics = done.assessment.metrics
     touched = any(event.state is WorkState.APPROACH for event in done.recording.events)
     return PassageRow(
         refused=not touched,
         accepted=done.assessment.accepted,
         reason="; ".join(done.assessment.failed)[:_REASON],
-        deviation=_figure(figures, "tool", "path_deviation_max_m"),
-        tilt=_figure(figures, "tool", "tilt_max_rad"),
-        force_peak=_figure(figures, "contact", "force_error_max_n"),
+        deviation=metric_at(metrics, "tool.path_deviation_max_m"),
+        tilt=metric_at(metrics, "tool.tilt_max_rad"),
+        force_peak=metric_at(metrics, "contact.force_error_max_n"),
     )
-
-
-def _figure(figures: Mapping[str, Any], group: str, name: str) -> float | None:
-    entries = figures.get(group)
-    return entries.get(name) if isinstance(entries, dict) else None
 
 
 def _right(row: Row) -> bool:

@@ -9,13 +9,12 @@ whether the refusal was right. Hovering is simulated by the check itself.
 
 from uuv.start import run_scenario  # isort: skip
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from math import nan
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from uuv.check.conditions import Conditions
 from uuv.check.findings import JobVerdict
 from uuv.check.jobs import ArmJobs
 from uuv.experiment import Page, column, experiment, stat
+from uuv.experiment.columns import metric_at
 from uuv.experiment.options import at_least
 from uuv.runner import Run, run
 from uuv.sim.interfaces.errors import ConfigurationError, UuvError
@@ -153,15 +153,15 @@ def vehicles(case: VehicleJobCase) -> VehicleJobRow:
     except UuvError as error:
         return replace(row, reason=str(error))
 
-    figures = cast(dict[str, Any], done.assessment.metrics)
+    metrics = done.assessment.metrics
     return replace(
         row,
         accepted=done.assessment.accepted,
         reason="; ".join(done.assessment.failed)[:300],
-        force_error=_figure(figures, "contact", "force_error_rms_n"),
-        path_deviation=_figure(figures, "tool", "path_deviation_max_m"),
-        tilt=_figure(figures, "hull", "tilt_max_rad"),
-        felt_error=_figure(figures, "force_estimate", "normal_error_rms_n"),
+        force_error=metric_at(metrics, "contact.force_error_rms_n"),
+        path_deviation=metric_at(metrics, "tool.path_deviation_max_m"),
+        tilt=metric_at(metrics, "hull.tilt_max_rad"),
+        felt_error=metric_at(metrics, "force_estimate.normal_error_rms_n"),
         felt_sigma=_stated_sigma(done),
     )
 
@@ -172,11 +172,6 @@ def _verdict(vehicle: str, job: str) -> JobVerdict:
     name, tool, forces = _setup(vehicle)
     check = check_vehicle(name, tool=tool, jobs=(job,), conditions=Conditions(forces=forces))
     return next(verdict for verdict in check.jobs if verdict.job == job)
-
-
-def _figure(figures: Mapping[str, Any], group: str, name: str) -> float | None:
-    entries = figures.get(group)
-    return entries.get(name) if isinstance(entries, dict) else None
 
 
 def _stated_sigma(done: Run) -> float | None:

@@ -4,14 +4,16 @@ share a controller.
 
 import sys
 import threading
-from dataclasses import replace
+from dataclasses import fields, replace
+from itertools import combinations
+from typing import get_args
 
 import numpy as np
 import pytest
 
 from uuv import models
 from uuv.components.ablations import ablated
-from uuv.components.contact_parts import as_published, controller
+from uuv.components.contact_parts import FORCE_PARTS, as_published, controller
 from uuv.controllers.arm.inverse_dynamics import ArmDynamics
 from uuv.controllers.arm.position_force import ForceDisplacement
 from uuv.controllers.estimation.load_observer import MomentumObserver
@@ -19,12 +21,14 @@ from uuv.controllers.estimation.tip_force_estimator import DriveState
 from uuv.controllers.hull.feedforward import WithoutCompensation
 from uuv.controllers.mkps import Chain
 from uuv.controllers.whole_body.work_controller import WorkController, WorkControllerState
+from uuv.methods import FORCE_LAWS, PublishedMethod
 from uuv.models.arms.gear_friction import DryFriction
 from uuv.models.naming import ARM_BASE_BODY, TIP_SITE
 from uuv.models.vehicle import Vehicle
 from uuv.scenario import Control
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.options import about_of
 from uuv.sim.interfaces.spatial import exp_so3, pose
 
 OWN = models.load("uuv_puma").compile()
@@ -231,7 +235,17 @@ def test_nothing_left_out_is_the_usual_controller():
     assert ablated(frozenset(), OWN, 0.15) == as_published(frozenset(), OWN, 0.15) == {}
 
 
-@pytest.mark.parametrize("method", ["force-law", "force-length-law", "tip-force"])
+def test_every_published_force_law_has_its_parts_and_a_run_has_one_of_them():
+    assert tuple(FORCE_PARTS) == FORCE_LAWS
+    for first, second in combinations(FORCE_LAWS, 2):
+        with pytest.raises(ConfigurationError, match="give only one of them") as refused:
+            Control(published=(first, second))
+        assert all(law in str(refused.value) for law in FORCE_LAWS)
+    about = next(about_of(entry) for entry in fields(Control) if entry.name == "published")
+    assert all(method in about for method in get_args(PublishedMethod))
+
+
+@pytest.mark.parametrize("method", [*FORCE_LAWS, "tip-force"])
 def test_each_published_method_changes_the_torques(method):
     rows = [(replace(e, tau=1.01 * e.tau), r) for e, r in inputs(5, 200)]
     usual = commands(WorkController(OWN), rows)

@@ -1,34 +1,47 @@
-"""Statements of the papers, read from statements.toml beside this file."""
+"""Statements of the papers, and comparisons with measurements, from the files beside this one."""
 
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from uuv.sim.interfaces.documents import toml_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.tables import TableReader
 
-FILE = Path(__file__).with_name("statements.toml")
-# name, factor, format
-_FIELD = re.compile(r"\{([^}*]+?)(?:\*([\d.e+-]+))?(?::(#?\.?\d*[a-z]))?\}")
+FOLDER = Path(__file__).parent
+FILE = FOLDER / "statements.toml"
+# name, source, factor, format
+FIELD = re.compile(r"\{([^}*@]+?)(?:@([^}*:]+))?(?:\*([\d.e+-]+))?(?::(#?\.?\d*[a-z]))?\}")
+
+
+class StatedFigure(NamedTuple):
+    """A figure that a text names."""
+
+    name: str
+    source: str  # command or experiment
+
+
+def is_command(source: str) -> bool:
+    """Whether a source of figures is a command; else it is the name of an experiment."""
+    return " " in source or source.endswith(".py")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperStatement:
     """One statement of a paper, and where the figures of this project are from: a command or an
-    experiment; neither: `ours` is a reason.
+    experiment; neither: `ours` is a reason. A figure may name another source.
     """
 
     place: str  # in the paper
     stated: str  # by it
-    ours: str  # by default: text with {name*factor:format} of figures
+    ours: str  # by default: text with {name@source*factor:format} of figures
     published: str = ""  # by the method as published: likewise
     command: str = ""  # a job, after `./uvw run scripts/`
     published_command: str = ""  # of `published`, where it is another one
     experiment: str = ""  # name; both texts have figures of its page
-    printed: str = ""  # regular expression of what the command prints; its named groups are figures
+    printed: str = ""  # regular expression of what `command` prints; its named groups are figures
     remark: str = ""  # why they differ: likewise
 
     def __post_init__(self) -> None:
@@ -44,26 +57,48 @@ class PaperStatement:
             raise ConfigurationError(
                 f"{self.place}: printed: has no named group, as (?P<range_m>...)"
             )
+        for figure in self.figures:
+            if not figure.source:
+                raise ConfigurationError(
+                    f"{self.place}: {{{figure.name}}} needs a source: a command, an experiment, or "
+                    "{name@source}"
+                )
+
+    @property
+    def figures(self) -> list[StatedFigure]:
+        """Figures of both texts and the remark."""
+        return [
+            StatedFigure(match[1], match[2] or source)
+            for text, source in self._texts()
+            for match in FIELD.finditer(text)
+        ]
+
+    @property
+    def sources(self) -> list[str]:
+        """Commands and experiments that its figures are from: that of the method as published, that
+        of the default one, and others that figures name.
+        """
+        first = (self.published_command, self.command, self.experiment)
+        named = (figure.source for figure in self.figures)
+        return list(dict.fromkeys(source for source in (*first, *named) if source))
 
     @property
     def commands(self) -> list[str]:
-        """Those that its figures are from."""
-        return [command for command in (self.command, self.published_command) if command]
+        """The commands among the sources."""
+        return [source for source in self.sources if is_command(source)]
 
-    def names(self, command: str) -> list[str]:
-        """Names of the figures of a command in the texts; "": of the experiment."""
-        return [
-            match[1]
-            for text, source in self._texts()
-            if source == command
-            for match in _FIELD.finditer(text)
-        ]
+    def names(self, source: str) -> list[str]:
+        """Names of the figures of a source."""
+        return [figure.name for figure in self.figures if figure.source == source]
 
     def _texts(self) -> list[tuple[str, str]]:
-        """Both texts and the remark, each with the command that its figures are from."""
-        published_by = self.published_command or self.command
-        texts = [(self.published, published_by), (self.ours, self.command)]
-        return [*texts, (self.remark, self.command)]
+        """Both texts and the remark, each with the source that its figures are from."""
+        usual = self.command or self.experiment
+        return [
+            (self.published, self.published_command or usual),
+            (self.ours, usual),
+            (self.remark, usual),
+        ]
 
     def figures_of(self, command: str, metrics: Mapping[str, Any], output: str) -> dict[str, Any]:
         """Figures of the texts from what a command gave; those that metrics.json lacks are left
@@ -75,18 +110,19 @@ class PaperStatement:
             output: What the command printed.
 
         Raises:
-            ConfigurationError: `printed` is not in the output.
+            ConfigurationError: `printed` is not in the output of `self.command`.
         """
         known = dict(metrics)
 
         # Named groups of what was printed
-        if self.printed:
+        if self.printed and command == self.command:
             match = re.search(self.printed, output)
             if match is None:
                 raise ConfigurationError(
                     f"{self.place}: {command!r} printed nothing like {self.printed!r}"
                 )
-            known |= {name: float(group) for name, group in match.groupdict().items()}
+            groups = match.groupdict().items()
+            known |= {name: float(group) for name, group in groups if group is not None}
 
         return {name: known[name] for name in self.names(command) if name in known}
 
@@ -99,27 +135,27 @@ class PaperStatement:
         Raises:
             KeyError: One is lacking.
         """
-        published, ours, remark = (
-            _filled(text, figures.get(source or self.experiment, {}))
-            for text, source in self._texts()
-        )
+        published, ours, remark = (_filled(text, source, figures) for text, source in self._texts())
         return published, ours, remark
 
 
-def _filled(text: str, figures: Mapping[str, Any]) -> str:
-    """A text with its figures; KeyError if one is lacking."""
+def _filled(text: str, usual: str, figures: Mapping[str, Mapping[str, Any]]) -> str:
+    """A text with its figures, those without a source from the usual one; KeyError if one is
+    lacking.
+    """
 
     def shown(match: re.Match[str]) -> str:
-        value = figures[match[1]]
+        name, source, factor, form = match.groups()
+        value = figures[source or usual][name]
         if value is None:
             return "none"
 
-        # A count stays one
-        if isinstance(value, int) and not match[2] and not match[3]:
+        # Words and counts stay as they are
+        if isinstance(value, str) or (isinstance(value, int) and not factor and not form):
             return str(value)
-        return format(float(value) * float(match[2] or 1.0), match[3] or "g")
+        return format(float(value) * float(factor or 1.0), form or "g")
 
-    return _FIELD.sub(shown, text)
+    return FIELD.sub(shown, text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,10 +180,6 @@ class Statements:
         """Statements of all papers."""
         return [row for paper in self.paper for row in paper.row]
 
-    def of(self, command: str) -> list[PaperStatement]:
-        """Those of a command."""
-        return [row for row in self.rows if command in row.commands]
-
 
 def read(file: Path = FILE) -> Statements:
     """The statements of a file.
@@ -157,6 +189,11 @@ def read(file: Path = FILE) -> Statements:
     """
     reader = TableReader(file.name, places_faults=True)
     return reader.made(Statements, toml_of(file, "statements"))
+
+
+def all_rows() -> list[PaperStatement]:
+    """Statements of all files."""
+    return [row for file in sorted(FOLDER.glob("*.toml")) for row in read(file).rows]
 
 
 def leaves(tree: Any, above: str = "") -> Iterable[tuple[str, Any]]:

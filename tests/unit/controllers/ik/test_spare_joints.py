@@ -12,6 +12,9 @@ from uuv.sim.interfaces.spatial import Array, pose
 PERIOD = 0.02  # [s]
 SPEED = 0.1  # [m/s] of the tool
 WHOLE = np.zeros((6, 6))  # the tool moves in every way
+PLANAR = Chain.from_dh(
+    [(0.0, 0.0, a, 0.0) for a in (0.5, 0.4, 0.3, 0.2)], limits=np.tile([-np.inf, np.inf], (4, 1))
+)
 IN_A_PLANE = np.diag([0.0, 0.0, 1.0, 1.0, 1.0, 0.0])  # it does not move along z, nor turn off it
 
 
@@ -94,14 +97,36 @@ def test_joints_by_their_limits_move_back_and_the_tool_stays():
     np.testing.assert_allclose(scaled(chain, q) @ rates, 0.0, atol=1e-6)
 
 
-def test_a_planar_arm_of_four_joints_has_one_to_spare():
-    """Tracked into the stretch of its last three links: without the spare joint it has to pass."""
-    chain = Chain.from_dh([(0, 0, 0.5, 0), (0, 0, 0.4, 0), (0, 0, 0.3, 0), (0, 0, 0.2, 0)])
+def test_the_motion_of_a_planar_arm_raises_its_clearance_in_the_plane():
+    """Of four joints three hold the tool: it never leaves the plane."""
     q = np.array([0.4, 0.02, 0.03, -0.02])
-    found, rates = spare(chain, q, IN_A_PLANE)
-    assert found == pytest.approx(clearance(chain, q, IN_A_PLANE), rel=1e-4)
-    np.testing.assert_allclose(scaled(chain, q) @ rates, 0.0, atol=1e-6)
-    assert clearance(chain, q + 0.05 * rates, IN_A_PLANE) > found
+    found, rates = spare(PLANAR, q, IN_A_PLANE)
+    assert found == pytest.approx(clearance(PLANAR, q, IN_A_PLANE), rel=1e-4)
+    np.testing.assert_allclose(scaled(PLANAR, q) @ rates, 0.0, atol=1e-6)
+    assert clearance(PLANAR, q + 0.05 * rates, IN_A_PLANE) > found
+
+
+def test_a_planar_arm_of_four_joints_is_led_off_its_fold(within):
+    """Tracked across the fold of its second joint: without the spare one it has to pass."""
+    folded = np.array([0.4, np.pi, 0.0, 0.5])
+    X = PLANAR.forward(folded)
+    across = np.array([-np.sin(folded[0]), np.cos(folded[0]), 0.0])
+    line = np.arange(-0.2, 0.2, SPEED * PERIOD)
+    path = np.array([pose(X[:3, :3], X[:3, 3] + s * across) for s in line])
+    beside = np.add(folded, [0.0, 0.02, 0.02, 0.0])
+    back = track(
+        PLANAR, path[: len(path) // 2][::-1], beside, PERIOD, speed_limits=5.0, spare_joints=False
+    )
+    assert back.converged[-1]
+
+    passed = track(PLANAR, path[1:], back.q[-1], PERIOD, speed_limits=1.0, spare_joints=False)
+    led = track(PLANAR, path[1:], back.q[-1], PERIOD, speed_limits=1.0)
+    assert "limit" in passed.way
+    assert largest(passed) == pytest.approx(1.0)
+    assert set(led.way) == {"none"}
+    assert led.converged.all()
+    within("joint speed [rad/s]", largest(led), 0.8)  # measured 0.72
+    assert led.nearness.min() > 2.0 * passed.nearness.min()
 
 
 def through(

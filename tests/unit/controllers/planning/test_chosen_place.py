@@ -83,6 +83,18 @@ def test_the_lock_is_refused_where_the_tool_would_leave_its_path(work) -> None:
     assert placement.reached == 1.0
 
 
+def test_a_joint_at_its_limit_is_named(work) -> None:
+    """The wrist bends up to 92 deg, and the path through its lock needs a little more."""
+    standing, target, path = work
+    spec = vehicle_spec("uuv_puma", tool="pad")
+    spec.joint("joint5").range = np.radians([-92.0, 92.0])
+    own = OwnVehicle.of(spec).at_work()
+    stiff = replace(standing, vehicle=own.vehicle, chain=own.chain)
+    said = r"joint5 is at its limit at 0\.\d\d m of the path: .* [\d.]+ deg, allowed are 3 mm"
+    with pytest.raises(ReachError, match=said):
+        at(stiff, THROUGH)(target, path)
+
+
 def test_a_place_without_room_is_refused(work) -> None:
     standing, target, path = work
     with pytest.raises(ReachError, match=r"less than 0\.25 m to the object or the seabed"):

@@ -1,11 +1,13 @@
-"""The page of measurements: its figures are of kept rows, or stand on the page that it links."""
+"""The page of measurements: its figures are of kept rows, or stand on the page that it links
+(test_typed_numbers.py).
+"""
 
-import re
 from pathlib import Path
 
 from experiments.papers.measured_page import FILE, PAGE, page_of
 from experiments.papers.page import PaperFigures
 from experiments.papers.stated.statements import read
+from experiments.papers.stated_runs import COMMANDS
 from uuv.results.pages import without_status
 
 COMPARISONS = read(FILE)
@@ -17,19 +19,14 @@ def test_the_page_in_docs_is_that_of_the_kept_rows(root: Path):
     assert without_status(kept_page) == without_status(text)
 
 
-def test_a_figure_without_an_experiment_stands_on_the_page_that_it_links(root: Path):
-    typed = [row for row in COMPARISONS.rows if not row.command and not row.experiment]
-    compared = 0
-    for row in typed:
-        linked = re.findall(r"\]\((\w+\.md)", row.ours)
-        text = "".join((root / "docs" / page).read_text(encoding="utf-8") for page in linked)
-        for figure in re.findall(r"\d+\.\d+", row.ours) if linked else ():
-            assert figure in text, f"{row.place}: {figure}"
-            compared += 1
-    assert compared > 8
+def test_the_commands_of_the_comparisons_are_run():
+    """And only those of some file of statements."""
+    commands = {command for row in COMPARISONS.rows for command in row.commands}
+    assert commands
+    assert commands <= set(COMMANDS)
 
 
 def test_every_comparison_says_what_would_settle_it():
     assert len(COMPARISONS.rows) > 10
     assert [row.place for row in COMPARISONS.rows if not row.remark or not row.stated] == []
-    assert [row.place for row in COMPARISONS.rows if row.experiment and not row.names("")] == []
+    assert [row.place for row in COMPARISONS.rows if row.experiment and not row.figures] == []

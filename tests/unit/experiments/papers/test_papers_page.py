@@ -7,8 +7,15 @@ from typing import Any
 import pytest
 
 from experiments.papers import page
-from experiments.papers.page import PaperFigures, page_of
-from experiments.papers.stated.statements import Paper, PaperStatement, Statements, leaves, read
+from experiments.papers.page import PaperFigures, conditions, page_of
+from experiments.papers.stated.statements import (
+    Paper,
+    PaperStatement,
+    Statements,
+    all_rows,
+    leaves,
+    read,
+)
 from experiments.papers.stated_runs import COMMANDS, QUICK, stated_runs
 from uuv.clouds.identification import found_in
 from uuv.clouds.options import IdentificationOptions
@@ -79,6 +86,42 @@ def test_the_patterns_of_the_project_match_what_an_identification_prints():
         assert f"at {figures['range_m']:.2f} m" in output
 
 
+def test_only_the_default_command_prints_and_a_group_may_be_absent():
+    row = replace(
+        STATED,
+        published="{tool.speed*100:.1f} cm/s",
+        published_command="other.py --fast",
+        printed=r"path of (?P<way_m>[\d.]+) m(?: in (?P<turns>\d+))?",
+        ours="{way_m} m, {turns}",
+    )
+    assert row.figures_of("other.py --fast", {"tool.speed": 0.04}, "") == {"tool.speed": 0.04}
+    assert row.figures_of(row.command, {}, "a path of 0.60 m") == {"way_m": 0.6}
+    assert row.figures_of(row.command, {}, "a path of 0.60 m in 2") == {"way_m": 0.6, "turns": 2.0}
+
+
+def test_a_figure_may_name_another_source():
+    row = replace(STATED, remark="{share@hover*100:.0f} % of {case.seed.count@hover}", printed="")
+    assert row.sources == [STATED.command, "hover"]
+    assert row.names("hover") == ["share", "case.seed.count"]
+    figures = dict(leaves(METRICS)) | {"way_m": 0.6, "tool.turns": 3}
+    hover = {"share": 0.5, "case.seed.count": 4}
+    assert row.texts({row.command: figures, "hover": hover})[2] == "50 % of 4"
+    with pytest.raises(ConfigurationError, match=r"fig\. 5: \{alone\} needs a source"):
+        PaperStatement(place="fig. 5", stated="a", ours="{alone}")
+
+
+def test_conditions_of_rows_are_figures():
+    rows = [{"seed": seed, "speed": 0.1, "arm": arm} for seed, arm in ((0, "era"), (2, "ur5"))]
+    assert conditions(("seed", "speed", "arm"), rows) == {
+        "case.seed": "0 to 2",
+        "case.seed.count": 2,
+        "case.speed": 0.1,
+        "case.speed.count": 1,
+        "case.arm": "era, ur5",
+        "case.arm.count": 2,
+    }
+
+
 def test_a_statement_has_a_command_or_an_experiment():
     with pytest.raises(ConfigurationError, match=r"fig\. 5: has a command or an experiment"):
         replace(STATED, experiment="views")
@@ -126,9 +169,16 @@ def test_the_page_of_the_project_is_that_of_the_kept_rows(root: Path):
 
 def test_the_statements_of_the_project_can_be_read():
     assert QUICK in COMMANDS
-    for row in read().rows:
-        for source in row.commands or [row.experiment] * bool(row.experiment):
-            assert row.names("" if row.experiment else source), row.place
+    for row in all_rows():
+        assert [source for source in row.sources if not row.names(source)] == [], row.place
+
+
+def test_solvers_are_named_not_counted():
+    """A figure is found by a name, so that another order of the solvers changes nothing."""
+    counted = [
+        figure.name for row in all_rows() for figure in row.figures if figure.name[-2:-1] == "."
+    ]
+    assert [name for name in counted if name[-1].isdigit()] == []
 
 
 def test_a_statement_has_figures_of_the_published_method_beside_those_of_the_default_one():

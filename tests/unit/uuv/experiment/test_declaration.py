@@ -276,6 +276,14 @@ def test_columns_with_keys_make_a_line_or_a_column_for_each_key():
     assert across.columns == ("ball", "sand", "rock")
     assert [list(row) for row in across.rows] == [["red", "6", "12"], ["blue", "4", "8"]]
 
+    # Figures have the names of both, not their places
+    figures = summary_of(page).metrics["Across"]
+    label = next(iter(figures["red"]["sand"]))
+    assert [figures[ball]["rock"][label] for ball in ("red", "blue")] == [
+        {"total": 12},
+        {"total": 8},
+    ]
+
 
 def test_a_histogram_counts_whole_numbers_bins_and_missing_values():
     page = Page().histogram("bounces", by="ground").histogram("reach", none="never")

@@ -1,12 +1,17 @@
 """Pages of results: those in docs/ are what the kept rows give, and README's figures are theirs."""
 
 import re
+import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from uuv.cli.results import CHANGED, main
+from uuv.experiment.loaded_code import digests
+from uuv.results import kept_rows as kept
 from uuv.results import pages
 from uuv.results.kept_rows import ROWS, kept_rows
 from uuv.sim.interfaces.errors import ConfigurationError
@@ -56,6 +61,38 @@ def test_quick_subsets_are_cases_of_the_kept_rows(entries):
         keys = {experiment.row_key(row) for row in entry.kept.rows}
         assert {experiment.case_key(case) for case in cases} <= keys, experiment.name
         assert experiment.quick
+
+
+@pytest.fixture
+def apart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Folder in which `uuv results` has its rows and pages, with the rows of two experiments."""
+    for name in ("t200_voltages", "remus"):
+        shutil.copy(ROWS / f"{name}.json", tmp_path)
+    monkeypatch.setattr(kept, "ROWS", tmp_path)
+    monkeypatch.setattr(kept, "kept_rows", partial(kept_rows, folder=tmp_path))
+    monkeypatch.setattr(pages, "DOCS", tmp_path)
+    return tmp_path
+
+
+def test_a_check_goes_on_after_a_subset_that_fails(apart: Path, monkeypatch, capsys):
+    """As where the interpreter of the subset ends without a folder."""
+    monkeypatch.setattr("uuv.results.check.sys.executable", "/bin/false")
+    before = {file.name: file.read_bytes() for file in apart.glob("*.json")}
+    assert main("results", ["--check", "--only", "t200_voltages", "remus"]) == CHANGED
+    errors = capsys.readouterr().err
+    for name in ("t200_voltages", "remus"):
+        assert f"not checked: experiment {name}: its quick subset failed" in errors
+    assert {file.name: file.read_bytes() for file in apart.glob("*.json")} == before
+
+
+def test_a_check_that_was_interrupted_leaves_out_what_is_verified(apart: Path, capsys):
+    record = kept_rows("remus", apart)
+    assert record is not None
+    files = [f"{folder}/{name}" for folder, names in record.check.code.items() for name in names]
+    code = {file: digest for file, digest in digests(files).items() if digest}
+    replace(record, check=kept.checked(code)).write(apart)
+    assert main("results", ["--check", "--unverified", "--only", "remus"]) == 0
+    assert "checked in" not in capsys.readouterr().out
 
 
 def test_an_experiment_that_needs_data_says_that_there_is_none(entries, monkeypatch):

@@ -4,24 +4,18 @@ The tool is carried on an arc about the valve's axis and turns with the handle. 
 has no radius: the tool turns about its own axis.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from uuv.controllers.hull.thrust_margin import ThrustMargin
-from uuv.controllers.mkps import Chain
-from uuv.controllers.planning.arm_margins import posture_for
-from uuv.controllers.planning.path_poses import tool_pose
 from uuv.controllers.planning.placement import Placement
-from uuv.models.vehicle import Vehicle
+from uuv.controllers.planning.tool_statics import LoadBound, ToolStatics
 from uuv.sim.interfaces.messages import ToolPath
-from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, readonly
+from uuv.sim.interfaces.spatial import Array, exp_so3, readonly
 
 SHORTEST = 0.1  # [m] of the path for 1 rad, where the handle has no lever
 _STEP = 0.03  # [rad] between samples of the path
-_SAMPLES = 9  # poses at which the moment is computed
-_TORQUE = 0.95  # share of a joint's torque that the work may take
-_THRUST = 0.9  # share of a thruster's thrust
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,80 +69,27 @@ class TurningAxis:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MomentBound:
-    """Largest moment that a vehicle can give, and what bounds it."""
-
-    moment: float  # [N m]
-    by: str  # what bounds it, in words
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TurningStatics:
+class TurningStatics(ToolStatics):
     """Joints and thrusters of a vehicle that turns a handle."""
 
-    vehicle: Vehicle
-    chain: Chain
-    holding: ThrustMargin
-    most: float = field(default=200.0)  # [N m] beyond which nothing is computed
-
-    def bound(self, axis: TurningAxis, path: ToolPath, placement: Placement) -> MomentBound:
-        """Largest moment that joints and thrusters can give along a path from a placement.
+    def bound(self, axis: TurningAxis, path: ToolPath, placement: Placement) -> LoadBound:
+        """Largest moment [N m] that they can give along a path from a placement.
 
         Args:
             axis: of the valve.
             path: of the tool.
             placement: where the hull stands.
         """
-        X_WB = placement.X_WB
-        X_AW = inverse(X_WB @ self.vehicle.X_BA)
-        q = placement.q_start
-        least = MomentBound(moment=self.most, by="the search")
+        return self.largest(partial(_load, axis), path, placement)
 
-        for s in np.linspace(0.0, float(path.s[-1]), _SAMPLES):
-            X_WG = tool_pose(path, s, placement.roll)[0]
-            q = posture_for(self.chain, X_AW @ X_WG, q).q
-            per_moment = self._load(axis, X_WG)
 
-            # The least of joints and thrusters.
-            by_joints = self._by_joints(q, X_WB[:3, :3], per_moment)
-            least = min(least, by_joints, key=lambda bound: bound.moment)
-            by_thrust = self._by_thrust(q, X_WB[:3, :3], per_moment, least.moment)
-            least = min(least, by_thrust, key=lambda bound: bound.moment)
-        return least
+def _load(axis: TurningAxis, X_WG: Array) -> Array:
+    """Wrench (6,) of the world on the tip for 1 N m about the axis, tool axes."""
+    R_GW = X_WG[:3, :3].T
+    if not axis.lever:
+        return np.concatenate([np.zeros(3), -R_GW @ axis.a])
 
-    def _load(self, axis: TurningAxis, X_WG: Array) -> Array:
-        """Wrench (6,) of the world on the tip for 1 N m about the axis, tool axes."""
-        R_GW = X_WG[:3, :3].T
-        if not axis.lever:
-            return np.concatenate([np.zeros(3), -R_GW @ axis.a])
-
-        arm = X_WG[:3, 3] - axis.p
-        arm = arm - (arm @ axis.a) * axis.a
-        force = -np.cross(axis.a, arm) / float(arm @ arm)
-        return np.concatenate([R_GW @ force, np.zeros(3)])
-
-    def _by_joints(self, q: Array, R_WB: Array, per_moment: Array) -> MomentBound:
-        """Bound of the joint torques, which are linear in the moment."""
-        rest = self.holding.torques(q, R_WB, np.zeros(6))
-        rise = self.holding.torques(q, R_WB, per_moment) - rest
-
-        limits = _TORQUE * self.vehicle.torque_limits
-        with np.errstate(divide="ignore"):
-            rooms = (limits - np.sign(rise) * rest) / np.abs(rise)
-        j = int(np.argmin(rooms))
-        return MomentBound(moment=float(rooms[j]), by=self.vehicle.joint_names[j])
-
-    def _by_thrust(self, q: Array, R_WB: Array, per_moment: Array, most: float) -> MomentBound:
-        """Bound of the thrusters below `most` [N m], by halving."""
-        by = "the thrusters"
-        if self.holding.used(q, R_WB, most * per_moment) <= _THRUST:
-            return MomentBound(moment=most, by=by)
-
-        low = 0.0
-        step = 0.5 * most
-        while step > 1e-3 * most:
-            if self.holding.used(q, R_WB, (low + step) * per_moment) <= _THRUST:
-                low += step
-            step *= 0.5
-
-        return MomentBound(moment=low, by=by)
+    arm = X_WG[:3, 3] - axis.p
+    arm = arm - (arm @ axis.a) * axis.a
+    force = -np.cross(axis.a, arm) / float(arm @ arm)
+    return np.concatenate([R_GW @ force, np.zeros(3)])

@@ -21,7 +21,8 @@ from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import Placement
-from uuv.controllers.planning.turning import MomentBound, TurningAxis, TurningStatics
+from uuv.controllers.planning.tool_statics import LoadBound
+from uuv.controllers.planning.turning import TurningAxis, TurningStatics
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from uuv.controllers.tasks.axial_phases import (
@@ -189,8 +190,8 @@ class ValveTurning(TaskPlanner):
         last = QUARTER + self._play + self._job.spare
         return replace(target, path=self.axis(target.X_WT).path(0.0, last))
 
-    def bound(self, target: Target, path: ToolPath, placement: Placement) -> MomentBound:
-        """Largest moment along the path from a placement."""
+    def bound(self, target: Target, path: ToolPath, placement: Placement) -> LoadBound:
+        """Largest moment [N m] along the path from a placement."""
         return self._statics.bound(self.axis(target.X_WT), path, placement)
 
     def _stand(
@@ -215,11 +216,11 @@ class ValveTurning(TaskPlanner):
                 continue
 
             bound = self.bound(target, worked, placement)
-            if bound.moment >= self._job.moment:
+            if bound.most >= self._job.moment:
                 return placement, worked, share
             failure = ReachError(
                 f"the set moment of {self._job.moment:.1f} N m is above the bound of "
-                f"{bound.moment:.1f} N m here, by {bound.by}"
+                f"{bound.most:.1f} N m here, by {bound.by}"
             )
         raise failure or ReachError("there is no place to turn the handle from")
 

@@ -376,9 +376,7 @@ class PlugBoard(SiteObject):
         """Friction and mass of the plug."""
         from uuv.models.site.plug_site import Seat
 
-        return Seat(
-            friction=self.friction, mass=self.mass, stuck=self.stuck, debris=self.debris
-        )
+        return Seat(friction=self.friction, mass=self.mass, stuck=self.stuck, debris=self.debris)
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
         """True pose: on the seabed, tilted by up to TILT."""

@@ -42,6 +42,7 @@ DEBRIS = 0.022  # [m] below the mouth, up to which debris fills a receptacle
 _SEAL_IMPEDANCE = 0.5
 _SEAL_FRICTION_TIME = 0.3  # [s] time constant of the seal's friction
 _MOST_FRICTION = 200.0  # [N] of a seal
+_INWARDS = np.array([0.0, 0.0, 1.0])  # of a receptacle's frame
 _SOLREF = (0.006, 1.0)
 _SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
 
@@ -83,7 +84,7 @@ def plug_site(
     _add_panel(spec, panel, X_WT, seat)
     weight = _add_plug(spec, panel, X_WT, seat)
     for name in RECEPTACLES:
-        _add_seal(spec, panel, name, seat, weight)
+        _add_seal(spec, name, seat, weight)
 
     seabed = spec.worldbody.add_geom()
     seabed.name = "seabed"
@@ -171,6 +172,8 @@ def _add_plug(spec: "mujoco.MjSpec", panel: PluggedPanel, X_WT: Array, seat: Sea
         weld.name1, weld.name2 = TARGET_BODY, "panel"
         weld.objtype = mujoco.mjtObj.mjOBJ_BODY
         weld.solref = _SOLREF
+        # The same point in both frames, which are equal at the start, and no turn.
+        weld.data[:11] = [*panel.center, *panel.center, 1.0, 0.0, 0.0, 0.0, 1.0]
 
     # An ellipsoid's added mass and drag, with the plug's own volume.
     density = hydrodynamics.density_of(spec)
@@ -180,14 +183,11 @@ def _add_plug(spec: "mujoco.MjSpec", panel: PluggedPanel, X_WT: Array, seat: Sea
     return float(np.mean(1.0 / (seat.mass + np.diag(water.added_mass)[:3])))
 
 
-def _add_seal(
-    spec: "mujoco.MjSpec", panel: PluggedPanel, name: str, seat: Seat, weight: float
-) -> None:
+def _add_seal(spec: "mujoco.MjSpec", name: str, seat: Seat, weight: float) -> None:
     """Add the beads of a receptacle's seal, and their contacts with the pin.
 
     Args:
         spec: scene, changed.
-        panel: shape of the panel.
         name: of the receptacle.
         seat: its friction.
         weight: [1/kg] inverse weight of the plug.
@@ -207,7 +207,7 @@ def _add_seal(
             name=bead,
             type=mujoco.mjtGeom.mjGEOM_SPHERE,
             size=[BEAD, 0.0, 0.0],
-            pos=side + [0.0, 0.0, SEAL_DEPTH],
+            pos=side + SEAL_DEPTH * _INWARDS,
             mass=0.0,
             contype=0,
             conaffinity=0,

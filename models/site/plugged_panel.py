@@ -26,6 +26,7 @@ COVER = 0.038  # [m] of the handle that the jaws cover, from its upper side
 BOTTOM = 0.02  # [m] by which a receptacle is deeper than the pin is long
 CHAMFER = 0.003  # [m] of its mouth
 _SIDES = 96  # of surfaces of revolution in the mesh
+_OUT = np.array([0.0, 0.0, 1.0])  # of the face
 _NOSE = 9  # points of the nose's profile
 
 
@@ -70,7 +71,7 @@ class PluggedPanel:
         The jaws close along x_T.
         """
         X_TG = np.diag([1.0, -1.0, -1.0, 1.0])
-        X_TG[:3, 3] = self.hole(name).p_T + [0.0, 0.0, COLLAR[1] + HANDLE[2] - COVER]
+        X_TG[:3, 3] = self.hole(name).p_T + (COLLAR[1] + HANDLE[2] - COVER) * _OUT
         return X_TG
 
     @property
@@ -114,19 +115,19 @@ class PluggedPanel:
                 name="target",
                 kind="box",
                 size=tuple(0.5 * side for side in HANDLE),
-                X_TS=pose(p=middle + [0.0, 0.0, thick + 0.5 * HANDLE[2]]),
+                X_TS=pose(p=middle + (thick + 0.5 * HANDLE[2]) * _OUT),
             ),
             Solid(
                 name="target_collar",
                 kind="cylinder",
                 size=(wide, 0.5 * thick),
-                X_TS=pose(p=middle + [0.0, 0.0, 0.5 * thick]),
+                X_TS=pose(p=middle + 0.5 * thick * _OUT),
             ),
             Solid(
                 name="target_pin",
                 kind="capsule",
                 size=(radius, half),
-                X_TS=pose(p=middle + [0.0, 0.0, 0.5 * (top - length)]),
+                X_TS=pose(p=middle + 0.5 * (top - length) * _OUT),
             ),
         )
 
@@ -148,7 +149,7 @@ class PluggedPanel:
             (float(np.prod(HANDLE)), thick + 0.5 * HANDLE[2]),
         )
         height = sum(volume * z for volume, z in parts) / self.volume
-        return self.hole(self.start).p_T + [0.0, 0.0, height]
+        return self.hole(self.start).p_T + height * _OUT
 
     def _shells(self) -> list[tuple[Array, np.ndarray]]:
         """Closed shells of the plug at its start."""
@@ -166,4 +167,4 @@ class PluggedPanel:
         round_parts = along_x[:, [1, 2, 0]] + middle
 
         size, high = list(HANDLE), thick + 0.5 * HANDLE[2]
-        return [(round_parts, faces), box(size, middle + [0.0, 0.0, high])]
+        return [(round_parts, faces), box(size, middle + high * _OUT)]

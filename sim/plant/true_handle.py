@@ -65,7 +65,5 @@ class Mechanisms:
     def of(cls, data: mujoco.MjData) -> Self:
         """The views of one simulation."""
         return cls(
-            jaws=TrueJaws.of(data),
-            handle=TrueHandle.of(data),
-            receptacles=TrueReceptacles.of(data),
+            jaws=TrueJaws.of(data), handle=TrueHandle.of(data), receptacles=TrueReceptacles.of(data)
         )

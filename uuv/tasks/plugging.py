@@ -100,10 +100,7 @@ class ReceptacleWatch:
         table = np.array(self.rows).reshape(-1, 2 + 3 * len(RECEPTACLES))
         forces = table[:, 1:-1].reshape(len(table), -1, 3)
         return FeltPlug(
-            time=table[:, 0],
-            first=forces[:, first],
-            second=forces[:, 1 - first],
-            felt=table[:, -1],
+            time=table[:, 0], first=forces[:, first], second=forces[:, 1 - first], felt=table[:, -1]
         )
 
 

@@ -151,7 +151,9 @@ def check_motor(grip: float, jaws: JawShape, limits: JawLimits) -> None:
         ConfigurationError: with the figures.
     """
     if grip > jaws.force:
-        raise ConfigurationError(f"task.grip [N]: the jaws give at most {jaws.force:g}, got {grip:g}")
+        raise ConfigurationError(
+            f"task.grip [N]: the jaws give at most {jaws.force:g}, got {grip:g}"
+        )
 
     # Free jaws must move faster than jaws that have stopped at something.
     least = jaws.loss + 0.5 * jaws.damping * 2.0 * limits.still

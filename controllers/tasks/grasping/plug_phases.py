@@ -200,5 +200,3 @@ class SeatPlug(EnterHole):
         tries = self._job.inside.tries
         above = -1e3 * held.depth
         return Abort(outcome.code, f"stopped {above:.0f} mm above the seat in {tries} attempts")
-
-

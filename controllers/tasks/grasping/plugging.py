@@ -16,7 +16,7 @@ refused beyond.
 | sensors wrong, force or place out of bounds | let go, withdraw | keep, withdraw |
 | a thruster lost | open the jaws and rise | keep and rise |
 | an encoder wrong | open the jaws, the hull withdraws the arm | keep, the same |
-| it slips out of the jaws | in the pull: grip once more; else open them, withdraw | the same: drop |
+| it slips out | in the pull: grip once more; else open the jaws, withdraw | drop: the same |
 | stuck, jammed | let go, withdraw | |
 | the other hole is not found | | keep, withdraw |
 | no estimate | let go; arm braked, hull off and up (`safety_wrapper`) | keep, the same |
@@ -65,12 +65,7 @@ from uuv.controllers.tasks.grasping.plug_phases import (
     WithPlug,
 )
 from uuv.controllers.tasks.hull_phases import EscapeLimits
-from uuv.controllers.tasks.insertion import (
-    EntryLimits,
-    InsertionJob,
-    SearchLimits,
-    SpiralSearch,
-)
+from uuv.controllers.tasks.insertion import EntryLimits, InsertionJob, SearchLimits, SpiralSearch
 from uuv.controllers.tasks.monitors import IN_CONTACT
 from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import PlugSettings
@@ -280,7 +275,10 @@ class PlugMoving(TaskPlanner):
 
             # Both forces, in words.
             weak = ""
-            for name, force, sign in (("pull", self._job.pull, 1.0), ("push", self._job.push, -1.0)):
+            for name, force, sign in (
+                ("pull", self._job.pull, 1.0),
+                ("push", self._job.push, -1.0),
+            ):
                 bound = self.bound(worked, placement, sign)
                 if bound.most < force:
                     weak = weak or (

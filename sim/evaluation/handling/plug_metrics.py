@@ -176,7 +176,11 @@ def _force(recording: "Recording", truth: TrueMove, felt: FeltPlug) -> PlugForce
     at_plug = recording.within(*_AT_PLUG)
     if not len(felt.time) or not at_plug.any():
         return PlugForceMetrics(
-            pull_set_n=truth.pull, pull_max_n=None, push_max_n=None, side_max_n=None, grip_max_n=None
+            pull_set_n=truth.pull,
+            pull_max_n=None,
+            push_max_n=None,
+            side_max_n=None,
+            grip_max_n=None,
         )
 
     across = np.linalg.norm(np.stack([felt.first, felt.second])[:, :, :2], axis=2)

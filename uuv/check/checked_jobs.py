@@ -14,7 +14,9 @@ from uuv.jobs import (
     clean_pile,
     collect,
     insert_sampler,
+    move_plug,
     sample_seabed,
+    turn_valve,
 )
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.tasks.surface_work import TAP_FORCE, TAPPED
@@ -81,9 +83,18 @@ ARM_JOBS = {
     "insertion": CheckedJob(job=insert_sampler),
     "seabed-core": CheckedJob(job=sample_seabed),
     "collect": CheckedJob(job=collect),
+    "turn-valve": CheckedJob(job=turn_valve),
+    "turn-valve-bar": CheckedJob(job=turn_valve, options={"handle": "bar"}),
+    "move-plug": CheckedJob(job=move_plug),
 }
 OBJECT = "object"  # the job on an object of the user's choice
-ASKED = (OBJECT, "collect")  # jobs that are checked only if they are asked for
+ASKED = (
+    OBJECT,
+    "collect",
+    "turn-valve",
+    "turn-valve-bar",
+    "move-plug",
+)  # jobs that are checked only if they are asked for
 HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
 JOBS = (*HOVERING, *(name for name in ARM_JOBS if name not in ASKED))  # without a choice
 JOBS_ON_OBJECT = (*HOVERING, OBJECT)

@@ -72,7 +72,12 @@ from uuv.controllers.tasks.settings import PlugSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.site.plugged_panel import HANDLE, PIN, PluggedPanel
 from uuv.models.tools.jaw_shape import JawShape
-from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.errors import (
+    ConfigurationError,
+    OverloadError,
+    OverloadHereError,
+    ReachError,
+)
 from uuv.sim.interfaces.messages import AbortCode, HeldLoad, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, inverse, readonly, transform_points
 
@@ -154,15 +159,19 @@ def check_forces(job: PlugJob, jaws: JawShape) -> None:
         force = getattr(job, name)
         if force > FRICTION_USED * held:
             least = force / (2.0 * jaws.friction * FRICTION_USED)
-            raise ConfigurationError(
+            raise OverloadError(
                 f"task.{name} {force:g} N: friction holds {held:.0f} N at task.grip {job.grip:g} "
                 f"N, of which {FRICTION_USED:.0%} may be used; that needs a grip of {least:.0f} N "
-                "or more"
+                "or more",
+                setting=name,
+                most=FRICTION_USED * held,
             )
         most = 0.5 * job.axial.force_limit
         if force > most:
-            raise ConfigurationError(
-                f"task.{name} [N]: at most {most:g}, half of the watched force, got {force:g}"
+            raise OverloadError(
+                f"task.{name} [N]: at most {most:g}, half of the watched force, got {force:g}",
+                setting=name,
+                most=most,
             )
 
 
@@ -273,21 +282,23 @@ class PlugMoving(TaskPlanner):
                 failure = failure or ReachError("the receptacles are too far apart for the arm")
                 continue
 
-            # Both forces, in words.
-            weak = ""
+            # Both forces.
+            weak: ReachError | None = None
             for name, force, sign in (
                 ("pull", self._job.pull, 1.0),
                 ("push", self._job.push, -1.0),
             ):
                 bound = self.bound(worked, placement, sign)
                 if bound.most < force:
-                    weak = weak or (
+                    weak = weak or OverloadHereError(
                         f"the set {name} of {force:.1f} N is above the bound of {bound.most:.1f} N "
-                        f"here, by {bound.by}"
+                        f"here, by {bound.by}",
+                        setting=name,
+                        most=bound.most,
                     )
-            if not weak:
+            if weak is None:
                 return placement, worked, share
-            failure = ReachError(weak)
+            failure = weak
         raise failure or ReachError("there is no place to move the plug from")
 
     def _take(self, held: Held, context: Context) -> None:

@@ -42,7 +42,12 @@ from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import TurnSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.site.turned_valve import QUARTER, TurnedValve
-from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.errors import (
+    ConfigurationError,
+    OverloadError,
+    OverloadHereError,
+    ReachError,
+)
 from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, readonly, transform_points
 
@@ -85,7 +90,7 @@ def check_moment(job: TurnJob, valve: TurnedValve, wrist: float) -> None:
         wrist: [N m] torque limit of the last joint.
 
     Raises:
-        ConfigurationError: with the bound.
+        OverloadError: with the bound.
     """
     if valve.lever:
         most = WATCHED * job.axial.force_limit * valve.lever
@@ -95,8 +100,10 @@ def check_moment(job: TurnJob, valve: TurnedValve, wrist: float) -> None:
         by = f"{_WRIST:.0%} of the last joint's {wrist:g} N m"
 
     if job.moment > most:
-        raise ConfigurationError(
-            f"task.moment [N m]: at most {most:.1f} here, {by}, got {job.moment:g}"
+        raise OverloadError(
+            f"task.moment [N m]: at most {most:.1f} here, {by}, got {job.moment:g}",
+            setting="moment",
+            most=most,
         )
 
 
@@ -218,9 +225,11 @@ class ValveTurning(TaskPlanner):
             bound = self.bound(target, worked, placement)
             if bound.most >= self._job.moment:
                 return placement, worked, share
-            failure = ReachError(
+            failure = OverloadHereError(
                 f"the set moment of {self._job.moment:.1f} N m is above the bound of "
-                f"{bound.most:.1f} N m here, by {bound.by}"
+                f"{bound.most:.1f} N m here, by {bound.by}",
+                setting="moment",
+                most=bound.most,
             )
         raise failure or ReachError("there is no place to turn the handle from")
 

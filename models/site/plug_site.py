@@ -39,6 +39,7 @@ SEAL_STIFFNESS = 4e3  # [N/m] of a bead
 SEAL_FRICTION = 0.9  # coefficient, rubber on a wet pin
 FRICTION = (0.3, 0.005, 0.0001)  # of the plug on the panel: slides, turns, rolls
 DEBRIS = 0.022  # [m] below the mouth, up to which debris fills a receptacle
+# soft, so that the pull of a sliding pin hardly changes how firmly the beads press
 _SEAL_IMPEDANCE = 0.5
 _SEAL_FRICTION_TIME = 0.3  # [s] time constant of the seal's friction
 _MOST_FRICTION = 200.0  # [N] of a seal

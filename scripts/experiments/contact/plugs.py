@@ -71,11 +71,12 @@ def plugs(case: PlugCase) -> PlugRow:
     friction = float(streams["friction"].uniform(*FRICTION))
     mass = float(streams["mass"].uniform(*MASS))
     clearance = float(streams["clearance"].uniform(*CLEARANCE))
-    drawn = {"friction": friction, "mass": mass, "clearance": clearance}
 
     # The move.
     scenario = jobs.move_plug(
-        **drawn,
+        friction=friction,
+        mass=mass,
+        clearance=clearance,
         seed=case.seed,
         current=(SPEED, 0.0, 0.0),
         stuck=case.kind == "stuck plug",
@@ -84,7 +85,14 @@ def plugs(case: PlugCase) -> PlugRow:
     try:
         done = run(assemble(scenario))
     except UuvError as error:
-        return PlugRow(ended="refused", note=str(error), seated=False, **drawn)
+        return PlugRow(
+            ended="refused",
+            note=str(error),
+            seated=False,
+            friction=friction,
+            mass=mass,
+            clearance=clearance,
+        )
 
     # How it ended.
     metrics = done.assessment.metrics
@@ -96,7 +104,9 @@ def plugs(case: PlugCase) -> PlugRow:
         ended="done" if final.state is WorkState.DONE else str(final.abort or "late"),
         note=final.note,
         seated=bool(seat["seated"]),
-        **drawn,
+        friction=friction,
+        mass=mass,
+        clearance=clearance,
         pull=force["pull_max_n"],
         push=force["push_max_n"],
         side=force["side_max_n"],

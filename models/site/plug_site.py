@@ -27,6 +27,7 @@ from uuv.sim.interfaces.spatial import (
     finite_number,
     inverse,
     quat_wxyz_from_rotation,
+    transform_points,
 )
 
 if TYPE_CHECKING:
@@ -170,11 +171,14 @@ def _add_plug(spec: "mujoco.MjSpec", panel: PluggedPanel, X_WT: Array, seat: Sea
 
     if seat.stuck:
         weld = spec.add_equality(name="stuck", type=mujoco.mjtEq.mjEQ_WELD)
-        weld.name1, weld.name2 = TARGET_BODY, "panel"
+        weld.name1, weld.name2 = TARGET_BODY, RECEPTACLE + panel.start
         weld.objtype = mujoco.mjtObj.mjOBJ_BODY
         weld.solref = _SOLREF
-        # The same point in both frames, which are equal at the start, and no turn.
-        weld.data[:11] = [*panel.center, *panel.center, 1.0, 0.0, 0.0, 0.0, 1.0]
+        # The middle of the plug in both frames, and the receptacle's attitude in the plug's.
+        X_TH = panel.hole(panel.start).pose(np.eye(4))
+        center_H = transform_points(inverse(X_TH), panel.center)
+        weld.data[:6] = [*center_H, *panel.center]
+        weld.data[6:11] = [*quat_wxyz_from_rotation(X_TH[:3, :3]), 1.0]
 
     # An ellipsoid's added mass and drag, with the plug's own volume.
     density = hydrodynamics.density_of(spec)

@@ -107,8 +107,8 @@ class PluggedPanel:
         radius, length = PIN
         wide, thick = COLLAR
 
-        # The pin reaches into the handle, so that its upper dome is inside.
-        top = thick + 0.5 * HANDLE[2]
+        # The pin's upper dome is inside the collar, below the jaws.
+        top = thick
         half = 0.5 * (length + top) - radius
         return (
             Solid(

@@ -35,6 +35,8 @@ class CheckedJob:
     job: Job
     options: Mapping[str, Any] = field(default_factory=dict)
     changed: "Callable[[Scenario], Scenario] | None" = None  # sets a task that no job has
+    # options of the job that mean something else than that of the check
+    other: Collection[str] = ()
 
     def __call__(self, **options: Any) -> "Scenario":
         """The scenario with further options of the job."""
@@ -42,8 +44,8 @@ class CheckedJob:
         return scenario if self.changed is None else self.changed(scenario)
 
     def takes(self, word: str) -> bool:
-        """True if the job has an option of that name."""
-        return word in self.job.options()
+        """True if the job has an option of that name and meaning."""
+        return word not in self.other and word in self.job.options()
 
     @property
     def brings_tool(self) -> bool:
@@ -72,6 +74,7 @@ def _tapping(scenario: "Scenario") -> "Scenario":
     return replace(scenario, task=TappingTask(path=task.path, forces=task.forces, range=task.range))
 
 
+_ANGULAR = ("speed",)  # of the handle [rad/s], not of the tool along a path
 ARM_JOBS = {
     "barrel-longitudinal": CheckedJob(job=clean_barrel),
     "barrel-transverse": CheckedJob(job=clean_barrel, options={"path": "transverse"}),
@@ -83,8 +86,8 @@ ARM_JOBS = {
     "insertion": CheckedJob(job=insert_sampler),
     "seabed-core": CheckedJob(job=sample_seabed),
     "collect": CheckedJob(job=collect),
-    "turn-valve": CheckedJob(job=turn_valve),
-    "turn-valve-bar": CheckedJob(job=turn_valve, options={"handle": "bar"}),
+    "turn-valve": CheckedJob(job=turn_valve, other=_ANGULAR),
+    "turn-valve-bar": CheckedJob(job=turn_valve, options={"handle": "bar"}, other=_ANGULAR),
     "move-plug": CheckedJob(job=move_plug),
 }
 OBJECT = "object"  # the job on an object of the user's choice

@@ -50,11 +50,11 @@ from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array, transform_points
 from uuv.tasks.collecting import PlacedCollection
 from uuv.tasks.insertion import PlacedInsertion
-from uuv.tasks.plugging import PlacedMove
+from uuv.tasks.plugging import MovePlugTask, PlacedMove
 from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import RunStreams, clearance, folded_at, start_pose, start_refusal
 from uuv.tasks.surface_work import PlacedSurfaceWork
-from uuv.tasks.turning import PlacedTurn
+from uuv.tasks.turning import PlacedTurn, TurnValveTask
 
 PROMISED = 0.95  # share of the drawn poses from which on a job is promised
 FEW = 5  # poses that a refusal takes at least, and at which another option is tried
@@ -152,6 +152,13 @@ class ArmJobs:
             return refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
 
         believed = OwnVehicle.of(spec, task.spares)
+        joints = len(believed.vehicle.joints)
+        if joints < FULL and isinstance(task, MovePlugTask | TurnValveTask):
+            message = (
+                f"what the tool holds fixes its axes against the hull's drift: an arm of {joints} "
+                f"joints cannot follow, at least {FULL} are needed"
+            )
+            return refused(name, "joints", message, float(joints))
         if (weak := ReadyForce.of(scenario, believed).refusal(BEYOND)) is not None:
             return refused(name, *weak)
         if (hidden := _view(name, scenario, blocked)) is not None:

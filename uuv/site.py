@@ -370,13 +370,13 @@ class PlugBoard(SiteObject):
         """Panel and plug, as the vehicle knows them."""
         from uuv.models.site.plugged_panel import PluggedPanel
 
-        return PluggedPanel(start=self.start, clearance=self.clearance)
+        return PluggedPanel(start=self.start, clearance=self.clearance, mass=self.mass)
 
     def seat(self) -> "Seat":
-        """Friction and mass of the plug."""
+        """Friction of the receptacles, and what is wrong with them."""
         from uuv.models.site.plug_site import Seat
 
-        return Seat(friction=self.friction, mass=self.mass, stuck=self.stuck, debris=self.debris)
+        return Seat(friction=self.friction, stuck=self.stuck, debris=self.debris)
 
     def draw_pose(self, rng: np.random.Generator) -> Array:
         """True pose: on the seabed, tilted by up to TILT."""

@@ -51,17 +51,15 @@ _SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seat:
-    """What the vehicle does not know of plug and receptacles."""
+    """What the vehicle does not know of the receptacles."""
 
     friction: float  # [N] at which the seal breaks away
-    mass: float  # [kg] of the plug
     stuck: bool = False  # it does not come out at all
     debris: bool = False  # the other receptacle is filled to DEBRIS below its mouth
 
     def __post_init__(self) -> None:
         """Refuse numbers out of range."""
         finite_number(self.friction, "panel: friction [N]", above=0.0, most=_MOST_FRICTION)
-        finite_number(self.mass, "panel: mass of the plug [kg]", above=0.05, most=20.0)
 
 
 def plug_site(
@@ -73,7 +71,7 @@ def plug_site(
         vehicle: spec, changed in place.
         panel: shape of panel and plug.
         X_WT: (4, 4) pose of the panel.
-        seat: friction and mass.
+        seat: friction.
 
     Returns:
         The same spec.
@@ -156,9 +154,9 @@ def _add_plug(spec: "mujoco.MjSpec", panel: PluggedPanel, X_WT: Array, seat: Sea
     plug = spec.worldbody.add_body(name=TARGET_BODY, **place)
     plug.add_freejoint()
     size = np.array([2.0 * COLLAR[0], 2.0 * COLLAR[0], PIN[1] + COLLAR[1] + HANDLE[2]])
-    plug.mass = seat.mass
+    plug.mass = panel.mass
     plug.ipos = panel.center
-    plug.inertia = seat.mass / 12.0 * (np.sum(size**2) - size**2)
+    plug.inertia = panel.mass / 12.0 * (np.sum(size**2) - size**2)
     plug.explicitinertial = True
     for solid in panel.plug:
         geom = solid.add_to(plug)
@@ -171,7 +169,8 @@ def _add_plug(spec: "mujoco.MjSpec", panel: PluggedPanel, X_WT: Array, seat: Sea
 
     if seat.stuck:
         weld = spec.add_equality(name="stuck", type=mujoco.mjtEq.mjEQ_WELD)
-        weld.name1, weld.name2 = TARGET_BODY, RECEPTACLE + panel.start
+        weld.name1 = TARGET_BODY
+        weld.name2 = RECEPTACLE + panel.start
         weld.objtype = mujoco.mjtObj.mjOBJ_BODY
         weld.solref = _SOLREF
         # The middle of the plug in both frames, and the receptacle's attitude in the plug's.
@@ -185,7 +184,7 @@ def _add_plug(spec: "mujoco.MjSpec", panel: PluggedPanel, X_WT: Array, seat: Sea
     water = hydrodynamics.ellipsoid(0.5 * size, center=panel.center, water_density=density)
     water = replace(water, volume=panel.volume)
     hydrodynamics.attach(spec, {TARGET_BODY: water})
-    return float(np.mean(1.0 / (seat.mass + np.diag(water.added_mass)[:3])))
+    return float(np.mean(1.0 / (panel.mass + np.diag(water.added_mass)[:3])))
 
 
 def _add_seal(spec: "mujoco.MjSpec", name: str, seat: Seat, weight: float) -> None:

@@ -40,11 +40,13 @@ class PluggedPanel:
 
     start: ReceptacleName = "a"
     clearance: float = 2e-3  # [m] radial, between pin and receptacle
+    mass: float = 0.8  # [kg] of the plug
 
     def __post_init__(self) -> None:
         """Refuse a receptacle that there is not."""
         one_of(self.start, RECEPTACLES, "panel: start")
         finite_number(self.clearance, "panel: clearance [m]", least=5e-4, most=5e-3)
+        finite_number(self.mass, "panel: mass of the plug [kg]", least=0.05, most=20.0)
 
     @property
     def end(self) -> ReceptacleName:
@@ -166,5 +168,5 @@ class PluggedPanel:
         along_x, faces = revolve([*profile, (thick, 0.0)], _SIDES)
         round_parts = along_x[:, [1, 2, 0]] + middle
 
-        size, high = list(HANDLE), thick + 0.5 * HANDLE[2]
-        return [(round_parts, faces), box(size, middle + high * _OUT)]
+        high = thick + 0.5 * HANDLE[2]
+        return [(round_parts, faces), box(HANDLE, middle + high * _OUT)]

@@ -94,6 +94,7 @@ class OverloadError(ConfigurationError):
 
     def __init__(self, message: object = "", *, setting: str = "", most: float = 0.0) -> None:
         """Keep the setting's name, and the largest value [N] or [N m] that is allowed."""
+        # Keywords have defaults: an exception from another process is made of its message first.
         super().__init__(message)
         self.setting = setting
         self.most = most
@@ -104,7 +105,9 @@ class OverloadHereError(ReachError):
 
     def __init__(self, message: object = "", *, setting: str = "", most: float = 0.0) -> None:
         """Keep the setting's name, and the largest value [N] or [N m] that they can give."""
+        # As above.
         super().__init__(message)
+
         self.setting = setting
         self.most = most
 

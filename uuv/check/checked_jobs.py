@@ -35,6 +35,7 @@ class CheckedJob:
     job: Job
     options: Mapping[str, Any] = field(default_factory=dict)
     changed: "Callable[[Scenario], Scenario] | None" = None  # sets a task that no job has
+    asked: bool = False  # it is checked only if it is asked for
     # options of the job that mean something else than that of the check
     other: Collection[str] = ()
 
@@ -79,27 +80,22 @@ ARM_JOBS = {
     "barrel-longitudinal": CheckedJob(job=clean_barrel),
     "barrel-transverse": CheckedJob(job=clean_barrel, options={"path": "transverse"}),
     "pile": CheckedJob(job=clean_pile),
-    "object": CheckedJob(job=clean_object),
+    "object": CheckedJob(job=clean_object, asked=True),
     "tap": CheckedJob(
         job=clean_barrel, options={"length": TAPPED[-1], "forces": (TAP_FORCE,)}, changed=_tapping
     ),
     "insertion": CheckedJob(job=insert_sampler),
     "seabed-core": CheckedJob(job=sample_seabed),
-    "collect": CheckedJob(job=collect),
-    "turn-valve": CheckedJob(job=turn_valve, other=_ANGULAR),
-    "turn-valve-bar": CheckedJob(job=turn_valve, options={"handle": "bar"}, other=_ANGULAR),
-    "move-plug": CheckedJob(job=move_plug),
+    "collect": CheckedJob(job=collect, asked=True),
+    "turn-valve": CheckedJob(job=turn_valve, asked=True, other=_ANGULAR),
+    "turn-valve-bar": CheckedJob(
+        job=turn_valve, options={"handle": "bar"}, asked=True, other=_ANGULAR
+    ),
+    "move-plug": CheckedJob(job=move_plug, asked=True),
 }
 OBJECT = "object"  # the job on an object of the user's choice
-ASKED = (
-    OBJECT,
-    "collect",
-    "turn-valve",
-    "turn-valve-bar",
-    "move-plug",
-)  # jobs that are checked only if they are asked for
 HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
-JOBS = (*HOVERING, *(name for name in ARM_JOBS if name not in ASKED))  # without a choice
+JOBS = (*HOVERING, *(name for name, job in ARM_JOBS.items() if not job.asked))  # without a choice
 JOBS_ON_OBJECT = (*HOVERING, OBJECT)
 ALL_JOBS = (*HOVERING, *ARM_JOBS)
 

@@ -461,7 +461,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[A
     can give there, in words, where the job computes it.
     """
     way: list[Array] = []
-    said = ""
+    words = ""
     if isinstance(placed, PlacedSurfaceWork):
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
@@ -485,14 +485,14 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[A
         assert target.path is not None
         stand = planner.stand(target, target.path, current)
         bound = planner.bound(target, stand[1], stand[0])
-        said = f"; it can give {bound.most:.0f} N m ({bound.by})"
+        words = f"; it can give {bound.most:.0f} N m ({bound.by})"
     elif isinstance(placed, PlacedMove):
         planner = placed.planner()
         target = planner.with_path(_target(placed.X_WT, None))
         assert target.path is not None
         stand = planner.stand(target, target.path, current)
         pull, push = (planner.bound(stand[1], stand[0], sign) for sign in (1.0, -1.0))
-        said = f"; it can pull with {pull.most:.0f} N and push with {push.most:.0f} N"
+        words = f"; it can pull with {pull.most:.0f} N and push with {push.most:.0f} N"
     elif isinstance(placed, PlacedSampling):
         # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])
@@ -504,7 +504,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[A
     else:
         raise ConfigurationError(f"the check has no rule for tasks of {type(placed).__name__}")
 
-    return stand[0], float(stand[2]), way, said
+    return stand[0], float(stand[2]), way, words
 
 
 def _points(placed: PlacedSampling, B: Array) -> Array:

@@ -169,7 +169,6 @@ class PlacedMove(PlacedTask):
             self.job,
             JawShape.of(self.vehicle.model),
             X_WB_scan=self.X_WB,
-            mass=self.site.mass,
             water=water_density(self.vehicle.model),
             holding=ThrustMargin.of(self.vehicle.model),
         )

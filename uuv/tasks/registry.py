@@ -21,4 +21,6 @@ def registry() -> Registry[Task]:
         "GearIdentification": "uuv.tasks.gear_identification:GearIdentificationTask",
         "StationKeeping": "uuv.tasks.station_keeping:StationKeepingTask",
     }
+
+    # Those of other packages come with the registry.
     return Registry("task", kinds)

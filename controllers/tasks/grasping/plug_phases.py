@@ -39,16 +39,6 @@ class PullLimits:
     limp_time: float = 0.3  # [s] for so long
 
 
-@dataclass(slots=True)
-class PullState(JawPhaseState):
-    """State of `PullOut`."""
-
-    highest: float = 0.0  # [m] depth at the last gain, negative above the seat
-    gained: float = 0.0  # [s] time of it
-    limp_for: float = 0.0  # [s] for which the jaws have not pressed
-    most: float = 0.0  # [N] largest pull that was felt
-
-
 class PullOut(JawPhase):
     """Draw the plug out along its axis with a bounded pull, up to the stand-off."""
 
@@ -59,10 +49,10 @@ class PullOut(JawPhase):
         super().__init__(limits, push, jaws, force)
         self._pull = pull
 
-    def enter(self, held: Held, context: Context) -> PullState:
+    def enter(self, held: Held, context: Context) -> JawPhaseState:
         """Begin at the present depth."""
         self.begin(held)
-        return PullState(context.time, highest=held.depth, gained=context.time)
+        return JawPhaseState(context.time, highest=held.depth, gained=context.time)
 
     def go_on(
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
@@ -70,7 +60,6 @@ class PullOut(JawPhase):
         """Done at the stand-off; refused if the jaws lose the plug and a try is left; aborted if it
         is stuck.
         """
-        assert isinstance(state, PullState)
         limits = self._limits
         lost = self._slipped(held, jaws) or self._limp(state, held, context, jaws)
         if lost is not None:
@@ -94,7 +83,7 @@ class PullOut(JawPhase):
         held.note = f"the plug came out at {state.most:.0f} N"
         return PhaseEvent.DONE
 
-    def _stuck(self, state: PullState, held: Held, context: Context, pull: float) -> str:
+    def _stuck(self, state: JawPhaseState, held: Held, context: Context, pull: float) -> str:
         """Sentence if the plug stands against the set pull, or takes too long; else empty."""
         limits = self._pull
         if held.depth < state.highest - limits.gain:
@@ -113,7 +102,7 @@ class PullOut(JawPhase):
         return ""
 
     def _limp(
-        self, state: PullState, held: Held, context: Context, jaws: JawMeasurement
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
     ) -> Outcome:
         """The end of the phase if the jaws no longer press; refused if a try is left."""
         limits = self._pull

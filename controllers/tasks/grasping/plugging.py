@@ -186,7 +186,6 @@ class PlugMoving(TaskPlanner):
         jaws: JawShape,
         *,
         X_WB_scan: Array,
-        mass: float,
         water: float,
         holding: ThrustMargin,
         period: float = 0.01,
@@ -199,7 +198,6 @@ class PlugMoving(TaskPlanner):
             job: forces, speeds and limits.
             jaws: the gripper.
             X_WB_scan: (4, 4) hull pose in W from which the panel is scanned.
-            mass: [kg] of the plug.
             water: [kg/m^3] density of the water.
             holding: thrust margin of the hull.
             period: [s] of the planner.
@@ -218,7 +216,6 @@ class PlugMoving(TaskPlanner):
 
         self._panel = panel
         self._job = job
-        self._mass = mass
         self._displaced = water * panel.volume
         still = holding.without_friction()
         self._statics = ToolStatics(vehicle=vehicle, chain=worker.chain, holding=still)
@@ -313,7 +310,7 @@ class PlugMoving(TaskPlanner):
         center_W = transform_points(target.X_WT, self._panel.center)
         center_G = readonly(transform_points(inverse(X_WG), center_W))
         expected = HeldLoad(
-            mass=self._mass,
+            mass=self._panel.mass,
             displaced=self._displaced,
             center_G=center_G,
             buoyancy_G=center_G,
@@ -428,8 +425,8 @@ def _seat_rows(job: PlugJob) -> Iterable[tuple[str, TaskRow]]:
 
     way = {"slow": (-into.guard, into.touch_speed), "to": -into.entry}
     lower = AxialApproach(into.axial, outside, contact=rim, **way)
-    found = {PhaseEvent.DONE: "insert", PhaseEvent.TOUCHED: "search"}
-    yield "lower", TaskRow(with_plug(lower), states.WORK, found, AT_OBJECT)
+    lowered = {PhaseEvent.DONE: "insert", PhaseEvent.TOUCHED: "search"}
+    yield "lower", TaskRow(with_plug(lower), states.WORK, lowered, AT_OBJECT)
     spiral = SpiralSearch(into, outside)
     yield "search", TaskRow(with_plug(spiral), states.SEARCH, {_ENDS: "insert"}, AT_OBJECT)
     seated = {PhaseEvent.DONE: "let go", PhaseEvent.TOUCHED: "search"}

@@ -138,6 +138,7 @@ def assess_move(
     searched = float(recording.within(WorkState.SEARCH).sum() * recording.timestep)
     metrics = PlugMetrics(seat=seat, force=force, hull=hull, searched_s=searched, named_s=named)
 
+    # What is asked for.
     over = bounds.over
     checks = [
         Requirement("collar above its seat", seat.short_m, bounds.short, "mm", _MM),
@@ -150,6 +151,8 @@ def assess_move(
         Requirement("plug, tilt", seat.tilt_rad, None, "deg", _DEGREES),
     ]
     others: tuple[str, ...] = () if seat.seated else ("the plug is not seated",)
+
+    # A stuck plug has no seat, but a name.
     if truth.stuck:
         checks[:2] = [Requirement("stuck plug, time to its name", named, bounds.named, "s")]
         others = () if named is not None else ("the stuck plug was not named",)
@@ -161,9 +164,12 @@ def _seat(recording: "Recording", truth: TrueMove, bounds: PlugBounds) -> SeatMe
     if "p_WT" not in recording:
         return SeatMetrics(seated=False, short_m=None, aside_m=None, tilt_rad=None)
 
+    # The plug's frame is that of the panel, moved by the way between the receptacles.
     R_WT = rotation_from_quat_wxyz(recording["quat_WT_wxyz"].value[-1])
     moved = inverse(truth.X_WT) @ pose(R_WT, recording["p_WT"].value[-1])
     off = moved[:3, :3] @ truth.center_T + moved[:3, 3] - truth.center_T - truth.way_T
+
+    # Along the axis of the receptacle, and across it.
     short = float(off[2])
     aside = float(np.hypot(off[0], off[1]))
     tilt = float(np.arccos(np.clip(moved[2, 2], -1.0, 1.0)))
@@ -183,6 +189,7 @@ def _force(recording: "Recording", truth: TrueMove, felt: FeltPlug) -> PlugForce
             grip_max_n=None,
         )
 
+    # Across the axes of both receptacles, whose frames have z inwards.
     across = np.linalg.norm(np.stack([felt.first, felt.second])[:, :, :2], axis=2)
     return PlugForceMetrics(
         pull_set_n=truth.pull,
@@ -207,6 +214,8 @@ def _named(recording: "Recording", truth: TrueMove, felt: FeltPlug) -> float | N
     aborted = [e for e in recording.events if e.abort is AbortCode.STUCK]
     if not aborted or not len(felt.time):
         return None
+
+    # From the first moment at which it stands against most of the set pull.
     stands = -felt.first[:, 2] >= _STANDS * truth.pull
     stands &= felt.time <= aborted[0].time
     return float(aborted[0].time - felt.time[stands][0]) if stands.any() else None

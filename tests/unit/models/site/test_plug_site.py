@@ -47,7 +47,7 @@ def pulled(seat: Seat, way: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("friction", [12.0, 40.0])
 def test_the_seat_breaks_away_at_its_friction_and_the_sensor_reads_it(friction: float) -> None:
-    pull, force = pulled(Seat(friction=friction, mass=0.8), 0.012)
+    pull, force = pulled(Seat(friction=friction), 0.012)
     sliding = slice(len(pull) // 2, None)
     assert pull[sliding].mean() == pytest.approx(friction, rel=0.06)  # measured 2.8 %
     # All of the pull is on the receptacle, against its inward axis, but for the plug's inertia.
@@ -56,16 +56,16 @@ def test_the_seat_breaks_away_at_its_friction_and_the_sensor_reads_it(friction: 
 
 
 def test_a_plug_that_is_out_of_its_seat_is_free() -> None:
-    pull, _ = pulled(Seat(friction=20.0, mass=0.8), 0.05)
+    pull, _ = pulled(Seat(friction=20.0), 0.05)
     assert np.abs(pull[-50:]).max() < 0.5
 
 
 def test_a_stuck_plug_does_not_move() -> None:
-    pull, _ = pulled(Seat(friction=20.0, mass=0.8, stuck=True), 0.006)
+    pull, _ = pulled(Seat(friction=20.0, stuck=True), 0.006)
     assert pull[-1] > 100.0
 
 
 @pytest.mark.parametrize("friction", [0.0, -1.0, 1e4, float("nan")])
 def test_a_friction_that_cannot_be_is_refused(friction: float) -> None:
     with pytest.raises(ConfigurationError, match=r"panel: friction \[N\]"):
-        Seat(friction=friction, mass=0.8)
+        Seat(friction=friction)

@@ -22,7 +22,6 @@ from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.tool_statics import LoadBound
-from uuv.controllers.planning.turning import TurningAxis, TurningStatics
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from uuv.controllers.tasks.axial_phases import (
@@ -37,6 +36,7 @@ from uuv.controllers.tasks.axial_phases import (
     axial_monitors,
 )
 from uuv.controllers.tasks.grasping.turn_phases import Release, TurnHandle, TurnLimits, TurnPlan
+from uuv.controllers.tasks.grasping.turning_axis import TurningAxis, TurningStatics
 from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import TurnSettings

@@ -10,11 +10,11 @@ from uuv import jobs
 from uuv.assembly import assemble
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.placement import Placement
-from uuv.controllers.planning.turning import TurningAxis, TurningStatics
 from uuv.controllers.tasks.arrival import TareSensors
 from uuv.controllers.tasks.axial_phases import AxialLimits
 from uuv.controllers.tasks.grasping.turn_phases import TurnLimits, TurnPlan
 from uuv.controllers.tasks.grasping.turning import TurnJob, check_moment, rows_at_handle
+from uuv.controllers.tasks.grasping.turning_axis import TurningAxis, TurningStatics
 from uuv.controllers.tasks.phase import PhaseEvent, ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState
 from uuv.models.site.turned_valve import QUARTER, TurnedValve

@@ -29,6 +29,7 @@ READY_KEY = "ready"  # arm bent; initial posture of inverse kinematics
 # contacts of this geom count as work, all others as collisions
 TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"
 HANDLE = "handle"  # hinge of a valve's handle, and the sensor of the moment on it
+RECEPTACLE = "receptacle_"  # before the name: body, site and force sensor of a panel's receptacle
 GRIPPER = "gripper"  # motor of driven jaws, and the tendon of their opening
 # Suffixes of the tool's name, for geoms of a gripper or socket whose contacts count as work too.
 OTHER_PAD = "_right"

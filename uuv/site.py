@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from uuv.models.objects.manifold import Manifold as ManifoldBlock
     from uuv.models.objects.target_model import ModelPath
     from uuv.models.objects.targets import TargetModel
+    from uuv.models.site.plug_site import Seat
+    from uuv.models.site.plugged_panel import PluggedPanel
     from uuv.models.site.seabed import Seabed
     from uuv.models.site.turned_valve import TurnedValve
     from uuv.models.site.valve_site import HingeFriction
@@ -348,6 +350,40 @@ class HandValve(SiteObject):
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlugBoard(SiteObject):
+    """Panel with two receptacles, and a plug in one of them."""
+
+    start: Literal["a", "b"] = option("a", "Receptacle in which the plug is.")
+    friction: float = option(20.0, "Force at which the plug breaks away from its seat [N].")
+    mass: float = option(0.8, "Mass of the plug [kg], which the vehicle knows.")
+    clearance: float = option(
+        2e-3, "Radial clearance between plug and receptacle [mm].", unit=MILLIMETRE
+    )
+    stuck: bool = option(False, "The plug does not come out at all.")
+    debris: bool = option(False, "The other receptacle is filled with debris.")
+
+    def __post_init__(self) -> None:
+        self.seat()
+        self.shape()
+
+    def shape(self) -> "PluggedPanel":
+        """Panel and plug, as the vehicle knows them."""
+        from uuv.models.site.plugged_panel import PluggedPanel
+
+        return PluggedPanel(start=self.start, clearance=self.clearance, mass=self.mass)
+
+    def seat(self) -> "Seat":
+        """Friction of the receptacles, and what is wrong with them."""
+        from uuv.models.site.plug_site import Seat
+
+        return Seat(friction=self.friction, stuck=self.stuck, debris=self.debris)
+
+    def draw_pose(self, rng: np.random.Generator) -> Array:
+        """True pose: on the seabed, tilted by up to TILT."""
+        return HoleManifold().draw_pose(rng)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Ground(SiteObject):
     """Terrain of the seabed, drawn from the seed, and its soil."""
 
@@ -374,6 +410,7 @@ SITE_OBJECTS: Registry[SiteObject] = Registry(
         "KnownObject": KnownObject,
         "Manifold": HoleManifold,
         "HandValve": HandValve,
+        "PlugBoard": PlugBoard,
         "Ground": Ground,
         "OpenWater": OpenWater,
     },

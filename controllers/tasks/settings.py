@@ -109,6 +109,29 @@ class TurnSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlugSettings:
+    """Settings for a plug that is moved from one receptacle into another."""
+
+    grip: float = option(70.0, "Set grip force of each finger [N].", group="work")
+    pull: float = option(
+        40.0,
+        "Largest pull on the plug [N], at which the tool stands; the friction of its seat is "
+        "unknown.",
+        group="work",
+    )
+    push: float = option(
+        40.0, "Axial force [N] at which the advance into the receptacle stands.", group="work"
+    )
+    carry_speed: float = option(0.04, "Speed of the tool with the plug [m/s].", group="work")
+
+    def __post_init__(self) -> None:
+        finite_number(self.grip, "task.grip [N]", above=0.0, most=_MOST_FORCE)
+        finite_number(self.pull, "task.pull [N]", above=0.0, most=_MOST_FORCE)
+        finite_number(self.push, "task.push [N]", above=0.0, most=_MOST_FORCE)
+        finite_number(self.carry_speed, "task.carry_speed [m/s]", least=SLOWEST, most=FASTEST)
+
+
+@dataclass(frozen=True, kw_only=True)
 class InspectionSettings:
     """Settings of an inspection flight."""
 

@@ -14,7 +14,7 @@ from uuv.sim.evaluation import (
     metrics,
     seabed_metrics,
 )
-from uuv.sim.evaluation.handling import collect_metrics, turn_metrics
+from uuv.sim.evaluation.handling import collect_metrics, plug_metrics, turn_metrics
 
 FOLDER = Path(__file__).resolve().parents[1] / "schemas"
 GENERATED: Mapping[str, Callable[[], dict[str, Any]]] = {
@@ -25,6 +25,7 @@ GENERATED: Mapping[str, Callable[[], dict[str, Any]]] = {
     "friction": friction_metrics.schema,
     "collect": collect_metrics.schema,
     "turn": turn_metrics.schema,
+    "plug": plug_metrics.schema,
 }
 
 

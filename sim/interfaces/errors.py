@@ -89,6 +89,29 @@ class StrongCurrentError(ReachError):
     """
 
 
+class OverloadError(ConfigurationError):
+    """A set force or moment is more than the vehicle can give in any posture."""
+
+    def __init__(self, message: object = "", *, setting: str = "", most: float = 0.0) -> None:
+        """Keep the setting's name, and the largest value [N] or [N m] that is allowed."""
+        # Keywords have defaults: an exception from another process is made of its message first.
+        super().__init__(message)
+        self.setting = setting
+        self.most = most
+
+
+class OverloadHereError(ReachError):
+    """A set force or moment is more than joints or thrusters can give in the best posture there."""
+
+    def __init__(self, message: object = "", *, setting: str = "", most: float = 0.0) -> None:
+        """Keep the setting's name, and the largest value [N] or [N m] that they can give."""
+        # As above.
+        super().__init__(message)
+
+        self.setting = setting
+        self.most = most
+
+
 class PhysicsWarning(UserWarning):
     """The simulation runs, but the model looks implausible or has left the range that it is valid
     in.

@@ -9,6 +9,7 @@ import numpy as np
 from uuv.models.naming import HANDLE
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.jaw_drive import TrueJaws
+from uuv.sim.plant.true_receptacles import TrueReceptacles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,8 +59,11 @@ class Mechanisms:
 
     jaws: TrueJaws  # of a gripper
     handle: TrueHandle  # of a valve
+    receptacles: TrueReceptacles  # of a panel
 
     @classmethod
     def of(cls, data: mujoco.MjData) -> Self:
         """The views of one simulation."""
-        return cls(jaws=TrueJaws.of(data), handle=TrueHandle.of(data))
+        return cls(
+            jaws=TrueJaws.of(data), handle=TrueHandle.of(data), receptacles=TrueReceptacles.of(data)
+        )

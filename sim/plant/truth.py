@@ -14,6 +14,7 @@ from uuv.sim.plant.jaw_drive import TrueJaws
 from uuv.sim.plant.readout import FORCE
 from uuv.sim.plant.thrusters import Drive
 from uuv.sim.plant.true_handle import Mechanisms, TrueHandle
+from uuv.sim.plant.true_receptacles import TrueReceptacles
 
 
 class Truth:
@@ -78,7 +79,7 @@ class Truth:
     thrust: Array  # (m,) [N] in the last physics step
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
-    mechanisms: Mechanisms  # jaws of a gripper, and handle of a valve at the site
+    mechanisms: Mechanisms  # jaws of a gripper; handle of a valve, receptacles of a panel
     # (6,) [N, N m] wrench of the arm on the hull, at the hull's origin; NaN if the plant does not
     # measure it
     arm_wrench_B: Array
@@ -103,6 +104,11 @@ class Truth:
     def handle(self) -> TrueHandle:
         """Handle of a valve at the site."""
         return self.mechanisms.handle
+
+    @property
+    def receptacles(self) -> TrueReceptacles:
+        """Receptacles of a panel at the site."""
+        return self.mechanisms.receptacles
 
     @property
     def armature(self) -> Array:

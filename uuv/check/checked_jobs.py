@@ -14,7 +14,9 @@ from uuv.jobs import (
     clean_pile,
     collect,
     insert_sampler,
+    move_plug,
     sample_seabed,
+    turn_valve,
 )
 from uuv.sim.interfaces.errors import ConfigurationError, did_you_mean
 from uuv.tasks.surface_work import TAP_FORCE, TAPPED
@@ -33,6 +35,9 @@ class CheckedJob:
     job: Job
     options: Mapping[str, Any] = field(default_factory=dict)
     changed: "Callable[[Scenario], Scenario] | None" = None  # sets a task that no job has
+    asked: bool = False  # it is checked only if it is asked for
+    # options of the job that mean something else than that of the check
+    other: Collection[str] = ()
 
     def __call__(self, **options: Any) -> "Scenario":
         """The scenario with further options of the job."""
@@ -40,8 +45,8 @@ class CheckedJob:
         return scenario if self.changed is None else self.changed(scenario)
 
     def takes(self, word: str) -> bool:
-        """True if the job has an option of that name."""
-        return word in self.job.options()
+        """True if the job has an option of that name and meaning."""
+        return word not in self.other and word in self.job.options()
 
     @property
     def brings_tool(self) -> bool:
@@ -70,22 +75,27 @@ def _tapping(scenario: "Scenario") -> "Scenario":
     return replace(scenario, task=TappingTask(path=task.path, forces=task.forces, range=task.range))
 
 
+_ANGULAR = ("speed",)  # of the handle [rad/s], not of the tool along a path
 ARM_JOBS = {
     "barrel-longitudinal": CheckedJob(job=clean_barrel),
     "barrel-transverse": CheckedJob(job=clean_barrel, options={"path": "transverse"}),
     "pile": CheckedJob(job=clean_pile),
-    "object": CheckedJob(job=clean_object),
+    "object": CheckedJob(job=clean_object, asked=True),
     "tap": CheckedJob(
         job=clean_barrel, options={"length": TAPPED[-1], "forces": (TAP_FORCE,)}, changed=_tapping
     ),
     "insertion": CheckedJob(job=insert_sampler),
     "seabed-core": CheckedJob(job=sample_seabed),
-    "collect": CheckedJob(job=collect),
+    "collect": CheckedJob(job=collect, asked=True),
+    "turn-valve": CheckedJob(job=turn_valve, asked=True, other=_ANGULAR),
+    "turn-valve-bar": CheckedJob(
+        job=turn_valve, options={"handle": "bar"}, asked=True, other=_ANGULAR
+    ),
+    "move-plug": CheckedJob(job=move_plug, asked=True),
 }
 OBJECT = "object"  # the job on an object of the user's choice
-ASKED = (OBJECT, "collect")  # jobs that are checked only if they are asked for
 HOVERING = {"hover": (0.0, 0.0, 0.0), "hover-current": CURRENT}
-JOBS = (*HOVERING, *(name for name in ARM_JOBS if name not in ASKED))  # without a choice
+JOBS = (*HOVERING, *(name for name, job in ARM_JOBS.items() if not job.asked))  # without a choice
 JOBS_ON_OBJECT = (*HOVERING, OBJECT)
 ALL_JOBS = (*HOVERING, *ARM_JOBS)
 

@@ -38,14 +38,23 @@ from uuv.perception.seabed.terrain_path import core_path
 from uuv.perception.toolpath.path_planner import path_on_model
 from uuv.scenario import PlacedTask, Scenario
 from uuv.sim import hydrodynamics
-from uuv.sim.interfaces.errors import ConfigurationError, ReachError, StrongCurrentError, UuvError
+from uuv.sim.interfaces.errors import (
+    ConfigurationError,
+    OverloadError,
+    OverloadHereError,
+    ReachError,
+    StrongCurrentError,
+    UuvError,
+)
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array, transform_points
 from uuv.tasks.collecting import PlacedCollection
 from uuv.tasks.insertion import PlacedInsertion
+from uuv.tasks.plugging import MovePlugTask, PlacedMove
 from uuv.tasks.seabed_sampling import PlacedSampling, sonar_on_hull
 from uuv.tasks.start_place import RunStreams, clearance, folded_at, start_pose, start_refusal
 from uuv.tasks.surface_work import PlacedSurfaceWork
+from uuv.tasks.turning import PlacedTurn, TurnValveTask
 
 PROMISED = 0.95  # share of the drawn poses from which on a job is promised
 FEW = 5  # poses that a refusal takes at least, and at which another option is tried
@@ -143,6 +152,13 @@ class ArmJobs:
             return refused(name, "parts", f"lacks {', '.join(lacking)}{hint}")
 
         believed = OwnVehicle.of(spec, task.spares)
+        joints = len(believed.vehicle.joints)
+        if joints < FULL and isinstance(task, MovePlugTask | TurnValveTask):
+            message = (
+                f"what the tool holds fixes its axes against the hull's drift: an arm of {joints} "
+                f"joints cannot follow, at least {FULL} are needed"
+            )
+            return refused(name, "joints", message, float(joints))
         if (weak := ReadyForce.of(scenario, believed).refusal(BEYOND)) is not None:
             return refused(name, *weak)
         if (hidden := _view(name, scenario, blocked)) is not None:
@@ -280,7 +296,10 @@ def _planned(
         swing: [m] by which its points move while it settles.
     """
     rng = np.random.default_rng(scenario.seed)
-    placed = scenario.task.place(scenario, believed, rng)
+    try:
+        placed = scenario.task.place(scenario, believed, rng)
+    except OverloadError as error:
+        return refused(name, error.setting, str(error), error.most)
     scene = placed.scene(spec.copy()).compile()
     if (lies := _start(scene, placed, RunStreams.of(rng).start, swing)) is not None:
         return refused(name, "start", *lies)
@@ -289,9 +308,11 @@ def _planned(
     speed = float(np.linalg.norm(current))
 
     try:
-        placement, share, way = _stand(placed, current)
+        placement, share, way, bound = _stand(placed, current)
     except StrongCurrentError as error:
         return refused(name, "current", str(error), speed)
+    except OverloadHereError as error:
+        return refused(name, error.setting, str(error), error.most)
     except ReachError as error:
         if (weak := ReadyForce.of(scenario, believed).refusal()) is not None:
             return refused(name, *weak)
@@ -318,7 +339,7 @@ def _planned(
         promised=True,
         code="ok",
         said=f"margin {placement.margin:.2f} (1 is ample, 0 at a limit) at "
-        f"{push_of(scenario):.0f} N in {speed:.2f} m/s{part}"
+        f"{push_of(scenario):.0f} N in {speed:.2f} m/s{part}{bound}"
         + _touching(believed, placement.q_start)
         + ("" if listing is None else f"; {listing.in_words()}"),
         figure=placement.margin,
@@ -434,11 +455,13 @@ def _short(message: str) -> str:
     return f"at best {share}% of the path is within reach{why}" if marker else message
 
 
-def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[Array]]:
-    """Best hull pose, share of the path worked from it, and the hull's way to the pose at which the
-    arm unfolds: poses (4, 4) from the scan on; empty without an object.
+def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[Array], str]:
+    """Best hull pose, share of the path worked from it, the hull's way to the pose at which the
+    arm unfolds: poses (4, 4) from the scan on, empty without an object, and what arm and thrusters
+    can give there, in words, where the job computes it.
     """
     way: list[Array] = []
+    words = ""
     if isinstance(placed, PlacedSurfaceWork):
         X_WT = placed.truth.X_WT
         path = path_on_model(X_WT, placed.target.path(placed.truth.path), spacing=PATH_SPACING)
@@ -456,6 +479,20 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[A
         planner = placed.planner()
         path = straight_down(placed.X_WT, placed.choice)
         stand = planner.stand(_target(placed.X_WT, path), path, current)
+    elif isinstance(placed, PlacedTurn):
+        planner = placed.planner()
+        target = planner.with_path(_target(placed.X_WT, None))
+        assert target.path is not None
+        stand = planner.stand(target, target.path, current)
+        bound = planner.bound(target, stand[1], stand[0])
+        words = f"; it can give {bound.most:.0f} N m ({bound.by})"
+    elif isinstance(placed, PlacedMove):
+        planner = placed.planner()
+        target = planner.with_path(_target(placed.X_WT, None))
+        assert target.path is not None
+        stand = planner.stand(target, target.path, current)
+        pull, push = (planner.bound(stand[1], stand[0], sign) for sign in (1.0, -1.0))
+        words = f"; it can pull with {pull.most:.0f} N and push with {push.most:.0f} N"
     elif isinstance(placed, PlacedSampling):
         # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])
@@ -467,7 +504,7 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[A
     else:
         raise ConfigurationError(f"the check has no rule for tasks of {type(placed).__name__}")
 
-    return stand[0], float(stand[2]), way
+    return stand[0], float(stand[2]), way, words
 
 
 def _points(placed: PlacedSampling, B: Array) -> Array:
@@ -479,6 +516,6 @@ def _points(placed: PlacedSampling, B: Array) -> Array:
     return np.column_stack([xy, z])[np.isfinite(z)]
 
 
-def _target(X_WT: Array, path: ToolPath) -> Target:
+def _target(X_WT: Array, path: ToolPath | None) -> Target:
     at = float(np.linalg.norm(transform_points(X_WT, np.zeros(3))))
     return Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=at, reason="", path=path)

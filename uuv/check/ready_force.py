@@ -12,8 +12,10 @@ from uuv.models.naming import TOOL_GEOM
 from uuv.own_vehicle import OwnVehicle
 from uuv.scenario import Scenario
 from uuv.tasks.collecting import CollectTask
+from uuv.tasks.plugging import MovePlugTask
 from uuv.tasks.seabed_sampling import SeabedSamplingTask
 from uuv.tasks.surface_work import SurfaceWorkTask
+from uuv.tasks.turning import TurnValveTask
 
 VIEW = 0.5  # share of the camera's view that may be on the vehicle itself
 # ratio of a job's push to the capacity in `ready`, above which no other posture is tried
@@ -70,7 +72,9 @@ class ReadyForce:
 
 
 def push_of(scenario: Scenario) -> float:
-    """Largest set force [N] of a job, or the load that it lifts."""
+    """Largest set force [N] of a job, or the load that it lifts; of a turn, along the
+    tool.
+    """
     task = scenario.task
     if isinstance(task, SurfaceWorkTask):
         return max(task.forces)
@@ -78,6 +82,12 @@ def push_of(scenario: Scenario) -> float:
         return task.push
     if isinstance(task, CollectTask):
         return task.load
+    if isinstance(task, MovePlugTask):
+        return max(task.pull, task.push)
+    if isinstance(task, TurnValveTask):
+        from uuv.controllers.tasks.grasping.turning import TurnJob
+
+        return TurnJob().push
     from uuv.controllers.tasks.insertion import InsertionJob
 
     return InsertionJob().force

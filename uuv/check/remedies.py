@@ -12,6 +12,9 @@ from uuv.scenario import Scenario
 _WORDS: Mapping[str, tuple[str, ...]] = {
     "force": ("forces", "load"),
     "thrust": ("forces", "load"),
+    "moment": ("moment",),
+    "pull": ("pull",),
+    "push": ("push",),
     "list": ("forces", "current"),
     "margin": ("forces", "current", "length"),
     "reach": ("length", "arc", "forces", "load"),
@@ -69,6 +72,10 @@ def _values(word: str, scenario: Scenario) -> Iterator[Any]:
 
         case "load":
             yield from (float(f"{share * push_of(scenario):.2g}") for share in _SHARES)
+
+        # Of what is set, of two digits.
+        case "moment" | "pull" | "push":
+            yield from (float(f"{share * getattr(scenario.task, word):.2g}") for share in _SHARES)
 
         # Still water too.
         case "current" if any(site.current):

@@ -221,6 +221,24 @@ def turn_valve(
 
 
 @job
+def move_plug(*, quick: bool = False) -> "Scenario":
+    """Move a plug out of one receptacle of a panel into the other.
+
+    Args:
+        quick: A faster way between the receptacles.
+    """
+    from uuv.scenario import Scenario
+    from uuv.site import PlugBoard, Site
+    from uuv.tasks.plugging import MovePlugTask
+
+    return Scenario(
+        name="move_plug",
+        site=Site(object=PlugBoard()),
+        task=MovePlugTask(carry_speed=0.08) if quick else MovePlugTask(),
+    )
+
+
+@job
 def inspect_object(*, quick: bool = False) -> "Scenario":
     """Fly around a known object, once or until it is covered.
 

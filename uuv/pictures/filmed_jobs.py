@@ -104,6 +104,13 @@ FILMED = (
         figures=("handle angle, error", "moment, mean", "moment, RMS error", "hull excursion"),
         begin=WorkState.APPROACH,
     ),
+    FilmedJob(
+        name="move_plug",
+        about="a plug out of one receptacle, into the other",
+        command="move-plug --quick",
+        figures=("collar above its seat", "side force, peak", "pull, peak", "hull excursion"),
+        begin=WorkState.APPROACH,
+    ),
     # Without contact.
     FilmedJob(
         name="inspect_object",

@@ -86,7 +86,7 @@ class InsertionTask(InsertionSettings, Task):
 
         return PlacedInsertion(
             scenario=scenario,
-            own=own,
+            vehicle=own,
             task=self,
             target=block.target,
             bore=bore,
@@ -105,7 +105,7 @@ class PlacedInsertion(PlacedTask):
 
     begun: ClassVar[tuple[WorkState, ...]] = AT_THE_HOLE
     scenario: Scenario
-    own: "OwnVehicle"
+    vehicle: "OwnVehicle"
     task: InsertionTask
     target: TargetModel
     bore: Hole
@@ -122,7 +122,7 @@ class PlacedInsertion(PlacedTask):
     @property
     def X_WB(self) -> Array:
         """Scan pose of the hull."""
-        return scan_pose(self.own.X_BC, self.approach_W, self.task.range)
+        return scan_pose(self.vehicle.X_BC, self.approach_W, self.task.range)
 
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds the manifold and flat seabed."""
@@ -132,7 +132,7 @@ class PlacedInsertion(PlacedTask):
         """The depth camera."""
         from uuv.sim.sensors.depth_camera import DepthCamera
 
-        return [DepthCamera(model, HULL_BODY, self.own.X_BC)], None
+        return [DepthCamera(model, HULL_BODY, self.vehicle.X_BC)], None
 
     def finder(self, sensor: "SensorModel | None", seed: int) -> "KnownObjectFinder":
         """Finder of the manifold."""
@@ -145,7 +145,7 @@ class PlacedInsertion(PlacedTask):
         """Planner of the insertion."""
         from uuv.controllers.tasks import insertion
 
-        believed = self.own
+        believed = self.vehicle
         task = self.task
         bore = self.bore
         aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*task.error, 0.0])

@@ -16,8 +16,11 @@ def registry() -> Registry[Task]:
         "Inspection": "uuv.tasks.inspection:InspectionTask",
         "Collect": "uuv.tasks.collecting:CollectTask",
         "TurnValve": "uuv.tasks.turning:TurnValveTask",
+        "MovePlug": "uuv.tasks.plugging:MovePlugTask",
         "SeabedSampling": "uuv.tasks.seabed_sampling:SeabedSamplingTask",
         "GearIdentification": "uuv.tasks.gear_identification:GearIdentificationTask",
         "StationKeeping": "uuv.tasks.station_keeping:StationKeepingTask",
     }
+
+    # Those of other packages come with the registry.
     return Registry("task", kinds)

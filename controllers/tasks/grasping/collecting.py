@@ -24,6 +24,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -133,25 +134,33 @@ def check_grip(job: CollectJob, jaws: JawShape) -> None:
     Raises:
         ConfigurationError: with the figures.
     """
-    if job.grip > jaws.force:
-        raise ConfigurationError(
-            f"task.grip [N]: the jaws give at most {jaws.force:g}, got {job.grip:g}"
-        )
-
-    # Free jaws must move faster than jaws that have stopped at something.
-    least = jaws.loss + 0.5 * jaws.damping * 2.0 * job.jaws.still
-    if job.grip < least:
-        raise ConfigurationError(
-            f"task.grip [N]: at least {least:.1f}, or the jaws close too slowly for their "
-            f"stop to be detected, got {job.grip:g}"
-        )
-
+    check_motor(job.grip, jaws, job.jaws)
     held = 2.0 * jaws.friction * job.grip
     if job.load > FRICTION_USED * held:
         least = job.load / (2.0 * jaws.friction * FRICTION_USED)
         raise ConfigurationError(
             f"task.load {job.load:g} N: friction holds {held:.0f} N at task.grip {job.grip:g} N, "
             f"of which {FRICTION_USED:.0%} may be used; that needs a grip of {least:.0f} N or more"
+        )
+
+
+def check_motor(grip: float, jaws: JawShape, limits: JawLimits) -> None:
+    """Refuse a grip [N] that the jaws cannot give, or with which their stop is not detected.
+
+    Raises:
+        ConfigurationError: with the figures.
+    """
+    if grip > jaws.force:
+        raise ConfigurationError(
+            f"task.grip [N]: the jaws give at most {jaws.force:g}, got {grip:g}"
+        )
+
+    # Free jaws must move faster than jaws that have stopped at something.
+    least = jaws.loss + 0.5 * jaws.damping * 2.0 * limits.still
+    if grip < least:
+        raise ConfigurationError(
+            f"task.grip [N]: at least {least:.1f}, or the jaws close too slowly for their "
+            f"stop to be detected, got {grip:g}"
         )
 
 
@@ -226,7 +235,7 @@ class Collecting(TaskPlanner):
         rows = collect_rows(site, limits, job, self._take, choice.jaws.force)
         super().__init__(
             rows,
-            collect_monitors(job, limits),
+            jaw_monitors(job, limits, too_long="the object was not gripped"),
             X_WB=X_WB_scan,
             q=vehicle.vehicle.q_home,
             period=period,
@@ -275,7 +284,7 @@ class Collecting(TaskPlanner):
 
         failure: ReachError | None = None
         for _, carried in self.grasps(target):
-            for turned in (carried, _half_turn(carried)):
+            for turned in (carried, half_turn(carried)):
                 try:
                     placement, worked, share = standing(target, turned, current_W)
                 except ReachError as error:
@@ -331,28 +340,62 @@ def straight_down(X_WT: Array, choice: GraspChoice) -> ToolPath:
     return carry_path(at, p + np.array([0.01, 0.0, 0.0]))
 
 
-def _half_turn(path: ToolPath) -> ToolPath:
+def half_turn(path: ToolPath) -> ToolPath:
     """The same path with the tool turned by half about its axis: the fingers change places."""
     return replace(path, x=readonly(-path.x))
 
 
-def collect_monitors(job: CollectJob, limits: ArrivalLimits) -> tuple[Monitor, ...]:
-    """Monitors of a collection: those of axial work, and of the object in the jaws."""
+class JawJob(Protocol):
+    """What the ways of a job with jaws have in common."""
+
+    @property
+    def grip(self) -> float:
+        """Set force [N] of each finger."""
+        ...
+
+    @property
+    def axial(self) -> AxialLimits:
+        """Limits of the tool's motion."""
+        ...
+
+    @property
+    def jaws(self) -> JawLimits:
+        """Limits of the jaws."""
+        ...
+
+    @property
+    def escape(self) -> EscapeLimits:
+        """Limits of the ascent."""
+        ...
+
+
+def jaw_monitors(
+    job: JawJob,
+    limits: ArrivalLimits,
+    *,
+    too_long: str,
+    at_object: frozenset[WorkState] = IN_CONTACT,
+) -> tuple[Monitor, ...]:
+    """Monitors of work with jaws: those of axial work, and of the object in the jaws.
+
+    Args:
+        job: forces and limits.
+        limits: of the way to the stand-off.
+        too_long: first words of the sentence for too long a way in.
+        at_object: states in which faults are watched besides the way to the stand-off.
+    """
     of_tool = axial_monitors(
-        job.axial,
-        lost_place=limits.lost_place,
-        blind_time=limits.blind_time,
-        too_long="the object was not gripped",
+        job.axial, lost_place=limits.lost_place, blind_time=limits.blind_time, too_long=too_long
     )
     # Faults, also with the jaws at the object.
-    at_object = fault_monitors(limits.blind_time, IN_CONTACT)
+    faults = fault_monitors(limits.blind_time, at_object)
     leaving = frozenset({WorkState.RETREAT, WorkState.WITHDRAW, WorkState.DONE})
     urgent = [
         replace(monitor, during=leaving)
-        for monitor in at_object
+        for monitor in faults
         if monitor.reaction not in (Reaction.PAUSE, Reaction.RETREAT)
     ]
-    return (*of_tool, *at_object, *urgent, *drop_monitors(job.jaws))
+    return (*of_tool, *faults, *urgent, *drop_monitors(job.jaws))
 
 
 def drop_monitors(jaws: JawLimits) -> tuple[Monitor, ...]:
@@ -457,11 +500,11 @@ def rows_at_object(
     yield "let go", TaskRow(jaws(loaded), states.RETREAT, {ENDS: "withdraw"}, LEAVE)
     yield "free", TaskRow(LetGo(*gripped), states.RETREAT, {ENDS: "withdraw"}, LEAVE)
 
-    yield from _departure_rows(job, loaded, q_home, limits or ArrivalLimits())
+    yield from departure_rows(job, loaded, q_home, limits or ArrivalLimits())
 
 
-def _departure_rows(
-    job: CollectJob, push: Push, q_home: Array, limits: ArrivalLimits
+def departure_rows(
+    job: JawJob, push: Push, q_home: Array, limits: ArrivalLimits
 ) -> Iterable[tuple[str, TaskRow]]:
     """Rows of the ways off the object, each with what hangs free in the jaws."""
     axial = job.axial

@@ -112,6 +112,11 @@ class JawPhaseState:
     count: int = 0  # of them
     load: HeldLoad | None = None  # that was identified
     known_at: float = math.nan  # [s] when it was
+    # of a pull out of a receptacle
+    highest: float = 0.0  # [m] depth at the last gain, negative above the seat
+    gained: float = 0.0  # [s] time of it
+    limp_for: float = 0.0  # [s] for which the jaws have not pressed
+    most: float = 0.0  # [N] largest pull that was felt
 
 
 class JawPhase(AxialPhase, ABC):

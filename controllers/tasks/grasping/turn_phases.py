@@ -21,9 +21,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uuv.controllers.estimation.force_from_torques import tip_wrench
-from uuv.controllers.planning.turning import TurningAxis
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.axial_phases import AxialLimits, AxialPhase, Push
+from uuv.controllers.tasks.grasping.turning_axis import TurningAxis
 from uuv.controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint, towards
 from uuv.models.site.turned_valve import QUARTER
 from uuv.sim.interfaces.messages import AbortCode, HandleReading

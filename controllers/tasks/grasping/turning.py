@@ -21,7 +21,7 @@ from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import Placement
-from uuv.controllers.planning.turning import MomentBound, TurningAxis, TurningStatics
+from uuv.controllers.planning.tool_statics import LoadBound
 from uuv.controllers.planning.work_vehicle import WorkVehicle
 from uuv.controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from uuv.controllers.tasks.axial_phases import (
@@ -36,12 +36,18 @@ from uuv.controllers.tasks.axial_phases import (
     axial_monitors,
 )
 from uuv.controllers.tasks.grasping.turn_phases import Release, TurnHandle, TurnLimits, TurnPlan
+from uuv.controllers.tasks.grasping.turning_axis import TurningAxis, TurningStatics
 from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import Context, Decide, Held, PhaseEvent
 from uuv.controllers.tasks.settings import TurnSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.site.turned_valve import QUARTER, TurnedValve
-from uuv.sim.interfaces.errors import ConfigurationError, ReachError
+from uuv.sim.interfaces.errors import (
+    ConfigurationError,
+    OverloadError,
+    OverloadHereError,
+    ReachError,
+)
 from uuv.sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array, readonly, transform_points
 
@@ -84,7 +90,7 @@ def check_moment(job: TurnJob, valve: TurnedValve, wrist: float) -> None:
         wrist: [N m] torque limit of the last joint.
 
     Raises:
-        ConfigurationError: with the bound.
+        OverloadError: with the bound.
     """
     if valve.lever:
         most = WATCHED * job.axial.force_limit * valve.lever
@@ -94,8 +100,10 @@ def check_moment(job: TurnJob, valve: TurnedValve, wrist: float) -> None:
         by = f"{_WRIST:.0%} of the last joint's {wrist:g} N m"
 
     if job.moment > most:
-        raise ConfigurationError(
-            f"task.moment [N m]: at most {most:.1f} here, {by}, got {job.moment:g}"
+        raise OverloadError(
+            f"task.moment [N m]: at most {most:.1f} here, {by}, got {job.moment:g}",
+            setting="moment",
+            most=most,
         )
 
 
@@ -189,8 +197,8 @@ class ValveTurning(TaskPlanner):
         last = QUARTER + self._play + self._job.spare
         return replace(target, path=self.axis(target.X_WT).path(0.0, last))
 
-    def bound(self, target: Target, path: ToolPath, placement: Placement) -> MomentBound:
-        """Largest moment along the path from a placement."""
+    def bound(self, target: Target, path: ToolPath, placement: Placement) -> LoadBound:
+        """Largest moment [N m] along the path from a placement."""
         return self._statics.bound(self.axis(target.X_WT), path, placement)
 
     def _stand(
@@ -215,11 +223,13 @@ class ValveTurning(TaskPlanner):
                 continue
 
             bound = self.bound(target, worked, placement)
-            if bound.moment >= self._job.moment:
+            if bound.most >= self._job.moment:
                 return placement, worked, share
-            failure = ReachError(
+            failure = OverloadHereError(
                 f"the set moment of {self._job.moment:.1f} N m is above the bound of "
-                f"{bound.moment:.1f} N m here, by {bound.by}"
+                f"{bound.most:.1f} N m here, by {bound.by}",
+                setting="moment",
+                most=bound.most,
             )
         raise failure or ReachError("there is no place to turn the handle from")
 

@@ -27,6 +27,7 @@ NOT_COUNTED = {
 LATER = {"your_tools", "udp", "thrusters", "own_tool", "vehicle_files", "pictures"} | {
     "own_grasp",
     "turn_valve",
+    "move_plug",
     "calibrate_arm",
     "change_water",
     "data_out",

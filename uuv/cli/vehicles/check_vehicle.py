@@ -56,7 +56,8 @@ class CheckOptions:
     """Battery of this voltage [V] for thrusters with tables of their current; default: their
     voltage is constant."""
     jobs: tuple[str, ...] = ()
-    """Jobs for which a verdict is wanted; default: all but `object`."""
+    """Jobs for which a verdict is wanted; default: all but `object`, and those that hold an object
+    or a handle."""
     json: bool = False
     """Print the check as JSON."""
 

@@ -10,11 +10,11 @@ from uuv import jobs
 from uuv.assembly import assemble
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.placement import Placement
-from uuv.controllers.planning.turning import TurningAxis, TurningStatics
 from uuv.controllers.tasks.arrival import TareSensors
 from uuv.controllers.tasks.axial_phases import AxialLimits
 from uuv.controllers.tasks.grasping.turn_phases import TurnLimits, TurnPlan
 from uuv.controllers.tasks.grasping.turning import TurnJob, check_moment, rows_at_handle
+from uuv.controllers.tasks.grasping.turning_axis import TurningAxis, TurningStatics
 from uuv.controllers.tasks.phase import PhaseEvent, ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState
 from uuv.models.site.turned_valve import QUARTER, TurnedValve
@@ -194,7 +194,7 @@ def test_the_bound_falls_with_the_joint_that_bears_the_moment_and_the_job_is_ref
     assert target.path is not None
     placement, path, _ = planner.stand(target, target.path, np.zeros(3))
     whole = planner.bound(target, path, placement)
-    assert whole.moment >= placed.task.moment
+    assert whole.most >= placed.task.moment
 
     # Half of the torque of the joint that bounds it, half of the moment, but for the arm's weight.
     vehicle = placed.vehicle.vehicle
@@ -207,7 +207,7 @@ def test_the_bound_falls_with_the_joint_that_bears_the_moment_and_the_job_is_ref
     )
     half = weak.bound(planner.axis(placed.X_WT), path, placement)
     assert half.by == whole.by
-    assert half.moment == pytest.approx(0.5 * whole.moment, rel=0.1)
+    assert half.most == pytest.approx(0.5 * whole.most, rel=0.1)
 
     planner._statics = weak
     with pytest.raises(ReachError, match=r"30.0 N m is above the bound of \d+.\d N m here, by"):

@@ -9,6 +9,11 @@ with its impedance d, its inverse weight A [1/kg] and the time constant of frict
 documentation, Computation). `impratio` is therefore computed here, of the creep that is allowed.
 Pyramidal cones couple friction to the normal direction instead; with an impratio of 1, MuJoCo's
 own, they drop the object.
+
+MuJoCo's solver ends when an iteration improves the cost of the whole model, over its mean inertia,
+by less than a tolerance. A body that is much lighter than hull and motors may then still be out of
+balance: between jaws it leaps, and meets them with more than their force. `tolerance_for` follows
+from the mass of the body.
 """
 
 import math
@@ -27,6 +32,7 @@ if TYPE_CHECKING:
 
 STIFFNESS = 1e5  # [N/m] of a pad at one contact point
 CREEP = 1e-4  # [m/s] at most, under the largest load that friction bears
+ERROR = 1e-6  # [m/s] of the held body in one step, for which the solver goes on
 STEPS = 5.0  # time constant over the timestep; a shorter one hits harder what the jaws close on
 _LEAST = 0.9  # impedance of a contact, as MuJoCo's own
 _MOST = 0.9999  # MuJoCo takes none above it
@@ -81,8 +87,9 @@ def let_gripper_hold(
     """Set separate contact parameters between the pads of a scene's gripper and the body that they
     grip.
 
-    The scene gets elliptic cones and at least the `impratio` that this contact needs, which holds
-    for its other contacts too: to be called where something is gripped only. Weights are those
+    The scene gets elliptic cones, at least the `impratio` that this contact needs, which holds for
+    its other contacts too, and a tighter tolerance of the solver: to be called where something is
+    gripped only. Weights are those
     without added mass, with which the contact is a little stiffer and creeps less.
 
     Args:
@@ -126,6 +133,22 @@ def let_gripper_hold(
     elliptic = option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = max(impratio, option.impratio) if elliptic else impratio
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.tolerance = min(option.tolerance, tolerance_for(model, body))
+
+
+def tolerance_for(model: "mujoco.MjModel", body: str) -> float:
+    """Tolerance of the solver at which a body's speed is right to `ERROR` in one step.
+
+    The cost of an acceleration a that is wrong is m a^2 / 2, over the mean inertia and the number
+    of degrees of freedom (MuJoCo documentation, Computation).
+
+    Args:
+        model: compiled scene.
+        body: name of the body.
+    """
+    wrong = ERROR / float(model.opt.timestep)
+    cost = 0.5 * float(model.body_mass[model.body(body).id]) * wrong**2
+    return cost / (float(model.stat.meaninertia) * model.nv)
 
 
 def _check_timestep(model: "mujoco.MjModel") -> None:

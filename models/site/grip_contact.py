@@ -12,8 +12,8 @@ own, they drop the object.
 
 MuJoCo's solver ends when an iteration improves the cost of the whole model, over its mean inertia,
 by less than a tolerance. A body that is much lighter than hull and motors may then still be out of
-balance: between jaws it leaps, and meets them with more than their force. The tolerance is therefore
-computed of the mass of the body.
+balance: between jaws it leaps, and meets them with more than their force. So the tolerance follows
+from the mass of the body.
 """
 
 import math

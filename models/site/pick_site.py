@@ -110,9 +110,7 @@ def add_loose(
     return body
 
 
-def loose_water(
-    target: TargetModel, loose: LooseObject, density: float
-) -> "BodyHydrodynamics":
+def loose_water(target: TargetModel, loose: LooseObject, density: float) -> "BodyHydrodynamics":
     """Hydrodynamics of a loose object: of an ellipsoid in its box, with its own volume.
 
     Args:

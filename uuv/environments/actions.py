@@ -25,13 +25,7 @@ from uuv.models.water.thrusters import curves
 from uuv.own_vehicle import OwnVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels.control import Inputs, commanded
-from uuv.sim.interfaces.messages import (
-    Command,
-    JawSetpoint,
-    Reference,
-    StateEstimate,
-    WorkState,
-)
+from uuv.sim.interfaces.messages import Command, JawSetpoint, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import Array, fitting, log_so3, shown
 from uuv.sim.plant.arm_hold import ArmHold
 from uuv.sim.plant.truth import Truth

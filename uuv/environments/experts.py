@@ -245,10 +245,7 @@ class WorkExpert:
     """
 
     def __init__(
-        self,
-        task: ContactTask | HandTask,
-        actions: ToolTwist,
-        rows: Iterable[tuple[str, TaskRow]],
+        self, task: ContactTask | HandTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]
     ) -> None:
         """Set up for a task with the tool's motion as action."""
         self._task = task

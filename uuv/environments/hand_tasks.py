@@ -9,12 +9,7 @@ from dm_control import mjcf
 from dm_control.utils import rewards
 
 from uuv.controllers.hull.thrust_margin import ThrustMargin
-from uuv.controllers.planning.grasp_choice import (
-    GraspChoice,
-    GraspLimits,
-    PlacedGrasp,
-    carry_path,
-)
+from uuv.controllers.planning.grasp_choice import GraspChoice, GraspLimits, PlacedGrasp, carry_path
 from uuv.controllers.tasks.grasping.collecting import CollectJob, longest_lever
 from uuv.controllers.tasks.grasping.turning import TurnJob, ValveTurning
 from uuv.environments.actions import Actions
@@ -110,9 +105,9 @@ class HandTask(VehicleTask):
 class GraspObject(HandTask):
     """Grasp a loose object with driven jaws, and lift it off the seabed.
 
-    The work is done once the jaws have held the object LIFTED above its place for KEPT. A grip above
-    1.5 times the job's is damage. The goal has, besides that of `HandTask`, the object's height (1,)
-    [m] above its place and the opening (1,) [m] of the jaws.
+    The work is done once the jaws have held the object LIFTED above its place for KEPT. A grip
+    above 1.5 times the job's is damage. The goal has, besides that of `HandTask`, the object's
+    height (1,) [m] above its place and the opening (1,) [m] of the jaws.
     """
 
     def __init__(
@@ -284,11 +279,7 @@ def place_at_valve(vehicle: OwnVehicle) -> ValveWork:
     valve = TurnedValve()
     job = TurnJob(moment=MOMENT)
     planner = ValveTurning(
-        vehicle.at_work(),
-        valve,
-        job,
-        X_WB_scan=np.eye(4),
-        holding=ThrustMargin.of(vehicle.model),
+        vehicle.at_work(), valve, job, X_WB_scan=np.eye(4), holding=ThrustMargin.of(vehicle.model)
     )
     target = planner.with_path(surveyed(BELOW))
     assert target.path is not None

@@ -69,7 +69,8 @@ class LooseObjectEntity(composer.Entity):
     @property
     def geoms(self) -> list[Any]:
         """Geoms that touch something."""
-        return [geom for geom in self.body.find_all("geom") if geom.contype or geom.conaffinity]
+        geoms = self.body.find_all("geom")
+        return [geom for geom in geoms if geom.contype != 0 or geom.conaffinity != 0]
 
 
 class ValveEntity(composer.Entity):

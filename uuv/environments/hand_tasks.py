@@ -4,6 +4,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from dm_control import mjcf
 from dm_control.utils import rewards
@@ -21,7 +22,7 @@ from uuv.environments.sensing import FARTHEST, FARTHEST_TURN
 from uuv.environments.vehicle_task import Random, VehicleTask, near
 from uuv.environments.work_place import WorkPlace, standing, surveyed
 from uuv.models.hydrodynamics import water_density
-from uuv.models.naming import check_parts
+from uuv.models.naming import SLOT_BOTTOM, TOOL_GEOM, check_parts
 from uuv.models.objects import targets
 from uuv.models.site.pick_site import LooseObject, at_rest
 from uuv.models.site.turned_valve import QUARTER, TurnedValve
@@ -30,7 +31,7 @@ from uuv.models.tools.jaw_shape import JawShape
 from uuv.own_vehicle import OwnVehicle
 from uuv.sim.evaluation.bounds import DAMAGE
 from uuv.sim.evaluation.handling.turn_metrics import TurnBounds
-from uuv.sim.interfaces.errors import ReachError
+from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.spatial import (
     Array,
     inverse,
@@ -276,6 +277,9 @@ def place_at_valve(vehicle: OwnVehicle) -> ValveWork:
         ReachError: The arm turns the handle from no hull pose.
     """
     check_parts(vehicle.model, but=("camera", "home", "ready"))
+    slot = TOOL_GEOM + SLOT_BOTTOM
+    if mujoco.mj_name2id(vehicle.model, mujoco.mjtObj.mjOBJ_GEOM, slot) < 0:
+        raise ConfigurationError("turn: the vehicle's tool must be a handle_socket")
     valve = TurnedValve()
     job = TurnJob(moment=MOMENT)
     planner = ValveTurning(

@@ -58,6 +58,7 @@ class PartNames:
     tip: str = TIP_SITE
     tool: str = TOOL_GEOM
     tool_face: str = TOOL_FACE_SITE
+    gripper: str = GRIPPER
 
 
 USUAL_NAMES = PartNames()
@@ -138,11 +139,11 @@ def check_parts(model: "mujoco.MjModel", but: Collection[str] = ()) -> None:
         )
 
 
-def has_gripper(model: "mujoco.MjModel") -> bool:
+def has_gripper(model: "mujoco.MjModel", name: str = GRIPPER) -> bool:
     """Whether a compiled model has driven jaws: a motor of that name on a tendon."""
     import mujoco
 
-    motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
+    motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
     return motor >= 0 and model.actuator_trntype[motor] == mujoco.mjtTrn.mjTRN_TENDON
 
 

@@ -31,7 +31,7 @@ from uuv.sim.interfaces.protocols import (
     TargetFinder,
     TargetFollower,
 )
-from uuv.sim.interfaces.spatial import Array, finite_number, whole_number
+from uuv.sim.interfaces.spatial import Array, finite_number, shown, whole_number
 from uuv.sim.loop.rollout import Observer
 from uuv.site import Site
 
@@ -278,6 +278,15 @@ class Task(ABC):
         """
         if scenario.sensing.follow:
             raise ConfigurationError(_NOT_FOLLOWED)
+
+        # Options that only some tasks use would be without effect.
+        for word in ("sensor", "looks"):
+            choice = getattr(scenario.sensing, word)
+            if word not in self.heeds and choice != getattr(Sensing, word):
+                raise ConfigurationError(
+                    f"sensing.{word}: {type(self).__name__} does not use it; leave it out, got "
+                    f"{shown(choice)}"
+                )
 
     def least_seconds(self, scenario: "Scenario") -> float:
         """Shortest time [s] of the requested work; 0 if it is unknown."""

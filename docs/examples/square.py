@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
+
 from uuv import Scenario, jobs
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.toolpath.path_shapes import laid_on, line

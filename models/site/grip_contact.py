@@ -9,11 +9,16 @@ with its impedance d, its inverse weight A [1/kg] and the time constant of frict
 documentation, Computation). `impratio` is therefore computed here, of the creep that is allowed.
 Pyramidal cones couple friction to the normal direction instead; with an impratio of 1, MuJoCo's
 own, they drop the object.
+
+MuJoCo's solver ends when an iteration improves the cost of the whole model, over its mean inertia,
+by less than a tolerance. A body that is much lighter than hull and motors may then still be out of
+balance: between jaws it leaps, and meets them with more than their force. So the tolerance follows
+from the mass of the body.
 """
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,9 +29,11 @@ from uuv.sim.interfaces.spatial import finite_number
 
 if TYPE_CHECKING:
     import mujoco
+    from numpy.typing import ArrayLike
 
 STIFFNESS = 1e5  # [N/m] of a pad at one contact point
 CREEP = 1e-4  # [m/s] at most, under the largest load that friction bears
+ERROR = 1e-6  # [m/s] of the held body in one step, for which the solver goes on
 STEPS = 5.0  # time constant over the timestep; a shorter one hits harder what the jaws close on
 _LEAST = 0.9  # impedance of a contact, as MuJoCo's own
 _MOST = 0.9999  # MuJoCo takes none above it
@@ -55,6 +62,17 @@ class GripContact:
         compliance = (1.0 - self.impedance) * self.inverse_weight * self.time
         return compliance * load / (2.0 * impratio)
 
+    def of_pair(self, friction: "ArrayLike") -> dict[str, Any]:
+        """Attributes of a contact pair, for the coefficients (3,) of friction of a pad."""
+        sliding, turning, rolling = np.asarray(friction).tolist()
+        return {
+            "friction": [sliding, sliding, turning, rolling, rolling],
+            "condim": _TURNING,
+            "solref": [self.time, 1.0],
+            "solreffriction": [self.time, 1.0],
+            "solimp": [self.impedance, self.impedance, 0.001, 0.5, 2.0],
+        }
+
     @classmethod
     def of(cls, inverse_weight: float, timestep: float, stiffness: float) -> "GripContact":
         """Contact of a stiffness [N/m], set by the impedance and, if soft, by a longer time
@@ -75,14 +93,65 @@ class GripContact:
         return cls(time=time, impedance=impedance, inverse_weight=inverse_weight)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoldingContact:
+    """Contact of both pads with one body, and what it asks of the solver."""
+
+    pads: tuple[GripContact, ...]  # in the order of PADS
+    impratio: float
+    tolerance: float
+
+    @classmethod
+    def of(
+        cls,
+        model: "mujoco.MjModel",
+        held: float,
+        *,
+        stiffness: float = STIFFNESS,
+        creep: float = CREEP,
+    ) -> "HoldingContact":
+        """Contact of the gripper in a model with a body of an inverse weight `held` [1/kg].
+
+        The solver's cost of an acceleration a that is wrong is m a^2 / 2, over the mean inertia and
+        the number of degrees of freedom (MuJoCo documentation, Computation).
+
+        Args:
+            model: compiled, with a `Gripper`.
+            held: [1/kg] inverse weight of the body.
+            stiffness: [N/m] of a pad at one contact point.
+            creep: [m/s] of the body at most, under the largest load that friction bears.
+
+        Raises:
+            ConfigurationError: the timestep is too long.
+        """
+        _check_timestep(model)
+        timestep = float(model.opt.timestep)
+
+        impratio = 1.0
+        force = float(model.actuator(MOTOR).ctrlrange[1])
+        pads = []
+        for pad in PADS:
+            finger = model.geom(pad).bodyid[0]
+            weight = float(model.body_invweight0[finger, 0]) + held
+            contact = GripContact.of(weight, timestep, stiffness)
+            friction = float(model.geom(pad).friction[0])
+            impratio = max(impratio, contact.creep(friction * force, 1.0) / creep)
+            pads.append(contact)
+
+        cost = 0.5 / held * (ERROR / timestep) ** 2
+        tolerance = cost / (float(model.stat.meaninertia) * model.nv)
+        return cls(pads=tuple(pads), impratio=impratio, tolerance=tolerance)
+
+
 def let_gripper_hold(
     scene: "mujoco.MjSpec", body: str, *, stiffness: float = STIFFNESS, creep: float = CREEP
 ) -> None:
     """Set separate contact parameters between the pads of a scene's gripper and the body that they
     grip.
 
-    The scene gets elliptic cones and at least the `impratio` that this contact needs, which holds
-    for its other contacts too: to be called where something is gripped only. Weights are those
+    The scene gets elliptic cones, at least the `impratio` that this contact needs, which holds for
+    its other contacts too, and a tighter tolerance of the solver: to be called where something is
+    gripped only. Weights are those
     without added mass, with which the contact is a little stiffer and creeps less.
 
     Args:
@@ -108,16 +177,9 @@ def let_gripper_hold(
     if not held > 0.0:
         raise ConfigurationError(f"grip: body {body!r} has no joint, so nothing can carry it")
 
-    _check_timestep(model)
-
-    impratio = 1.0
-    force = float(model.actuator(MOTOR).ctrlrange[1])
-    for pad in PADS:
-        finger = model.geom(pad).bodyid[0]
-        weight = float(model.body_invweight0[finger, 0]) + held
-        contact = GripContact.of(weight, model.opt.timestep, stiffness)
-        friction = scene.geom(pad).friction
-        impratio = max(impratio, contact.creep(float(friction[0]) * force, 1.0) / creep)
+    holding = HoldingContact.of(model, held, stiffness=stiffness, creep=creep)
+    impratio = holding.impratio
+    for pad, contact in zip(PADS, holding.pads, strict=True):
         for geom in geoms:
             _add_pair(scene, pad, geom, contact)
 
@@ -126,6 +188,7 @@ def let_gripper_hold(
     elliptic = option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = max(impratio, option.impratio) if elliptic else impratio
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.tolerance = min(option.tolerance, holding.tolerance)
 
 
 def _check_timestep(model: "mujoco.MjModel") -> None:
@@ -171,9 +234,6 @@ def _add_pair(scene: "mujoco.MjSpec", pad: str, geom: str, contact: GripContact)
         if {pair.geomname1, pair.geomname2} == {pad, geom}:
             scene.delete(pair)
 
-    sliding, turning, rolling = np.array(scene.geom(pad).friction)
     pair = scene.add_pair(geomname1=pad, geomname2=geom)
-    pair.friction = [sliding, sliding, turning, rolling, rolling]
-    pair.condim = _TURNING
-    pair.solref = pair.solreffriction = [contact.time, 1.0]
-    pair.solimp = [contact.impedance, contact.impedance, 0.001, 0.5, 2.0]
+    for name, setting in contact.of_pair(scene.geom(pad).friction).items():
+        setattr(pair, name, setting)

@@ -14,6 +14,8 @@ from uuv.sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz, tra
 if TYPE_CHECKING:
     import mujoco
 
+    from uuv.models.hydrodynamics import BodyHydrodynamics
+
 WALL = 0.006  # [m] thickness of the basket's walls and floor
 FRICTION = (0.7, 0.005, 0.002)  # of the object on ground and basket: slides, turns, rolls
 RIM = 0.06  # [m] height of its walls over the floor
@@ -108,6 +110,21 @@ def add_loose(
     return body
 
 
+def loose_water(target: TargetModel, loose: LooseObject, density: float) -> "BodyHydrodynamics":
+    """Hydrodynamics of a loose object: of an ellipsoid in its box, with its own volume.
+
+    Args:
+        target: the object's shape.
+        loose: its mass and volume.
+        density: [kg/m^3] of the water.
+    """
+    from uuv.models import hydrodynamics
+
+    size = np.ptp(target.vertices, axis=0)
+    water = hydrodynamics.ellipsoid(0.5 * size, center=loose.center_T, water_density=density)
+    return replace(water, volume=loose.volume)
+
+
 def pick_site(
     vehicle: "mujoco.MjSpec",
     target: TargetModel,
@@ -138,11 +155,8 @@ def pick_site(
     add_loose(spec, target, X_WT, loose)
     add_basket(spec, *basket)
 
-    size = np.ptp(target.vertices, axis=0)
-    water = hydrodynamics.ellipsoid(
-        0.5 * size, center=loose.center_T, water_density=hydrodynamics.density_of(spec)
-    )
-    hydrodynamics.attach(spec, {TARGET_BODY: replace(water, volume=loose.volume)})
+    density = hydrodynamics.density_of(spec)
+    hydrodynamics.attach(spec, {TARGET_BODY: loose_water(target, loose, density)})
     let_gripper_hold(spec, TARGET_BODY)
     return spec
 

@@ -41,11 +41,11 @@ class TrueJaws:
     force: Array  # (1,) [N] of the motor on each finger, negative: it closes
 
     @classmethod
-    def of(cls, data: mujoco.MjData) -> Self:
-        """The views of one simulation."""
+    def of(cls, data: mujoco.MjData, name: str = GRIPPER) -> Self:
+        """The views of one simulation, of the gripper with that motor."""
         model = data.model
-        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
-        at = slice(motor, motor + 1) if has_gripper(model) else slice(0)
+        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
+        at = slice(motor, motor + 1) if has_gripper(model, name) else slice(0)
         return cls(
             opening=data.actuator_length[at],
             speed=data.actuator_velocity[at],
@@ -72,18 +72,20 @@ class JawDrive:
     memory: Array  # (_MEMORY,)
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, data: mujoco.MjData, timestep: float) -> Self:
+    def of(
+        cls, model: mujoco.MjModel, data: mujoco.MjData, timestep: float, name: str = GRIPPER
+    ) -> Self:
         """Drive of the gripper in a model, for a plant of `timestep` [s].
 
-        Without a gripper, a drive that refuses set points.
+        Without a gripper whose motor has that name, a drive that refuses set points.
         """
-        jaws = TrueJaws.of(data)
+        jaws = TrueJaws.of(data, name)
         memory = np.zeros(_MEMORY)
-        if not has_gripper(model):
+        if not has_gripper(model, name):
             return cls(data=data, jaws=jaws, motor=-1, timestep=timestep, memory=memory)
 
         # Fingers, which the tendon couples.
-        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, GRIPPER)
+        motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
         tendon = int(model.actuator_trnid[motor, 0])
         first = int(model.tendon_adr[tendon])
         fingers = model.wrap_objid[first : first + int(model.tendon_num[tendon])]

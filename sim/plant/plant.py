@@ -130,8 +130,10 @@ class Plant(WithWater):
         )
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
-        self.jaws = JawDrive.of(model, self.data, self.timestep)
-        self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, pad_site)
+        self.jaws = JawDrive.of(model, self.data, self.timestep, names.gripper)
+        self.truth = truth = Truth.of(
+            self.data, vehicle, self._drive, self._contacts, pad_site, names.gripper
+        )
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(

@@ -6,7 +6,7 @@ from typing import Self
 import mujoco
 import numpy as np
 
-from uuv.models.naming import HANDLE
+from uuv.models.naming import GRIPPER, HANDLE
 from uuv.sim.interfaces.spatial import Array
 from uuv.sim.plant.jaw_drive import TrueJaws
 from uuv.sim.plant.true_receptacles import TrueReceptacles
@@ -25,17 +25,17 @@ class TrueHandle:
     borne: Array  # (1,) [N m] of the hinge on the handle about its axis, which opposes the tool
 
     @classmethod
-    def of(cls, data: mujoco.MjData) -> Self:
-        """The views of one simulation."""
+    def of(cls, data: mujoco.MjData, name: str = HANDLE) -> Self:
+        """The views of one simulation, of the hinge and its sensor with that name."""
         model = data.model
-        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, HANDLE)
+        joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
         if joint < 0:
             nothing = np.zeros(0)
             return cls(angle=nothing, speed=nothing, borne=nothing)
 
         at = int(model.jnt_qposadr[joint])
         dof = int(model.jnt_dofadr[joint])
-        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, HANDLE)
+        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
         about_z = int(model.sensor_adr[sensor]) + 2
         return cls(
             angle=data.qpos[at : at + 1],
@@ -62,8 +62,10 @@ class Mechanisms:
     receptacles: TrueReceptacles  # of a panel
 
     @classmethod
-    def of(cls, data: mujoco.MjData) -> Self:
-        """The views of one simulation."""
+    def of(cls, data: mujoco.MjData, gripper: str = GRIPPER) -> Self:
+        """The views of one simulation, of the gripper with that motor."""
         return cls(
-            jaws=TrueJaws.of(data), handle=TrueHandle.of(data), receptacles=TrueReceptacles.of(data)
+            jaws=TrueJaws.of(data, gripper),
+            handle=TrueHandle.of(data),
+            receptacles=TrueReceptacles.of(data),
         )

@@ -19,12 +19,13 @@ from uuv.controllers.whole_body.work_controller import WorkController, WorkContr
 from uuv.environments.ticks.action_ticks import keep_near
 from uuv.environments.ticks.drives import ActionDrive, constant, holding
 from uuv.environments.true_state import TrueState, tool_pose
+from uuv.models.tools.jaw_shape import JawShape
 from uuv.models.water.thruster_curves import thrust_at
 from uuv.models.water.thrusters import curves
 from uuv.own_vehicle import OwnVehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.kernels.control import Inputs, commanded
-from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.messages import Command, JawSetpoint, Reference, StateEstimate, WorkState
 from uuv.sim.interfaces.spatial import Array, fitting, log_so3, shown
 from uuv.sim.plant.arm_hold import ArmHold
 from uuv.sim.plant.truth import Truth
@@ -37,7 +38,8 @@ class Actions(Protocol):
 
     A kind with a method `drive(truth) -> ActionDrive` (`uuv.environments.ticks.drives`), which is
     called once in each episode after `start`, runs compiled within an action. For a kind without
-    it, `command` is called at every step of the plant.
+    it, `command` is called at every step of the plant. A kind with an attribute `jaws`, a
+    JawSetpoint or None, commands a gripper.
     """
 
     names: tuple[str, ...]  # names of the numbers of an action
@@ -471,3 +473,54 @@ class ToolTwist(Controlled):
         return np.clip(
             np.concatenate([v, w, [force / self.largest, 1.0 if compliant else 0.0]]), -1.0, 1.0
         )
+
+
+class ToolAndJaws(ToolTwist):
+    """Action of `ToolTwist`, and of driven jaws: their opening and the force of their motor.
+
+    The ninth number is the set opening, from shut at -1 to wide open at 1; the tenth the largest
+    force of the motor, from 0 at -1 to its most at 1.
+    """
+
+    # [m/s] of the opening, while the jaws close and open
+    CLOSING, OPENING = 0.012, 0.05
+
+    def __init__(self, believed: OwnVehicle, *, largest: float = 100.0) -> None:
+        """Same as `ToolTwist`.
+
+        Raises:
+            ConfigurationError: The vehicle has no arm, or no gripper.
+        """
+        super().__init__(believed, largest=largest)
+        self.names = (*self.names, "opening", "grip")
+        self.shape = JawShape.of(believed.model)
+        self.jaws: JawSetpoint | None = None
+        self._opening = np.zeros(1)  # [m] true, a view
+
+    def start(self, truth: Truth) -> None:
+        """Hold hull, tool and jaws."""
+        super().start(truth)
+        self.jaws = None
+        self._opening = truth.jaws.opening
+
+    def take(self, action: Array, period: float) -> None:
+        """Take a twist, a force, and a set point of the jaws."""
+        super().take(action[:8], period)
+        opening = 0.5 * (1.0 + float(action[8])) * self.shape.opening
+        closes = opening < float(self._opening[0])
+        self.jaws = JawSetpoint(
+            opening=opening,
+            speed=self.CLOSING if closes else self.OPENING,
+            force=0.5 * (1.0 + float(action[9])) * self.shape.force,
+        )
+
+    def jaws_to(self, setpoint: JawSetpoint | None) -> Array:
+        """The last two numbers (2,) of an action for a set point; without one, wide open."""
+        opening = self.shape.opening if setpoint is None else setpoint.opening
+        force = self.shape.force if setpoint is None else setpoint.force
+        shares = np.array([opening / self.shape.opening, force / self.shape.force])
+        return np.clip(2.0 * shares - 1.0, -1.0, 1.0)
+
+    def drive(self, truth: Truth) -> ActionDrive:
+        """The same as a kernel."""
+        return super().drive(truth)

@@ -33,6 +33,7 @@ from uuv.models.files.exact_mjcf import exact_xml
 from uuv.models.naming import (
     ARM_BASE_BODY,
     CAMERA_SITE,
+    GRIPPER,
     HULL_BODY,
     TIP_SITE,
     TOOL_FACE_SITE,
@@ -427,6 +428,7 @@ class VehicleEntity(composer.Entity):
             "tip": self._find("site", TIP_SITE),
             "tool": self._find("geom", TOOL_GEOM),
             "tool_face": self._find("site", TOOL_FACE_SITE),
+            "gripper": self._find("actuator", GRIPPER),
         }
 
         return PartNames(**{part: name for part, name in names.items() if name})

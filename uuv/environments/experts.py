@@ -10,6 +10,7 @@ Experts use the true state of the environment that they are made for.
 """
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import singledispatch
 from typing import Protocol, TypeVar
 
@@ -23,7 +24,12 @@ from uuv.controllers.mkps import solve
 from uuv.controllers.planning.trajectories import PoseMove
 from uuv.controllers.tasks import contact_phases as contact
 from uuv.controllers.tasks import insertion
+from uuv.controllers.tasks.axial_phases import Push
 from uuv.controllers.tasks.follow_limits import FollowLimits
+from uuv.controllers.tasks.grasping.collecting import rows_at_object
+from uuv.controllers.tasks.grasping.jaw_phases import GripPlan, JawPhase, JawPhaseState
+from uuv.controllers.tasks.grasping.turn_phases import TurnPlan
+from uuv.controllers.tasks.grasping.turning import rows_at_handle
 from uuv.controllers.tasks.hull_phases import HullMotion, RestLimits, Settle
 from uuv.controllers.tasks.monitors import Reaction
 from uuv.controllers.tasks.phase import (
@@ -37,7 +43,7 @@ from uuv.controllers.tasks.phase import (
     Setpoint,
 )
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
-from uuv.environments.actions import JointVelocities, ThrusterSpeeds, ToolTwist
+from uuv.environments.actions import JointVelocities, ThrusterSpeeds, ToolAndJaws, ToolTwist
 from uuv.environments.contact_tasks import (
     TOUCHED,
     ContactTask,
@@ -47,11 +53,21 @@ from uuv.environments.contact_tasks import (
     WipePath,
 )
 from uuv.environments.free_tasks import HoldStation, ReachPose
+from uuv.environments.hand_tasks import GraspObject, HandTask, TurnValve
 from uuv.environments.true_state import TrueState
 from uuv.environments.vehicle_task import VehicleTask
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.messages import AbortCode, Reference, StateEstimate, WorkState
-from uuv.sim.interfaces.spatial import Array, inverse
+from uuv.sim.interfaces.messages import (
+    AbortCode,
+    HeldLoad,
+    JawMeasurement,
+    JawReference,
+    JawSetpoint,
+    Reference,
+    StateEstimate,
+    WorkState,
+)
+from uuv.sim.interfaces.spatial import Array, exp_so3, inverse, readonly, transform_points
 
 STANDOFF = 0.05  # [m] from the surface at which the tool begins its approach
 # [m/s], [rad/s] speeds below which the hull counts as at rest before the work
@@ -229,7 +245,7 @@ class WorkExpert:
     """
 
     def __init__(
-        self, task: ContactTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]
+        self, task: ContactTask | HandTask, actions: ToolTwist, rows: Iterable[tuple[str, TaskRow]]
     ) -> None:
         """Set up for a task with the tool's motion as action."""
         self._task = task
@@ -250,7 +266,7 @@ class WorkExpert:
         period = self._task.control_timestep
 
         if timestep.first():
-            estimate = self._true.estimate(self._task.truth)
+            estimate = self.estimate()
             self._planner = TaskPlanner(
                 self._rows, (), X_WB=estimate.X_WB, q=estimate.q, period=period
             )
@@ -260,14 +276,26 @@ class WorkExpert:
         assert actions.estimate is not None
         assert self._planner is not None
         assert self._state is not None
-        estimate = self._true.estimate(self._task.truth)
+        estimate = self.estimate()
         self._state, reference = self._planner.step(self._state, estimate, None, actions.last)
+        return self.action(reference)
 
+    def estimate(self) -> StateEstimate:
+        """The true state as an estimate."""
+        return self._true.estimate(self._task.truth)
+
+    def action(self, reference: Reference) -> Array:
+        """Twist and force towards a set point."""
+        actions = self._actions
         if reference.X_WG is None:
             return np.zeros(len(actions.names))
 
+        # The set point at the end of the action.
+        period = self._task.control_timestep
         X_WG = reference.X_WG.copy()
         X_WG[:3, 3] += period * reference.v_WG_W
+        if np.any(reference.w_WG_W):
+            X_WG[:3, :3] = exp_so3(period * reference.w_WG_W) @ X_WG[:3, :3]
         force = reference.set_force if reference.force_control else 0.0
         return actions.action_to(X_WG, force, reference.compliant, period)
 
@@ -276,7 +304,7 @@ _OFF = {Reaction.RETREAT: "parked"}  # a phase has aborted
 
 
 def _begin(
-    task: ContactTask, *, offset: float, depth: float, then: str
+    task: ContactTask | HandTask, *, offset: float, depth: float, then: str
 ) -> Iterable[tuple[str, TaskRow]]:
     """Rows up to the stand-off: the hull comes to rest, and the tool moves in front of the first
     point.
@@ -378,10 +406,129 @@ def _insert(task: InsertSampler) -> Policy:
     rows = insertion.rows_at_hole(job)
 
     begin = _begin(task, offset=0.0, depth=-job.axial.standoff, then="approach")
+    return WorkExpert(task, _wants(task, ToolTwist), _beginning_with(begin, rows))
+
+
+def _beginning_with(
+    begin: Iterable[tuple[str, TaskRow]], rows: Iterable[tuple[str, TaskRow]]
+) -> list[tuple[str, TaskRow]]:
+    """A table that begins with the row "stand" of `begin`, whose rows replace those of `rows`."""
     table = {**dict(rows), **dict(begin)}
     first = ["stand", *(name for name in table if name != "stand")]
+    return [(name, table[name]) for name in first]
 
-    return WorkExpert(task, _wants(task, ToolTwist), [(name, table[name]) for name in first])
+
+class HoldUp(JawPhase):
+    """Hold what is in the jaws at rest."""
+
+    def go_on(
+        self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
+    ) -> Outcome:
+        """Go on for ever."""
+        del state, jaws
+        self._stand(held, context)
+        return None
+
+
+class GraspExpert(WorkExpert):
+    """The phases of a collection, up to the lift, as policy."""
+
+    def __init__(self, task: GraspObject, actions: ToolAndJaws) -> None:
+        """Set up for a task with the tool's motion and the jaws as action."""
+        job = task.job
+        self._hand = actions
+        self._grasping = task
+        self._jaws: JawSetpoint | None = None
+
+        def take(held: Held, context: Context) -> None:
+            del context
+            assert held.line is not None
+            held.plan = GripPlan(
+                opening=task.grasp.opening,
+                width=task.grasp.width,
+                bears=job.load,
+                expected=_load_of(task, held.line.at(0.0, 0.0)[0]),
+            )
+
+        # The job's rows; what is lifted is held up.
+        done = PhaseEvent.DONE
+        rows = dict(rows_at_object(job, task.vehicle.own.vehicle.q_home))
+        lift = rows["lift"]
+        rows["lift"] = replace(lift, then={**lift.then, done: "hold up"})
+        up = HoldUp(job.axial, Push(force=job.push, beyond=-np.inf), job.jaws, job.grip)
+        rows["hold up"] = TaskRow(up, WorkState.WORK, {done: "parked"}, _OFF)
+        rows["take"] = TaskRow(
+            Decide(take, AbortCode.OUT_OF_REACH), WorkState.TARE, {done: "open"}, _OFF
+        )
+
+        begin = _begin(task, offset=0.0, depth=-job.axial.standoff, then=at_once("take"))
+        super().__init__(task, actions, _beginning_with(begin, rows.items()))
+
+    def __call__(self, timestep: dm_env.TimeStep) -> Array:
+        """Twist, force and jaws towards the planner's set points."""
+        if timestep.first():
+            self._jaws = None
+        return super().__call__(timestep)
+
+    def estimate(self) -> StateEstimate:
+        """The true state as an estimate, with the reading of the jaws' drive."""
+        truth = self._grasping.truth
+        reading = JawMeasurement(
+            time=truth.time,
+            opening=float(truth.jaws.opening[0]),
+            speed=float(truth.jaws.speed[0]),
+            force=-float(truth.jaws.force[0]),
+        )
+        return replace(super().estimate(), jaws=reading)
+
+    def action(self, reference: Reference) -> Array:
+        """Twist, force and jaws towards a set point; a set point of the jaws holds until the next
+        one.
+        """
+        if isinstance(reference, JawReference):
+            self._jaws = reference.jaws
+        twist = super().action(reference)[:8]
+        return np.concatenate([twist, self._hand.jaws_to(self._jaws)])
+
+
+def _load_of(task: GraspObject, X_WG: Array) -> HeldLoad:
+    """What the jaws will hold with the tool at `X_WG` (4, 4), with the weight of its water."""
+    center_W = transform_points(task.place.X_WT, task.place.target.center)
+    center_G = readonly(transform_points(inverse(X_WG), center_W))
+    return HeldLoad(
+        mass=task.displaced, displaced=task.displaced, center_G=center_G, buoyancy_G=center_G
+    )
+
+
+@_expert.register
+def _grasp(task: GraspObject) -> Policy:
+    return GraspExpert(task, _wants(task, ToolAndJaws))
+
+
+@_expert.register
+def _turn(task: TurnValve) -> Policy:
+    work = task.work
+    job = work.job
+
+    def take(held: Held, context: Context) -> None:
+        del context
+        assert held.line is not None
+        held.plan = TurnPlan(
+            axis=work.planner.axis(task.place.X_WT),
+            moment=job.moment,
+            speed=job.speed,
+            x_start=held.line.path.x[0],
+        )
+
+    rows = dict(rows_at_handle(job, task.vehicle.own.at_work(), lever=True))
+    # The handle is held at its stop.
+    turn = rows["turn"]
+    rows["turn"] = replace(turn, then={**turn.then, PhaseEvent.DONE: "parked"})
+    rows["take"] = TaskRow(
+        Decide(take, AbortCode.OUT_OF_REACH), WorkState.TARE, {PhaseEvent.DONE: "approach"}, _OFF
+    )
+    begin = _begin(task, offset=0.0, depth=-job.axial.standoff, then=at_once("take"))
+    return WorkExpert(task, _wants(task, ToolTwist), _beginning_with(begin, rows.items()))
 
 
 def _wants(task: VehicleTask, kind: type[_Kind]) -> _Kind:

@@ -65,6 +65,52 @@ class KeptFor:
         self.done = self.done or self._held >= self._seconds
 
 
+class TurnedTo:
+    """Judge: success once a handle has stayed beyond an angle for some time; a moment above its
+    bound is a failure.
+    """
+
+    def __init__(
+        self,
+        angle: float,
+        seconds: float,
+        *,
+        most: float,
+        handle: Callable[[], tuple[float, float]],
+    ) -> None:
+        """Set up the judge.
+
+        Args:
+            angle: [rad] to be reached.
+            seconds: [s] for which the handle must stay beyond it.
+            most: [N m] largest moment.
+            handle: Reads angle [rad] and moment [N m] of the handle.
+        """
+        self._angle = angle
+        self._seconds = seconds
+        self._most = most
+        self._handle = handle
+        self.start()
+
+    def start(self) -> None:
+        """Begin an episode."""
+        self.done = False
+        self.failed = ""
+        self._held = 0.0
+
+    def watch(self, truth: Truth, dt: float) -> None:
+        """Judge angle and moment."""
+        del truth
+        angle, moment = self._handle()
+        if self.done or self.failed:
+            return
+        if abs(moment) > self._most:
+            self.failed = f"moment of {abs(moment):.0f} N m"
+            return
+        self._held = self._held + dt if angle >= self._angle else 0.0
+        self.done = self._held >= self._seconds
+
+
 class ContactStep(NamedTuple):
     """A step in contact, as input of judges of a set force."""
 

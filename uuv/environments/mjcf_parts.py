@@ -75,6 +75,7 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
 
     The free joint of the hull is removed, since the scene adds it. Parts that tendons, equalities,
     contact pairs or sensors may couple stay in one model, and so does a vehicle without an arm.
+    Those of a tool alone, such as a gripper's, go with it.
 
     Raises:
         ConfigurationError: The vehicle has no body `hull`.
@@ -94,7 +95,7 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
         base is None
         or tip is None
         or base not in tip.iterancestors()
-        or any(len(section) for name in _JOINED for section in whole.findall(name))
+        or not _joined_in_tool(whole, tip)
     ):
         return VehicleParts(_text(whole), None, None, folder, renamed)
 
@@ -102,9 +103,40 @@ def parts_of(spec: mujoco.MjSpec) -> VehicleParts:
     arm = _document(whole, _cut_out(whole, [base]))
     tool = _document(whole, _cut_out(arm, of_tool))
 
+    for document in (whole, arm):
+        for section in _joining(document):
+            document.remove(section)
     for document in (whole, arm, tool):
         _keep_own_actuators(document)
     return VehicleParts(_text(whole), _text(arm), _text(tool), folder, renamed)
+
+
+def _joining(document: etree._Element) -> list[etree._Element]:
+    """Sections with elements that may tie parts together."""
+    return [section for name in _JOINED for section in document.findall(name)]
+
+
+def _joined_in_tool(whole: etree._Element, tip: etree._Element) -> bool:
+    """Whether all that ties parts together lies in the tool."""
+    sections = [section for section in _joining(whole) if len(section)]
+    if not sections:
+        return True
+    try:
+        of_tool = _end_of(whole, tip)
+    except ConfigurationError:
+        return False
+
+    # A reference is an attribute whose value is the name of a part.
+    parts = {element.get("name") for element in whole.iterfind(".//worldbody//*")}
+    in_tool = {element.get("name") for part in of_tool for element in part.iter()}
+    tied = {
+        value
+        for section in sections
+        for element in section.iter()
+        for key, value in element.attrib.items()
+        if key not in _NAMES
+    }
+    return tied & parts <= in_tool
 
 
 def _without_slashes(document: etree._Element) -> dict[str, str]:
@@ -191,12 +223,13 @@ def _keep_own_actuators(document: etree._Element) -> None:
         for element in document.iterfind(".//worldbody//*")
         if element.get("name")
     }
+    parts |= {("tendon", tendon.get("name")) for tendon in document.iterfind("tendon/*")}
 
     for section in document.findall("actuator"):
         for actuator in list(section):
             places = [
                 (kind, actuator.get(kind))
-                for kind in ("joint", "site", "body")
+                for kind in ("joint", "site", "body", "tendon")
                 if actuator.get(kind)
             ]
             if any(target not in parts for target in places):

@@ -21,9 +21,11 @@ from uuv.environments.actions import (
     JointVelocities,
     ThrustersAndTorques,
     ThrusterSpeeds,
+    ToolAndJaws,
     ToolTwist,
 )
 from uuv.environments.contact_tasks import (
+    BELOW,
     InsertSampler,
     PressPoint,
     TapPoints,
@@ -33,6 +35,7 @@ from uuv.environments.contact_tasks import (
 )
 from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.free_tasks import GoToWaypoint, HoldStation, ReachPose
+from uuv.environments.hand_tasks import GraspObject, TurnValve, place_at_stone, place_at_valve
 from uuv.environments.ticks.environment import Environment
 from uuv.environments.vehicle_task import VehicleTask
 from uuv.models.naming import TOOL_GEOM, find
@@ -59,6 +62,7 @@ ACTIONS: dict[str, Callable[[OwnVehicle], Actions]] = {
     "thrusters_torques": ThrustersAndTorques,
     "joint_velocity": JointVelocities,
     "tool": ToolTwist,
+    "tool_jaws": ToolAndJaws,
 }
 
 
@@ -136,6 +140,17 @@ def _insert(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTa
     )
 
 
+def _grasp(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
+    work_place, grasp, loose = place_at_stone(vehicle.own)
+    sea = _working_sea(-float(BELOW[2, 3]))
+    return GraspObject(sea, vehicle, actions, work_place, grasp, loose, sparse=sparse)
+
+
+def _turn(vehicle: VehicleEntity, actions: Actions, sparse: bool) -> VehicleTask:
+    work = place_at_valve(vehicle.own)
+    return TurnValve(_working_sea(work.place.depth), vehicle, actions, work, sparse=sparse)
+
+
 TASKS: dict[tuple[str, str], SuiteEntry] = {
     ("water", "hover"): SuiteEntry(
         make=_free(HoldStation), actions="thrusters", time_limit=30.0, tags=("free", "easy")
@@ -164,6 +179,20 @@ TASKS: dict[tuple[str, str], SuiteEntry] = {
     ("manifold", "insert"): SuiteEntry(
         make=_insert, actions="tool", time_limit=50.0, tags=("contact", "arm"), tool="sampler"
     ),
+    ("seabed", "grasp"): SuiteEntry(
+        make=_grasp,
+        actions="tool_jaws",
+        time_limit=40.0,
+        tags=("contact", "arm", "hand"),
+        tool="gripper",
+    ),
+    ("valve", "turn"): SuiteEntry(
+        make=_turn,
+        actions="tool",
+        time_limit=60.0,
+        tags=("contact", "arm", "hand"),
+        tool="handle_socket",
+    ),
 }
 ALL_TASKS: tuple[tuple[str, str], ...] = tuple(TASKS)
 BY_TAG: dict[str, tuple[tuple[str, str], ...]] = {
@@ -187,7 +216,7 @@ def load(
     """Environment of the suite, by domain and task.
 
     Args:
-        domain: "water", "barrel" or "manifold".
+        domain: "water", "barrel", "manifold", "seabed" or "valve".
         task: A task of it, see ALL_TASKS; or both in the first argument, as "water/hover".
         seed: Of all random numbers; None: other ones every time.
         vehicle: A name of `uuv.models.available()`, or a file, MJCF, URDF, xacro or SDF.

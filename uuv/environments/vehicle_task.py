@@ -180,6 +180,11 @@ class VehicleTask(composer.Task):
             self._fresh = False
         self.actions.take(action, self.control_timestep)
 
+        # A gripper has its drive in its own housing.
+        jaws = getattr(self.actions, "jaws", None)
+        if jaws is not None:
+            self.vehicle.plant.jaws.follow(jaws)
+
     def before_substep(self, physics: mjcf.Physics, action: Array, random_state: Random) -> None:
         """Judge the state, and command the vehicle."""
         truth = self.vehicle.truth

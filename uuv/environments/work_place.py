@@ -2,7 +2,7 @@
 jobs.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,8 +84,12 @@ def standing(
     *,
     force: float,
     standoff: float,
+    floor: float | None = None,
 ) -> WorkPlace:
-    """Place of work on a tool path in W; the arguments are those of `on_path`."""
+    """Place of work on a tool path in W; the arguments are those of `on_path`.
+
+    `floor` is the height [m] of the seabed in W, by default under the object's stand.
+    """
     check_parts(believed.model, but=("camera", "home", "ready"))
 
     known = believed.at_work()
@@ -96,19 +100,22 @@ def standing(
         hull_box=known.hull_box,
         # the hull does not move along the path
         limits=StandingLimits(force=force, standoff=standoff, roomy=0.0),
-        floor=scenes.seabed_height(target, X_WT),
+        floor=scenes.seabed_height(target, X_WT) if floor is None else floor,
         holding=ThrustMargin.of(believed.model),
     )
 
-    surveyed = Target(
+    placement, worked, _ = stand(replace(surveyed(X_WT), path=path), path)
+    return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)
+
+
+def surveyed(X_WT: Array) -> Target:
+    """An object at a known pose (4, 4), as one that was identified there."""
+    return Target(
         time=0.0,
         X_WT=X_WT,
         accepted=True,
         check_m=0.0,
         range_m=float(np.linalg.norm(X_WT[:3, 3])),
         reason="",
-        path=path,
+        path=None,
     )
-
-    placement, worked, _ = stand(surveyed, path)
-    return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)

@@ -31,6 +31,7 @@ import numpy as np
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.planning.arm_size import FULL
 from uuv.controllers.planning.grasp_choice import GraspChoice, PlacedGrasp, carry_path
+from uuv.controllers.planning.hull_path import HullPath
 from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.planning.work_vehicle import WorkVehicle
@@ -64,6 +65,7 @@ from uuv.controllers.tasks.monitors import IN_CONTACT, Monitor, Reaction, fault_
 from uuv.controllers.tasks.phase import Context, Decide, Held, Hold, HoldTool, PhaseEvent
 from uuv.controllers.tasks.settings import CollectSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
+from uuv.models.objects.target_model import TargetModel
 from uuv.models.tools.jaw_shape import JawShape
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import AbortCode, HeldLoad, Target, ToolPath, WorkState
@@ -209,6 +211,7 @@ class Collecting(TaskPlanner):
                 "collect: the grasp fixes the jaws' axes, which an arm of "
                 f"{vehicle.chain.n} joints cannot hold; at least {FULL} are needed"
             )
+        self._vehicle = vehicle
         self._choice = choice
         self._job = job
         self._basket = basket
@@ -226,10 +229,7 @@ class Collecting(TaskPlanner):
         self.stand = self._stand
 
         site = WorkSite(
-            own=vehicle,
-            X_WB_scan=np.array(X_WB_scan),
-            stand=self._stand,
-            around=around(vehicle, choice.target),
+            own=vehicle, X_WB_scan=np.array(X_WB_scan), stand=self._stand, around=self.around
         )
         limits = ArrivalLimits()
         rows = collect_rows(site, limits, job, self._take, choice.jaws.force)
@@ -264,6 +264,16 @@ class Collecting(TaskPlanner):
             paths.append((grasp, carry_path(grasp, p_end)))
         return paths
 
+    def around(self, target: Target) -> HullPath:
+        """Clearance of the hull's moves from the identified object and the basket."""
+        return around(self._vehicle, self._with_basket(target))(target)
+
+    def _with_basket(self, target: Target) -> TargetModel:
+        """The object's model with the corners of the basket among its vertices."""
+        model = self._choice.target
+        corners_T = transform_points(inverse(target.X_WT), self._basket.corners())
+        return replace(model, vertices=np.vstack([model.vertices, corners_T]), hulls=(), solids=())
+
     def _stand(
         self, target: Target, path: ToolPath, current_W: Array
     ) -> tuple[Placement, ToolPath, float]:
@@ -277,10 +287,7 @@ class Collecting(TaskPlanner):
         floor = float(transform_points(target.X_WT, model.vertices)[:, 2].min())
 
         # Hull and arm keep clear of the object and of the basket.
-        R_WT = target.X_WT[:3, :3]
-        corners_T = (self._basket.corners() - target.X_WT[:3, 3]) @ R_WT
-        both = replace(model, vertices=np.vstack([model.vertices, corners_T]), hulls=(), solids=())
-        standing = replace(self._standing, model=both, floor=floor)
+        standing = replace(self._standing, model=self._with_basket(target), floor=floor)
 
         failure: ReachError | None = None
         for _, carried in self.grasps(target):

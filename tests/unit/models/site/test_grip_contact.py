@@ -83,6 +83,40 @@ def test_creep_stiffness_and_grip_force_are_those_of_the_closed_forms(timestep: 
     assert moved[1] < CREEP
 
 
+def test_a_light_body_stays_between_the_jaws_of_a_heavy_vehicle_that_shakes() -> None:
+    """Against the solver's usual tolerance, which the vehicle's inertia makes a loose one."""
+    spec = scene()
+    box = spec.body("ball")
+    box.quat = TURNED
+    box.geoms[0].type = mujoco.mjtGeom.mjGEOM_BOX
+    box.geoms[0].size = [RADIUS, 0.025, 0.02]
+    box.geoms[0].mass = 0.25
+    hull = spec.worldbody.add_body(name="hull", pos=[5.0, 0.0, 0.0])
+    hull.add_freejoint()
+    hull.add_geom(size=[0.5, 0.0, 0.0], mass=3000.0)
+    let_gripper_hold(spec, "ball")
+
+    def fastest(tolerance: float) -> float:
+        """Largest angular rate [rad/s] of the box, with fingers that shake."""
+        model, data = closed(spec)
+        model.opt.tolerance = tolerance
+        rng = np.random.default_rng(0)
+        spins = []
+        for k in range(2000):
+            t = k * model.opt.timestep
+            push = 8.0 * np.sin([2.0 * t, 3.0 * t + 1.5, 1.3 * t + 1.0])
+            data.body("ball").xfrc_applied[:3] = push
+            data.body(FINGERS[0]).xfrc_applied[:3] = 20.0 * rng.standard_normal(3)
+            mujoco.mj_step(model, data)
+            spins.append(np.abs(data.body("ball").cvel[:3]).max())
+        return max(spins)
+
+    tolerance = spec.option.tolerance
+    assert tolerance < 1e-10
+    assert fastest(tolerance) == pytest.approx(fastest(0.0), rel=0.1)
+    assert fastest(1e-8) > 10.0 * fastest(tolerance)
+
+
 def test_the_creep_allowed_sets_impratio_and_elliptic_cones() -> None:
     ratios = []
     for creep in (1e-4, 1e-5):

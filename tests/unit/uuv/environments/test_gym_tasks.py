@@ -36,7 +36,19 @@ except MissingLibraryError as error:
 """
 
 
-@pytest.mark.parametrize("name", uuv.ALL_TASKS, ids="/".join)
+OF_A_HAND = pytest.mark.long(
+    guarded_by="tests/unit/uuv/environments/test_suite.py::test_the_expert_solves_it"
+)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=OF_A_HAND) if name in uuv.BY_TAG["hand"] else name
+        for name in uuv.ALL_TASKS
+    ],
+    ids="/".join,
+)
 def test_gymnasium_has_nothing_to_say(name: tuple[str, str]):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -22,14 +22,22 @@ from dm_env.test_utils import EnvironmentTestMixin
 
 from untyped import untyped
 from uuv import environments as uuv
-from uuv.environments.actions import ThrusterSpeeds, ToolTwist
+from uuv.environments.actions import ThrusterSpeeds, ToolAndJaws, ToolTwist
 from uuv.environments.episodes import run_episode
 from uuv.environments.free_tasks import ALIGNED, CLOSE, HoldStation
-from uuv.environments.judges import InsertedTo, KeptFor, PressedAt, SetForce, TappedAt, WipedAlong
+from uuv.environments.judges import (
+    InsertedTo,
+    KeptFor,
+    PressedAt,
+    SetForce,
+    TappedAt,
+    TurnedTo,
+    WipedAlong,
+)
 from uuv.sim.evaluation.insertion_metrics import TrueHole
 from uuv.sim.evaluation.surface.force_levels import SETTLING
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
-from uuv.sim.interfaces.messages import ToolPath
+from uuv.sim.interfaces.messages import JawSetpoint, ToolPath
 from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.sensors.proprioception import Dvl
 
@@ -77,6 +85,7 @@ SHORT = [
     ("water", "reach"),
     ("barrel", "press"),
     ("manifold", "insert"),
+    ("seabed", "grasp"),
 ]
 
 
@@ -98,7 +107,7 @@ def test_the_expert_solves_it(name: tuple[str, str]):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", [("barrel", "wipe"), ("barrel", "tap")])
+@pytest.mark.parametrize("name", [("barrel", "wipe"), ("barrel", "tap"), ("valve", "turn")])
 def test_the_expert_solves_long_work(name: tuple[str, str]):
     environment = uuv.load(*name, seed=21)
     episode = run_episode(environment, uuv.expert(environment), stop_when_done=True)
@@ -268,6 +277,9 @@ def test_records_of_episodes(tmp_path):
             {"vehicle": "bluerov2_heavy", "actions": "thrusters"},
             "lacks parts that this work needs",
         ),
+        (("seabed", "grasp"), {"tool": "small_pad"}, "the work needs driven jaws"),
+        (("water", "reach"), {"actions": "tool_jaws"}, "the work needs driven jaws"),
+        (("valve", "turn"), {"tool": "gripper"}, "the vehicle's tool must be a handle_socket"),
     ],
 )
 def test_refuses(arguments: tuple[str, str], options: dict[str, Any], message: str):
@@ -463,6 +475,42 @@ def test_insertion_counts_in_the_bore_and_within_the_forces():
         assert (judge.done, judge.failed) == (done, failed)
     judge.watch(at(0.0, 45.0, z=-0.02), DT)
     assert judge.failed == "side force 25 N"
+
+
+def test_a_handle_must_stay_at_its_stop_and_never_be_forced():
+    handle = [0.0, 0.0]
+    judge = TurnedTo(1.5, 1.0, most=30.0, handle=lambda: (handle[0], handle[1]))
+
+    def watch(angle: float, moment: float, seconds: float) -> None:
+        handle[:] = angle, moment
+        for _ in range(round(seconds / DT)):
+            judge.watch(at(0.0, 0.0), DT)
+
+    watch(1.51, 20.0, 0.9)
+    watch(1.49, 20.0, DT)
+    watch(1.51, 20.0, 0.9)
+    assert not judge.done
+    watch(1.51, 20.0, 0.2)
+    assert judge.done
+    watch(1.51, -40.0, 0.2)
+    assert judge.done
+    assert not judge.failed
+
+    judge.start()
+    watch(0.5, -31.0, DT)
+    assert judge.failed == "moment of 31 N m"
+    watch(1.51, 0.0, 2.0)
+    assert not judge.done
+
+
+def test_the_last_two_numbers_of_an_action_are_opening_and_force_of_the_jaws():
+    actions = ToolAndJaws(uuv.VehicleEntity("uuv_puma", tool="gripper").own)
+    assert actions.names[8:] == ("opening", "grip")
+    for opening, force in ((0.0, 40.0), (0.1, 100.0), (0.03, 0.0)):
+        setpoint = JawSetpoint(opening=opening, speed=0.01, force=force)
+        low, high = actions.jaws_to(setpoint)
+        assert 0.05 * (1.0 + low) == pytest.approx(opening)
+        assert 50.0 * (1.0 + high) == pytest.approx(force)
 
 
 def test_the_code_of_the_page_runs(root, tmp_path, monkeypatch):

@@ -17,14 +17,18 @@ from uuv import assemble, jobs
 from uuv.catalogue import things
 from uuv.cli.run_job import EveryJob
 from uuv.controllers.planning.promise import StopLimits
+from uuv.inputs import check_inputs
 from uuv.jobs import (
     Job,
     clean_barrel,
     clean_object,
     clean_pile,
+    collect,
     insert_sampler,
+    inspect_object,
     open_water,
     sample_seabed,
+    turn_valve,
 )
 from uuv.jobs.command_line import options_class, parsed, typed
 from uuv.jobs.job import as_job
@@ -124,6 +128,21 @@ def test_an_option_that_a_task_does_not_heed_is_none_of_its_jobs():
         r"depth, quick, ",
     ):
         insert_sampler(sensor="sonar")
+
+
+@pytest.mark.parametrize(
+    "job", [insert_sampler, sample_seabed, collect, turn_valve, inspect_object, open_water]
+)
+@pytest.mark.parametrize(("key", "choice"), [("sensor", "sonar"), ("looks", 4)])
+def test_a_scenario_with_a_sensor_that_its_task_does_not_use_is_refused(job, key, choice):
+    scenario = job()
+    check_inputs(scenario)
+    other = replace(scenario, sensing=replace(scenario.sensing, **{key: choice}))
+    task = type(scenario.task).__name__
+    with pytest.raises(
+        ConfigurationError, match=rf"^sensing\.{key}: {task} does not use it; .*, got '?{choice}"
+    ):
+        check_inputs(other)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from uuv import jobs
 from uuv.assembly import assemble
 from uuv.controllers.planning.placement import Placement
+from uuv.controllers.tasks.arrival import around
 from uuv.controllers.tasks.axial_phases import AxialLimits
 from uuv.controllers.tasks.grasping.collecting import (
     CollectJob,
@@ -24,7 +25,7 @@ from uuv.models.tools.jaw_shape import JawShape
 from uuv.sim.evaluation.handling.collect_metrics import carried
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
-from uuv.sim.interfaces.spatial import Array
+from uuv.sim.interfaces.spatial import Array, exp_so3, pose
 from uuv.sim.loop.recording import Recorder, Recording
 from uuv.sim.loop.rollout import rollout
 from uuv.tasks.collecting import PlacedCollection
@@ -170,6 +171,22 @@ def test_what_is_too_heavy_is_put_back() -> None:
 def test_compiled_ticks_and_ticks_part_by_part_give_the_same_bits() -> None:
     digests = {collection(compiled=compiled)[0].digest() for compiled in (True, False)}
     assert len(digests) == 1
+
+
+def test_the_hull_keeps_clear_of_the_basket_on_its_way() -> None:
+    placed = assemble(jobs.collect(seed=5)).placed
+    assert isinstance(placed, PlacedCollection)
+    seen = _seen(placed.X_WT)
+    worker = placed.vehicle.at_work()
+
+    # The hull's rear end is in the middle of the basket, its front points away from the object.
+    away = placed.basket_W - placed.X_WT[:3, 3]
+    R_WB = exp_so3([0.0, 0.0, np.arctan2(away[1], away[0])])
+    rear = np.array([worker.hull_box[0, 0], 0.0, worker.hull_box[0, 2]])
+    X_WB = pose(R_WB, placed.basket_W - R_WB @ rear)
+
+    assert around(worker, placed.target)(seen).gap(X_WB) > 0.1
+    assert placed.planner().around(seen).gap(X_WB) < 0.0
 
 
 def test_a_grip_that_cannot_bear_the_load_is_refused_with_the_figures() -> None:

@@ -18,8 +18,8 @@ from uuv.controllers.tasks.phase import ToolLine
 from uuv.controllers.tasks.task import TaskPlanner, TaskState
 from uuv.models.site.plugged_panel import PluggedPanel
 from uuv.models.tools.jaw_shape import JawShape
-from uuv.sim.evaluation.handling.plug_metrics import assess_move
 from uuv.sim.evaluation.assessment import Assessment
+from uuv.sim.evaluation.handling.plug_metrics import assess_move
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
 from uuv.sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
 from uuv.sim.interfaces.spatial import Array

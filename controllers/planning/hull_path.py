@@ -25,7 +25,7 @@ _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's
 # [m] detours away from the object, tried in this order if a straight path is too close
 _BACK = (0.4, 0.8, 1.2)
 _ARC = float(np.radians(30.0))  # largest angle between two poses of a path around the object
-_GROUP = 16  # number of points on the skin in a group, which one ball encloses
+_GROUP = 32  # number of points on the skin in a group, which one ball encloses
 
 
 class Skin(NamedTuple):

@@ -115,8 +115,6 @@ def place_hull(
 
     shares = samples_along(path, search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
-    hull = ConvexHull(around.obstacle)
-    skin = skin_of(around.obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
 
@@ -133,7 +131,7 @@ def place_hull(
     arm = ArmMargins(
         vehicle=vehicle,
         chain=chain,
-        planes=hull.equations,
+        planes=around.shell.equations,
         force=force,
         clearance=search.arm_clearance,
         holding=holding,
@@ -147,7 +145,7 @@ def place_hull(
 
     def too_close(X_WB: Array, away_W: Array) -> bool:
         """True if the hull, displaced by `away_W` (3,) [m], is too close to the object."""
-        return not hull_keeps(X_WB, around.hull_box, skin, search.clearance, away_W)
+        return not hull_keeps(X_WB, around.hull_box, around.skin, search.clearance, away_W)
 
     def consider(base: Array, yaw: float) -> bool:
         """Try all tool rolls at an arm base (3,) [m] and hull yaw [rad]; True if better."""
@@ -163,9 +161,10 @@ def place_hull(
             return False
 
         better = False
+        X_AW = inverse(X_WB @ vehicle.X_BA)
         for roll, track in zip(rolls, tracks, strict=True):
             to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
-            outcome = arm.along(track, X_WB, to_beat)
+            outcome = arm.along(track, X_WB, to_beat, X_AW)
             if isinstance(outcome, Dropped):
                 if best is None and (furthest is None or outcome.reached > furthest.reached):
                     furthest = outcome

@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from uuv.controllers.hull.thrust_margin import ThrustMargin
 from uuv.controllers.ik.chain import Chain
 from uuv.controllers.mkps import IkOptions, solve
 from uuv.controllers.planning.arm_margins import BENT, ArmMargins, Dropped, ToolTrack
 from uuv.controllers.planning.arm_size import reach
-from uuv.controllers.planning.hull_path import hull_keeps, skin_of
+from uuv.controllers.planning.hull_path import Skin, hull_keeps
 from uuv.controllers.planning.path_poses import (
     STANDOFF_STEPS,
     samples_along,
@@ -101,9 +100,8 @@ class CarriedArm:
         whole = with_hull(self.chain, self.vehicle.X_BA)
         shares = samples_along(path, self.search.samples)
 
-        shell = ConvexHull(self.around.obstacle)
-        skin = skin_of(self.around.obstacle, shell)
-        arm = self._margins(shell.equations)
+        skin = self.around.skin
+        arm = self._margins(self.around.shell.equations)
 
         drag = self.holding.drag if self.holding else 0.0
         poses = tool_poses(path, shares, 0.0, self.standoff)
@@ -214,7 +212,7 @@ class CarriedArm:
 
         return sorted(candidates, key=lambda candidate: -candidate[0])
 
-    def _starts(self, whole: Chain, X_WG: Array, skin: Array, met: list[Array]) -> Iterator[Array]:
+    def _starts(self, whole: Chain, X_WG: Array, skin: Skin, met: list[Array]) -> Iterator[Array]:
         """Joint values (4 + n,) of hull and arm for the middle of the path, those with the largest
         margin first.
 
@@ -291,7 +289,7 @@ class CarriedArm:
                 hulls[i] = hull_pose(joints)
         return [hulls[i] for i in range(len(poses))]
 
-    def _has_room(self, X_WB: Array, skin: Array) -> bool:
+    def _has_room(self, X_WB: Array, skin: Skin) -> bool:
         """True if the hull is clear of object and seabed."""
         clearance = self.search.clearance
         box = self.around.hull_box

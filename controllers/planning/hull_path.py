@@ -4,6 +4,7 @@ clearance.
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -24,6 +25,16 @@ _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's
 # [m] detours away from the object, tried in this order if a straight path is too close
 _BACK = (0.4, 0.8, 1.2)
 _ARC = float(np.radians(30.0))  # largest angle between two poses of a path around the object
+_GROUP = 32  # number of points on the skin in a group, which one ball encloses
+
+
+class Skin(NamedTuple):
+    """Points on the convex hull of an object, in groups of neighbours."""
+
+    points: Array  # (k, 3) [m], W; those of a group follow each other
+    starts: np.ndarray  # (g + 1,) index of the first point of each group, and k
+    middles: Array  # (g, 3) [m] middle of the ball that encloses a group, W
+    radii: Array  # (g,) [m] its radius
 
 
 class HullPath:
@@ -56,7 +67,7 @@ class HullPath:
 
     def gap(self, X_WB: Array) -> float:
         """Distance [m] of hull box, arm joints and tip to the object; negative inside."""
-        return min(hull_gap(X_WB, self._hull_box, self._skin), self._arm_gap(X_WB))
+        return min(hull_gap(X_WB, self._hull_box, self._skin.points), self._arm_gap(X_WB))
 
     def keeps(self, X_WB: Array, clearance: float) -> bool:
         """True if `gap` is at least `clearance` [m]; faster than computing the gap."""
@@ -77,9 +88,16 @@ class HullPath:
         arm_W = transform_points(X_WB, self._arm_B)
         return min(float(arm_W[:, 2].min()), float(X_WB[2, 3] + self._hull_box[0, 2]))
 
-    def least_gap(self, poses: Sequence[Array]) -> float:
-        """Least distance [m] to the object on straight moves through `poses` (4, 4)."""
-        return min(self.gap(X_WB) for X_WB in _checked(poses))
+    def least_gap(self, poses: Sequence[Array], enough: float = -np.inf) -> float:
+        """Least distance [m] to the object on straight moves through `poses` (4, 4).
+
+        The result may be too large where it is at most `enough` [m].
+        """
+        least = np.inf
+        for X_WB in _checked(poses):
+            if (least := min(least, self.gap(X_WB))) <= enough:
+                break
+        return least
 
     def way(self, X_from: Array, X_to: Array) -> list[Array]:
         """Poses (4, 4) of a path from `X_from` (4, 4), excluded, to `X_to` (4, 4), included.
@@ -93,7 +111,13 @@ class HullPath:
         for way in ways:
             if all(self.keeps(X_WB, clearance) for X_WB in _checked([X_from, *way])):
                 return way
-        return max(ways, key=lambda way: self.least_gap([X_from, *way]))
+
+        widest = ways[0]
+        most = -np.inf
+        for way in ways:
+            if (gap := self.least_gap([X_from, *way], most)) > most:
+                widest, most = way, gap
+        return widest
 
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:
         yield [X_to]
@@ -153,8 +177,8 @@ def _wrapped(angle: float) -> float:
     return float((angle + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
-    """Points (k, 3) [m] on the edges of the convex hull, no further apart than _SKIN_STEP."""
+def skin_of(obstacle: Array, hull: ConvexHull) -> Skin:
+    """Points on the edges of the convex hull, no further apart than _SKIN_STEP."""
     edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     start = obstacle[edges[:, 0]]
     end = obstacle[edges[:, 1]]
@@ -165,7 +189,28 @@ def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
         share = np.arange(1, n)[:, None, None] / n
         rows = count == n
         points.append((start[rows] + share * (end[rows] - start[rows])).reshape(-1, 3))
-    return np.vstack(points)
+    return grouped(np.vstack(points))
+
+
+def grouped(points: Array) -> Skin:
+    """`points` (k, 3) [m] in groups of neighbours, by halves along their longest extent."""
+    groups = []
+    halves = [points]
+    while halves:
+        part = halves.pop()
+        if len(part) <= _GROUP:
+            groups.append(part)
+            continue
+        order = np.argsort(part[:, np.ptp(part, axis=0).argmax()], kind="stable")
+        halves += [part[order[: len(part) // 2]], part[order[len(part) // 2 :]]]
+
+    middles = np.array([0.5 * (group.min(axis=0) + group.max(axis=0)) for group in groups])
+    radii = [
+        float(np.linalg.norm(group - middle, axis=1).max())
+        for group, middle in zip(groups, middles, strict=True)
+    ]
+    starts = np.cumsum([0, *(len(group) for group in groups)])
+    return Skin(np.vstack(groups), starts, middles, np.array(radii))
 
 
 def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
@@ -193,40 +238,58 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
 
 
 @kernel
-def hull_gap_kernel(
-    X_WB: Array, hull_box: Array, obstacle: Array, away: Array, enough: float
-) -> float:
-    """As `hull_gap` for an obstacle displaced by -`away` (3,) [m], up to rounding; ends early below
-    `enough`.
+def _outside_box(p_W: Array, X_WB: Array, hull_box: Array, away: Array) -> float:
+    """Distance [m] of a point `p_W` (3,) [m], displaced by -`away`, from a box; negative inside."""
+    deepest = -np.inf
+    square = 0.0
+    for k in range(3):
+        p_B = 0.0
+        for m in range(3):
+            p_B += (p_W[m] - away[m] - X_WB[m, 3]) * X_WB[m, k]
+        outside = max(hull_box[0, k] - p_B, p_B - hull_box[1, k])
+        deepest = max(deepest, outside)
+        square += max(outside, 0.0) ** 2
+    return deepest if deepest < 0.0 else np.sqrt(square)
+
+
+@kernel
+def hull_gap_kernel(X_WB, hull_box, skin, away, enough, most):
+    """As `hull_gap` for a skin displaced by -`away` (3,) [m], up to rounding.
+
+    Args:
+        X_WB: (4, 4) hull pose.
+        hull_box: (2, 3) [m] corners of the hull's box in B.
+        skin: fields of `Skin`, in a tuple.
+        away: (3,) [m]
+        enough: [m] distance below which the result may be too large.
+        most: [m] distance above which the result is `most`.
     """
-    nearest = np.inf
-    for x, y, z in obstacle:
-        x = x - away[0] - X_WB[0, 3]
-        y = y - away[1] - X_WB[1, 3]
-        z = z - away[2] - X_WB[2, 3]
-        deepest = -np.inf
-        square = 0.0
-        for k in range(3):
-            p_B = x * X_WB[0, k] + y * X_WB[1, k] + z * X_WB[2, k]
-            outside = max(hull_box[0, k] - p_B, p_B - hull_box[1, k])
-            deepest = max(deepest, outside)
-            square += max(outside, 0.0) ** 2
-        nearest = min(nearest, deepest if deepest < 0.0 else np.sqrt(square))
+    skin = Skin(*skin)
+    nearest = most
+
+    # A group is left out if its ball lies farther away than the nearest point so far
+    for group in range(len(skin.radii)):
+        of_ball = _outside_box(skin.middles[group], X_WB, hull_box, away) - skin.radii[group]
+        if of_ball > nearest:
+            continue
+        for i in range(skin.starts[group], skin.starts[group + 1]):
+            nearest = min(nearest, _outside_box(skin.points[i], X_WB, hull_box, away))
         if nearest < enough:
             break
     return nearest
 
 
 def hull_keeps(
-    X_WB: Array, hull_box: Array, obstacle: Array, clearance: float, away: Array | None = None
+    X_WB: Array, hull_box: Array, skin: Skin, clearance: float, away: Array | None = None
 ) -> bool:
     """True if the hull's box keeps `clearance` [m] from the object, which is displaced by -`away`
     (3,) [m].
     """
     away = np.zeros(3) if away is None else away
-    gap = hull_gap_kernel(X_WB, hull_box, obstacle, away, clearance - ROUNDING)
+    bounds = clearance - ROUNDING, clearance + 2.0 * ROUNDING
+    gap = hull_gap_kernel(X_WB, hull_box, tuple(skin), away, *bounds)
     if abs(gap - clearance) <= ROUNDING:  # the kernel cannot decide
-        gap = hull_gap(X_WB, hull_box, obstacle - away)
+        gap = hull_gap(X_WB, hull_box, skin.points - away)
     return gap >= clearance
 
 

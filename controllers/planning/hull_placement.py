@@ -115,7 +115,6 @@ def place_hull(
     shares = samples_along(path, search.samples)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
-    hull = ConvexHull(around.obstacle)
 
     # What the tool asks for at each roll, seen from the travelling hull
     gone = _displacements(path, shares, search.samples)[:, None] * travel_W
@@ -131,19 +130,14 @@ def place_hull(
     arm = ArmMargins(
         vehicle=vehicle,
         chain=chain,
-        planes=hull.equations,
+        planes=around.shell.equations,
         force=force,
         clearance=search.arm_clearance,
         holding=holding,
     )
 
     candidates = _Candidates(
-        arm=arm,
-        tracks=tracks,
-        around=around,
-        skin=skin_of(around.obstacle, hull),
-        clearance=search.clearance,
-        travel_W=travel_W,
+        arm=arm, tracks=tracks, around=around, clearance=search.clearance, travel_W=travel_W
     )
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     mounting = _Mounting.of(vehicle.X_BA, base_axis(chain, vehicle.q_ready))
@@ -175,7 +169,6 @@ class _Candidates:
     arm: ArmMargins
     tracks: Mapping[float, ToolTrack]  # by the tool's roll [rad]
     around: Surroundings
-    skin: Array  # of the object, as `hull_keeps` takes it
     clearance: float  # [m] of the hull
     travel_W: Array  # (3,) [m] of the hull along the whole path
 
@@ -194,9 +187,10 @@ class _Candidates:
             return False
 
         better = False
+        X_AW = inverse(X_WB @ self.arm.vehicle.X_BA)
         for roll, track in self.tracks.items():
             to_beat = (1.0 + _BETTER) * self.best.margin if self.best else 0.0
-            outcome = self.arm.along(track, X_WB, to_beat)
+            outcome = self.arm.along(track, X_WB, to_beat, X_AW)
             if isinstance(outcome, Dropped):
                 further = self.furthest is None or outcome.reached > self.furthest.reached
                 if self.best is None and further:
@@ -224,7 +218,8 @@ class _Candidates:
 
         parts = (-0.5, 0.0, 0.5) if self.travel_W.any() else (0.0,)
         return all(
-            hull_keeps(X_WB, box, self.skin, self.clearance, part * self.travel_W) for part in parts
+            hull_keeps(X_WB, box, self.around.skin, self.clearance, part * self.travel_W)
+            for part in parts
         )
 
 
@@ -432,7 +427,7 @@ class PathStanding:
         arm = ArmMargins(
             vehicle=self.vehicle,
             chain=self.chain,
-            planes=hull.equations,
+            planes=around.shell.equations,
             force=limits.force,
             clearance=search.arm_clearance,
             holding=self.holding,

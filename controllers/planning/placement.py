@@ -1,11 +1,13 @@
 """Hull placements, the surroundings and grid of their search, and the error if there is none."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from uuv.controllers.planning.arm_margins import ArmMargins, Dropped
+from uuv.controllers.planning.hull_path import Skin, skin_of
 from uuv.controllers.planning.path_poses import STANDOFF_STEPS
 from uuv.sim.interfaces.errors import ReachError
 from uuv.sim.interfaces.spatial import Array, exp_so3
@@ -89,6 +91,14 @@ class Surroundings:
     hull_box: Array  # (2, 3) [m] corners of the hull's box in B
     # [m] height in W of the seabed, above which the hull keeps its clearance
     floor: float = -np.inf
+    shell: ConvexHull = field(init=False, repr=False)  # convex hull of the object
+    skin: Skin = field(init=False, repr=False)  # points on it
+
+    def __post_init__(self) -> None:
+        """Compute the object's hull, which all candidates share."""
+        shell = ConvexHull(self.obstacle)
+        object.__setattr__(self, "shell", shell)
+        object.__setattr__(self, "skin", skin_of(self.obstacle, shell))
 
 
 def out_of_reach(

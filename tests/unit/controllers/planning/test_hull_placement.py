@@ -405,6 +405,24 @@ def test_the_gap_of_a_box_is_that_of_its_nearest_point(rng):
         assert hull_path.hull_gap(X_WB, box, transform_points(X_WB, p_B)) == pytest.approx(expected)
 
 
+def test_the_gap_of_a_skin_is_that_of_all_its_points(rng, within):
+    """Groups that are left out have no nearest point: for boxes outside, across and inside."""
+    points = rng.normal(size=(300, 3))
+    skin = hull_path.grouped(points)
+    assert sorted(map(tuple, skin.points)) == sorted(map(tuple, points))
+    box = np.array([[-0.8, -0.4, -0.3], [0.6, 0.5, 0.2]])
+    away = np.array([0.1, -0.2, 0.3])
+    for _ in range(100):
+        X_WB = pose(exp_so3(rng.normal(size=3)), 3.0 * rng.normal(size=3))
+        gap = hull_path.hull_gap(X_WB, box, points - away)
+        bounds = -np.inf, np.inf
+        found = hull_path.hull_gap_kernel(X_WB, box, tuple(skin), away, *bounds)
+        within("gap [m]", found - gap, 1e-14)
+        for clearance in (gap - 1e-3, gap, gap + 1e-3):
+            keeps = hull_path.hull_keeps(X_WB, box, skin, clearance, away)
+            assert keeps == (clearance <= gap)
+
+
 def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
     """Below the margin by which the kernel decides that a gap need not be computed."""
     rng = np.random.default_rng(0)

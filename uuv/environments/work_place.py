@@ -3,6 +3,7 @@ jobs.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,12 @@ from uuv.perception.finding.target_finder import PATH_SPACING
 from uuv.perception.toolpath.path_planner import path_on_model
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.runs.provenance import model_digest
+
+# Choices of this process by all that they depend on: an environment that is made again has its
+# place at once.
+_CHOSEN: dict[Any, tuple[Placement, ToolPath]] = {}
+_MOST_CHOSEN = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,6 +94,12 @@ def standing(
 ) -> WorkPlace:
     """Place of work on a tool path in W; the arguments are those of `on_path`."""
     check_parts(believed.model, but=("camera", "home", "ready"))
+    shapes = (target.vertices, path.s, path.p, path.z, path.x, path.on_scan, X_WT)
+    content = b"".join(np.asarray(array).tobytes() for array in shapes)
+    asked = (model_digest(believed.model), content, path.keeps_x, force, standoff)
+    if asked in _CHOSEN:
+        placement, worked = _CHOSEN[asked]
+        return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)
 
     known = believed.at_work()
     stand = PathStanding(
@@ -111,4 +124,7 @@ def standing(
     )
 
     placement, worked, _ = stand(surveyed, path)
+    _CHOSEN[asked] = placement, worked
+    while len(_CHOSEN) > _MOST_CHOSEN:
+        _CHOSEN.pop(next(iter(_CHOSEN)))
     return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)

@@ -110,9 +110,7 @@ class _Shapes:
         """Prepare the triangles of corners (3 T, 3) [m] in W."""
         self.count = len(corners_W) // 3
         self.origin_W = np.array(origin_W)
-        self.rays = RayScene(
-            corners_W - self.origin_W, np.arange(len(corners_W)).reshape(-1, 3)
-        )
+        self.rays = RayScene(corners_W - self.origin_W, np.arange(len(corners_W)).reshape(-1, 3))
 
 
 class _LitScene:

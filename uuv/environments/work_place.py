@@ -24,6 +24,7 @@ from uuv.sim.runs.provenance import model_digest
 # Choices of this process by all that they depend on: an environment that is made again has its
 # place at once.
 _CHOSEN: dict[Any, tuple[Placement, ToolPath]] = {}
+# number of choices that are kept
 _MOST_CHOSEN = 32
 
 

@@ -1,9 +1,11 @@
 """Smooth normals and closest points of triangle meshes, for metrics and drawing."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from uuv.models.objects.target_model import TargetModel
 from uuv.sim.interfaces.spatial import Array
 
 # [rad] between normals; triangles that differ less are facets of one curved face
@@ -110,6 +112,12 @@ class Surface:
             normals[rows] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
         return closest, normals
+
+
+@lru_cache(maxsize=1)
+def surface_of(model: TargetModel) -> Surface:
+    """Surface of an object; the last one is kept, for several figures of a run need it."""
+    return Surface.of(np.asarray(model.vertices), model.triangles)
 
 
 def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:

@@ -8,7 +8,6 @@ counts as missed.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.evaluation.bounds import Bounds
 from uuv.sim.evaluation.energy_metrics import energy_checks, energy_figures
 from uuv.sim.evaluation.force_levels import contact_figures, tangential, unjudged_levels
-from uuv.sim.evaluation.mesh_surface import Surface, closest_on_curve
+from uuv.sim.evaluation.mesh_surface import closest_on_curve, surface_of
 from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.run_metrics import OPTIONAL, EveryRun, RunMetrics, Timings, run_schema
 from uuv.sim.evaluation.schemas import unmeasured
@@ -474,12 +473,6 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
     surface = surface_of(truth.model)
     above = np.linalg.norm(tip_on_T - surface.closest(tip_on_T)[0], axis=1) - off
     return np.hypot(across, np.interp(recording["p_pad"].time[rows], time, above)), arc
-
-
-@lru_cache(maxsize=1)
-def surface_of(model: TargetModel) -> Surface:
-    """Surface of an object; the last one is kept, for several figures of a run need it."""
-    return Surface.of(np.asarray(model.vertices), model.triangles)
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:

@@ -35,7 +35,7 @@ SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
 
 # Imports and syntax trees make millions of objects, none of them garbage: the collector looks at
 # them seldom, and not at all before the tests (`pytest_collection_finish`).
-gc.set_threshold(10_000, 10, 100)
+gc.set_threshold(2_000, 10, 100)
 gc.disable()
 
 # Byte code is written whatever the environment says: each process that a test starts would else

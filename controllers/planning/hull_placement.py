@@ -427,7 +427,7 @@ class PathStanding:
         arm = ArmMargins(
             vehicle=self.vehicle,
             chain=self.chain,
-            planes=around.shell.equations,
+            planes=hull.equations,
             force=limits.force,
             clearance=search.arm_clearance,
             holding=self.holding,

@@ -3,6 +3,7 @@ jobs.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,13 @@ from uuv.perception.finding.target_finder import PATH_SPACING
 from uuv.perception.toolpath.path_planner import path_on_model
 from uuv.sim.interfaces.messages import Target, ToolPath
 from uuv.sim.interfaces.spatial import Array
+from uuv.sim.runs.provenance import model_digest
+
+# Choices of this process by all that they depend on: an environment that is made again has its
+# place at once.
+_CHOSEN: dict[Any, tuple[Placement, ToolPath]] = {}
+# number of choices that are kept
+_MOST_CHOSEN = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,6 +99,13 @@ def standing(
     `floor` is the height [m] of the seabed in W, by default under the object's stand.
     """
     check_parts(believed.model, but=("camera", "home", "ready"))
+    shapes = (target.vertices, path.s, path.p, path.z, path.x, path.on_scan, X_WT)
+    content = b"".join(np.asarray(array).tobytes() for array in shapes)
+    height = scenes.seabed_height(target, X_WT) if floor is None else floor
+    asked = (model_digest(believed.model), content, path.keeps_x, force, standoff, height)
+    if asked in _CHOSEN:
+        placement, worked = _CHOSEN[asked]
+        return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)
 
     known = believed.at_work()
     stand = PathStanding(
@@ -100,11 +115,14 @@ def standing(
         hull_box=known.hull_box,
         # the hull does not move along the path
         limits=StandingLimits(force=force, standoff=standoff, roomy=0.0),
-        floor=scenes.seabed_height(target, X_WT) if floor is None else floor,
+        floor=height,
         holding=ThrustMargin.of(believed.model),
     )
 
     placement, worked, _ = stand(replace(surveyed(X_WT), path=path), path)
+    _CHOSEN[asked] = placement, worked
+    while len(_CHOSEN) > _MOST_CHOSEN:
+        _CHOSEN.pop(next(iter(_CHOSEN)))
     return WorkPlace(target=target, X_WT=X_WT, path=worked, placement=placement)
 
 

@@ -1,9 +1,11 @@
 """Smooth normals and closest points of triangle meshes, for metrics and drawing."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from uuv.models.objects.target_model import TargetModel
 from uuv.sim.interfaces.spatial import Array
 
 # [rad] between normals; triangles that differ less are facets of one curved face
@@ -112,6 +114,12 @@ class Surface:
         return closest, normals
 
 
+@lru_cache(maxsize=1)
+def surface_of(model: TargetModel) -> Surface:
+    """Surface of an object; the last one is kept, for several figures of a run need it."""
+    return Surface.of(np.asarray(model.vertices), model.triangles)
+
+
 def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
     """Closest points on a polyline and their arc lengths.
 
@@ -122,11 +130,14 @@ def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
     Returns:
         Closest points (N, 3) [m] and arc lengths (N,) [m].
     """
-    edge = np.diff(curve, axis=0)
-    length = np.linalg.norm(edge, axis=1)
-    arc = np.concatenate([[0.0], np.cumsum(length)])[:-1]
-    long = length > 0.0
-    start, edge, length, arc = curve[:-1][long], edge[long], length[long], arc[long]
+    # Edges with a length, and the arc lengths at their starts.
+    every_edge = np.diff(curve, axis=0)
+    every_length = np.linalg.norm(every_edge, axis=1)
+    long = every_length > 0.0
+    start = curve[:-1][long]
+    edge = every_edge[long]
+    length = every_length[long]
+    arc = np.concatenate([[0.0], np.cumsum(every_length)])[:-1][long]
     if not len(edge):
         return np.tile(curve[0], (len(points), 1)), np.zeros(len(points))
 

@@ -1,7 +1,6 @@
 """Errors of the true tip at work: from its path, from the surface, and of the tool's attitude."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from uuv.models.objects.axis_steps import Steps
 from uuv.models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from uuv.sim.evaluation.schemas import unmeasured
-from uuv.sim.evaluation.surface.mesh_surface import Surface, closest_on_curve
+from uuv.sim.evaluation.surface.mesh_surface import closest_on_curve, surface_of
 from uuv.sim.evaluation.surface.tool_speed import STANDSTILL
 from uuv.sim.evaluation.surface_metrics import GapMetrics, ToolMetrics
 from uuv.sim.interfaces.messages import WorkState
@@ -256,12 +255,6 @@ def _on_ideal_path(recording: "Recording", truth: TrueObject) -> tuple[Array, Ar
     surface = surface_of(truth.model)
     above = np.linalg.norm(tip_on_T - surface.closest(tip_on_T)[0], axis=1) - off
     return np.hypot(across, np.interp(recording["p_pad"].time[rows], time, above)), arc
-
-
-@lru_cache(maxsize=1)
-def surface_of(model: TargetModel) -> Surface:
-    """Surface of an object; the last one is kept, for several figures of a run need it."""
-    return Surface.of(np.asarray(model.vertices), model.triangles)
 
 
 def _path_pose(recording: "Recording", truth: TrueObject) -> Array:

@@ -22,6 +22,8 @@ from dm_env.test_utils import EnvironmentTestMixin
 
 from untyped import untyped
 from uuv import environments as uuv
+from uuv.controllers.planning.hull_placement import PathStanding
+from uuv.environments import work_place
 from uuv.environments.actions import ThrusterSpeeds, ToolAndJaws, ToolTwist
 from uuv.environments.episodes import run_episode
 from uuv.environments.free_tasks import ALIGNED, CLOSE, HoldStation
@@ -34,6 +36,7 @@ from uuv.environments.judges import (
     TurnedTo,
     WipedAlong,
 )
+from uuv.environments.suite import FORCE, TAP_FORCE
 from uuv.sim.evaluation.insertion_metrics import TrueHole
 from uuv.sim.evaluation.surface.force_levels import SETTLING
 from uuv.sim.interfaces.errors import ConfigurationError, ReachError
@@ -175,6 +178,23 @@ def test_the_turn_to_a_goal_is_its_angle_also_where_the_tool_points_the_wrong_wa
 def test_other_vehicles_hover(vehicle: str):
     environment = uuv.load("water", "hover", vehicle=vehicle, seed=0)
     assert run_episode(environment, uuv.expert(environment), stop_when_done=True).success
+
+
+def test_a_place_of_work_is_searched_once_for_the_same_vehicle_and_work(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    searched: list[float] = []
+
+    def standing(**known: Any) -> PathStanding:
+        searched.append(known["limits"].force)
+        return PathStanding(**known)
+
+    monkeypatch.setattr(work_place, "PathStanding", standing)
+    monkeypatch.setattr(work_place, "_CHOSEN", {})
+    first, again = (untyped(uuv.load("barrel", "press", seed=seed).task) for seed in (1, 2))
+    assert np.array_equal(first.place.placement.X_WB, again.place.placement.X_WB)
+    uuv.load("barrel", "tap", seed=1)
+    assert searched == [FORCE, TAP_FORCE]
 
 
 def test_thrusters_and_torques_by_names():

@@ -9,7 +9,7 @@ import pytest
 
 from uuv.controllers.planning.placement import Placement
 from uuv.controllers.tasks.axial_phases import Push
-from uuv.controllers.tasks.grasping.jaw_phases import GripPlan
+from uuv.controllers.tasks.grasping.jaw_phases import GripPlan, LetGo
 from uuv.controllers.tasks.grasping.plug_phases import PullOut, SeatPlug, WithPlug
 from uuv.controllers.tasks.grasping.plugging import LENGTH, PlugJob
 from uuv.controllers.tasks.insertion import EntryState
@@ -141,3 +141,17 @@ def test_a_stop_near_the_seat_is_the_seat_and_one_above_it_a_jam() -> None:
     held.tries = 0
     held.depth = -LENGTH + 0.002
     assert seat._stopped(EntryState(held.depth, 0.0), held) is PhaseEvent.TOUCHED
+
+
+def test_work_that_is_broken_off_keeps_the_plug_at_the_rim_and_lets_it_go_in_the_hole() -> None:
+    leave = LetGo(JOB.axial, LOADED, JOB.jaws, GRIP)
+    at_rim = at_seat()
+    at_rim.depth = -LENGTH + 0.002
+    assert drawn(leave, at_rim, lambda _: 0.0) == (PhaseEvent.DONE, 0.0)
+    assert at_rim.plan_of(GripPlan).gripped == WIDTH
+
+    inside = at_seat()
+    inside.depth = -LENGTH + 0.02
+    ended, _ = drawn(leave, inside, lambda _: 0.0, lambda time: pressing(time, opening=0.05))
+    assert ended is PhaseEvent.DONE
+    assert np.isnan(inside.plan_of(GripPlan).gripped)

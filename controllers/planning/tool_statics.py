@@ -17,6 +17,7 @@ from uuv.sim.interfaces.spatial import Array, inverse
 _SAMPLES = 9  # poses at which the load is computed
 _TORQUE = 0.95  # share of a joint's torque that the work may take
 _THRUST = 0.9  # share of a thruster's thrust
+_SEARCH = "the search"  # where nothing bounds the load up to the largest one that is computed
 LoadAt = Callable[[Array], Array]  # wrench (6,) on the tip, tool axes, for a tool pose (4, 4)
 
 
@@ -26,6 +27,10 @@ class LoadBound:
 
     most: float  # [N] or [N m]
     by: str  # what bounds it, in words
+
+    def in_words(self, unit: str) -> str:
+        """The load in `unit` with what bounds it; or more, where only the search ended."""
+        return f"{self.most:.0f} {unit} {'or more' if self.by == _SEARCH else f'({self.by})'}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +53,7 @@ class ToolStatics:
         X_WB = placement.X_WB
         X_AW = inverse(X_WB @ self.vehicle.X_BA)
         q = placement.q_start
-        least = LoadBound(most=self.most, by="the search")
+        least = LoadBound(most=self.most, by=_SEARCH)
 
         for s in np.linspace(0.0, float(path.s[-1]), _SAMPLES):
             X_WG = tool_pose(path, s, placement.roll)[0]

@@ -30,6 +30,7 @@ from uuv.controllers.tasks.grasping.collecting import straight_down
 from uuv.controllers.tasks.insertion import axis_path
 from uuv.models.completing.postures import PostureSearch
 from uuv.models.naming import lacks
+from uuv.models.tools.gripper import FINGERS
 from uuv.models.vehicle import Vehicle
 from uuv.models.water import battery_feed
 from uuv.own_vehicle import OwnVehicle, vehicle_spec
@@ -416,9 +417,10 @@ def pushes_with_friction(push: float) -> Array:
 def _touching(believed: OwnVehicle, q: Array) -> str:
     """Note on self-contacts at joint angles `q` (n,), which no planner refuses."""
     pairs = PostureSearch(believed.model).touching(q)
-    named = sorted(
-        f"{believed.model.body(a).name} and {believed.model.body(b).name}" for a, b in pairs
-    )
+    names = [(believed.model.body(a).name, believed.model.body(b).name) for a, b in pairs]
+
+    # Closed jaws touch each other.
+    named = sorted(f"{a} and {b}" for a, b in names if {a, b} != {*FINGERS})
     return f"; self-contact at the work pose: {', '.join(named)}" if named else ""
 
 
@@ -485,14 +487,14 @@ def _stand(placed: PlacedTask, current: Array) -> tuple[Placement, float, list[A
         assert target.path is not None
         stand = planner.stand(target, target.path, current)
         bound = planner.bound(target, stand[1], stand[0])
-        words = f"; it can give {bound.most:.0f} N m ({bound.by})"
+        words = f"; it can give {bound.in_words('N m')}"
     elif isinstance(placed, PlacedMove):
         planner = placed.planner()
         target = planner.with_path(_target(placed.X_WT, None))
         assert target.path is not None
         stand = planner.stand(target, target.path, current)
         pull, push = (planner.bound(stand[1], stand[0], sign) for sign in (1.0, -1.0))
-        words = f"; it can pull with {pull.most:.0f} N and push with {push.most:.0f} N"
+        words = f"; it can pull with {pull.in_words('N')} and push with {push.in_words('N')}"
     elif isinstance(placed, PlacedSampling):
         # The first target, at the true height of the ground.
         B = np.array(placed.B_W[0])

@@ -9,7 +9,7 @@ what hangs free (`keep_what_is_free`). A slip in the lift or at rest above is gr
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from uuv.controllers.planning.trajectories import Progress
@@ -103,6 +103,22 @@ def reading(context: Context, limits: JawLimits) -> JawMeasurement | Abort:
 
 
 @dataclass(slots=True)
+class Limp:
+    """Time for which jaws that should hold something have not pressed."""
+
+    seconds: float = 0.0
+    share = 0.5  # of the grip force below which they do not hold,
+    lasting = 0.3  # [s] for so long
+
+    def lost(self, jaws: JawMeasurement, force: float, period: float) -> str:
+        """Sentence if they have lost their hold; to be asked once a period [s]."""
+        limp = jaws.force < self.share * force
+        self.seconds = self.seconds + period if limp else 0.0
+        held = self.seconds <= self.lasting
+        return "" if held else f"the jaws press with {jaws.force:.0f} of {force:.0f} N only"
+
+
+@dataclass(slots=True)
 class JawPhaseState:
     """State of the phases with jaws."""
 
@@ -115,7 +131,7 @@ class JawPhaseState:
     # of a pull out of a receptacle
     highest: float = 0.0  # [m] depth at the last gain, negative above the seat
     gained: float = 0.0  # [s] time of it
-    limp_for: float = 0.0  # [s] for which the jaws have not pressed
+    limp: Limp = field(default_factory=Limp)
     most: float = 0.0  # [N] largest pull that was felt
 
 

@@ -7,7 +7,7 @@ The friction of the seat is unknown. The pull is an admittance as the push into 
 resistance the tool has the set speed, at the set pull it stands. A plug that stands there is stuck.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from uuv.controllers.tasks.axial_phases import AxialLimits, Push
@@ -16,6 +16,7 @@ from uuv.controllers.tasks.grasping.jaw_phases import (
     JawLimits,
     JawPhase,
     JawPhaseState,
+    Limp,
     Weigh,
     closed,
     reading,
@@ -35,8 +36,6 @@ class PullLimits:
     stall: float = 0.6  # [s] for which it must resist without
     gain: float = 1e-3  # [m] of way
     longest: float = 40.0  # [s] of the way out
-    limp: float = 0.5  # share of the grip below which the jaws do not hold,
-    limp_time: float = 0.3  # [s] for so long
 
 
 class PullOut(JawPhase):
@@ -105,14 +104,12 @@ class PullOut(JawPhase):
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
     ) -> Outcome:
         """The end of the phase if the jaws no longer press; refused if a try is left."""
-        limits = self._pull
-        limp = jaws.force < limits.limp * self._force
-        state.limp_for = state.limp_for + context.period if limp else 0.0
-        if state.limp_for <= limits.limp_time:
+        sentence = state.limp.lost(jaws, self._force, context.period)
+        if not sentence:
             return None
         if held.depth > -self._jaws.clear and held.plan_of(GripPlan).tries < self._jaws.tries:
             return PhaseEvent.REFUSED
-        return Abort(AbortCode.DROPPED, f"the jaws press with {jaws.force:.0f} N only")
+        return Abort(AbortCode.DROPPED, sentence)
 
 
 class WeighPlug(Weigh):
@@ -139,8 +136,16 @@ class WeighPlug(Weigh):
         return Abort(AbortCode.DROPPED, reason)
 
 
+@dataclass(slots=True)
+class WithPlugState:
+    """State of `WithPlug`."""
+
+    inner: Any  # of the other phase
+    limp: Limp = field(default_factory=Limp)
+
+
 class WithPlug(Phase):
-    """Another phase with the plug in the closed jaws; ended if it slips out."""
+    """Another phase with the plug in the closed jaws; ended if they lose it."""
 
     def __init__(self, inner: Phase, jaws: JawLimits, force: float) -> None:
         """Wrap `inner`; `force` [N] is the set grip force on each finger."""
@@ -148,23 +153,26 @@ class WithPlug(Phase):
         self._jaws = jaws
         self._force = force
 
-    def enter(self, held: Held, context: Context) -> Any:
+    def enter(self, held: Held, context: Context) -> WithPlugState:
         """Begin; from now on the receptacle may bear the plug's weight."""
         held.plan = replace(held.plan_of(GripPlan), carried=False)
-        return self._inner.enter(held, context)
+        return WithPlugState(self._inner.enter(held, context))
 
-    def step(self, state: Any, held: Held, context: Context) -> Outcome:
+    def step(self, state: WithPlugState, held: Held, context: Context) -> Outcome:
         """A period of the phase, with a reading of the jaws; aborted without one."""
         jaws = reading(context, self._jaws)
         if isinstance(jaws, Abort):
             return jaws
-        if sentence := slipped(held.plan_of(GripPlan), jaws, self._jaws):
-            return Abort(AbortCode.DROPPED, sentence)
-        return self._inner.step(state, held, context)
 
-    def setpoint(self, state: Any, held: Held, context: Context) -> Setpoint:
+        # Do they still hold it?
+        slip = slipped(held.plan_of(GripPlan), jaws, self._jaws)
+        if sentence := slip or state.limp.lost(jaws, self._force, context.period):
+            return Abort(AbortCode.DROPPED, sentence)
+        return self._inner.step(state.inner, held, context)
+
+    def setpoint(self, state: WithPlugState, held: Held, context: Context) -> Setpoint:
         """The phase's, and the closed jaws."""
-        setpoint = self._inner.setpoint(state, held, context)
+        setpoint = self._inner.setpoint(state.inner, held, context)
         return replace(setpoint, jaws=closed(held.plan_of(GripPlan), self._jaws, self._force))
 
 

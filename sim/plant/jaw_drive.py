@@ -11,7 +11,7 @@ that meet something stop; the integral then raises the force to its bound.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import mujoco
@@ -70,6 +70,11 @@ class JawDrive:
     widest: float = 0.0  # [m] largest opening
     timestep: float  # [s] step of the plant
     memory: Array  # (_MEMORY,)
+    # Addresses of the fingers' travels and speeds in the state, and their shares in the opening.
+    # Between two steps these are newer than the views of `jaws`.
+    travels: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    speeds: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    shares: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of(
@@ -88,7 +93,8 @@ class JawDrive:
         motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, name)
         tendon = int(model.actuator_trnid[motor, 0])
         first = int(model.tendon_adr[tendon])
-        fingers = model.wrap_objid[first : first + int(model.tendon_num[tendon])]
+        joints = slice(first, first + int(model.tendon_num[tendon]))
+        fingers = model.wrap_objid[joints]
         dof = model.jnt_dofadr[fingers]
         damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0]
 
@@ -102,6 +108,9 @@ class JawDrive:
             widest=float(model.jnt_range[fingers, 1].sum()),
             timestep=timestep,
             memory=memory,
+            travels=np.array(model.jnt_qposadr[fingers]),
+            speeds=np.array(dof),
+            shares=np.array(model.wrap_prm[joints]),
         )
 
     def start(self) -> None:
@@ -133,13 +142,13 @@ class JawDrive:
             return
 
         # Where the jaws are to be, the friction of the spindle holds them.
-        way = target - float(self.jaws.opening[0])
+        way = target - float(self.shares @ self.data.qpos[self.travels])
         if abs(way) < _AT:
             self.data.ctrl[self.motor] = self.memory[_SUM] = 0.0
             return
 
         speed = min(max(way / _NEAR, -fastest), fastest)
-        behind = 0.5 * self.damping * (speed - float(self.jaws.speed[0]))
+        behind = 0.5 * self.damping * (speed - float(self.shares @ self.data.qvel[self.speeds]))
         rolling = 0.5 * self.damping * speed + float(np.copysign(self.friction, speed))
 
         # The integral stops at the bound.

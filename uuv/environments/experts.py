@@ -53,7 +53,7 @@ from uuv.environments.contact_tasks import (
     WipePath,
 )
 from uuv.environments.free_tasks import HoldStation, ReachPose
-from uuv.environments.hand_tasks import GraspObject, HandTask, TurnValve
+from uuv.environments.hands.hand_tasks import GraspObject, HandTask, TurnValve
 from uuv.environments.true_state import TrueState
 from uuv.environments.vehicle_task import VehicleTask
 from uuv.sim.interfaces.errors import ConfigurationError

@@ -35,7 +35,7 @@ from uuv.environments.contact_tasks import (
 )
 from uuv.environments.entities import Sea, VehicleEntity
 from uuv.environments.free_tasks import GoToWaypoint, HoldStation, ReachPose
-from uuv.environments.hand_tasks import GraspObject, TurnValve, place_at_stone, place_at_valve
+from uuv.environments.hands.hand_tasks import GraspObject, TurnValve, place_at_stone, place_at_valve
 from uuv.environments.ticks.environment import Environment
 from uuv.environments.vehicle_task import VehicleTask
 from uuv.models.naming import TOOL_GEOM, find

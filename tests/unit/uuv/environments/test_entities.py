@@ -108,7 +108,7 @@ def states(env: composer.Environment, commands: Array) -> Array:
         ("uuv_puma", None),
         ("uuv_puma", "sampler"),
         ("uuv_puma_side", None),
-        ("uuv_puma_side", "jaws"),  # whose tendon keeps the vehicle in one piece
+        ("uuv_puma_side", "jaws"),  # whose tendon goes with the tool
         ("bluerov2_heavy_alpha5", None),  # its arm ends in a bare tip
         ("bluerov2_heavy_alpha5", "small_pad"),
         ("bluerov2_heavy", None),  # has no arm
@@ -339,6 +339,16 @@ def test_parts_that_are_tied_together_stay_in_one_piece():
     assert parts.arm is None
     assert parts.tool is None
     assert "link3" in parts.hull
+
+
+def test_what_ties_a_gripper_s_fingers_goes_with_the_tool():
+    parts = parts_of(vehicle_spec("uuv_puma", tool="gripper"))
+    assert parts.arm is not None
+    assert parts.tool is not None
+    for section in ("<tendon", "<equality"):
+        assert section in parts.tool
+        assert section not in parts.hull
+        assert section not in parts.arm
 
 
 SPREADS = (

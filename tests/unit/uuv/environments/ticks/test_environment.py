@@ -52,6 +52,11 @@ def back(_: int, rng: np.random.Generator) -> Array:
     return np.concatenate([[0.1, 0.0, -1.0], 0.1 * rng.uniform(-1.0, 1.0, 3), [0.0, 0.0]])
 
 
+def close(step: int, _: np.random.Generator) -> Array:
+    """The jaws open, and close on what is there."""
+    return np.concatenate([np.zeros(8), [1.0 if step < 15 else -1.0, -0.2]])
+
+
 def look(*_: Any) -> None:
     """Hook of a user's own, at every substep."""
 
@@ -92,10 +97,23 @@ CASES = {
     "joints": (("water", "reach"), {"period": 0.03}, thrusters, 20),
     "press": (("barrel", "press"), {}, press, 90),
     "insert": (("manifold", "insert"), {}, press, 80),
+    "grasp": (("seabed", "grasp"), {}, close, 40),
+    "turn": (("valve", "turn"), {}, press, 170),
 }
+OF_A_HAND = pytest.mark.long(
+    guarded_by="tests/unit/uuv/environments/ticks/test_environment.py::"
+    "test_both_ways_give_the_same_bits"
+)
 
 
-@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=OF_A_HAND) if name in ("grasp", "turn") else case
+        for name, case in CASES.items()
+    ],
+    ids=CASES,
+)
 def test_both_ways_give_the_same_bits(case: tuple[Any, dict[str, Any], Actions, int]):
     name, options, act, steps = case
     fast, slow = (uuv.load(*name, seed=11, **options) for _ in range(2))

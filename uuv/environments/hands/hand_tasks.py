@@ -16,7 +16,7 @@ from uuv.controllers.tasks.grasping.turning import TurnJob, ValveTurning
 from uuv.environments.actions import Actions
 from uuv.environments.contact_tasks import BELOW, OFFSET, TURN
 from uuv.environments.entities import Sea, VehicleEntity, put
-from uuv.environments.handled_objects import LooseObjectEntity, ValveEntity, let_hold
+from uuv.environments.hands.handled_objects import LooseObjectEntity, ValveEntity, let_hold
 from uuv.environments.judges import KeptFor, TurnedTo
 from uuv.environments.sensing import FARTHEST, FARTHEST_TURN
 from uuv.environments.vehicle_task import Random, VehicleTask, near

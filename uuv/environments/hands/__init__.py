@@ -1,0 +1,1 @@
+"""Tasks of a hand: an object is grasped, a valve turned."""

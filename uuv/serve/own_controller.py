@@ -6,6 +6,7 @@
 It shows how a measurement's fields become what a controller of the project takes.
 """
 
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -26,6 +27,7 @@ from uuv.sim.interfaces.spatial import Array
 
 _STATES = tuple(WorkState)
 _WATCHED = 1.0  # [s] from the start, in which the age of the link is learnt
+_USUAL = 90.0  # [%] of those ages that are not larger than the link's usual one
 _PHASE = 0.5  # [rad] that a late link may take from the force loop
 
 
@@ -106,7 +108,7 @@ class OwnController:
         self._state: Any = None
         self._reference: Reference | None = None
         self._began = 0.0  # [s] simulated
-        self._link_age = 0.0  # [s] the largest at the start
+        self._ages: list[float] = []  # [s] of the link, at the start
 
     def answer(self, frame: Packet) -> dict[str, Any]:
         """Quantities of the command for a measurement."""
@@ -115,7 +117,7 @@ class OwnController:
             self._reference = reference_of(frame)
         if self._state is None or frame.flag(client.START):
             self._state = self._controller.init(estimate)
-            self._began, self._link_age = frame.time, 0.0
+            self._began, self._ages = frame.time, []
         if frame.flag(client.START):
             return {"joint_torque": [0.0] * frame.joints, "thrusters": [0.0] * frame.thrusters}
 
@@ -144,17 +146,20 @@ class OwnController:
 
     def _heed(self, frame: Packet, estimate: StateEstimate) -> None:
         """Learn how late the link is, and set the force loop accordingly, before the work."""
-        watched = frame.time - self._began
-        if watched <= _WATCHED:
-            self._link_age = max(self._link_age, frame.link_age)
+        if frame.time - self._began <= _WATCHED:
+            if frame.link_age < math.inf:
+                self._ages.append(frame.link_age)
             return
-        if self._link_age == 0.0:
+        if not self._ages:
             return
 
-        tool = self._controller.tool
-        tool.force_law = slowed(tool.force_law, self._link_age)
-        self._state = self._controller.init(estimate)
-        self._link_age = 0.0
+        # A hiccup is not the link's usual age.
+        age = float(np.percentile(self._ages, _USUAL))
+        self._ages = []
+        if age > 0.0:
+            tool = self._controller.tool
+            tool.force_law = slowed(tool.force_law, age)
+            self._state = self._controller.init(estimate)
 
     def _feedback(self, q: Array) -> dict[str, Array]:
         """How the torques are to follow joints (n,) [rad] and hull, if the command is late."""

@@ -2,6 +2,7 @@
 
 import os
 import struct
+import threading
 import time
 from pathlib import Path
 
@@ -120,3 +121,31 @@ def test_what_is_no_device_is_refused_by_the_command(verb, tmp_path: Path):
         assert reason in ran.stderr
     both = verb("drive", "open-water", "--gamepad", "/dev/null", "--inputs", "in.csv")
     assert both.stderr.strip() == "error: --gamepad and --inputs: give only one of them"
+
+
+@pytest.mark.long(
+    guarded_by="tests/unit/uuv/driving/test_gamepad.py::"
+    "test_records_that_arrive_in_parts_are_read_and_an_unplugged_pad_ends_the_inputs"
+)
+def test_a_hull_is_driven_by_the_command_and_its_inputs_are_kept(
+    verb, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.delenv("DISPLAY", raising=False)  # without a window
+    device = tmp_path / "js0"
+    os.mkfifo(device)
+    writer = os.open(device, os.O_RDWR)
+    out = tmp_path / "run"
+    try:
+        os.write(writer, record(AXIS, 1, -FULL))
+        pushed = threading.Timer(30.0, os.write, (writer, record(BUTTON, 7, 1)))
+        pushed.start()
+        ran = verb(
+            "drive", "open-water", "--gamepad", device, "--pace", 2, "--no-record", "--out", out
+        )
+        pushed.cancel()
+    finally:
+        os.close(writer)
+    assert ran.returncode == 0, ran.stderr
+    rows = OperatorInputs.read(out / "inputs.csv").rows
+    assert rows[0][1] == COLUMNS["surge"].most
+    assert "the inputs ended" in ran.stdout

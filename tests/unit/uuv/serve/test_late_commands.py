@@ -44,14 +44,12 @@ def test_late_commands_hold_the_arm_where_they_are_carried_on():
     speed, remote = held(own_answer(JOB), LINKS["late"], 1.0)
     assert 0.046 < remote.traffic.oldest_s < 0.052
     assert remote.traffic.silent == 0
-    print(speed)
-    assert speed < 0.05
+    assert speed < 0.2  # measured 0.035
 
 
 def test_without_gains_the_servo_is_unstable_over_the_same_link():
     speed, _ = held(without_gains(own_answer(JOB)), LINKS["late"], 1.0)
-    print(speed)
-    assert speed > 1.0
+    assert speed > 2.0  # measured 10
 
 
 def test_a_link_in_time_changes_nothing():

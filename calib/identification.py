@@ -633,18 +633,7 @@ def _assemble(
             "made with this arm, or the table, the joint signs or the joint zeros are wrong"
         )
 
-    moved = np.abs(fit.full - mean)[dh_numbers.index[:-3]]
-    angles = np.array([group in {"theta", "alpha"} for group in dh_numbers.groups[:-3]])
-    shares = np.where(angles, moved / _FAR_TURN, moved / (_FAR_SHARE * max(arm.reach, 1e-9)))
-
-    if shares.max() > 1.0:
-        k = int(shares.argmax())
-        amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
-        warnings.append(
-            f"the identified arm is far from the nominal one ({dh_numbers.names[k]} by {amount}): "
-            "check the table, the joint signs and the joint zeros"
-        )
-
+    warnings += _far_from_nominal(arm, fit.full - mean, dh_numbers)
     warnings += _at_the_bound(arm, parameters, fit)
     tips_nominal = tips_of(arm, mean, data)[0]
 
@@ -679,6 +668,23 @@ def _assemble(
         loads=bound,
         scores=_scores(arm, data, parameters, fit, points[live]),
     )
+
+
+def _far_from_nominal(arm: SerialArm, change: Array, dh_numbers: Parameters) -> list[str]:
+    """Warning about the DH number with the largest `change` of the full vector, if it is large."""
+    moved = np.abs(change)[dh_numbers.index[:-3]]
+    angles = np.array([group in {"theta", "alpha"} for group in dh_numbers.groups[:-3]])
+    shares = np.where(angles, moved / _FAR_TURN, moved / (_FAR_SHARE * max(arm.reach, 1e-9)))
+
+    k = int(shares.argmax())
+    if not shares[k] > 1.0:
+        return []
+
+    amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
+    return [
+        f"the identified arm is far from the nominal one ({dh_numbers.names[k]} by {amount}): "
+        "check the table, the joint signs and the joint zeros"
+    ]
 
 
 def _at_the_bound(arm: SerialArm, parameters: Parameters, fit: Fit) -> list[str]:

@@ -57,28 +57,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
         before, after = (1e3 * np.sqrt((errors**2).mean()) for errors in outcome.tips)
         out.append(("tip in the base, RMS: nominal, identified [mm]", f"{before:.3f}, {after:.3f}"))
 
-    # Touches that were held out.
-    if outcome.held_out:
-        rms_mm = 1e3 * np.array(list(outcome.held_out.values()))
-        out += [
-            (f"held out, {name}: nominal, identified [mm]", f"{before:.3f}, {after:.3f}")
-            for name, (before, after) in zip(outcome.held_out, rms_mm, strict=True)
-        ]
-        out.append(
-            (
-                "held out, median: nominal, identified [mm]",
-                "{:.3f}, {:.3f}".format(*np.median(rms_mm, axis=0)),
-            )
-        )
-
-    out += [
-        (f"held out, {name}: predicted, at most (95 %) [mm]", f"{1e3 * rms:.3f}, {1e3 * bound:.3f}")
-        for name, (rms, bound) in outcome.foretold.items()
-    ]
-    if outcome.covered is not None and outcome.half_width is not None:
-        interval = f"{100.0 * outcome.covered:.1f} %, ± {1e3 * outcome.half_width:.3f}"
-        out.append(("held out, within the 95 % interval; its median [mm]", interval))
-
+    out += _held_out_rows(outcome)
     if case.session is not None:
         session = case.session
         out += [
@@ -86,6 +65,30 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
             ("seat of the pin, true spread [mm]", f"{1e3 * session.tip_spread:.4f}"),
             ("hull, largest true motion between touches [mm]", f"{1e3 * session.hull_motion:.3f}"),
         ]
+    return out
+
+
+def _held_out_rows(outcome: CalibrationOutcome) -> list[tuple[str, str]]:
+    """Names and formatted values of touches that were held out."""
+    if not outcome.held_out:
+        return []
+
+    rms_mm = 1e3 * np.array(list(outcome.held_out.values()))
+    median = "{:.3f}, {:.3f}".format(*np.median(rms_mm, axis=0))
+    out = [
+        (f"held out, {name}: nominal, identified [mm]", f"{before:.3f}, {after:.3f}")
+        for name, (before, after) in zip(outcome.held_out, rms_mm, strict=True)
+    ]
+    out.append(("held out, median: nominal, identified [mm]", median))
+
+    # As the fit predicts them.
+    out += [
+        (f"held out, {name}: predicted, at most (95 %) [mm]", f"{1e3 * rms:.3f}, {1e3 * bound:.3f}")
+        for name, (rms, bound) in outcome.foretold.items()
+    ]
+    if outcome.covered is not None and outcome.half_width is not None:
+        interval = f"{100.0 * outcome.covered:.1f} %, ± {1e3 * outcome.half_width:.3f}"
+        out.append(("held out, within the 95 % interval; its median [mm]", interval))
     return out
 
 

@@ -395,6 +395,7 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
     """Monitors of surface work."""
     limits = job.contact
     touch = job.approach.touch
+    least = job.approach.lost_below
     at_work = frozenset({WorkState.WORK}) if job.presses else frozenset()
 
     def allowed(held: Held) -> float:
@@ -404,15 +405,13 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         forces = f"{context.normal:.0f} N estimated, {held.set_force:.0f} N set"
         return f"the force cannot be held: {forces}" if context.normal > allowed(held) else ""
 
+    sentence = f"contact lost for {limits.lost_time} s"
+
     def lost(held: Held, context: Context) -> str:
-        if context.normal > job.approach.lost_below(held.set_force):
-            return ""
-        return f"contact lost for {limits.lost_time} s"
+        return "" if context.normal > least(held.set_force) else sentence
 
     def leaving_force(held: Held, context: Context) -> float:
-        """Force that is monitored: of any direction after the release, before it only along the
-        normal.
-        """
+        """Force that is monitored: along the normal, of any direction after the release."""
         return (
             normal_force(held, context) if held.set_force > touch else contact_force(held, context)
         )

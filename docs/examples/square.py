@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
+
 from uuv import Scenario, jobs
 from uuv.models.objects.targets import TargetModel
 from uuv.perception.toolpath.path_shapes import laid_on, line
@@ -21,7 +22,8 @@ def slab() -> TargetModel:
     )
     model = TargetModel(name="slab", vertices=mesh.vertices, triangles=mesh.faces)
     corners = 0.08 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
-    curve = np.vstack([line(a, b) for a, b in pairwise(corners)])
+    sides = [line(a, b)[:-1] for a, b in pairwise(corners)]  # no point twice
+    curve = np.vstack([*sides, corners[-1:]])
     return model.with_path("square", laid_on(model, curve, [0.0, 0.0, -1.0]))  # from above
 
 

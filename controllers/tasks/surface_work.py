@@ -19,6 +19,7 @@ from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import PlacementSearch
 from uuv.controllers.planning.promise import PromiseLimits, promise
 from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.approach_limits import ApproachLimits
 from uuv.controllers.tasks.arrival import (
     ArrivalLimits,
     Since,
@@ -395,7 +396,6 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
     """Monitors of surface work."""
     limits = job.contact
     touch = job.approach.touch
-    least = job.approach.lost_below
     at_work = frozenset({WorkState.WORK}) if job.presses else frozenset()
 
     def allowed(held: Held) -> float:
@@ -404,11 +404,6 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
     def too_hard(held: Held, context: Context) -> str:
         forces = f"{context.normal:.0f} N estimated, {held.set_force:.0f} N set"
         return f"the force cannot be held: {forces}" if context.normal > allowed(held) else ""
-
-    sentence = f"contact lost for {limits.lost_time} s"
-
-    def lost(held: Held, context: Context) -> str:
-        return "" if context.normal > least(held.set_force) else sentence
 
     def leaving_force(held: Held, context: Context) -> float:
         """Force that is monitored: along the normal, of any direction after the release."""
@@ -463,6 +458,18 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             lasting=limits.lost_time,
             during=at_work,
         ),
+    )
+
+
+def _contact_lost(approach: ApproachLimits, time: float) -> Bounded:
+    """Condition: the estimated normal force is that of lost contact; `time` [s]: how long."""
+
+    def condition(held: Held, context: Context) -> str:
+        pressed = context.normal > approach.lost_below(held.set_force)
+        return "" if pressed else f"contact lost for {time} s"
+
+    return Bounded(
+        condition, lambda held: EstimateBounds(slack=-approach.lost_below(held.set_force))
     )
 
 

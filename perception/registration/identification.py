@@ -377,13 +377,12 @@ class _Search:
         reason = verdict.reason
         if not reason and not question.expected.admits(X_ST[None], surface)[0]:
             reason = "position or orientation is too far from the expected pose"
-        reason = with_cause(reason, evidence.scan.doubt)
 
         visible = surface.visible(X_ST, evidence.scan, question.sensor.max_incidence)
         return Identification(
             X_sensor_target=readonly(X_ST),
             accepted=not reason,
-            reason=reason,
+            reason=with_cause(reason, evidence.scan.doubt),
             check=verdict,
             covariance=doubt,
             symmetry=_free_motion(

@@ -450,9 +450,7 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=at_work,
         ),
         Monitor(
-            condition=Bounded(
-                lost, lambda held: EstimateBounds(slack=-job.approach.lost_below(held.set_force))
-            ),
+            condition=_contact_lost(job.approach, limits.lost_time),
             reaction=Reaction.RETREAT,
             code=AbortCode.CONTACT_LOST,
             lasting=limits.lost_time,

@@ -19,6 +19,7 @@ from uuv.controllers.planning.hull_placement import PathStanding, StandingLimits
 from uuv.controllers.planning.placement import PlacementSearch
 from uuv.controllers.planning.promise import PromiseLimits, promise
 from uuv.controllers.planning.work_vehicle import WorkVehicle
+from uuv.controllers.tasks.approach_limits import ApproachLimits
 from uuv.controllers.tasks.arrival import (
     ArrivalLimits,
     Since,
@@ -404,15 +405,8 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
         forces = f"{context.normal:.0f} N estimated, {held.set_force:.0f} N set"
         return f"the force cannot be held: {forces}" if context.normal > allowed(held) else ""
 
-    def lost(held: Held, context: Context) -> str:
-        if context.normal > job.approach.lost_below(held.set_force):
-            return ""
-        return f"contact lost for {limits.lost_time} s"
-
     def leaving_force(held: Held, context: Context) -> float:
-        """Force that is monitored: of any direction after the release, before it only along the
-        normal.
-        """
+        """Force that is monitored: along the normal, of any direction after the release."""
         return (
             normal_force(held, context) if held.set_force > touch else contact_force(held, context)
         )
@@ -456,14 +450,24 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             during=at_work,
         ),
         Monitor(
-            condition=Bounded(
-                lost, lambda held: EstimateBounds(slack=-job.approach.lost_below(held.set_force))
-            ),
+            condition=_contact_lost(job.approach, limits.lost_time),
             reaction=Reaction.RETREAT,
             code=AbortCode.CONTACT_LOST,
             lasting=limits.lost_time,
             during=at_work,
         ),
+    )
+
+
+def _contact_lost(approach: ApproachLimits, time: float) -> Bounded:
+    """Condition: the estimated normal force is that of lost contact; `time` [s]: how long."""
+
+    def condition(held: Held, context: Context) -> str:
+        pressed = context.normal > approach.lost_below(held.set_force)
+        return "" if pressed else f"contact lost for {time} s"
+
+    return Bounded(
+        condition, lambda held: EstimateBounds(slack=-approach.lost_below(held.set_force))
     )
 
 

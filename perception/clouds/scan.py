@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from uuv.models.meshes.ray_casting import RayScene
 from uuv.perception.clouds.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
+from uuv.perception.clouds.likely_causes import other_axes
 from uuv.sim.interfaces.errors import ConfigurationError, PerceptionError
 from uuv.sim.interfaces.kernels import kernel
 from uuv.sim.interfaces.messages import DepthImage
@@ -25,8 +26,6 @@ from uuv.sim.interfaces.spatial import Array, number, readonly, real_array
 SIGMA_ALLOWED = (1e-6, 0.01)
 MIN_POINTS = 60  # with fewer points no pose can be distinguished from noise
 _ENDLESS = 1e5  # [m] along an axis; larger coordinates are invalid
-# conventions of a camera's frame, by the axis that points ahead in them
-_OTHER_AXES = {"+x": "ROS camera_link", "-z": "OpenGL or Blender"}
 _SAMPLED = 20_000  # approximate number of pixels to which background planes are fitted
 _FACET = 0.056  # [rad] width of the surface (31 px of the usual camera) for a local normal
 _ALIGNED = np.cos(np.deg2rad(20.0))  # least cosine between a local normal and that of its plane
@@ -274,7 +273,7 @@ class Scan:
             coordinates[..., 2] > 1e-3
         )  # False for NaN
         count = int(usable.sum())
-        doubt = doubted_axes(coordinates)
+        doubt = other_axes(coordinates[(np.abs(coordinates) < _ENDLESS).all(axis=-1)])
         if count < MIN_POINTS:
             raise PerceptionError(
                 f"only {count} usable points of {coordinates.size // 3}; need {MIN_POINTS}"
@@ -305,33 +304,6 @@ class Scan:
         return cls(
             points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y)
         )
-
-
-def doubted_axes(coordinates: Array) -> str:
-    """Sign of a cloud in other axes than those of a sensor, x right, y down, z ahead.
-
-    Args:
-        coordinates: Points (..., 3) [m].
-
-    Returns:
-        Message with the axis along which the points lie; empty if that is +z.
-    """
-    points = coordinates.reshape(-1, 3)
-    points = points[(np.abs(points) < _ENDLESS).all(axis=1)]  # False for NaN
-    if not len(points):
-        return ""
-
-    middle = np.median(points, axis=0)
-    axis = int(np.abs(middle).argmax())
-    if axis == 2 and middle[2] > 0.0:
-        return ""
-
-    along = f"{'-' if middle[axis] < 0.0 else '+'}{'xyz'[axis]}"
-    convention = f" (the axes of {_OTHER_AXES[along]}?)" if along in _OTHER_AXES else ""
-    return (
-        "the cloud has to be in the frame of the sensor, z ahead, but most of its points lie along "
-        f"{along}{convention}"
-    )
 
 
 def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from uuv.models.objects.targets import TargetModel
+from uuv.perception.clouds.likely_causes import far_approach, with_cause
 from uuv.perception.clouds.scan import (
     MIN_POINTS,
     Scan,
@@ -72,8 +73,6 @@ _TURNS = 24
 # [-] ratio of the information of all pixels to that used by the search, above which the noise of
 # the scan itself is used
 _BETTER = 2.0
-# ratio of the distances of approach and farthest point, above which the approach is in another unit
-_OTHER_UNIT = 20.0
 # [model radii] around the centre of an initial pose, within which scan points are used
 _AROUND = 1.3
 
@@ -251,7 +250,7 @@ def attempted(
         mask = segment(scan, surface.target, p_approach, question.sensor, approach_error, rng)
         return _first_search(question, scan, mask)
     except PerceptionError as error:
-        return _Refusal(question=question, reason=_doubted(str(error), doubt))
+        return _Refusal(question=question, reason=with_cause(str(error), doubt))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -378,13 +377,12 @@ class _Search:
         reason = verdict.reason
         if not reason and not question.expected.admits(X_ST[None], surface)[0]:
             reason = "position or orientation is too far from the expected pose"
-        reason = _doubted(reason, evidence.scan.doubt)
 
         visible = surface.visible(X_ST, evidence.scan, question.sensor.max_incidence)
         return Identification(
             X_sensor_target=readonly(X_ST),
             accepted=not reason,
-            reason=reason,
+            reason=with_cause(reason, evidence.scan.doubt),
             check=verdict,
             covariance=doubt,
             symmetry=_free_motion(
@@ -572,7 +570,7 @@ def segment(
         reach = target.radius + approach_error
         mask &= near_any(scan.points, approach[None], reach)
         if mask.sum() < MIN_POINTS:
-            cause = _far_approach(scan.points[usable], approach, reach)
+            cause = far_approach(scan.points[usable], approach, reach)
             _need(mask, "lie near the approach", cause)
     else:
         _need(mask, "stand out from the background")
@@ -587,33 +585,9 @@ def segment(
 
 
 def _need(mask: np.ndarray, what: str, cause: str = "") -> None:
-    count = int(mask.sum())
-    if count < MIN_POINTS:
+    if (count := int(mask.sum())) < MIN_POINTS:
         reason = f"no object in view: only {count} points {what}; need {MIN_POINTS}"
-        raise PerceptionError(_doubted(reason, cause))
-
-
-def _doubted(reason: str, cause: str) -> str:
-    """Reason of a refusal with its likely cause; an accepted pose has neither."""
-    return f"{reason}; {cause}" if reason and cause else reason
-
-
-def _far_approach(points: Array, approach: Array, reach: float) -> str:
-    """Why no point may lie within `reach` [m] of the coarse position: points (n, 3) [m] in S.
-
-    Empty if a point is near enough.
-    """
-    nearest = float(np.linalg.norm(points - approach, axis=1).min(initial=np.inf))
-    if nearest <= reach:
-        return ""
-
-    ranges = np.linalg.norm(points, axis=1)
-    away = float(np.linalg.norm(approach))
-    units = " (in millimetres?)" if away > _OTHER_UNIT * ranges.max() else ""
-    return (
-        f"the approach is {away:.2f} m from the sensor{units}, the points {ranges.min():.2f} to "
-        f"{ranges.max():.2f} m, the nearest of them {nearest:.2f} m from the approach"
-    )
+        raise PerceptionError(with_cause(reason, cause))
 
 
 def _around(poses: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:

@@ -140,7 +140,12 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
 
 @pytest.mark.parametrize(
     ("name", "page"),
-    [("my_flow", "own_current"), ("my_wake", "own_current"), ("my_water", "change_water")],
+    [
+        ("my_flow", "own_current"),
+        ("my_wake", "own_current"),
+        ("my_water", "change_water"),
+        ("square", "own_job"),
+    ],
 )
 def test_an_example_is_the_block_of_its_page(root, name, page):
     """A file in docs/examples is the block of the page with a line about it before."""

@@ -101,7 +101,9 @@ def test_colours_of_ply_and_pcd_are_left_out_and_said(
         write_ply(file, points, colours=colours(rng, len(points)) / 255.0)
     else:
         head = "FIELDS x y z _ rgb\nSIZE 4 4 4 1 4\nTYPE F F F U U\nCOUNT 1 1 1 1 1\n"
-        rows = np.column_stack([points, np.zeros(len(points)), rng.integers(0, 99, len(points))])
+        rows = np.column_stack(
+            [points, np.zeros(len(points)), rng.integers(0, 99, len(points)) / 1.0]
+        )
         written(file, rows, f"{head}WIDTH {len(points)}\nHEIGHT 1\nDATA ascii")
 
     cloud = load_cloud(file)

@@ -124,6 +124,7 @@ class WeighPlug(Weigh):
         self, state: JawPhaseState, held: Held, context: Context, jaws: JawMeasurement
     ) -> Outcome:
         """Done with the plug in the jaws, which has the weight that is expected of it."""
+        pulled = held.note
         outcome = super().go_on(state, held, context, jaws)
         if outcome is not PhaseEvent.DONE or state.load is None:
             return outcome
@@ -131,6 +132,7 @@ class WeighPlug(Weigh):
         expected = held.plan_of(GripPlan).expected.weight
         weight = state.load.weight
         if weight >= (1.0 - self._jaws.gone) * expected:
+            held.note = f"{pulled}; {held.note}"
             return outcome
         reason = f"the jaws hold {weight:.1f} N, the plug weighs {expected:.1f} N in water"
         return Abort(AbortCode.DROPPED, reason)

@@ -12,7 +12,7 @@ import numpy as np
 from uuv.sim.evaluation.assessment import Assessment
 from uuv.sim.evaluation.requirement import Requirement
 from uuv.sim.evaluation.run_metrics import run_schema
-from uuv.sim.evaluation.schemas import metric
+from uuv.sim.evaluation.schemas import metric, unmeasured
 from uuv.sim.interfaces.messages import AbortCode, WorkState
 from uuv.sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
 
@@ -77,6 +77,9 @@ class PlugForceMetrics:
 
     pull_set_n: float | None
     pull_max_n: float | None = metric("Largest pull on the first receptacle.", minimum=0)
+    pull_felt_n: float | None = metric(
+        "Largest pull that the vehicle felt before the plug was out, with the plug's weight."
+    )
     push_max_n: float | None = metric("Largest push on the second receptacle.", minimum=0)
     side_max_n: float | None = metric("Largest force across the axis of either.", minimum=0)
     grip_max_n: float | None = metric("Largest of a physics step, of the first pad.", minimum=0)
@@ -182,23 +185,26 @@ def _force(recording: "Recording", truth: TrueMove, felt: FeltPlug) -> PlugForce
     """Peaks of the forces, while the jaws are at the plug."""
     at_plug = recording.within(*_AT_PLUG)
     if not len(felt.time) or not at_plug.any():
-        return PlugForceMetrics(
-            pull_set_n=truth.pull,
-            pull_max_n=None,
-            push_max_n=None,
-            side_max_n=None,
-            grip_max_n=None,
-        )
+        return unmeasured(PlugForceMetrics, pull_set_n=truth.pull)
 
     # Across the axes of both receptacles, whose frames have z inwards.
     across = np.linalg.norm(np.stack([felt.first, felt.second])[:, :, :2], axis=2)
     return PlugForceMetrics(
         pull_set_n=truth.pull,
         pull_max_n=float(max(0.0, -felt.first[:, 2].min())),
+        pull_felt_n=_felt_pull(felt),
         push_max_n=float(max(0.0, felt.second[:, 2].max())),
         side_max_n=float(across.max()),
         grip_max_n=float(recording["contact_most"].scalar[at_plug].max()),
     )
+
+
+def _felt_pull(felt: FeltPlug) -> float | None:
+    """Largest pull [N] that was felt until the plug last touched the first receptacle."""
+    touched = np.flatnonzero(felt.first.any(axis=1))
+    known = felt.felt[: touched[-1] + 1] if len(touched) else np.zeros(0)
+    known = known[np.isfinite(known)]
+    return float(known.max()) if len(known) else None
 
 
 def _excursion(recording: "Recording") -> float | None:

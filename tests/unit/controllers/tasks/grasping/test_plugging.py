@@ -124,6 +124,9 @@ def test_a_plug_is_pulled_out_carried_and_seated_in_the_other_receptacle() -> No
     figures = judged.metrics
     # The seal's friction was found by force: measured 23.7 N at the break, at 30 mm/s.
     assert figures["force"]["pull_max_n"] == pytest.approx(20.0, rel=0.25)
+    # Felt is the plug's weight of 6 N in addition, within the error of the estimate.
+    felt = figures["force"]["pull_felt_n"]
+    assert felt == pytest.approx(figures["force"]["pull_max_n"] + 6.0, abs=5.0)
     assert recording["p_WT"].value[:, 2].max() > recording["p_WT"].value[0, 2] + LENGTH
     assert figures["seat"]["short_m"] < 1e-3
 

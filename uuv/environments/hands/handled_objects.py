@@ -124,20 +124,20 @@ def let_hold(sea: Sea, vehicle: VehicleEntity, entity: LooseObjectEntity) -> Non
         vehicle: Vehicle in the arena, with a gripper.
         entity: The object.
     """
-    own = vehicle.own.model
-    holding = HoldingContact.of(own, 1.0 / entity.loose.mass)
+    model = vehicle.own.model
+    holding = HoldingContact.of(model, 1.0 / entity.loose.mass)
     option = sea.mjcf_model.option
     option.impratio = holding.impratio
     option.tolerance = holding.tolerance
 
     for name, contact in zip(PADS, holding.pads, strict=True):
-        attributes = contact.of_pair(own.geom(name).friction)
-        pad = _found(vehicle.iter_entities(), name)
+        attributes = contact.of_pair(model.geom(name).friction)
+        pad = _geom_of(vehicle.iter_entities(), name)
         for geom in entity.geoms:
             sea.mjcf_model.contact.add("pair", geom1=pad, geom2=geom, **attributes)
 
 
-def _found(parts: Iterable[Any], name: str) -> Any:
+def _geom_of(parts: Iterable[Any], name: str) -> Any:
     """The geom of that name in one of several entities."""
     geoms = (part.mjcf_model.find("geom", name) for part in parts)
     geom = next((geom for geom in geoms if geom is not None), None)

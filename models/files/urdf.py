@@ -298,6 +298,8 @@ def _carriers(xml: Element, links: tuple[str, ...], name: str) -> dict[str, tupl
         ConfigurationError: an unknown type of joint, or one that does not join two links.
     """
     carriers: dict[str, tuple[str, Element]] = {}
+    moving = {joint.get("name") for joint in xml.findall("joint") if joint.get("type") in DRIVEN}
+    names: set[str] = set()
 
     for joint in xml.findall("joint"):
         subject = f"{name}: joint {joint.get('name', '')!r}"
@@ -306,6 +308,11 @@ def _carriers(xml: Element, links: tuple[str, ...], name: str) -> dict[str, tupl
             raise ConfigurationError(
                 f"{subject}: type must be one of {', '.join(_JOINTS)}, got {kind!r}"
             )
+
+        # A repeated name is ambiguous unless all joints of the name are fixed
+        if (joint_name := joint.get("name", "")) in names and joint_name in moving:
+            raise ConfigurationError(f"{subject}: the name is that of another joint too; rename it")
+        names.add(joint_name)
 
         ends = [
             end.get("link", "")

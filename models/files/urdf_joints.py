@@ -23,6 +23,8 @@ DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 ENDLESS = 1e3  # [rad] or [m] limits from here on are ignored
 _LISTED = 6  # largest number of names in a line
 _HELD = "joints whose limits are equal are fixed"
+_TURNS = 20.0  # [rad] a limit beyond three turns may have been meant in degrees
+_DEGREES = "limits of more than three turns, which a URDF states in radians; degrees were meant?"
 
 
 def settle(xml: Element, name: str) -> list[str]:
@@ -47,7 +49,10 @@ def settle(xml: Element, name: str) -> list[str]:
         if joint.get("type") not in DRIVEN:
             continue
         subject = f"{name}: joint {joint_name!r}"
-        lower, _ = _stated(joint, subject)
+        lower, upper = _stated(joint, subject)
+        farthest = max(abs(lower or 0.0), abs(upper or 0.0))
+        if joint.get("type") == "revolute" and _TURNS < farthest <= 360.0:
+            changes.setdefault(_DEGREES, []).append(joint_name)
         if change := _settled(joint, subject):
             changes.setdefault(change, []).append(joint_name)
         if joint.get("type") == "fixed" and lower is not None:

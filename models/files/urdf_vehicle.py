@@ -28,7 +28,7 @@ from uuv.models.files.urdf_places import (
     set_origin,
 )
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import Array, shown
+from uuv.sim.interfaces.spatial import Array, finite_number, shown
 
 _WORLD = "world"  # link that represents the world in ROS
 _SHAPES = ("visual", "collision")
@@ -66,12 +66,15 @@ def spec_of_urdf(
             MuJoCo does not accept the robot.
     """
     look_anew()
+    _check_masses(robot)
     robot, notes = with_floating_root(robot) if floats else (robot, [])
     notes += robot.notes
     coupled = taken_mimics(robot.xml, robot.name)
 
     # Content that MuJoCo would refuse, or read differently.
     options, meshdir = _own_options(robot.xml)
+    if "boundinertia" not in options:
+        _check_root_inertia(robot)
     notes += _repeated_elements(robot.xml)
     notes += _weightless_links(robot.xml)
     if options.get("balanceinertia") != "true":
@@ -147,6 +150,33 @@ def with_floating_root(robot: UrdfRobot) -> tuple[UrdfRobot, list[str]]:
             break
 
     return robot, notes
+
+
+def _check_masses(robot: UrdfRobot) -> None:
+    """Refuse a link whose mass is not a finite number, or below zero.
+
+    MuJoCo takes a mass below zero or NaN for none, and the vehicle for that of its other links.
+    """
+    for link in robot.xml.findall("link"):
+        mass = link.find("inertial/mass")
+        if mass is not None:
+            subject = f"{robot.name}: link {link.get('name')!r}: mass [kg]"
+            finite_number(figure(mass.get("value", "0"), subject), subject, least=0.0)
+
+
+def _check_root_inertia(robot: UrdfRobot) -> None:
+    """Refuse a root with a mass and no moments of inertia, which has no attitude to hold."""
+    root = next(link for link in robot.xml.findall("link") if link.get("name") == robot.root)
+    inertia = root.find("inertial/inertia")
+    if inertia is None or not _weighs(root):
+        return
+
+    subject = f"{robot.name}: link {robot.root!r}: inertia"
+    if not _tensor(inertia, subject).any():
+        raise ConfigurationError(
+            f"{subject}: the moments of the hull are all zero; state them, for a box about "
+            "m (b^2 + c^2) / 12 with its edges b and c across the axis"
+        )
 
 
 def _weightless_links(xml: Element) -> Iterator[str]:

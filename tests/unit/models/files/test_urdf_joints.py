@@ -194,3 +194,36 @@ def test_what_is_stated_twice_counts_once(tmp_path: Path) -> None:
     spec = vehicle_of(tmp_path, text)
     assert "stated twice, only the first is used: bend <origin>" in computed(spec).values()
     assert spec.compile().body("hand").pos == pytest.approx([0.2, 0.0, 0.0])
+
+
+def test_limits_that_look_like_degrees_are_asked_about(tmp_path: Path) -> None:
+    spec = vehicle_of(tmp_path, robot(f'type="revolute">{limit("-97", "97")}'))
+    assert any(line.endswith("degrees were meant?: turn") for line in computed(spec).values())
+    spec = vehicle_of(tmp_path, robot(f'type="revolute">{limit("-6.28", "6.28")}'))
+    assert not any("degrees" in line for line in computed(spec).values())
+
+
+@pytest.mark.parametrize("mass", ["nan", "-30", "30 kg", "${m}"])
+def test_a_mass_that_no_link_can_have_is_named(tmp_path: Path, mass: str) -> None:
+    """The vehicle was taken to have the mass of its arm's mount, and trimming was refused."""
+    text = robot(f'type="revolute">{limit("-1", "1")}').replace('value="30"', f'value="{mass}"')
+    with pytest.raises(ConfigurationError, match=r"link 'hull_link': mass \[kg\]"):
+        vehicle_of(tmp_path, text)
+
+
+def test_a_hull_without_moments_of_inertia_is_refused(tmp_path: Path) -> None:
+    text = robot(f'type="revolute">{limit("-1", "1")}')
+    zero = text.replace('ixx=".3" iyy=".3" izz=".3"', 'ixx="0" iyy="0" izz="0"', 1)
+    with pytest.raises(ConfigurationError, match=r"link 'hull_link': inertia: .* all zero; state"):
+        vehicle_of(tmp_path, zero)
+
+
+def test_a_joint_that_moves_shares_its_name_with_none(tmp_path: Path) -> None:
+    again = (
+        '<link name="lamp"/><joint name="{}" type="fixed"><parent link="hull_link"/>'
+        '<child link="lamp"/></joint>'
+    )
+    turn = f'type="revolute">{limit("-1", "1")}'
+    with pytest.raises(ConfigurationError, match="joint 'turn': the name is that of another"):
+        vehicle_of(tmp_path, robot(turn, again.format("turn")))
+    vehicle_of(tmp_path, robot(turn, again.format("fix")))

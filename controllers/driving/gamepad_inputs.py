@@ -13,8 +13,17 @@ FULL = 32_767  # value of an axis at its end
 _DEAD = 0.15  # [-] share of an axis around its middle that counts as rest
 _STEPS = 20  # number of velocities from rest to the largest; a shaking hand gives few rows
 _FORCE_STEP = 10.0  # [N]
-_CLUTCH, _REST, _DOWN, _UP, _END = 0, 1, 4, 5, 7  # buttons A, B, left and right shoulder, start
-_LEFT_TRIGGER, _RIGHT_TRIGGER, _CROSS_ASIDE, _CROSS = 2, 5, 6, 7
+# Buttons: A, B, left and right shoulder, start.
+_CLUTCH = 0
+_REST = 1
+_DOWN = 4
+_UP = 5
+_END = 7
+# Axes that are no sticks.
+_LEFT_TRIGGER = 2
+_RIGHT_TRIGGER = 5
+_CROSS_ASIDE = 6
+_CROSS = 7
 
 
 class _Stick(NamedTuple):

@@ -50,6 +50,7 @@ class Link:
             return []
         if time % EVERY < self.burst:
             time += self.burst - time % EVERY
+
         times = [time + self.delay + self.jitter * rng.random()]
         return 2 * times if rng.random() < self.doubled else times
 
@@ -118,6 +119,7 @@ class SimulatedLink:
             arrived, _, command = heapq.heappop(self._coming)
             self.time = max(self.time, arrived)
             return command
+
         self.time = end
         return None
 
@@ -149,9 +151,11 @@ def behind(
     """
     connected = SimulatedLink(answer, link, Streams(seed)["link"])
     pace = WallClock(1.0, clock=connected.clock)
-    own = assembly.own
-    remote = UdpController(connected, own.vehicle, period=period, pace=pace)
-    parts = replace(assembly.parts, controller=SafetyWrapper(remote, own.model))
+    believed = assembly.own
+
+    # The safety wrapper is with the vehicle.
+    remote = UdpController(connected, believed.vehicle, period=period, pace=pace)
+    parts = replace(assembly.parts, controller=SafetyWrapper(remote, believed.model))
     return replace(assembly, loop=replace(assembly.loop, parts=parts)), remote
 
 
@@ -193,6 +197,7 @@ def udp_links(case: LinkCase) -> LinkRow:
     assembly, remote = behind(assemble(scenario), answer, LINKS[case.link], seed=case.seed)
     done = run(assembly)
 
+    # How it ended.
     recording = done.recording
     final = recording.final
     largest = float(recording["set_force"].scalar.max())

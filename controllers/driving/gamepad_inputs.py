@@ -13,17 +13,15 @@ FULL = 32_767  # value of an axis at its end
 _DEAD = 0.15  # [-] share of an axis around its middle that counts as rest
 _STEPS = 20  # number of velocities from rest to the largest; a shaking hand gives few rows
 _FORCE_STEP = 10.0  # [N]
-# Buttons: A, B, left and right shoulder, start.
-_CLUTCH = 0
-_REST = 1
-_DOWN = 4
-_UP = 5
-_END = 7
-# Axes that are no sticks.
-_LEFT_TRIGGER = 2
-_RIGHT_TRIGGER = 5
-_CROSS_ASIDE = 6
-_CROSS = 7
+_CLUTCH = 0  # button A
+_REST = 1  # button B
+_DOWN = 4  # left shoulder button
+_UP = 5  # right shoulder button
+_END = 7  # start button
+_LEFT_TRIGGER = 2  # axis
+_RIGHT_TRIGGER = 5  # axis
+_CROSS_ASIDE = 6  # axis, left and right
+_CROSS = 7  # axis, up and down
 
 
 class _Stick(NamedTuple):

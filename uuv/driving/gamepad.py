@@ -17,8 +17,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
 
 _RECORD = struct.Struct("<IhBB")
-_BUTTON = 1
-_AXIS = 2
+_BUTTON = 1  # kind of a record
+_AXIS = 2  # kind of a record
 _MOST = 64  # records that are read at a time
 _PATIENCE = 0.2  # [s] after which the end of the run is looked for
 

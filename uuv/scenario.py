@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 P = TypeVar("P", bound=Perturbation)
 T = TypeVar("T", bound="Task")
 INPUTS_FILE = "inputs.csv"  # file in the folder of a run that an operator drove
-# Inputs of an operator that are given during the run
-KEYBOARD, GAMEPAD = "keyboard", "gamepad"
+KEYBOARD = "keyboard"  # inputs of an operator that are given during the run
+GAMEPAD = "gamepad"  # the same, by a joystick device
 LIVE = (KEYBOARD, GAMEPAD)
 LONGEST = 400.0  # [s] default limit of the simulated time of a run
 _MOST_LOOKS = 40  # number of frame intervals after which the wait for a scan times out

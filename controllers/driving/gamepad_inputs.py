@@ -13,8 +13,15 @@ FULL = 32_767  # value of an axis at its end
 _DEAD = 0.15  # [-] share of an axis around its middle that counts as rest
 _STEPS = 20  # number of velocities from rest to the largest; a shaking hand gives few rows
 _FORCE_STEP = 10.0  # [N]
-_CLUTCH, _REST, _DOWN, _UP, _END = 0, 1, 4, 5, 7  # buttons A, B, left and right shoulder, start
-_LEFT_TRIGGER, _RIGHT_TRIGGER, _CROSS_ASIDE, _CROSS = 2, 5, 6, 7
+_CLUTCH = 0  # button A
+_REST = 1  # button B
+_DOWN = 4  # left shoulder button
+_UP = 5  # right shoulder button
+_END = 7  # start button
+_LEFT_TRIGGER = 2  # axis
+_RIGHT_TRIGGER = 5  # axis
+_CROSS_ASIDE = 6  # axis, left and right
+_CROSS = 7  # axis, up and down
 
 
 class _Stick(NamedTuple):

@@ -17,6 +17,7 @@ class LiveInputs(OperatorInputs):
 
     def __init__(self) -> None:
         super().__init__(ended=False)
+
         self._now = self.at_rest(0.0, 1.0)
         self._over = False
         self._polled = 0.0  # [s] last time at which inputs were taken
@@ -45,6 +46,8 @@ class LiveInputs(OperatorInputs):
         """Record changes since the last row, with the time `time` [s]."""
         if self.ended or not math.isfinite(time) or (self.rows and time <= self.rows[-1][0]):
             return
+
+        # The end, or a change.
         self._polled = time
         if self.rows and (self._over or time >= LONGEST):
             self.add((min(time, LONGEST), *self._now))
@@ -58,5 +61,6 @@ class LiveInputs(OperatorInputs):
         """
         if self.ended:
             return self.rows
+
         rows = self.rows or [(0.0, *self._now)]
         return [*rows, (max(self._polled, rows[-1][0]) + _AFTER, *rows[-1][1:])]

@@ -17,7 +17,8 @@ from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import shown
 
 _RECORD = struct.Struct("<IhBB")
-_BUTTON, _AXIS = 1, 2
+_BUTTON = 1  # kind of a record
+_AXIS = 2  # kind of a record
 _MOST = 64  # records that are read at a time
 _PATIENCE = 0.2  # [s] after which the end of the run is looked for
 
@@ -38,6 +39,7 @@ def _opened(device: str) -> int:
         if stat.S_ISCHR(kind) or stat.S_ISFIFO(kind):
             return os.open(device, os.O_RDONLY | os.O_NONBLOCK)
         reason = "it is none"
+
     except OSError as error:
         reason = error.strerror or str(error)
     raise ConfigurationError(
@@ -55,6 +57,8 @@ class Gamepad:
             ConfigurationError: It is not there, may not be read, or is a file or folder.
         """
         self._inputs = inputs
+
+        # Read without waiting: the device is asked first whether there is something.
         self._file = _opened(device)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._listen, name="gamepad", daemon=True)
@@ -79,6 +83,7 @@ class Gamepad:
         while not self._closing.is_set():
             if not select.select([self._file], [], [], _PATIENCE)[0]:
                 continue
+
             try:
                 content = os.read(self._file, _MOST * _RECORD.size)
             except OSError:  # unplugged

@@ -60,7 +60,8 @@ def read_ros_log(path: Path, what: str) -> VehicleLog:
         reason = short(error)
         if not gathered.messages and (files := _mcap_files(path)):
             # A sound file of other software may lack what rosbags asks for, such as a profile.
-            refused, reason = reason, _read_streams(files, gathered, types)
+            refused = reason
+            reason = _read_streams(files, gathered, types)
             if path.is_dir() and gathered.messages:
                 gathered.note(f"the bag's metadata are not used: {refused}")
         if reason and not gathered.messages:

@@ -69,7 +69,8 @@ class LateCommands:
             applied: (n,) [N m] torques of the motors in the last period.
             estimate: Present estimate.
         """
-        qd, tau = np.array(estimate.qd), np.array(estimate.tau)
+        qd = np.array(estimate.qd)
+        tau = np.array(estimate.tau)
         if not (np.isfinite(qd).all() and np.isfinite(tau).all()):
             return
         if self._qd_slow is None:

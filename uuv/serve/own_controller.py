@@ -117,7 +117,8 @@ class OwnController:
             self._reference = reference_of(frame)
         if self._state is None or frame.flag(client.START):
             self._state = self._controller.init(estimate)
-            self._began, self._ages = frame.time, []
+            self._began = frame.time
+            self._ages = []
         if frame.flag(client.START):
             return {"joint_torque": [0.0] * frame.joints, "thrusters": [0.0] * frame.thrusters}
 

@@ -61,7 +61,7 @@ class Exchange:
         return f"{line}; last refused: {self.reason}" if self.reason else line
 
 
-class Channel(Protocol):
+class FrameLink(Protocol):
     """Where frames go out and come in, such as an `uuv.serve.datagrams.Endpoint`."""
 
     @property
@@ -97,7 +97,7 @@ class UdpController:
     """Controller whose answers come from a client (`uuv.sim.interfaces.protocols.Controller`)."""
 
     def __init__(
-        self, endpoint: Channel, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
+        self, endpoint: FrameLink, vehicle: Vehicle, *, period: float, pace: WallClock | None = None
     ) -> None:
         """Serve a vehicle's estimates at a socket.
 
@@ -179,7 +179,8 @@ class UdpController:
         if age > 0.0:
             torque = self._drives.torque(answer, estimate)
             command = replace(command, time=estimate.time, joint_torque=torque, scan=reference.scan)
-        self._applied, self._link_age = command.joint_torque, age
+        self._applied = command.joint_torque
+        self._link_age = age
         return state, command
 
     def close(self) -> None:
@@ -381,7 +382,7 @@ class UdpController:
 
 
 def await_client(
-    endpoint: Channel, patience: float = GREETING, *, refused: Callable[[str], None] | None = None
+    endpoint: FrameLink, patience: float = GREETING, *, refused: Callable[[str], None] | None = None
 ) -> None:
     """Wait for the first frame of a client; what is none does not count.
 

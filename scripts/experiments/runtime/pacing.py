@@ -57,7 +57,7 @@ class PaceRow:
 
 
 @dataclass(slots=True)
-class Stopwatch:
+class PaceWatch:
     """Observer that takes the time from the first step that waits to the last."""
 
     slow_ticks: tuple[int, ...] = (5,)  # as those of `WallClock`
@@ -92,7 +92,7 @@ def pacing(case: PaceCase) -> PaceRow:
     while wall < case.seconds:
         clock = WallClock(case.factor)
         left = case.seconds - wall
-        watch = Stopwatch()
+        watch = PaceWatch()
         longest = math.ceil(start.time + max(left * case.factor, 1.0))
         done = run(start, observers=(clock, watch), longest=longest)
         report = clock.report()

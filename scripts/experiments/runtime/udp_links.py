@@ -1,7 +1,8 @@
 """A controller behind links that lose, delay and bundle its commands: force and end of the work.
 
 The work controller stands behind a link in simulated time, with the frames of `uuv serve udp`: what
-a real link does to them in real time this one does exactly, and as fast as the computer can.
+a real link does to them in real time this one does exactly, and as fast as the computer can. Until
+the torque sensors are tared the controller is built in, which is faster.
 """
 
 from uuv.start import run_scenario  # isort: skip
@@ -9,6 +10,7 @@ from uuv.start import run_scenario  # isort: skip
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +24,8 @@ from uuv.serve import client
 from uuv.serve.client import Packet
 from uuv.serve.own_controller import OwnController
 from uuv.serve.remote_controller import UdpController
-from uuv.sim.interfaces.messages import WorkState
+from uuv.sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from uuv.sim.interfaces.protocols import Controller
 from uuv.sim.interfaces.spatial import one_of
 from uuv.sim.interfaces.streams import Streams
 
@@ -31,6 +34,7 @@ LATE = 0.05  # [s]
 SHARE = 0.01  # of the commands that are lost, and of those that come twice
 EVERY = 2.0  # [s] between two bursts
 JOB = "clean-barrel"
+BEGIN = 53.0  # [s] some seconds before the torque sensors are tared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +54,7 @@ class Link:
             return []
         if time % EVERY < self.burst:
             time += self.burst - time % EVERY
+
         times = [time + self.delay + self.jitter * rng.random()]
         return 2 * times if rng.random() < self.doubled else times
 
@@ -90,6 +95,10 @@ class SimulatedLink:
         self._coming: list[tuple[float, int, bytes]] = []  # time, number, frame
         self._number = 0
 
+    def begin(self, time: float) -> None:
+        """Set the simulated time [s]."""
+        self.time = time
+
     def clock(self) -> float:
         """Simulated time [s]."""
         return self.time
@@ -118,6 +127,7 @@ class SimulatedLink:
             arrived, _, command = heapq.heappop(self._coming)
             self.time = max(self.time, arrived)
             return command
+
         self.time = end
         return None
 
@@ -137,6 +147,7 @@ def behind(
     *,
     period: float = PERIOD,
     seed: int = 0,
+    begin: float = 0.0,
 ) -> tuple[Assembly, UdpController]:
     """An assembly whose controller is behind a link, and that controller.
 
@@ -146,12 +157,19 @@ def behind(
         link: What happens to it.
         period: [s] between commands.
         seed: Of the link's draws.
+        begin: [s] time until which the assembly's own controller goes on; 0: not at all.
     """
     connected = SimulatedLink(answer, link, Streams(seed)["link"])
     pace = WallClock(1.0, clock=connected.clock)
-    own = assembly.own
-    remote = UdpController(connected, own.vehicle, period=period, pace=pace)
-    parts = replace(assembly.parts, controller=SafetyWrapper(remote, own.model))
+    believed = assembly.own
+
+    # The safety wrapper is with the vehicle.
+    remote = UdpController(connected, believed.vehicle, period=period, pace=pace)
+    controller: Controller = remote
+    if begin > 0.0:
+        wrapped: Any = assembly.parts.controller
+        controller = FromTime(wrapped.controller, remote, begin, connected.begin)
+    parts = replace(assembly.parts, controller=SafetyWrapper(controller, believed.model))
     return replace(assembly, loop=replace(assembly.loop, parts=parts)), remote
 
 
@@ -159,6 +177,46 @@ def own_answer(job: str) -> Callable[[Packet], bytes]:
     """Answers of the project's own controller."""
     controller = OwnController(job)
     return lambda frame: client.answer(frame, **controller.answer(frame))
+
+
+class FromTime:
+    """A controller that another one follows at a time (`uuv.sim.interfaces.protocols`)."""
+
+    def __init__(
+        self, first: Controller, later: Controller, begin: float, begun: Callable[[float], None]
+    ) -> None:
+        """Set up both.
+
+        Args:
+            first: From the start.
+            later: Its follower.
+            begin: [s] time from which on.
+            begun: Takes that time before the follower's first step.
+        """
+        self.period = first.period
+        self._first = first
+        self._later = later
+        self._begin = begin
+        self._begun = begun
+        self._states: list[Any] = []  # of the first, and then of the later
+
+    def init(self, estimate: StateEstimate) -> None:
+        """Begin with the first."""
+        self._states = [self._first.init(estimate)]
+
+    def step(
+        self, state: None, estimate: StateEstimate, reference: Reference
+    ) -> tuple[None, Command]:
+        """Step of the present one."""
+        controller = self._first
+        if estimate.time >= self._begin:
+            controller = self._later
+            if len(self._states) == 1:
+                self._begun(estimate.time)
+                self._states.append(controller.init(estimate))
+
+        self._states[-1], command = controller.step(self._states[-1], estimate, reference)
+        return state, command
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,9 +248,12 @@ def udp_links(case: LinkCase) -> LinkRow:
     """Cleans a barrel with the controller behind a link."""
     scenario = jobs.clean_barrel(quick=True, sensor="survey", seed=case.seed)
     answer = own_answer(JOB)
-    assembly, remote = behind(assemble(scenario), answer, LINKS[case.link], seed=case.seed)
+    assembly, remote = behind(
+        assemble(scenario), answer, LINKS[case.link], seed=case.seed, begin=BEGIN
+    )
     done = run(assembly)
 
+    # How it ended.
     recording = done.recording
     final = recording.final
     largest = float(recording["set_force"].scalar.max())

@@ -1,6 +1,7 @@
 """Calibration of an arm as run by a command: its input, and printed and written results."""
 
 import datetime
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -219,10 +220,11 @@ def calibrate(
     outcome = solve(case, free=options.free, prior=dict(options.prior), method=options.method)
     reasons = failed(outcome, options.method)
     _say(case, outcome, console)
-    files = _write(case, outcome, options, folder)
+    undetermined = (*outcome.examined.untold, *remarks(case, outcome))
+    files = _write(case, outcome, options, folder, undetermined)
 
     console.print(verdict("; ".join(reasons)))
-    for line in (*outcome.examined.untold, *remarks(case, outcome)):
+    for line in undetermined:
         console.print(f"undetermined: {line}", style="yellow", highlight=False)
     console.print(
         f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False
@@ -250,7 +252,11 @@ def _say(case: CalibrationCase, outcome: CalibrationOutcome, console: Console) -
 
 
 def _write(
-    case: CalibrationCase, outcome: CalibrationOutcome, options: CalibrationOptions, folder: Path
+    case: CalibrationCase,
+    outcome: CalibrationOutcome,
+    options: CalibrationOptions,
+    folder: Path,
+    undetermined: Sequence[str],
 ) -> list[Path]:
     """Write arm, simulated touches, metrics and report, and return the files of the arm."""
     calibration = outcome.calibration
@@ -269,7 +275,6 @@ def _write(
     content = metrics(case, outcome, accepted, options.seed)
     write_json(folder / "metrics.json", {**content, "provenance": provenance(COMMAND, options)})
 
-    undetermined = (*outcome.examined.untold, *remarks(case, outcome))
     if options.record:
         settings = {**asdict(options), "date": date, "touches sha256": sha256}
         statement = report.Statement(

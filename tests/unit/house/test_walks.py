@@ -37,7 +37,12 @@ OPERATIONS = (
     "models/files/mesh_shapes.py",
 )
 # The arm's kinematics, and what is printed of a calibration beside the arm.
-BESIDE_A_CALIBRATION = ("sim/", "models/arms/", "uuv/arm_identification/calibration_figures.py")
+BESIDE_A_CALIBRATION = (
+    "sim/",
+    "models/arms/",
+    "uuv/arm_identification/calibration_figures.py",
+    "uuv/arm_identification/calibration_remarks.py",
+)
 LINK = """<link name="{name}"><inertial><origin xyz="0 0 0.1"/><mass value="0.4"/>
   <inertia ixx="1e-3" iyy="1e-3" izz="1e-3" ixy="0" ixz="0" iyz="0"/></inertial>
   <collision><origin xyz="0 0 0.1"/><geometry><box size="0.04 0.04 0.16"/></geometry></collision>

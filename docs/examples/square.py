@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 
 from uuv import Scenario, jobs
-from uuv.models.objects.targets import TargetModel
+from uuv.models.objects.target_model import TargetModel
 from uuv.perception.toolpath.path_shapes import laid_on, line
 
 

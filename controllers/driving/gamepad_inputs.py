@@ -56,7 +56,7 @@ class GamepadInputs(LiveInputs):
 
     def move(self, axis: int, position: int) -> None:
         """Take the position of an axis, -32767 to 32767; other axes do nothing."""
-        values = self.now
+        values = self.values
         share = min(max(position / FULL, -1.0), 1.0)
 
         if axis in _STICKS:
@@ -73,7 +73,7 @@ class GamepadInputs(LiveInputs):
 
     def press(self, button: int, *, down: bool) -> None:
         """Take a button that goes down or up; others do nothing."""
-        values = self.now
+        values = self.values
 
         if button in self._heave:
             self._heave[button] = down

@@ -72,7 +72,7 @@ class KeyInputs(LiveInputs):
 
     def press(self, key: int) -> None:
         """Take a key by its code; others do nothing."""
-        values = self.now
+        values = self.values
 
         # Change one velocity by a step, within its bounds
         if key in _STEPPED:

@@ -30,7 +30,7 @@ class LiveInputs(OperatorInputs):
         return tuple(values.values())
 
     @property
-    def now(self) -> dict[str, float]:
+    def values(self) -> dict[str, float]:
         """Present values by column, without the time."""
         return dict(zip([*COLUMNS][1:], self._now, strict=True))
 

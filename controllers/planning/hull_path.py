@@ -115,8 +115,10 @@ class HullPath:
         widest = ways[0]
         most = -np.inf
         for way in ways:
-            if (gap := self.least_gap([X_from, *way], most)) > most:
-                widest, most = way, gap
+            gap = self.least_gap([X_from, *way], most)
+            if gap > most:
+                widest = way
+                most = gap
         return widest
 
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:

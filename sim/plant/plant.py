@@ -102,13 +102,8 @@ class Plant(WithWater):
         # Current, and the marks by which a failed simulation is detected. A model without
         # coefficients has no row for them, and needs none.
         wet = hydrodynamics.carries_hydrodynamics(model)
-        falls = vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity)
-        if falls and not wet:
-            warnings.warn(
-                "the vehicle has no hydrodynamic coefficients: it falls as in a vacuum",
-                PhysicsWarning,
-                2,
-            )
+        if not wet:
+            _warn_of_a_fall(model, vehicle)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
         self._watch = _watch_of(model, self.data, water, least_gain)
 
@@ -457,6 +452,16 @@ def _check(model: mujoco.MjModel, substeps: int) -> None:
         )
     if not isinstance(substeps, int) or substeps < 1:
         raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
+
+
+def _warn_of_a_fall(model: mujoco.MjModel, vehicle: Vehicle) -> None:
+    """Warn of a free hull without coefficients, unless MuJoCo's own fluid model carries it."""
+    if vehicle.hull_dof >= 0 and not model.opt.density and np.any(model.opt.gravity):
+        warnings.warn(
+            "the vehicle has no hydrodynamic coefficients: it falls as in a vacuum",
+            PhysicsWarning,
+            3,
+        )
 
 
 def _make_ready(model: mujoco.MjModel) -> None:

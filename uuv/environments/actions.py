@@ -482,8 +482,8 @@ class ToolAndJaws(ToolTwist):
     force of the motor, from 0 at -1 to its most at 1.
     """
 
-    # [m/s] of the opening, while the jaws close and open
-    CLOSING, OPENING = 0.012, 0.05
+    CLOSING = 0.012  # [m/s] of the opening, while the jaws close
+    OPENING = 0.05  # [m/s] while they open
 
     def __init__(self, believed: OwnVehicle, *, largest: float = 100.0) -> None:
         """Same as `ToolTwist`.

@@ -99,6 +99,7 @@ class HandTask(VehicleTask):
         goal = self.goal(truth)
         gap = float(np.linalg.norm(goal["goal_position"]))
         angle = float(np.linalg.norm(goal["goal_turn"]))
+
         close = rewards.tolerance(gap, bounds=(0.0, 0.005), margin=NEAR)
         return close * rewards.tolerance(angle, bounds=(0.0, 0.05), margin=ALIGNED)
 
@@ -277,9 +278,12 @@ def place_at_valve(vehicle: OwnVehicle) -> ValveWork:
         ReachError: The arm turns the handle from no hull pose.
     """
     check_parts(vehicle.model, but=("camera", "home", "ready"))
+
     slot = TOOL_GEOM + SLOT_BOTTOM
     if mujoco.mj_name2id(vehicle.model, mujoco.mjtObj.mjOBJ_GEOM, slot) < 0:
         raise ConfigurationError("turn: the vehicle's tool must be a handle_socket")
+
+    # The planner of the job stands the hull where it would turn the valve from.
     valve = TurnedValve()
     job = TurnJob(moment=MOMENT)
     planner = ValveTurning(
@@ -287,6 +291,7 @@ def place_at_valve(vehicle: OwnVehicle) -> ValveWork:
     )
     target = planner.with_path(surveyed(BELOW))
     assert target.path is not None
+
     placement, path, _ = planner.stand(target, target.path, np.zeros(3))
     place = WorkPlace(target=valve.target, X_WT=BELOW, path=path, placement=placement)
     return ValveWork(valve=valve, job=job, planner=planner, place=place)
@@ -307,6 +312,8 @@ def place_at_stone(vehicle: OwnVehicle) -> tuple[WorkPlace, PlacedGrasp, LooseOb
 
     seabed = float(BELOW[2, 3])
     X_WT = at_rest(target, BELOW, seabed)
+
+    # The first grasp that the arm reaches, either way round.
     choice = GraspChoice.of(target, jaws, GraspLimits(aside=longest_lever(job, jaws)))
     failure: ReachError | None = None
     for grasp in choice.ranked(X_WT, seabed):

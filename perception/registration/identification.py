@@ -569,9 +569,7 @@ def segment(
     if approach is not None:
         reach = target.radius + approach_error
         mask &= near_any(scan.points, approach[None], reach)
-        if mask.sum() < MIN_POINTS:
-            cause = far_approach(scan.points[usable], approach, reach)
-            _need(mask, "lie near the approach", cause)
+        _need(mask, "lie near the approach", far_approach(scan.points[usable], approach, reach))
     else:
         _need(mask, "stand out from the background")
 

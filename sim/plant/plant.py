@@ -112,9 +112,9 @@ class Plant(WithWater):
         self._drive = Drive.of(model, self.data, thrusters)
         self.supply = Supply.of(model, self.data, thrusters, self.timestep)
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, names.tool)
-        pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
-        if pad_site < 0:
-            pad_site = vehicle.tip
+        face = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, names.tool_face)
+        if face < 0:
+            face = vehicle.tip
         self._contacts = np.zeros(CONTACTS)
         self._joint_ctrl = _block(vehicle.actuators)
 
@@ -126,9 +126,7 @@ class Plant(WithWater):
         self._reaction_ticks, self.hooks = reaction_ticks, PythonSlots()  # these of `record`
         self._soil = SoilContact.of(model, self.data)
         self.jaws = JawDrive.of(model, self.data, self.timestep, names.gripper)
-        self.truth = truth = Truth.of(
-            self.data, vehicle, self._drive, self._contacts, pad_site, names.gripper
-        )
+        self.truth = truth = Truth.of(self.data, vehicle, self._drive, self._contacts, face, names)
         self._start = X_WB
         self._water = DrivenWater(model, self.data, truth.current_W)
         self._readout = Readout(

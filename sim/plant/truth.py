@@ -7,7 +7,7 @@ from typing import Self
 import mujoco
 import numpy as np
 
-from uuv.models.naming import GRIPPER
+from uuv.models.naming import USUAL_NAMES, PartNames
 from uuv.models.vehicle import Vehicle
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.spatial import Array
@@ -124,7 +124,7 @@ class Truth:
         drive: Drive,
         contacts: Array,
         pad_site: int,
-        gripper: str = GRIPPER,
+        names: PartNames = USUAL_NAMES,
     ) -> Self:
         """Truth whose arrays are views, made once to avoid lookups in the loop.
 
@@ -134,7 +134,7 @@ class Truth:
             drive: Thrusters of the vehicle.
             contacts: (CONTACTS,) sums from `uuv.sim.plant.readout`.
             pad_site: Site of the pad's face; -1 for none.
-            gripper: Name of a gripper's motor.
+            names: Names of the vehicle's parts.
 
         Returns:
             The truth. The plant sets the fields that are numbers.
@@ -165,7 +165,7 @@ class Truth:
         truth.thrust = drive.thrust
 
         truth.current_W = np.zeros(3)
-        truth.mechanisms = Mechanisms.of(data, gripper)
+        truth.mechanisms = Mechanisms.of(data, names.gripper)
         truth.arm_wrench_B = np.full(6, np.nan)
 
         # Tool; without an arm, the hull takes its place.

@@ -96,6 +96,7 @@ class HandTask(VehicleTask):
 
     def nearness(self, truth: Truth) -> float:
         """Reward for the tool at its place, aligned with it."""
+        # Distance and angle from the tool to its place.
         goal = self.goal(truth)
         gap = float(np.linalg.norm(goal["goal_position"]))
         angle = float(np.linalg.norm(goal["goal_turn"]))
@@ -141,6 +142,7 @@ class GraspObject(HandTask):
         self.largest_force = DAMAGE * self.job.grip
         self._X_TG = inverse(place.X_WT) @ grasp.X_WG
 
+        # The object lies loose in the sea, and the jaws can hold it.
         self.object = LooseObjectEntity(place.target, loose, water_density(vehicle.own.model))
         sea.add_free_entity(self.object)
         let_hold(sea, vehicle, self.object)
@@ -189,6 +191,8 @@ class GraspObject(HandTask):
         height with it.
         """
         near_grasp = self.nearness(truth)
+
+        # Force and height count only with the tool in the grasp.
         grip = near_grasp * min(1.0, truth.contact_normal / self.job.grip)
         high = min(1.0, max(0.0, self.height() / LIFTED))
         return 0.25 * near_grasp + 0.25 * grip + 0.5 * grip * high
@@ -218,6 +222,7 @@ class TurnValve(HandTask):
         self.object = ValveEntity(work.valve, work.place.X_WT, friction)
         put(sea, self.object, np.eye(4))
 
+        # A handle at its stop, never forced.
         bounds = TurnBounds()
         self._judge = TurnedTo(
             QUARTER - bounds.angle, KEPT, most=bounds.peak * work.job.moment, handle=self._read
@@ -286,6 +291,8 @@ def place_at_valve(vehicle: OwnVehicle) -> ValveWork:
     # The planner of the job stands the hull where it would turn the valve from.
     valve = TurnedValve()
     job = TurnJob(moment=MOMENT)
+
+    # The job's planner chooses the place for the hull.
     planner = ValveTurning(
         vehicle.at_work(), valve, job, X_WB_scan=np.eye(4), holding=ThrustMargin.of(vehicle.model)
     )
@@ -305,6 +312,8 @@ def place_at_stone(vehicle: OwnVehicle) -> tuple[WorkPlace, PlacedGrasp, LooseOb
         ReachError: The arm reaches no grasp from any hull pose.
     """
     check_parts(vehicle.model, but=("camera", "home", "ready"))
+
+    # Object and gripper.
     jaws = JawShape.of(vehicle.model)
     job = CollectJob()
     target = targets.of("stone", None)
@@ -315,6 +324,8 @@ def place_at_stone(vehicle: OwnVehicle) -> tuple[WorkPlace, PlacedGrasp, LooseOb
 
     # The first grasp that the arm reaches, either way round.
     choice = GraspChoice.of(target, jaws, GraspLimits(aside=longest_lever(job, jaws)))
+
+    # The best grasp that is within reach, with the fingers either way round.
     failure: ReachError | None = None
     for grasp in choice.ranked(X_WT, seabed):
         path = carry_path(grasp, grasp.X_WG[:3, 3] + _ALONG * grasp.X_WG[:3, 0])

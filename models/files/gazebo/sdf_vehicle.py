@@ -16,10 +16,11 @@ from uuv.models.files.urdf_joints import limits_of, listed, taken_mimics
 from uuv.models.files.urdf_places import INERTIA_ENTRIES, LONGEST, figure, origin_of
 from uuv.models.files.urdf_vehicle import as_vehicle, mended_tensor
 from uuv.sim.interfaces.errors import ConfigurationError
-from uuv.sim.interfaces.spatial import (, finite_number
+from uuv.sim.interfaces.spatial import (
     Array,
     checked,
     checked_place,
+    finite_number,
     inverse,
     quat_wxyz_from_rotation,
 )

@@ -116,7 +116,8 @@ class HullPath:
         most = -np.inf
         for way in ways:
             if (gap := self.least_gap([X_from, *way], most)) > most:
-                widest, most = way, gap
+                widest = way
+                most = gap
         return widest
 
     def _ways(self, X_from: Array, X_to: Array) -> Iterator[list[Array]]:

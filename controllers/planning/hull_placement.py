@@ -161,10 +161,9 @@ def place_hull(
             return False
 
         better = False
-        X_AW = inverse(X_WB @ vehicle.X_BA)
         for roll, track in zip(rolls, tracks, strict=True):
             to_beat = (1.0 + _BETTER) * best.margin if best else 0.0
-            outcome = arm.along(track, X_WB, to_beat, X_AW)
+            outcome = arm.along(track, X_WB, to_beat)
             if isinstance(outcome, Dropped):
                 if best is None and (furthest is None or outcome.reached > furthest.reached):
                     furthest = outcome

@@ -3,10 +3,10 @@
 The servo computes its torques with the inertia M of the arm on a hull that is held. A free hull
 gives way, and the joints feel less: with the inertia H of hull and arm and their coupling C to the
 joints, M - C^T H^-1 C. Along its worst direction the servo's damping is then larger than intended
-by the ratio of the two. Sampled with the period T, the joint speed overshoots its set point in each
-sample, and the joints chatter at half the rate of the drives, when 2 zeta w T times this ratio is
-above 2, or earlier with the lags of the loop. The servo of an arm that is heavy for its hull
-is slowed down to a gain at which arms have been found to be steady.
+by the ratio of the two. With the period T of the drives, the gain of the joint speed in a sample is
+2 zeta w T times this ratio. Above 2, and earlier with the lags of the loop, the speed overshoots in
+each sample: the joints chatter at half the rate of the drives. The servo of an arm that is heavy
+for its hull is slowed down to a gain at which arms have been found to be steady.
 """
 
 from dataclasses import replace

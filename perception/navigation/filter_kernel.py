@@ -63,9 +63,10 @@ HISTORY = 512  # number of IMU samples stored, for the largest delay of vision
 IMU_REPEATS = 25  # number of equal consecutive samples from which on the IMU counts as frozen
 IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
 UNUSED = 1e6  # [rad^2] variance of an attitude that is not used
-# Tilt of the hull from its usual one, beyond which the error of the attitude reference couples
-# gravity anew into the bias [-, sine of the angle]; time constant of the usual tilt [s]
-TILTED, TILT_TIME = 0.05, 2.0
+# [-] sine of the hull's tilt from its usual one, beyond which the error of the attitude reference
+# couples gravity anew into the bias
+TILTED = 0.05
+TILT_TIME = 2.0  # [s] time constant of the usual tilt
 BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
 
 FILTER = np.dtype(

@@ -158,9 +158,7 @@ class ArmMargins:
         slides = np.array([kind == "p" for kind in self.chain.joint_types])
         object.__setattr__(self, "_slides", slides)
 
-    def along(
-        self, track: ToolTrack, X_WB: Array, to_beat: float, X_AW: Array | None = None
-    ) -> "Worked | Dropped":
+    def along(self, track: ToolTrack, X_WB: Array, to_beat: float) -> "Worked | Dropped":
         """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
 
         Args:
@@ -168,12 +166,11 @@ class ArmMargins:
             X_WB: (4, 4) hull pose.
             to_beat: [-] margin that must be exceeded, but at least 0.05; otherwise the candidate is
                 dropped.
-            X_AW: (4, 4) world in the arm's base at that pose; None: computed from it.
 
         Returns:
             The margin with the first joint angles; or the first pose that fails, with the reason.
         """
-        X_AW = inverse(X_WB @ self.vehicle.X_BA) if X_AW is None else X_AW
+        X_AW = inverse(X_WB @ self.vehicle.X_BA)
         low = self.vehicle.q_limits[:, 0]
         high = self.vehicle.q_limits[:, 1]
         margin = np.inf

@@ -187,10 +187,9 @@ class _Candidates:
             return False
 
         better = False
-        X_AW = inverse(X_WB @ self.arm.vehicle.X_BA)
         for roll, track in self.tracks.items():
             to_beat = (1.0 + _BETTER) * self.best.margin if self.best else 0.0
-            outcome = self.arm.along(track, X_WB, to_beat, X_AW)
+            outcome = self.arm.along(track, X_WB, to_beat)
             if isinstance(outcome, Dropped):
                 further = self.furthest is None or outcome.reached > self.furthest.reached
                 if self.best is None and further:

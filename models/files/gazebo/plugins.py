@@ -79,6 +79,8 @@ def _gz_hydrodynamics(plugin: Element, facts: ModelFacts, content: FileContent) 
         try:
             parameters[tag] = figure((element.text or "").strip(), f"{facts.name}: <{tag}>")
         except ConfigurationError:
+            if gz_sim.is_known(tag):
+                raise
             continue  # text, for instance the name of a topic
 
     known = {name: entry for name, entry in parameters.items() if gz_sim.is_known(name)}

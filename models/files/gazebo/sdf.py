@@ -54,7 +54,15 @@ class SdfModel:
 
     @cached_property
     def links(self) -> dict[str, Element]:
-        """The model's links by name."""
+        """The model's links by name.
+
+        Raises:
+            ConfigurationError: two links have one name.
+        """
+        names = [link.get("name", "") for link in self.xml.findall("link")]
+        if repeated := [name for name in names if names.count(name) > 1]:
+            raise ConfigurationError(f"{self.name}: two links have the name {repeated[0]!r}")
+
         return {link.get("name", ""): link for link in self.xml.findall("link")}
 
     @cached_property
@@ -75,13 +83,19 @@ class SdfModel:
 
     @cached_property
     def joints(self) -> dict[str, SdfJoint]:
-        """The model's joints by name. Each link is the child of at most one of them."""
+        """The model's joints by name. Each link is the child of at most one of them.
+
+        Raises:
+            ConfigurationError: a joint cannot be read, or two have one name.
+        """
         robot = Element("robot")
         joints: dict[str, SdfJoint] = {}
         carried: set[str] = set()
 
         for element in self.xml.findall("joint"):
             joint = self._joint(element, robot)
+            if joint.name in joints:
+                raise ConfigurationError(f"{self.name}: two joints have the name {joint.name!r}")
             if joint.child in carried:
                 self.notes.append(
                     f"closed loop: joint {joint.name} left out, since its child {joint.child} is "

@@ -20,6 +20,7 @@ from uuv.sim.interfaces.spatial import (
     Array,
     checked,
     checked_place,
+    finite_number,
     inverse,
     quat_wxyz_from_rotation,
 )
@@ -164,12 +165,17 @@ def _about(joint: SdfJoint, motion: Array) -> Array:
 
 
 def _give_inertia(body: mujoco.MjsBody, link: Element, model: SdfModel) -> float:
-    """Give a body the inertia of its link; returns its mass [kg]."""
+    """Give a body the inertia of its link; returns its mass [kg].
+
+    Raises:
+        ConfigurationError: the mass is below zero, or the inertia is not that of any body.
+    """
     subject = f"{model.name}: link {body.name!r}"
     inertial = link.find("inertial")
     mass = 0.0 if inertial is None else float(_of(inertial, "mass", 1, subject, "1")[0])
-    if inertial is None or not mass > 0.0:
+    if inertial is None or mass == 0.0:
         return 0.0
+    finite_number(mass, f"{subject}: <mass> [kg]", above=0.0)
     X = model.X_LP(body.name, inertial)
     tensor = np.zeros((3, 3))
     stated = inertial.find("inertia")

@@ -312,3 +312,25 @@ def test_a_stated_frame_of_an_axis_counts_in_any_version(tmp_path: Path, within)
     file.write_text(text.replace("<xyz>0 0 1</xyz>", own))
     axis = vehicle_spec(file, computed=False).joint("turn").axis
     within("axis", np.asarray(axis) - [0.0, -np.sin(0.3), np.cos(0.3)], 1e-12)
+
+
+LAMP = """<link name="lamp"><inertial><mass>0.2</mass></inertial></link>
+  <joint name="lamp_joint" type="fixed"><parent>base</parent><child>lamp</child></joint>"""
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (LAMP.replace("0.2", "-2"), r"link 'lamp': <mass> \[kg\]: .*got -2"),
+        (LAMP.replace('"lamp"', '"upper"', 1), "two links have the name 'upper'"),
+        (LAMP.replace("lamp_joint", "turn"), "two joints have the name 'turn'"),
+        (HYDRO.replace("-5.5", "nan"), "<xDotU>: expected a number, got 'nan'"),
+        (HYDRO.replace("<yV>-20", "<yV>lots"), "<yV>: expected a number, got 'lots'"),
+    ],
+)
+def test_what_cannot_be_meant_is_named(tmp_path: Path, more: str, said: str) -> None:
+    """A coefficient that is no number was left out without a word, a negative mass taken for
+    none.
+    """
+    with pytest.raises(ConfigurationError, match=said):
+        vehicle_spec(written(tmp_path, more), computed=False)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.runtime.udp_links import JOB, LINKS, Link, behind, own_answer
+from experiments.runtime.udp_links import BEGIN, JOB, LINKS, Link, behind, own_answer
 from uuv import jobs
 from uuv.assembly import assemble
 from uuv.runner import run
@@ -66,7 +66,7 @@ def test_a_link_in_time_changes_nothing():
 @pytest.mark.parametrize("link", ["late", "late, lost, doubled", "bursts"])
 def test_contact_is_held_over_a_bad_link(link):
     scenario = jobs.clean_barrel(quick=True, sensor="survey")
-    assembly, _ = behind(assemble(scenario), own_answer(JOB), LINKS[link])
+    assembly, _ = behind(assemble(scenario), own_answer(JOB), LINKS[link], begin=BEGIN)
     done = run(assembly)
     recording = done.recording
     assert recording.final.state is WorkState.DONE, recording.final.note

@@ -56,12 +56,16 @@ class Lossy:
         return getattr(self._link, name)
 
 
-def served(endpoint, *, pace=None, longest=0.4, scenario=None, period=0.01):
+def served(endpoint, *, pace=None, longest=0.4, scenario=None, period=0.01, observers=()):
     """A run, of open water by default, with its controller behind the socket; and that one."""
     assembly = assemble(scenario or jobs.open_water(quick=True))
     remote = UdpController(endpoint, assembly.own.vehicle, period=period, pace=pace)
     guarded = SafetyWrapper(remote, assembly.own.model)
     parts = replace(assembly.parts, controller=guarded)
-    outcome = run(replace(assembly, loop=replace(assembly.loop, parts=parts)), longest=longest)
+    outcome = run(
+        replace(assembly, loop=replace(assembly.loop, parts=parts)),
+        longest=longest,
+        observers=observers,
+    )
     remote.close()
     return outcome, remote

@@ -35,6 +35,7 @@ PATIENCE = 10.0  # [s] on the wall that an answer is waited for in lockstep
 GREETING = 300.0  # [s] on the wall that a client is waited for at first
 _SILENCE = 1.0  # [s] on the wall, of the client, after which another may take over
 _AT_ONCE = 64  # datagrams that are taken after a tick is due
+_GRANTED = 0.5  # share of a period that the client has if the run is behind
 _AGAIN = 0.1  # [s] on the wall after which a frame is sent again
 _REASONS = 8  # reasons of refusals that are told while a client is waited for
 _STATES = tuple(WorkState)
@@ -202,11 +203,17 @@ class UdpController:
                 self._endpoint.send(frame)
 
     def _listen_until(self, due: float) -> None:
-        """Take what arrives until a time [s] on the pace's clock; at least what is there."""
+        """Take what arrives until a time [s] on the pace's clock; at least what is there.
+
+        A run that is behind still waits for the answer, for a share of the period: it is the
+        simulation that is late then, and not the client.
+        """
         assert self._pace is not None
+        latest = self._pace.clock() + _GRANTED * self.period / self._pace.factor
         left = _AT_ONCE
         while True:
-            wait = due - self._pace.clock()
+            end = due if self._answered == self._count else max(due, latest)
+            wait = end - self._pace.clock()
             datagram = self._endpoint.receive(max(wait, 0.0))
             if datagram is not None:
                 self._take(datagram)

@@ -243,7 +243,13 @@ class LinkRow:
     share: float | None = column("peak over the set force", digits=3, default=None)
 
 
-@experiment("udp_links", seeds=3, vary={"link": tuple(LINKS)}, paired=True, quick={"runs": 1})
+@experiment(
+    "udp_links",
+    seeds=3,
+    vary={"link": tuple(LINKS)},
+    paired=True,
+    quick={"runs": 1, "link": ("late",)},
+)
 def udp_links(case: LinkCase) -> LinkRow:
     """Cleans a barrel with the controller behind a link."""
     scenario = jobs.clean_barrel(quick=True, sensor="survey", seed=case.seed)

@@ -57,6 +57,31 @@ def test_a_client_that_comes_late_is_waited_for():
     assert remote.traffic.taken >= 2
 
 
+class Hiccup:
+    """Observer that holds the simulation up once."""
+
+    slow_ticks = (10,)
+
+    def __init__(self):
+        self.waited = False
+
+    def observe(self, moment):
+        if moment.truth.time > 0.1 and not self.waited:
+            self.waited = True
+            time.sleep(1.0)
+
+
+def test_a_simulation_that_is_behind_still_waits_for_the_client():
+    """Else it would make up for its second by ticks without commands: ten of 10 ms."""
+    with datagrams.listening(0) as endpoint:
+        Answering(endpoint.port).start()
+        pace = WallClock(0.1)
+        _, remote = served(endpoint, pace=pace, longest=0.3, observers=(Hiccup(),))
+    assert pace.report()["late_max_s"] > 0.8
+    assert remote.traffic.silent == 0
+    assert remote.traffic.oldest_s < 0.045
+
+
 def test_in_lockstep_a_client_that_comes_again_goes_on():
     """It has another port; after a second without the first one it is heard."""
     with datagrams.listening(0) as endpoint:

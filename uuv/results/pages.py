@@ -19,7 +19,7 @@ OVERVIEW = "results.md"
 PAGES = "results"  # folder
 MOST_LINES = 500  # of the overview
 # largest number of lines of a table in the overview; a longer one is only on the experiment's page
-MOST_ROWS = 15
+MOST_ROWS = 10
 STATUS = "Status: "  # begins the line about the last check
 _DECLARES = "@experiment("
 _HEAD = """\

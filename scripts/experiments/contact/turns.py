@@ -55,7 +55,9 @@ class TurnRow:
     named: float | None = column("stuck, named after", "s", digits=2, default=None)
 
 
-@experiment("turns", seeds=25, vary={"kind": KINDS}, paired=True, quick={"runs": 1})
+@experiment(
+    "turns", seeds=25, vary={"kind": KINDS}, paired=True, quick={"runs": 1, "kind": KINDS[:1]}
+)
 def turns(case: TurnCase) -> TurnRow:
     """Turns one valve."""
     # The valve.

@@ -98,7 +98,7 @@ CASES = {
     "press": (("barrel", "press"), {}, press, 90),
     "insert": (("manifold", "insert"), {}, press, 80),
     "grasp": (("seabed", "grasp"), {}, close, 40),
-    "turn": (("valve", "turn"), {}, press, 170),
+    "turn": (("valve", "turn"), {}, back, 40),
 }
 OF_A_HAND = pytest.mark.long(
     guarded_by="tests/unit/uuv/environments/ticks/test_environment.py::"

@@ -43,25 +43,25 @@ STREAM = b"".join(
 def test_sticks_are_velocities_and_the_cross_is_the_set_force():
     inputs = GamepadInputs()
     take(STREAM, inputs)
-    expected = dict.fromkeys(inputs.now, 0.0) | {
+    expected = dict.fromkeys(inputs.values, 0.0) | {
         "surge": COLUMNS["surge"].most,
         "set_force": 20.0,
         "tool_z": COLUMNS["tool_z"].most,
         "heave": 0.5 * COLUMNS["heave"].most,
         "clutch": 0.0,
     }
-    assert inputs.now == pytest.approx(expected)
+    assert inputs.values == pytest.approx(expected)
     take(record(BUTTON, 1, 1), inputs)  # rest: the force stays
-    assert inputs.now == pytest.approx(
-        dict.fromkeys(inputs.now, 0.0) | {"set_force": 20.0, "clutch": 0.0}
+    assert inputs.values == pytest.approx(
+        dict.fromkeys(inputs.values, 0.0) | {"set_force": 20.0, "clutch": 0.0}
     )
 
 
 def test_a_stick_that_leans_when_the_device_is_opened_moves_nothing():
     inputs = GamepadInputs()
-    before = inputs.now
+    before = inputs.values
     take(record(AXIS | OPENED, 1, -FULL) + record(BUTTON | OPENED, 7, 1), inputs)
-    assert inputs.now == before
+    assert inputs.values == before
 
 
 @pytest.mark.parametrize("axis", range(8))
@@ -70,7 +70,7 @@ def test_every_position_stays_within_the_bounds(axis):
     for position in (-32_768, -FULL, -1, 0, 1, FULL):
         for _ in range(20):
             inputs.move(axis, position)
-        for name, value in inputs.now.items():
+        for name, value in inputs.values.items():
             assert COLUMNS[name].least <= value <= COLUMNS[name].most
 
 
@@ -91,7 +91,7 @@ def test_records_that_arrive_in_parts_are_read_and_an_unplugged_pad_ends_the_inp
         with Gamepad(str(device), inputs):
             for part in (STREAM[:13], STREAM[13:170], STREAM[170:]):
                 os.write(writer, part)
-            assert awaited(lambda: inputs.now["clutch"] == 0.0)
+            assert awaited(lambda: inputs.values["clutch"] == 0.0)
             inputs.poll(1.0)
             os.close(writer)
             writer = -1

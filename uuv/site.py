@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from uuv.models.objects.manifold import Manifold as ManifoldBlock
     from uuv.models.objects.target_model import ModelPath
     from uuv.models.objects.targets import TargetModel
-    from uuv.models.site.plug_site import Seat
-    from uuv.models.site.plugged_panel import PluggedPanel
+    from uuv.models.site.plugged_panel import PluggedPanel, Seat
     from uuv.models.site.seabed import Seabed
     from uuv.models.site.turned_valve import TurnedValve
     from uuv.models.site.valve_site import HingeFriction
@@ -374,7 +373,7 @@ class PlugBoard(SiteObject):
 
     def seat(self) -> "Seat":
         """Friction of the receptacles, and what is wrong with them."""
-        from uuv.models.site.plug_site import Seat
+        from uuv.models.site.plugged_panel import Seat
 
         return Seat(friction=self.friction, stuck=self.stuck, debris=self.debris)
 

@@ -10,7 +10,7 @@ d is chosen by the wanted F. A nose that comes in spreads the beads. The same pl
 seal in both receptacles.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,13 +18,20 @@ import numpy as np
 from uuv.models import hydrodynamics
 from uuv.models.naming import RECEPTACLE
 from uuv.models.objects.manifold import Hole
-from uuv.models.site.plugged_panel import COLLAR, HANDLE, PIN, RECEPTACLES, PluggedPanel
+from uuv.models.site.plugged_panel import (
+    COLLAR,
+    DEBRIS,
+    HANDLE,
+    PIN,
+    RECEPTACLES,
+    PluggedPanel,
+    Seat,
+)
 from uuv.models.site.scenes import seabed_height
 from uuv.models.site.sliding_contact import TARGET_BODY
 from uuv.sim.interfaces.spatial import (
     Array,
     exp_so3,
-    finite_number,
     inverse,
     quat_wxyz_from_rotation,
     transform_points,
@@ -39,27 +46,12 @@ SEAL_DEPTH = 0.028  # [m] of the beads below the mouth
 SEAL_STIFFNESS = 4e3  # [N/m] of a bead
 SEAL_FRICTION = 0.9  # coefficient, rubber on a wet pin
 FRICTION = (0.3, 0.005, 0.0001)  # of the plug on the panel: slides, turns, rolls
-DEBRIS = 0.022  # [m] below the mouth, up to which debris fills a receptacle
 # soft, so that the pull of a sliding pin hardly changes how firmly the beads press
 _SEAL_IMPEDANCE = 0.5
 _SEAL_FRICTION_TIME = 0.3  # [s] time constant of the seal's friction
-_MOST_FRICTION = 200.0  # [N] of a seal
 _INWARDS = np.array([0.0, 0.0, 1.0])  # of a receptacle's frame
 _SOLREF = (0.006, 1.0)
 _SOLIMP = (0.95, 0.99, 0.0005, 0.5, 2.0)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Seat:
-    """What the vehicle does not know of the receptacles."""
-
-    friction: float  # [N] at which the seal breaks away
-    stuck: bool = False  # it does not come out at all
-    debris: bool = False  # the other receptacle is filled to DEBRIS below its mouth
-
-    def __post_init__(self) -> None:
-        """Refuse numbers out of range."""
-        finite_number(self.friction, "panel: friction [N]", above=0.0, most=_MOST_FRICTION)
 
 
 def plug_site(

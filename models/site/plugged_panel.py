@@ -25,9 +25,24 @@ HANDLE = (0.03, 0.06, 0.05)  # [m] along x, which the jaws close on, along y, an
 COVER = 0.038  # [m] of the handle that the jaws cover, from its upper side
 BOTTOM = 0.02  # [m] by which a receptacle is deeper than the pin is long
 CHAMFER = 0.003  # [m] of its mouth
+DEBRIS = 0.022  # [m] below the mouth, up to which debris fills a receptacle
+_MOST_FRICTION = 200.0  # [N] of a seal
 _SIDES = 96  # of surfaces of revolution in the mesh
 _OUT = np.array([0.0, 0.0, 1.0])  # of the face
 _NOSE = 9  # points of the nose's profile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seat:
+    """What the vehicle does not know of the receptacles."""
+
+    friction: float  # [N] at which the seal breaks away
+    stuck: bool = False  # it does not come out at all
+    debris: bool = False  # the other receptacle is filled to DEBRIS below its mouth
+
+    def __post_init__(self) -> None:
+        """Refuse numbers out of range."""
+        finite_number(self.friction, "panel: friction [N]", above=0.0, most=_MOST_FRICTION)
 
 
 @dataclass(frozen=True, kw_only=True)

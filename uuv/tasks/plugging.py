@@ -7,7 +7,6 @@ import numpy as np
 
 from uuv.controllers.tasks.settings import PlugSettings, settings_of
 from uuv.models.naming import HULL_BODY
-from uuv.models.site import plug_site
 from uuv.models.site.plugged_panel import RECEPTACLES, PluggedPanel
 from uuv.outcome import RunResult
 from uuv.scenario import PlacedTask, Scenario, Task
@@ -133,6 +132,8 @@ class PlacedMove(PlacedTask):
 
     def scene(self, vehicle: "mujoco.MjSpec") -> "mujoco.MjSpec":
         """Adds panel, plug and flat seabed."""
+        from uuv.models.site import plug_site
+
         return plug_site.plug_site(vehicle, self.panel, self.X_WT, self.site.seat())
 
     def sensors(self, model: "mujoco.MjModel") -> "tuple[list[Sensor], SensorModel | None]":

@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from uuv.models.site.plug_site import Seat, plug_site
-from uuv.models.site.plugged_panel import PluggedPanel
+from uuv.models.site.plug_site import plug_site
+from uuv.models.site.plugged_panel import PluggedPanel, Seat
 from uuv.own_vehicle import vehicle_spec
 from uuv.sim import hydrodynamics
 from uuv.sim.interfaces.errors import ConfigurationError

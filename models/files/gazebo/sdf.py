@@ -20,7 +20,15 @@ from uuv.models.files.urdf_places import LONGEST, figure, rotation_from_rpy
 from uuv.models.files.xml_files import xml_of
 from uuv.sim.interfaces.errors import ConfigurationError
 from uuv.sim.interfaces.files import bytes_of
-from uuv.sim.interfaces.spatial import Array, checked, checked_place, inverse, pose, shown
+from uuv.sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    inverse,
+    pose,
+    rotation_from_quat_wxyz,
+    shown,
+)
 
 _TURNS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic"}
 _OF_MODEL = ("", "__model__")
@@ -271,16 +279,19 @@ def pose_of(element: Element, name: str) -> Array:
     """Pose (4, 4) that an element states, in the frame that it is relative to.
 
     Raises:
-        ConfigurationError: the pose is not six numbers.
+        ConfigurationError: the pose is not six numbers, or seven with a quaternion.
     """
     place = element.find("pose")
     if place is None or not (place.text or "").strip():
         return np.eye(4)
     subject = f"{name}: pose of {element.get('name') or element.tag}"
     if place.get("rotation_format") == "quat_xyzw":
-        raise ConfigurationError(
-            f"{subject}: must be stated by roll, pitch, yaw, not by a quaternion"
-        )
+        numbers = checked_place(_numbers(place.text or "", 7, subject), (7,), subject, LONGEST)
+        x, y, z, w = numbers[3:]
+        if not np.hypot.reduce(numbers[3:]) > 0.0:
+            raise ConfigurationError(f"{subject}: the quaternion must not be zero")
+        return pose(rotation_from_quat_wxyz([w, x, y, z]), numbers[:3])
+
     numbers = checked_place(_numbers(place.text or "", 6, subject), (6,), subject, LONGEST)
     angles = np.radians(numbers[3:]) if place.get("degrees") == "true" else numbers[3:]
 

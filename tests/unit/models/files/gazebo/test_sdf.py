@@ -57,6 +57,26 @@ def written(folder: Path, more: str = "", mapping: str = MAPPING) -> Path:
     return folder / "model.sdf"
 
 
+def test_a_pose_by_quaternion_is_that_by_angles(tmp_path: Path, within) -> None:
+    angles = '<link name="base"><pose>0.1 0.2 0.3 0 0 0.4</pose>'
+    turned = f"0 0 {2 * np.sin(0.2)} {2 * np.cos(0.2)}"  # of any length
+    by_angles = vehicle_spec(str(written(tmp_path))).compile()
+
+    file = tmp_path / "model.sdf"
+    quaternion = angles.replace("<pose>", '<pose rotation_format="quat_xyzw">')
+    by_quaternion = file.read_text().replace(angles, quaternion.replace("0 0 0.4", turned))
+    file.write_text(by_quaternion)
+    within("places", vehicle_spec(str(file)).compile().body_pos - by_angles.body_pos, 1e-14)
+    within("turns", vehicle_spec(str(file)).compile().body_quat - by_angles.body_quat, 1e-14)
+
+    file.write_text(by_quaternion.replace(turned, "0 0 0 0"))
+    with pytest.raises(ConfigurationError, match=r"'?base'?.*quaternion must not be zero"):
+        vehicle_spec(str(file))
+    file.write_text(by_quaternion.replace(turned, "0 0 1"))
+    with pytest.raises(ConfigurationError, match="base"):
+        vehicle_spec(str(file))
+
+
 def test_links_lie_where_their_poses_put_them(tmp_path: Path, within) -> None:
     spec = vehicle_spec(written(tmp_path), computed=False)
     model = spec.compile()

@@ -8,6 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+if importlib.util.find_spec("rosbags") is None:  # nor is the rest of the extra `bridge`
+    pytest.skip("rosbags is not here", allow_module_level=True)
+
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 

@@ -87,6 +87,7 @@ class PluggedPanel:
 
         The jaws close along x_T.
         """
+        # z_G into the panel, x_G along x_T
         X_TG = np.diag([1.0, -1.0, -1.0, 1.0])
         X_TG[:3, 3] = self.hole(name).p_T + (COLLAR[1] + HANDLE[2] - COVER) * _OUT
         return X_TG
@@ -100,6 +101,7 @@ class PluggedPanel:
     def target(self) -> TargetModel:
         """Panel and plug as the vehicle knows them."""
         block = self.panel.target
+
         shells = [(block.vertices, block.triangles), *self._shells()]
         vertices, triangles = joined(shells)
         return TargetModel(
@@ -149,23 +151,29 @@ class PluggedPanel:
         )
 
     @cached_property
+    def _parts(self) -> Array:
+        """Volumes [m^3] of pin, collar and handle, and heights [m] of their middles: (3, 2)."""
+        radius, length = PIN
+        wide, thick = COLLAR
+
+        # The pin is a cylinder whose end is half a ball; one of `even` has its volume.
+        even = length - radius / 3.0
+
+        pin = (np.pi * radius**2 * even, -0.5 * even)
+        collar = (np.pi * wide**2 * thick, 0.5 * thick)
+        handle = (np.prod(HANDLE), thick + 0.5 * HANDLE[2])
+        return np.array([pin, collar, handle])
+
+    @property
     def volume(self) -> float:
         """Volume [m^3] of the plug."""
-        radius, length = PIN
-        pin = np.pi * radius**2 * (length - radius / 3.0)  # with half a ball at its end
-        return float(pin + np.pi * COLLAR[0] ** 2 * COLLAR[1] + np.prod(HANDLE))
+        return float(self._parts[:, 0].sum())
 
     @cached_property
     def center(self) -> Array:
         """Centre (3,) [m] of the plug's volume at its start, in T."""
-        radius, length = PIN
-        thick = COLLAR[1]
-        parts = (
-            (np.pi * radius**2 * (length - radius / 3.0), -0.5 * (length - radius / 3.0)),
-            (np.pi * COLLAR[0] ** 2 * thick, 0.5 * thick),
-            (float(np.prod(HANDLE)), thick + 0.5 * HANDLE[2]),
-        )
-        height = sum(volume * z for volume, z in parts) / self.volume
+        volumes, heights = self._parts.T
+        height = float(volumes @ heights) / self.volume
         return self.hole(self.start).p_T + height * _OUT
 
     def _shells(self) -> list[tuple[Array, np.ndarray]]:

@@ -60,7 +60,7 @@ def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(
 
 
 def test_the_list_holds_what_a_job_loads(jobs):
-    """A kernel that is not listed would be compiled alone, without a word: it is to be listed
+    """A kernel that is not listed would be compiled alone and silently: it is to be listed
     (`list_kernels.py`).
     """
     done = subprocess.run(

@@ -349,7 +349,7 @@ LAMP = """<link name="lamp"><inertial><mass>0.2</mass></inertial></link>
     ],
 )
 def test_what_cannot_be_meant_is_named(tmp_path: Path, more: str, said: str) -> None:
-    """A coefficient that is no number was left out without a word, a negative mass taken for
+    """A coefficient that is no number was left out silently, a negative mass taken for
     none.
     """
     with pytest.raises(ConfigurationError, match=said):

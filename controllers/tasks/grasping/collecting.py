@@ -62,7 +62,7 @@ from uuv.controllers.tasks.grasping.jaw_phases import (
 )
 from uuv.controllers.tasks.hull_phases import Escape, EscapeLimits, Halt, HoldAway, PullBack
 from uuv.controllers.tasks.monitors import IN_CONTACT, Monitor, Reaction, fault_monitors
-from uuv.controllers.tasks.phase import Context, Decide, Held, Hold, HoldTool, PhaseEvent
+from uuv.controllers.tasks.phase import Context, Decide, Held, Hold, HoldTool, Phase, PhaseEvent
 from uuv.controllers.tasks.settings import CollectSettings
 from uuv.controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from uuv.models.objects.target_model import TargetModel
@@ -446,6 +446,29 @@ def collect_rows(
     yield from rows_at_object(job, site.own.vehicle.q_home, limits, motor)
 
 
+def gripping_rows(
+    opened: Phase, down: Phase, close: Phase, opened_again: Phase, *, then: str, again: str
+) -> Iterable[tuple[str, TaskRow]]:
+    """Rows that grip an object; "open" is to be entered.
+
+    Args:
+        opened: opens the jaws above the object.
+        down: lowers them to their place around it.
+        close: closes them.
+        opened_again: opens them there, after a grip that failed.
+        then: row after the grip.
+        again: row after `opened_again`.
+    """
+    states = WorkState
+    there = {ENDS: "close", PhaseEvent.TOUCHED: "close"}
+    yield "open", TaskRow(opened, states.APPROACH, {ENDS: "approach"}, LEAVE)
+    yield "approach", TaskRow(down, states.APPROACH, there, LEAVE)
+
+    closed = {ENDS: then, PhaseEvent.REFUSED: "open again"}
+    yield "close", TaskRow(close, states.PRESS, closed, AT_OBJECT)
+    yield "open again", TaskRow(opened_again, states.PRESS, {ENDS: again}, AT_OBJECT)
+
+
 def rows_at_object(
     job: CollectJob, q_home: Array, limits: ArrivalLimits | None = None, motor: float | None = None
 ) -> Iterable[tuple[str, TaskRow]]:
@@ -479,17 +502,12 @@ def rows_at_object(
     way = {"slow": (-job.guard, job.touch_speed), "to": 0.0}
     jaws = partial(MoveJaws, axial, jaws=job.jaws, force=job.grip if motor is None else motor)
 
-    def either(row: str) -> dict[PhaseEvent, str]:
-        return {PhaseEvent.DONE: row, PhaseEvent.TOUCHED: row}
+    let_go = {ENDS: "let go", PhaseEvent.TOUCHED: "let go"}
 
     # To the object, and the jaws around it.
     down = AxialApproach(axial, free, contact=met, **way)
-    yield "open", TaskRow(jaws(free), states.APPROACH, {ENDS: "approach"}, LEAVE)
-    yield "approach", TaskRow(down, states.APPROACH, either("close"), LEAVE)
     close = CloseJaws(axial, yielding, job.jaws, job.grip)
-    closed = {ENDS: "lift", PhaseEvent.REFUSED: "open again"}
-    yield "close", TaskRow(close, states.PRESS, closed, AT_OBJECT)
-    yield "open again", TaskRow(jaws(yielding), states.PRESS, {ENDS: "close"}, AT_OBJECT)
+    yield from gripping_rows(jaws(free), down, close, jaws(yielding), then="lift", again="close")
 
     # With it to the basket.
     gripped = (axial, loaded, job.jaws, job.grip)
@@ -501,9 +519,9 @@ def rows_at_object(
     yield "weigh", TaskRow(weigh, states.WORK, {ENDS: "carry", **again}, OFF_GROUND)
     yield "open above", TaskRow(jaws(free), states.PRESS, {ENDS: "approach"}, AT_OBJECT)
     yield "carry", TaskRow(carry, states.WORK, {ENDS: "lower"}, AT_OBJECT)
-    yield "lower", TaskRow(lower, states.WORK, either("let go"), AT_OBJECT)
+    yield "lower", TaskRow(lower, states.WORK, let_go, AT_OBJECT)
     put_back = PutBack(job.jaws, axial, loaded, contact=landed, **way)
-    yield "put back", TaskRow(put_back, states.RETREAT, either("let go"), AT_OBJECT)
+    yield "put back", TaskRow(put_back, states.RETREAT, let_go, AT_OBJECT)
     yield "let go", TaskRow(jaws(loaded), states.RETREAT, {ENDS: "withdraw"}, LEAVE)
     yield "free", TaskRow(LetGo(*gripped), states.RETREAT, {ENDS: "withdraw"}, LEAVE)
 

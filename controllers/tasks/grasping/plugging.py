@@ -44,6 +44,7 @@ from uuv.controllers.tasks.grasping.collecting import (
     LEAVE,
     check_motor,
     departure_rows,
+    gripping_rows,
     half_turn,
     jaw_monitors,
 )
@@ -378,17 +379,10 @@ def rows_at_panel(
     way = {"slow": (-job.guard, job.touch_speed), "to": 0.0}
     jaws = partial(MoveJaws, axial, jaws=job.jaws, force=motor)
 
-    def either(row: str) -> dict[PhaseEvent, str]:
-        return {PhaseEvent.DONE: row, PhaseEvent.TOUCHED: row}
-
     # To the plug, and the jaws around its handle.
     down = AxialApproach(axial, free, contact=met, **way)
-    yield "open", TaskRow(jaws(free), states.APPROACH, {_ENDS: "approach"}, LEAVE)
-    yield "approach", TaskRow(down, states.APPROACH, either("close"), LEAVE)
     close = CloseJaws(axial, yielding, job.jaws, job.grip)
-    closed = {_ENDS: "pull", PhaseEvent.REFUSED: "open again"}
-    yield "close", TaskRow(close, states.PRESS, closed, AT_OBJECT)
-    yield "open again", TaskRow(jaws(yielding), states.PRESS, {_ENDS: "approach"}, AT_OBJECT)
+    yield from gripping_rows(jaws(free), down, close, jaws(yielding), then="pull", again="approach")
 
     # Out, and over the other receptacle.
     gripped = (axial, loaded, job.jaws, job.grip)

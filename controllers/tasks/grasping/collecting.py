@@ -460,9 +460,9 @@ def gripping_rows(
         again: row after `opened_again`.
     """
     states = WorkState
-    there = {ENDS: "close", PhaseEvent.TOUCHED: "close"}
+    arrived = {ENDS: "close", PhaseEvent.TOUCHED: "close"}
     yield "open", TaskRow(opened, states.APPROACH, {ENDS: "approach"}, LEAVE)
-    yield "approach", TaskRow(down, states.APPROACH, there, LEAVE)
+    yield "approach", TaskRow(down, states.APPROACH, arrived, LEAVE)
 
     closed = {ENDS: then, PhaseEvent.REFUSED: "open again"}
     yield "close", TaskRow(close, states.PRESS, closed, AT_OBJECT)
